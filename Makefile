@@ -6,10 +6,13 @@ BIN    := $(VENV)/bin
 LEROBOT := .venv-lerobot
 # ROS 2's wheels restart every Python of the environment that they are in: one of their own, whose nodes the tests start.
 ROS := .venv-ros
+# mjlab has a MuJoCo and a PyTorch of its own choice: in their own environment they export and record, once, and the tests
+# judge the files.
+PEERS := .venv-peers
 # What pip downloads is shown, and how far it is. Where nobody watches (CI), a line for each package.
 PIP := --disable-pip-version-check --progress-bar $(if $(CI),off,on)
 
-.PHONY: play test test-slow test-train test-lerobot test-ros docs picture notebooks bench lint format types train train-walking train-piano clean
+.PHONY: play test test-slow test-train test-lerobot test-ros test-peers docs picture notebooks bench lint format types train train-walking train-piano clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -36,6 +39,9 @@ test-lerobot: $(LEROBOT)/test.done  ## the tests with LeRobot datasets; installs
 
 test-ros: $(VENV)/test.done $(VENV)/dds.done $(ROS)/test.done  ## with ROS 2's rclpy, in network namespaces; needs cmake, ninja and g++
 	$(BIN)/python -m pytest -m ros tests/ros2_live $(ARGS)
+
+test-peers: $(VENV)/test.done $(PEERS)/exports.done  ## with what mjlab and rsl_rl really export; installs about 2 GB at the first time
+	$(BIN)/python -m pytest -m peers tests/peers $(ARGS)
 
 docs: $(VENV)/docs.done  ## the documentation as a site, in build/site, its links checked
 	$(BIN)/python docs/build.py
@@ -84,7 +90,7 @@ train-piano: $(VENV)/train.done  ## train the policy that plays the piano again
 	    --motion $(VENV)/song/ode_to_joy.mcap --overwrite --output assets/policies/lite_piano.onnx
 
 clean:
-	rm -rf $(VENV) $(LEROBOT) $(ROS) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) $(LEROBOT) $(ROS) $(PEERS) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
 
 $(VENV)/bin/pip:
 	@echo "Making the environment $(VENV) with $(PYTHON): a minute or two, mostly downloading."
@@ -122,4 +128,17 @@ $(VENV)/docs.done: $(VENV)/play.done
 $(ROS)/test.done: constraints-ros.txt
 	$(PYTHON) -m venv $(ROS)
 	$(ROS)/bin/pip install $(PIP) -r constraints-ros.txt
+	touch $@
+
+$(PEERS)/test.done: constraints-peers.txt
+	$(PYTHON) -m venv $(PEERS)
+	$(PEERS)/bin/pip install $(PIP) -r constraints-peers.txt
+	touch $@
+
+# Warp compiles its kernels the first time, for minutes, and finds them in its cache after that.
+$(PEERS)/exports.done: $(PEERS)/test.done examples/mjlab_trace.py tests/peers/mjlab_exports.py
+	rm -rf $(PEERS)/exports
+	@echo "Exporting and recording with mjlab: a minute or two; the first time its kernels are compiled, too."
+	WARP_CACHE_PATH=$(PEERS)/warp $(PEERS)/bin/python tests/peers/mjlab_exports.py $(PEERS)/exports >$(PEERS)/exports.log 2>&1 \
+	    || { tail -n 50 $(PEERS)/exports.log; false; }
 	touch $@

@@ -86,7 +86,7 @@ def read_stamp(text: str, where: str) -> PartialContract:
             continue  # the clock has it by itself
         (stated if is_stated(origin) else assumed)[name] = Given(value, origin)
     terms: dict[str, dict[str, Given]] = {}
-    assumed_terms: dict[str, Given] = {}
+    assumed_kinds: dict[str, dict[str, Given]] = {}
     for term in contract.terms:
         terms[term.name] = {}
         usual = Term(term.name)
@@ -94,10 +94,10 @@ def read_stamp(text: str, where: str) -> PartialContract:
             value, prefix = getattr(term, field.name), f"observation.{term.name}."
             origin = contract.provenance.get(prefix + field.name, "")
             if is_assumed(origin):
-                assumed_terms[field.name] = Given(value, origin)
+                assumed_kinds.setdefault(contract.kind(term).name, {})[field.name] = Given(value, origin)
             elif origin or _plain(value) != _plain(getattr(usual, field.name)):
                 terms[term.name][field.name] = Given(value, origin or STAMP_SOURCE)
-    return PartialContract(STAMP_SOURCE, stated, terms, assumed, assumed_terms)
+    return PartialContract(STAMP_SOURCE, stated, terms, assumed, assumed_kinds=assumed_kinds)
 
 
 def _origin(contract: PolicyContract, name: str) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.term_kinds import TermKind
-from humanoid_sim.controllers.terms import Term
+from humanoid_sim.controllers.terms import SCAN_OPTIONS, Term
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.contract_json import encode, plain_value
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, is_assumed
@@ -23,7 +23,10 @@ __all__ = ["FieldLine", "TermLine", "contract_document", "field_lines", "known_d
 
 _LISTED = 4
 """Names that are all shown; of more, the first three."""
-_UNUSUAL = ("frame", "at", "relative", "layout", "inverse", "quaternion", "form", "clip", "joints")
+_UNUSUAL = (
+    *("frame", "at", "axes", "relative", "layout", "inverse", "quaternion", "form", "clip", "joints"),
+    *SCAN_OPTIONS,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +100,7 @@ def _conventions(term: Term) -> Iterator[str]:
         elif name == "inverse":
             yield "robot seen from the reference"
         else:
-            yield f"{name} {value}"
+            yield f"{name} {shown(value)}"
 
 
 def field_lines(contract: PolicyContract) -> list[FieldLine]:

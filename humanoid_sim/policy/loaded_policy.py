@@ -34,14 +34,14 @@ class LoadedPolicy:
         return widths if keys is None else {**widths, KEY_PRESSED: keys.shape[1]}
 
     def taken(self, reported: Container[str]) -> Mapping[str, int]:
-        """Name and width of the live inputs that a session takes from outside: declared ones, and a piano's keys.
+        """Name and width of the live inputs that a session takes from outside: those sent to it, and a piano's keys.
 
         The keys also where the policy does not observe them: whoever scores the run needs them.
 
         Args:
             reported: names of those that the robot reports itself.
         """
-        live = self.contract.live_inputs
+        live = self.contract.sent_inputs
         if "target_keys" in self.reference.terms:
             live = {**live, KEY_PRESSED: self.extern[KEY_PRESSED]}
         return {name: width for name, width in live.items() if name not in reported}

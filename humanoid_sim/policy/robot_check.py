@@ -11,7 +11,7 @@ import numpy as np
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.errors import known_names
-from humanoid_sim.mit import IMU
+from humanoid_sim.mit import BASE, HEIGHT_SCAN, IMU
 from humanoid_sim.names import near_miss
 from humanoid_sim.policy.readers.partial import is_from_robot
 from humanoid_sim.robots.description import RobotDescription
@@ -176,13 +176,25 @@ def body_findings(contract: PolicyContract, bodies: Sequence[str], robot: str) -
         yield Finding("warning", "anchor_body", f"{message}; a motion of those bodies does not tell where it is")
 
 
-def point_findings(contract: PolicyContract, sites: Sequence[str], robot: str) -> Iterator[Finding]:
-    """Points whose velocity is observed, and that the robot's model lacks; `sites` are all that it has."""
+def point_findings(
+    contract: PolicyContract, sites: Sequence[str], bodies: Sequence[str], robot: str
+) -> Iterator[Finding]:
+    """Find points whose velocity is observed, or around which the ground is scanned, and that the robot's model lacks.
+
+    Args:
+        contract: of the policy.
+        sites: names of all sites of the model.
+        bodies: names of all its bodies.
+        robot: its name.
+    """
     for term in contract.terms:
-        if term.at in contract.velocity_points and term.at not in (IMU, *sites):
-            meant = near_miss(term.at, sites, _ALIKE)
-            hint = f"which has '{meant}'" if meant else f"which has: {', '.join(sites) or 'none'}"
-            message = f"at is '{term.at}', neither base nor imu nor a site of '{robot}', {hint}"
+        kind = contract.kind(term)
+        is_scan = kind.reads == HEIGHT_SCAN and term.width is None
+        known, what = ([*sites, *bodies], "a site or body") if is_scan else (sites, "a site")
+        if (is_scan or "at" in kind.conventions) and term.at not in (BASE, IMU, *known):
+            meant = near_miss(term.at, known, _ALIKE)
+            hint = f"which has '{meant}'" if meant else f"which has: {', '.join(known) or 'none'}"
+            message = f"at is '{term.at}', neither base nor imu nor {what} of '{robot}', {hint}"
             yield Finding("error", f"observation term {term.name}", message)
 
 
@@ -289,8 +301,12 @@ def estimate_findings(contract: PolicyContract, *, hardware: bool) -> Iterator[F
 
 
 def live_findings(contract: PolicyContract) -> Iterator[Finding]:
-    """Live inputs that the contract declares: they have to come from somewhere."""
+    """Live inputs that have to come from somewhere: declared ones, and on a robot a height scan."""
     for term in contract.terms:
+        if term.width is None and contract.kind(term).reads == HEIGHT_SCAN:
+            scan = term.height_scan
+            message = f"a simulation scans {scan.count} points; on a robot a program sends them, or the policy stops"
+            yield Finding("info", f"observation term {term.name}", message)
         if term.width is not None:
             message = f"is a live input of width {term.width}: `live` of an environment or a session feeds it"
             yield Finding("info", f"observation term {term.name}", f"{message}; play, doctor and regress cannot")

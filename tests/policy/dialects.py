@@ -167,27 +167,29 @@ def said(contract: PolicyContract, *left_out: str) -> dict[str, Any]:
     return document
 
 
-def csv(values: Any) -> str:
-    return ",".join(value if isinstance(value, str) else repr(float(value)) for value in values)
+def as_mjlab(contract: PolicyContract, digits: str = "") -> dict[str, str]:
+    """The metadata of mjlab 1.6; with the digits ".3f" exactly as it writes them, and by default with all of them."""
 
+    def csv(values: Any, separator: str = ",") -> str:
+        numbers = (value if isinstance(value, str) else format(float(value), digits) for value in values)
+        return separator.join(numbers)
 
-def as_mjlab(contract: PolicyContract) -> dict[str, str]:
-    """mjlab 1.6, but with all digits."""
     clips = [(-np.inf, np.inf) if term.clip is None else term.clip for term in contract.terms]
+    followed = {"anchor_body_name": contract.anchor_body, "body_names": csv(contract.body_names)}
     return {
-        "run_path": "somebody/project/run",
+        "run_path": "local",
         "joint_names": csv(contract.joint_names),
         "joint_stiffness": csv(contract.joint_stiffness),
         "joint_damping": csv(contract.joint_damping),
         "default_joint_pos": csv(contract.default_joint_pos),
         "command_names": csv(contract.command_names),
         "observation_names": csv(contract.observation_names),
-        "observation_terms_scale": ",".join(csv(np.atleast_1d(t.scale)).replace(",", ";") for t in contract.terms),
-        "observation_terms_flatten_history_dim": ",".join("True" for _ in contract.terms),
-        "observation_terms_history_length": ",".join(str(0 if t.history == 1 else t.history) for t in contract.terms),
-        "observation_terms_clip": ",".join(f"{low!r};{high!r}" for low, high in clips),
+        "observation_terms_scale": csv(csv(np.atleast_1d(term.scale), ";") for term in contract.terms),
+        "observation_terms_flatten_history_dim": csv(1 for _ in contract.terms),
+        "observation_terms_history_length": csv(0 if term.history == 1 else term.history for term in contract.terms),
+        "observation_terms_clip": csv(csv(clip, ";") for clip in clips),
         "action_scale": csv(contract.action_scale),
-        "body_names": csv(contract.body_names),
+        **(followed if contract.task_type == "tracking" else {}),
     }
 
 

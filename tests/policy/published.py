@@ -14,6 +14,9 @@ needs_policies = pytest.mark.skipif(
     not POLICIES.is_dir(), reason=f"no published policies in {POLICIES}; set HUMANOID_SIM_POLICIES"
 )
 
+MJLAB = "mjlab_1_6_g1_velocity_flat/g1_velocity_flat.onnx", "mjlab_1_6_g1_velocity_flat/g1_velocity_flat.trace.npz"
+"""What mjlab 1.6 exported, and 60 steps of its own environment."""
+
 HOLOSOMA_REST = """\
 # What ppo_g1_29dof.onnx does not say of itself.
 default_joint_pos: [-0.312, 0, 0, 0.669, -0.363, 0,  -0.312, 0, 0, 0.669, -0.363, 0,  0, 0, 0,

@@ -81,6 +81,13 @@ def test_wrong_wiring_is_refused_at_load(stamped: Path, mistake: str) -> None:
     assert load_checkpoint(wrong, verify=False).golden == ""
 
 
+def test_what_an_exporters_rounding_explains_says_so(stamped: Path) -> None:
+    for scale, is_explained in (([0.2504, 0.4996, 0.3503], True), ([0.2504, 0.4996, 0.36], False)):
+        with pytest.raises(InputError, match="target of") as refusal:
+            load_checkpoint(rewired(stamped, contract(action_scale=scale)))
+        assert ("rounded by its exporter" in str(refusal.value)) == is_explained
+
+
 def test_right_wiring_loads(stamped: Path) -> None:
     assert load_checkpoint(stamped).golden == "8 samples of the trainer's run (trace.npz)"
     assert load_checkpoint(rewired(stamped, contract())).golden

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from published import HOLOSOMA_REST, POLICIES, needs_policies
+from published import HOLOSOMA_REST, MJLAB, POLICIES, needs_policies
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
@@ -26,6 +26,7 @@ FILES = {
     "unitree": ("unitree_g1_velocity_v0/exported/policy.onnx", "unitree_g1_velocity_v0/trace.npz"),
     "waltz": ("beyondmimic_g1/Waltz.onnx", "beyondmimic_g1/trace_Waltz.npz"),
     "holosoma": ("holosoma_g1_loco/ppo_g1_29dof.onnx", "holosoma_g1_loco/trace_ppo.npz"),
+    "mjlab": MJLAB,
 }
 
 
@@ -38,7 +39,7 @@ def loaded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Checkpoi
     policies = {}
     for name, (model, trace) in FILES.items():
         checkpoint = load_checkpoint(POLICIES / model, rest if name == "holosoma" else None, robot.joint_names)
-        bodies = body_reader(robot, checkpoint.contract.anchor_body)
+        bodies = body_reader(robot, checkpoint.contract.anchor_body, checkpoint.contract.velocity_points)
         run = read_trace(Path(POLICIES / trace), checkpoint.contract, bodies)
         policies[name] = checkpoint, trainer_samples(checkpoint, run)
     return policies
@@ -79,6 +80,9 @@ MISTAKES: list[tuple[str, str, Change, str]] = [
     ("waltz", "anchor zero", term("motion_anchor_pos_b", scale=0.0), "motion_anchor_pos_b"),
     ("holosoma", "scales 1", term("dof_vel", scale=1.0), "dof_vel"),
     ("holosoma", "listed order", lambda wiring: {"observation": wiring.terms[::-1]}, "sin_phase"),
+    ("mjlab", "velocity in world frame", term("base_lin_vel", frame="world"), "base_lin_vel"),
+    ("mjlab", "absolute positions", term("joint_pos", relative=False), "joint_pos"),
+    ("mjlab", "no command", term("command", scale=0.0), "command"),
 ]
 
 

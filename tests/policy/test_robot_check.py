@@ -9,6 +9,7 @@ from humanoid_sim.controllers.terms import Term
 from humanoid_sim.policy.robot_check import (
     body_findings,
     joint_findings,
+    live_findings,
     model_damping_findings,
     point_findings,
 )
@@ -76,9 +77,22 @@ def test_a_point_that_the_robot_lacks() -> None:
     terms = [Term("base_lin_vel", at="torso-imu"), Term("v", kind="base_lin_vel", at="imu"), Term("joint_pos", at="x")]
     wiring = contract(observation=terms)
     message = found(
-        point_findings(wiring, ["foot", "torso_imu"], "g"), "error", "observation term base_lin_vel"
+        point_findings(wiring, ["foot", "torso_imu"], [], "g"), "error", "observation term base_lin_vel"
     ).message
     assert message == "at is 'torso-imu', neither base nor imu nor a site of 'g', which has 'torso_imu'"
-    (finding,) = point_findings(wiring, ["foot"], "g")
+    (finding,) = point_findings(wiring, ["foot"], [], "g")
     assert finding.message.endswith("of 'g', which has: foot")
-    assert tuple(point_findings(wiring, ["torso-imu"], "g")) == ()
+    assert tuple(point_findings(wiring, ["torso-imu"], [], "g")) == ()
+
+
+def test_a_height_scan_lies_around_a_site_or_a_body_and_is_sent_on_a_robot() -> None:
+    wiring = contract(observation=[Term("height_scan", at="torso_link", grid=(0.2, 0.1))])
+    assert tuple(point_findings(wiring, [], ["pelvis", "torso_link"], "g")) == ()
+    assert tuple(point_findings(wiring, ["torso_link"], ["pelvis"], "g")) == ()
+    message = found(
+        point_findings(wiring, ["foot"], ["torso-link"], "g"), "error", "observation term height_scan"
+    ).message
+    assert message == "at is 'torso_link', neither base nor imu nor a site or body of 'g', which has 'torso-link'"
+    assert found(live_findings(wiring), "info", "observation term height_scan").message == (
+        "a simulation scans 6 points; on a robot a program sends them, or the policy stops"
+    )

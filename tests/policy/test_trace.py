@@ -7,9 +7,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from trainer import DRIVEN, HISTORY, JOINTS, MJCF, ROBOT_JOINTS, Run, contract, save_checkpoint, save_trace
+from trainer import (
+    DRIVEN,
+    HISTORY,
+    JOINTS,
+    MJCF,
+    ROBOT_JOINTS,
+    WIDTH,
+    Run,
+    contract,
+    network,
+    save_checkpoint,
+    save_trace,
+    terms,
+)
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.golden.make import trainer_samples
@@ -196,3 +210,55 @@ def test_the_rig_is_not_trivial() -> None:
     run = Run()
     assert np.abs(run.action).max() < 10.0
     assert np.abs(np.diff(run.action, axis=0)).max(axis=0).min() > 0.01
+
+
+SCAN = Term("height_scan", at="left_thigh", grid=(0.2, 0.0), resolution=0.2, scale=0.5, clip=(0.0, 3.0))
+SEEING = Checkpoint(
+    contract(observation=[*terms(), SCAN]), lambda observation, _: observation[:WIDTH] @ network(), "seeing.onnx"
+)
+SLOPE = '<worldbody><geom type="plane" size="0 0 1" euler="0 -0.4636476090008061 0"/>'
+"""Rises by half a metre per metre along x."""
+
+
+def scanned(run: Run) -> np.ndarray:
+    """The scan of a run above the slope, by hand: shape (F, 2), m."""
+    w, x, y, z = run.qpos[:, 3:7].T
+    hip = np.stack([2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)], axis=1)
+    middle = run.qpos[:, :3] + 0.1 * hip  # of the thigh, whose hip has turned it as well
+    pitch = run.qpos[:, 7 + ROBOT_JOINTS.index("left_hip")]
+    ahead = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z)], axis=1) * np.cos(pitch)[:, None]
+    ahead -= np.stack([2 * (x * z + w * y), 2 * (y * z - w * x)], axis=1) * np.sin(pitch)[:, None]
+    yaw = np.arctan2(ahead[:, 1], ahead[:, 0])
+    return np.stack([middle[:, 2] - 0.5 * (middle[:, 0] + side * np.cos(yaw)) for side in (-0.1, 0.1)], axis=1)
+
+
+def seen(run: Run, heights: np.ndarray) -> np.ndarray:
+    return np.concatenate([run.obs, 0.5 * np.clip(heights, 0.0, 3.0)], axis=1).astype(np.float32)
+
+
+def test_a_height_scan_is_in_the_trace_or_follows_from_the_ground_in_the_robots_model(tmp_path: Path) -> None:
+    run = Run()
+    heights = scanned(run)
+    with_array = save_trace(tmp_path / "a.npz", run, obs=seen(run, heights), height_scan=heights)
+    fits(SEEING, with_array)
+    mjcf = tmp_path / "scene.xml"
+    mjcf.write_text(MJCF.replace("<worldbody>", SLOPE), encoding="utf-8")
+    bodies = body_reader(load_robot(str(mjcf)), "", (), SEEING.contract.height_scan)
+    without = save_trace(tmp_path / "b.npz", run, obs=seen(run, heights))
+    by_rays = read_trace(without, SEEING.contract, bodies)
+    np.testing.assert_allclose(by_rays.recorded.extern["height_scan"], heights, rtol=0.0, atol=1e-9)
+    trainer_samples(SEEING, by_rays)
+    with pytest.raises(
+        InputError, match="height_scan is missing, expected it, as the policy observes height_scan, or "
+    ):
+        read_trace(without, SEEING.contract)
+    with pytest.raises(InputError, match=r"height_scan has shape \(30, 3\), expected \(30, 2\), finite numbers"):
+        read_trace(save_trace(tmp_path / "c.npz", run, height_scan=np.zeros((30, 3))), SEEING.contract)
+
+
+def test_a_height_scan_in_another_order_is_refused(tmp_path: Path) -> None:
+    run = Run()
+    heights = scanned(run)
+    path = save_trace(tmp_path / "t.npz", run, obs=seen(run, heights[:, ::-1]), height_scan=heights)
+    with pytest.raises(InputError, match=r"height_scan\[0\]"):
+        fits(SEEING, path)

@@ -12,13 +12,21 @@ import mujoco
 import numpy as np
 import pytest
 from dialects import said
-from published import HOLOSOMA_REST, POLICIES, needs_policies
+from published import HOLOSOMA_REST, MJLAB, POLICIES, needs_policies
 
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
 from humanoid_sim.messages import PolicyStep, TickInput
-from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, Extern, MITState
+from humanoid_sim.mit import (
+    ANCHOR_POSE,
+    BASE_LINEAR_VELOCITY,
+    VELOCITY_COMMAND,
+    Extern,
+    FloatArray,
+    MITState,
+    point_velocity,
+)
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
@@ -30,7 +38,7 @@ pytestmark = needs_policies
 UNITREE = "unitree_g1_velocity_v0/exported/policy.onnx", "unitree_g1_velocity_v0/trace.npz"
 WALTZ = "beyondmimic_g1/Waltz.onnx", "beyondmimic_g1/trace_Waltz.npz"
 HOLOSOMA = "holosoma_g1_loco/ppo_g1_29dof.onnx", "holosoma_g1_loco/trace_ppo.npz"
-TRACES = {"unitree": UNITREE, "waltz": WALTZ, "holosoma": HOLOSOMA}
+TRACES = {"unitree": UNITREE, "waltz": WALTZ, "holosoma": HOLOSOMA, "mjlab": MJLAB}
 DT = 0.02
 
 
@@ -69,12 +77,25 @@ def states(model: mujoco.MjModel, trace: Any, contract: PolicyContract) -> Itera
         mujoco.mj_kinematics(model, data)
         extern = {BASE_LINEAR_VELOCITY: Extern(qvel[:3], time)}
         if "cmd" in trace:
-            extern[VELOCITY_COMMAND] = Extern(trace["cmd"], time)
+            extern[VELOCITY_COMMAND] = Extern(trace["cmd"][index] if trace["cmd"].ndim == 2 else trace["cmd"], time)
+        if "imu" in contract.velocity_points:
+            extern[point_velocity("imu")] = Extern(imu_velocity(model, data, qvel), time)
         if contract.anchor_body:
             body = data.body(contract.anchor_body)
             extern[ANCHOR_POSE] = Extern(np.concatenate([body.xpos, body.xquat]), time)
         zeros = np.zeros(len(qpos) - 7)
         yield TickInput(MITState(time, qpos[7:], qvel[6:], zeros, zeros, qpos[3:7], qvel[3:6], np.zeros(3), extern), ())
+
+
+def imu_velocity(model: mujoco.MjModel, data: mujoco.MjData, qvel: FloatArray) -> FloatArray:
+    """The velocity of the IMU's site, m/s, world frame; the poses are those of the step."""
+    data.qvel[:] = qvel
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_comVel(model, data)
+    velocity = np.zeros(6)
+    site = model.site("imu_in_pelvis").id
+    mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, site, velocity, 0)
+    return velocity[3:]
 
 
 def steps(loaded: LoadedPolicy, robot: tuple[str, ...], ticks: Iterator[TickInput]) -> Iterator[PolicyStep]:
@@ -115,7 +136,7 @@ def test_observations_term_by_term_and_actions(
             )
         np.testing.assert_allclose(step.action, trace["action"][index], rtol=1e-4, atol=1e-4)
         count += 1
-    assert count == 100
+    assert count == len(trace["obs"]) >= 60
 
 
 WRONG: dict[str, tuple[str, str]] = {
@@ -141,6 +162,8 @@ WRONG: dict[str, tuple[str, str]] = {
     "anchor in the world": ("waltz", "{terms: {motion_anchor_pos_b: {frame: world}}}"),
     "no anchor position": ("waltz", "{terms: {motion_anchor_pos_b: {scale: 0}}}"),
     "quaternions the other way": ("waltz", "{reference_quaternion: xyzw}"),
+    "velocity in the base's world": ("mjlab", "{terms: {base_lin_vel: {frame: world}}}"),
+    "command times 2": ("mjlab", "{terms: {command: {scale: 2}}}"),
     "listed order": (
         "holosoma",
         "{observation: [base_ang_vel, projected_gravity, command_lin_vel, command_ang_vel, dof_pos, dof_vel, actions, "
@@ -215,6 +238,10 @@ def test_what_is_assumed_is_told(robot: tuple[str, ...], contract_file: Path) ->
         "reference_quaternion wxyz: assumed (mjlab)",
         "scale of observation terms 1: assumed (mjlab)",
         "history of observation terms 1: assumed (mjlab)",
+    )
+    assert assumptions(checkpoint("mjlab", robot, contract_file).contract) == (
+        "policy_dt 0.02: assumed (mjlab)",
+        "observation term base_lin_vel: at imu: assumed (mjlab)",
     )
     assert assumptions(checkpoint("unitree", robot, contract_file).contract) == ()
     assert assumptions(checkpoint("holosoma", robot, contract_file).contract) == ()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.complete import UnnamedJointsError, UnnamedRobot
 from humanoid_sim.policy.readers.contract_yaml import parse_contract
@@ -288,3 +289,19 @@ def test_without_a_robot_joints_are_called_by_their_places(tmp_path: Path) -> No
     made = merge([read], "policy.onnx", UnnamedRobot.with_joints(4))
     assert made.joint_names[:2] == ("joint 2 of the robot", "joint 0 of the robot")
     assert made.action_count == 4
+
+
+def test_a_height_scan_is_isaac_labs(tmp_path: Path) -> None:
+    term: dict[str, Any] = {"params": {"sensor_cfg": {"name": "height_scanner"}}, "clip": [-1.0, 1.0], "scale": None}
+    made = contract(tmp_path, observations=observations(height_scanner=term))
+    assert made.terms[-1].kind == "height_scan"
+    assert made.terms[-1].clip == (-1.0, 1.0)
+    scan = made.height_scan
+    assert scan == HeightScan("torso_link", (1.6, 1.0), 0.1, "xy", offset=0.5, range=1e6, miss=-1e6, above=20.0), (
+        "a ray that hits nothing is -1 after the clip, as minus infinity is"
+    )
+    assert made.provenance["observation.height_scanner.offset"] == "assumed (Isaac Lab)"
+    term["params"]["offset"] = 0.3
+    made = contract(tmp_path, observations=observations(height_scanner=term))
+    assert made.height_scan.offset == 0.3
+    assert made.provenance["observation.height_scanner.offset"] == "deploy.yaml"

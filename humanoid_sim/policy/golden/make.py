@@ -18,6 +18,7 @@ from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import (
     ANCHOR_POSE,
     BASE_LINEAR_VELOCITY,
+    HEIGHT_SCAN,
     KEY_PRESSED,
     VELOCITY_COMMAND,
     FloatArray,
@@ -186,6 +187,8 @@ def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Recorded:
     }
     for point in contract.velocity_points:
         live[point_velocity(point)] = rng.normal(0.0, 0.5, (steps, 3))
+    if contract.height_scan is not None:
+        live[HEIGHT_SCAN] = rng.uniform(0.0, 1.0, (steps, contract.height_scan.count))
     keys = loaded.extern.get(KEY_PRESSED)
     if keys is not None:
         live[KEY_PRESSED] = rng.integers(0, 2, (steps, keys)).astype(np.float64)

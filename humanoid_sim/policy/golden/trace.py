@@ -19,6 +19,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import (
     ANCHOR_POSE,
     BASE_LINEAR_VELOCITY,
+    HEIGHT_SCAN,
     IMU,
     KEY_PRESSED,
     VELOCITY_COMMAND,
@@ -36,7 +37,7 @@ BodyReader = Callable[[FloatArray, FloatArray, tuple[str, ...]], Mapping[str, Fl
 
 _SAME = {"observation": "obs", "action": "actions", VELOCITY_COMMAND: "cmd"}
 _MEMORY = ("last_action", "frame", "walked", "history", "alignment")
-_LIVE = (VELOCITY_COMMAND, BASE_LINEAR_VELOCITY, ANCHOR_POSE, KEY_PRESSED)
+_LIVE = (VELOCITY_COMMAND, BASE_LINEAR_VELOCITY, ANCHOR_POSE, HEIGHT_SCAN, KEY_PRESSED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,6 +170,8 @@ class _Reader:
     def live(self) -> dict[str, FloatArray]:
         widths = {VELOCITY_COMMAND: 3, BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7, "imu_linear_acceleration": 3}
         widths |= dict.fromkeys(self.points, 3)
+        if self.contract.height_scan is not None:
+            widths[HEIGHT_SCAN] = self.contract.height_scan.count
         tables = {name: self.optional(name, width) for name, width in widths.items()}
         tables[KEY_PRESSED] = self.optional(KEY_PRESSED)
         return {name: table for name, table in tables.items() if table is not None}
@@ -179,7 +182,7 @@ class _Reader:
             if array and array not in known:
                 hint = (
                     ", or the robot, whose model tells it from qpos"
-                    if array == ANCHOR_POSE or array in self.points
+                    if array in (ANCHOR_POSE, HEIGHT_SCAN, *self.points)
                     else ""
                 )
                 raise self.wrong(array, "is missing", f"it, as the policy observes {term.name}{hint}")

@@ -113,9 +113,9 @@ def _join_terms(
                     own[option] = _join(field, own[option], given, kinds) if option in own else given
             if partial.overrides:
                 decided |= {(name, option) for option in options}
-    for options in joined.values():
+    for name, options in joined.items():
         for partial in partials:
-            for option, given in partial.assumed_terms.items():
+            for option, given in {**partial.assumed_terms, **partial.assumed_kinds.get(kinds.of(name), {})}.items():
                 options.setdefault(option, given)
     return joined
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.errors import InputError
+from humanoid_sim.mit import BASE, HEIGHT_SCAN, IMU
 from humanoid_sim.policy.readers import values
 from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed, given
 
@@ -39,6 +40,10 @@ GAIT_CLOCK: Mapping[str, Any] = MappingProxyType(
 )
 """What mjlab's term `phase` implies, and Unitree's deployment of it: one clock, which runs on while the robot stands;
 while |(vx, vy, yaw rate)| is below the threshold sine and cosine are both 0."""
+_SCAN: Mapping[str, Any] = MappingProxyType(
+    {"at": BASE, "grid": (1.6, 1.0), "resolution": 0.1, "ray_order": "xy", "offset": 0.0, "range": 5.0, "above": 0.0}
+)
+"""What mjlab 1.6 trains with (`terrain_scan` of its velocity task), and does not write into the metadata."""
 _SCALE, _CLIP = "observation_terms_scale", "observation_terms_clip"
 _HISTORY, _FLATTEN = "observation_terms_history_length", "observation_terms_flatten_history_dim"
 
@@ -52,6 +57,8 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> PartialContract:
     """The keys that are there.
 
     The rate is not, and before mjlab 1.6 neither is how terms are scaled, clipped and stacked: the usual is assumed.
+    The velocity of the base is that of the IMU where mjlab 1.6 or later has written the file: its tasks observe the
+    velocimeter there. Files without its keys may be whole_body_tracking's, which observes the base itself.
 
     Raises:
         InputError: naming `where`, the key and its text, if one is malformed.
@@ -65,6 +72,10 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> PartialContract:
         _terms(metadata, names, where),
         assumed=assumed("mjlab", {"policy_dt": 0.02, "reference_quaternion": "wxyz"} | _clock(names)),
         assumed_terms=assumed("mjlab", {"scale": 1.0, "history": 1}),
+        assumed_kinds={
+            HEIGHT_SCAN: assumed("mjlab", _SCAN),
+            **({"base_lin_vel": assumed("mjlab", {"at": IMU})} if _SCALE in metadata else {}),
+        },
     )
 
 
@@ -107,7 +118,7 @@ def _clip(row: list[float], text: str, where: str) -> dict[str, Any]:
 
 def _refuse_stacks(metadata: Mapping[str, str], terms: Mapping[str, Mapping[str, Given]], where: str) -> None:
     """A history that is not flattened makes an observation of rank 3."""
-    flat = values.names(metadata.get(_FLATTEN, ""))
+    flat = values.flags(_FLATTEN, metadata.get(_FLATTEN, ""), where)
     for (name, options), is_flat in zip(terms.items(), flat, strict=False):
-        if is_flat == "False" and "history" in options and options["history"].value > 1:
+        if not is_flat and "history" in options and options["history"].value > 1:
             raise InputError(f"{where}: {_FLATTEN} is False for {name}, expected True: the observation has to be flat")

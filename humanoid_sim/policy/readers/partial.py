@@ -56,6 +56,8 @@ class PartialContract:
     """What the dialect implies without saying so; anything that a source states comes before it."""
     assumed_terms: Mapping[str, Given] = field(default_factory=lambda: _NOTHING)
     """Options of every term, likewise."""
+    assumed_kinds: Mapping[str, Mapping[str, Given]] = field(default_factory=lambda: _NOTHING)
+    """Options of the terms of one kind, by the kind's name, likewise; they come before those of every term."""
     overrides: bool = False
     """Beats the other sources instead of having to agree with them."""
     ignores: tuple[str, ...] = ()

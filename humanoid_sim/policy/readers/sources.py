@@ -107,15 +107,24 @@ def assumptions(contract: PolicyContract) -> tuple[str, ...]:
     lines: dict[str, None] = {}
     terms = {term.name: term for term in contract.terms}
     clock: dict[str, list[str]] = {}
+    options: dict[tuple[str, str, str], list[str]] = {}
     for name, source in contract.provenance.items():
         if not is_assumed(source):
             continue
-        if name.startswith("observation."):  # the same for every term, and told once
+        if name.startswith("observation."):
             term, _, option = name.removeprefix("observation.").rpartition(".")
-            lines[f"{option} of observation terms {shown(getattr(terms[term], option))}: {source}"] = None
+            options.setdefault((option, shown(getattr(terms[term], option)), source), []).append(term)
         elif name.startswith("phase."):
             part = name.removeprefix("phase.")
             clock.setdefault(source, []).append(f"{part} {shown(getattr(contract.phase, part))}")
         elif name != "phase":
             lines[f"{name} {shown(getattr(contract, name))}: {source}"] = None
+    apart: dict[tuple[str, str], list[str]] = {}
+    for (option, value, source), names in options.items():
+        if len(names) == len(terms):
+            lines[f"{option} of observation terms {value}: {source}"] = None
+        else:
+            apart.setdefault((", ".join(names), source), []).append(f"{option} {value}")
+    for (owners, source), values in apart.items():
+        lines[f"observation term{'s' * (', ' in owners)} {owners}: {', '.join(values)}: {source}"] = None
     return (*lines, *(f"phase: {', '.join(parts)}: {source}" for source, parts in clock.items()))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.errors import FieldError, InputError, one_line
 from humanoid_sim.files import is_file
+from humanoid_sim.mit import HEIGHT_SCAN
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES
 from humanoid_sim.policy.readers.mjlab import GAIT_CLOCK
 from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed, given
@@ -21,6 +23,20 @@ from humanoid_sim.strict_yaml import read_yaml
 __all__ = ["DEPLOY_FILE", "find_deploy", "read_deploy"]
 
 DEPLOY_FILE = "deploy.yaml"
+_SCAN: Mapping[str, Any] = MappingProxyType(
+    {
+        "at": "torso_link",
+        "grid": (1.6, 1.0),
+        "resolution": 0.1,
+        "ray_order": "xy",
+        "offset": 0.5,
+        "range": 1e6,
+        "miss": -1e6,
+        "above": 20.0,
+    }
+)
+"""What Isaac Lab's `height_scan` of the scanner in unitree_rl_lab's scenes comes to (`RayCasterCfg`, `GridPatternCfg`).
+A ray that hits nothing counts as endlessly high ground there, and the term's clip makes a number of it."""
 _SWITCHES = ("use_gym_history", "scale_first")
 
 
@@ -49,7 +65,8 @@ def read_deploy(path: Path) -> PartialContract:
     if any(term_kind(name).requires == "phase" for name in reader.terms):
         implied |= assumed("Unitree", {**GAIT_CLOCK, "phase.advance_first": True})
     # Without `joint_ids_map` the joints are in the robot's own order.
-    return PartialContract(path.name, fields, terms, implied | given(path.name, {"joint_places": slice(None)}))
+    implied |= given(path.name, {"joint_places": slice(None)})
+    return PartialContract(path.name, fields, terms, implied, assumed_kinds={HEIGHT_SCAN: assumed("Isaac Lab", _SCAN)})
 
 
 class _Reader:
@@ -171,6 +188,8 @@ class _Reader:
         ids = asset.get("joint_ids")
         if ids is not None and ids != slice(None):
             options["joint_places"] = self._chosen(ids, f"{where}.params.asset_cfg.joint_ids")
+        if term_kind(name).name == HEIGHT_SCAN and params.get("offset") is not None:
+            options["offset"] = self._number(params["offset"], f"{where}.params.offset")
         self.terms[name] = options
         if term_kind(name).requires == "phase" and params.get("period") is not None:
             try:

@@ -14,6 +14,7 @@ from humanoid_sim.policy.readers.partial import Given
 __all__ = [
     "csv_field",
     "cut",
+    "flags",
     "integers",
     "is_number",
     "names",
@@ -104,15 +105,34 @@ def numbers(key: str, text: str, where: str, source: str) -> Given:
 
 
 def integers(key: str, text: str, where: str) -> tuple[int, ...]:
-    """Whole numbers.
+    """Read whole numbers; mjlab writes them with three decimals, as `2.000`.
 
     Raises:
         InputError: as `number`.
     """
     try:
-        return tuple(int(item) for item in names(text))
+        values = [float(item) for item in names(text)]
     except ValueError:
-        raise InputError(f"{where}: {key} is {text!r}, expected integers separated by commas") from None
+        values = [math.nan]
+    if not all(value.is_integer() for value in values):
+        raise InputError(f"{where}: {key} is {text!r}, expected integers separated by commas")
+    return tuple(map(int, values))
+
+
+def flags(key: str, text: str, where: str) -> tuple[bool, ...]:
+    """Read `True` and `False`, or 1 and 0 as `integers` are written.
+
+    Raises:
+        InputError: as `number`.
+    """
+    words = {"True": "1", "False": "0"}
+    try:
+        found = integers(key, ",".join(words.get(item, item) for item in names(text)), where)
+    except InputError:
+        found = (-1,)
+    if not {0, 1}.issuperset(found):
+        raise InputError(f"{where}: {key} is {text!r}, expected True or False, separated by commas")
+    return tuple(map(bool, found))
 
 
 def number_lists(key: str, text: str, where: str) -> list[list[float]]:

@@ -37,6 +37,7 @@ def training_run(scenario: Scenario, actor: Actor, seed: int) -> dict[str, npt.N
         threads=1,
         anchor_body=scenario.contract.anchor_body,
         velocity_at=scenario.velocity_points,
+        height_scan=scenario.contract.height_scan,
         bodies=scenario.bodies,
     )
     start = scenario.task.start(np.random.default_rng(seed).random((1, scenario.task.draws)))

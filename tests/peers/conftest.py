@@ -1,0 +1,26 @@
+"""What mjlab and rsl_rl really export, made once by `make test-peers`; these tests judge the files."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+# importlib mode leaves sys.path alone.
+sys.path += [str(Path(__file__).parents[1] / name) for name in ("policy", "play")]
+
+from play_fixtures import folder, run
+from policy_fixtures import cli
+
+__all__ = ["cli", "exports", "folder", "run"]
+
+_MADE = Path(__file__).parents[2] / ".venv-peers" / "exports"
+
+
+@pytest.fixture(scope="session")
+def exports() -> Path:
+    """The folder that `mjlab_exports.py` has filled."""
+    made = Path(os.environ.get("HUMANOID_SIM_EXPORTS", _MADE))
+    if not (made / "rsl_rl").is_dir():
+        pytest.skip(f"no exports in {made}; `make test-peers` makes them")
+    return made

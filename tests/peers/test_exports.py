@@ -1,0 +1,182 @@
+"""Policies as mjlab 1.6 and rsl_rl 5 export them: read, checked, proved by runs of mjlab's own environment, played."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from humanoid_sim import prepare
+from humanoid_sim.cli import run_program
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.policy.onnx_policy import read_header
+
+pytestmark = pytest.mark.peers
+
+KNOWN: dict[str, dict[str, str]] = json.loads(
+    (Path(__file__).parents[1] / "data" / "mjlab_metadata.json").read_text(encoding="utf-8")
+)
+IMU = "terms' at of base_lin_vel"
+ASSUMED = {
+    "velocity_flat": ("policy_dt 0.02 s (50 Hz)", IMU),
+    "velocity_rough": (
+        "policy_dt 0.02 s (50 Hz)",
+        "terms' above of height_scan",
+        f"{IMU}, height_scan",
+        *(f"terms' {option} of height_scan" for option in ("grid", "offset", "range", "ray_order", "resolution")),
+    ),
+    "tracking": ("policy_dt 0.02 s (50 Hz)", "reference_quaternion wxyz", IMU),
+    "tracking_no_state_estimation": ("policy_dt 0.02 s (50 Hz)", "reference_quaternion wxyz"),
+}
+"""By task what its file leaves open, and the dialect fills in."""
+GAINS = "not seen by them: joint_stiffness, joint_damping and policy_dt: nothing in a sample depends on them"
+ALIGNMENT = "not seen by them: align_reference: the samples hold the alignment itself"
+
+
+@dataclass(frozen=True)
+class Export:
+    """One task's files."""
+
+    model: Path
+    golden: Path
+
+    @property
+    def robot(self) -> Path:
+        return self.golden / "scene.xml"
+
+    def wired(self, contract: Path | None = None) -> tuple[object, ...]:
+        return (self.model, "--robot", self.robot, "--contract", contract or self.golden / "contract.yaml")
+
+    @property
+    def trace(self) -> Path:
+        return self.golden / "trace.npz"
+
+
+@pytest.fixture(params=ASSUMED)
+def task(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def export(exports: Path, task: str) -> Export:
+    return Export(exports / task / f"{task}.onnx", exports / task / "golden")
+
+
+@pytest.mark.parametrize("task", KNOWN)
+def test_the_metadata_is_what_the_other_tests_take_for_mjlabs(exports: Path, task: str) -> None:
+    assert read_header(exports / task / f"{task}.onnx")[0] == KNOWN[task]
+
+
+def test_nothing_is_missing_that_mjlab_knows(cli: Any, export: Export, task: str) -> None:
+    status, out, error = cli("show", export.model)
+    assert (status, error) == (0, "")
+    assert out.splitlines()[-1] == f"assumed, no source states it: {'; '.join(ASSUMED[task])}"
+    status, out, error = cli("show", *export.wired())
+    assert (status, error) == (0, "")
+    rest = [line for line in ASSUMED[task] if not line.startswith("policy_dt")]
+    assert ("assumed, no" in out) == bool(rest)
+    assert "contract.yaml (mjlab metadata has it rounded)" in out
+
+
+def test_no_error_is_found(cli: Any, export: Export) -> None:
+    for wiring in ((export.model, "--robot", export.robot), export.wired()):
+        status, out, error = cli("check", *wiring)
+        assert (status, error) == (0, ""), out
+        assert "0 error(s)" in out
+        assert out.count("all names in scene.xml begin with 'robot/'") == 1
+    assert "as exporters round" not in out
+    assert "no torque limit" not in out
+
+
+def test_every_step_of_mjlabs_run_is_computed_again(cli: Any, export: Export, task: str, tmp_path: Path) -> None:
+    with np.load(export.trace) as trace:
+        assert len(trace["obs"]) == len(trace["target"]) == 60
+        assert (np.ptp(trace["obs"], axis=0) > 0.0).mean() > 0.95, "the run moves what the policy observes"
+    stamped = tmp_path / "stamped.onnx"
+    status, out, error = cli("stamp", *export.wired(), "--trace", export.trace, "--output", stamped)
+    assert (status, error) == (0, "")
+    unseen = [line.strip() for line in out.splitlines() if "not seen by them" in line]
+    assert unseen == ([ALIGNMENT] if task.startswith("tracking") else []) + [GAINS]
+    assert load_checkpoint(stamped).golden == "8 samples of the trainer's run (trace.npz)"
+
+
+def test_without_the_exact_numbers_the_rounding_is_named(cli: Any, export: Export, tmp_path: Path) -> None:
+    output = tmp_path / "x.onnx"
+    status, _, error = cli("stamp", export.model, "--robot", export.robot, "--trace", export.trace, "--output", output)
+    assert status == 2
+    assert "target of " in error
+    assert "or only rounded by its exporter" in error
+    assert not output.exists()
+
+
+@pytest.mark.parametrize(
+    ("task", "term", "options"),
+    [
+        ("velocity_flat", "base_lin_vel", {"at": "base"}),
+        ("velocity_flat", "command", {"scale": 2.0}),
+        ("velocity_rough", "height_scan", {"scale": 1.0}),
+        ("tracking", "base_lin_vel", {"at": "base"}),
+        ("tracking", "motion_anchor_ori_b", {"layout": "columns"}),
+        ("tracking_no_state_estimation", "command", {"relative": True}),
+    ],
+)
+def test_a_planted_mistake_is_refused(
+    cli: Any, export: Export, term: str, options: dict[str, object], tmp_path: Path
+) -> None:
+    wrong = tmp_path / "wrong.yaml"
+    text = (export.golden / "contract.yaml").read_text(encoding="utf-8")
+    wrong.write_text(f"{text}override: {json.dumps({'terms': {term: options}})}\n", encoding="utf-8")
+    status, _, error = cli("stamp", *export.wired(wrong), "--trace", export.trace, "--output", tmp_path / "x.onnx")
+    assert status == 2
+    assert f"observation {term}[" in error
+
+
+def test_it_is_played(run: Any, export: Export) -> None:
+    script = "damp; load_a; wait; start_locomotion; hold 0.4; damp"
+    wiring = [str(part) for part in export.wired()[1:]]
+    result = run("--policy", str(export.model), *wiring, "--physics-timestep", "0.005", "--script", script)
+    assert result.status == 0
+    assert result.out.count("all names in scene.xml begin with 'robot/'") == 1
+    steps = [tick for tick in result.ticks if tick.output.control_mode.mode.name == "LOCOMOTION"]
+    assert len(steps) >= 80, "0.4 s at 200 Hz"
+
+
+def test_rsl_rls_own_export_needs_what_it_does_not_say(cli: Any, exports: Path, tmp_path: Path) -> None:
+    """The network of the flat task, without metadata and with its tensors in a file beside it."""
+    flat = exports / "velocity_flat"
+    export = Export(exports / "rsl_rl" / "policy.onnx", flat / "golden")
+    status, out, _ = cli("show", export.model)
+    assert status == 1
+    assert "missing: joint_names, joint_stiffness, joint_damping, default_joint_pos, observation, action_scale" in out
+    said = KNOWN["velocity_flat"]
+    terms = said["observation_names"].replace("base_lin_vel", "{name: base_lin_vel, at: imu}")
+    rest = tmp_path / "rest.yaml"
+    rest.write_text(
+        (export.golden / "contract.yaml").read_text(encoding="utf-8")
+        + f"joint_names: [{said['joint_names']}]\nobservation: [{terms}]\ncommand_names: [twist]\n",
+        encoding="utf-8",
+    )
+    status, out, error = cli("check", *export.wired(rest))
+    assert (status, error) == (0, ""), out
+    stamped = tmp_path / "stamped.onnx"
+    status, _, error = cli("stamp", *export.wired(rest), "--trace", export.trace, "--output", stamped)
+    assert (status, error) == (0, "")
+    own, other = load_checkpoint(stamped), load_checkpoint(flat / "velocity_flat.onnx")
+    with np.load(export.trace) as trace:
+        for observation in trace["obs"]:
+            answers = [checkpoint.policy(observation, 0) for checkpoint in (own, other)]
+            np.testing.assert_allclose(*answers, atol=1e-5)
+
+
+def test_mjlabs_motion_is_prepared(exports: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The `motion.npz` of mjlab's own converter belongs to the robot of its scene, body by body."""
+    tracking = exports / "tracking"
+    files = ("--policy", tracking / "tracking.onnx", "--motion", exports / "motion.npz")
+    where = ("--robot", tracking / "golden" / "scene.xml", "--output", tmp_path / "prepared")
+    assert run_program(prepare.main, [str(part) for part in (*files, *where)]) == 0, capsys.readouterr().err
+    assert read_motion(tmp_path / "prepared" / "motion.mcap").body_names[0] == "pelvis"
