@@ -14,10 +14,18 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 import numpy as np
 
 from humanoid_sim.controllers.parameters import joint_tuple, number, per_joint
-from humanoid_sim.controllers.term_kinds import TermKind, term_kind
-from humanoid_sim.controllers.terms import QuaternionOrder, Term
+from humanoid_sim.controllers.term_kinds import TermKind, live_kind, term_kind
+from humanoid_sim.controllers.terms import HeightScan, QuaternionOrder, Term
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import BASE, EXTERN_WIDTHS, VELOCITY_COMMAND, FloatArray, frozen_array, point_velocity
+from humanoid_sim.mit import (
+    BASE,
+    EXTERN_WIDTHS,
+    HEIGHT_SCAN,
+    VELOCITY_COMMAND,
+    FloatArray,
+    frozen_array,
+    point_velocity,
+)
 
 __all__ = [
     "FORMS",
@@ -226,7 +234,7 @@ class PolicyContract:
 
     def kind(self, term: Term) -> TermKind:
         """What a term means here; `command` stands for the motion or the velocity, as `command_names` says."""
-        return term_kind(term.kind, self.command_names)
+        return term_kind(term.kind, self.command_names) if term.width is None else live_kind(term.kind)
 
     def requires(self, field: str) -> bool:
         """Whether the observation has a term that means nothing without this field."""
@@ -242,7 +250,18 @@ class PolicyContract:
     def extern_widths(self) -> Mapping[str, int]:
         """Name and width of the live inputs that such a policy can have: of a robot in a simulation, and declared."""
         points = {point_velocity(point): 3 for point in self.velocity_points}
-        return {**EXTERN_WIDTHS, **points, **self.live_inputs}
+        return {**EXTERN_WIDTHS, **points, **self.sent_inputs}
+
+    @property
+    def sent_inputs(self) -> Mapping[str, int]:
+        """Name and width of the live inputs that a program may send: declared ones, and a height scan."""
+        scan = self.height_scan
+        return {**self.live_inputs, **({} if scan is None else {HEIGHT_SCAN: scan.count})}
+
+    @property
+    def height_scan(self) -> HeightScan | None:
+        """The scan of the ground that is observed; None without one."""
+        return next((term.height_scan for term in self.terms if _is_scan(term)), None)
 
     @property
     def live_inputs(self) -> Mapping[str, int]:
@@ -329,6 +348,11 @@ class PolicyContract:
             raise FieldError(f"{_OWNER}.observation: is {value!r}, expected a sequence of terms")
         terms = tuple(term if isinstance(term, Term) else Term(term) for term in value)
         joint_tuple(_OWNER, [term.name for term in terms], "observation")
+        scans = [term for term in terms if _is_scan(term)]
+        for other in scans[1:]:
+            if other.height_scan != scans[0].height_scan:
+                both = f"'{scans[0].name}' and '{other.name}'"
+                raise FieldError(f"{_OWNER}.observation: terms {both} have different height scans, expected one")
         for term in terms:
             same = [other.width for other in terms if other.kind == term.kind]
             if term.width is not None and same.count(term.width) < len(same):
@@ -339,6 +363,10 @@ class PolicyContract:
                     f"{_OWNER}.observation: term '{term.name}' shows {', '.join(strangers)}, not in joint_names"
                 )
         return terms
+
+
+def _is_scan(term: Term) -> bool:
+    return term.kind == HEIGHT_SCAN and term.width is None
 
 
 def _is_step(value: Any) -> bool:

@@ -21,14 +21,14 @@ LiveInput = Callable[[MITState], npt.ArrayLike]
 
 @dataclass(frozen=True, slots=True)
 class LiveInputs:
-    """What feeds a policy's declared live inputs. It does not say that all are fed: whoever resolves the terms does."""
+    """Sources of a policy's live inputs, declared ones or a height scan. Resolving the terms finds what is missing."""
 
     contract: PolicyContract
     sources: Mapping[str, LiveInput] = field(default_factory=lambda: MappingProxyType({}))
     """By the name of the live input: the term's, or its `kind`."""
 
     def __post_init__(self) -> None:
-        declared = self.contract.live_inputs
+        declared = self.contract.sent_inputs
         for name, source in self.sources.items():
             if name not in declared:
                 if not declared:
@@ -41,7 +41,7 @@ class LiveInputs:
     @property
     def widths(self) -> Mapping[str, int]:
         """Name and width of those that are fed."""
-        return {name: width for name, width in self.contract.live_inputs.items() if name in self.sources}
+        return {name: width for name, width in self.contract.sent_inputs.items() if name in self.sources}
 
     def heard(self, state: MITState) -> MITState:
         """The state with the values that belong to it.

@@ -21,6 +21,7 @@ from humanoid_sim.mit import (
     ANCHOR_POSE,
     BASE_LINEAR_VELOCITY,
     EXTERN_WIDTHS,
+    HEIGHT_SCAN,
     KEY_PRESSED,
     VELOCITY_COMMAND,
     point_velocity,
@@ -30,9 +31,9 @@ if TYPE_CHECKING:  # contracts hold terms, and terms are named by this table
     from humanoid_sim.controllers.contract import PolicyContract
     from humanoid_sim.controllers.terms import Term
 
-__all__ = ["TERM_KINDS", "TERM_NAMES", "TermKind", "is_known", "term_kind"]
+__all__ = ["TERM_KINDS", "TERM_NAMES", "TermKind", "is_known", "live_kind", "term_kind"]
 
-Convention = Literal["frame", "at", "relative", "layout", "inverse", "quaternion", "form", "sign"]
+Convention = Literal["frame", "at", "axes", "relative", "layout", "inverse", "quaternion", "form", "sign"]
 
 
 def _unnamed(_term: Term, _contract: PolicyContract) -> tuple[str, ...]:
@@ -94,7 +95,11 @@ class TermKind:
         if self.estimate and self.input(request.term) not in request.extern:
             what = self.input(request.term).replace("_", " ")
             raise request.missing(f"the robot's {what}: a simulation knows it, a robot needs an estimator for it")
-        return self.resolve(request)
+        width, value = self.resolve(request)
+        term = request.term
+        if "axes" not in self.conventions or term.axes == "x y z":
+            return width, value
+        return width, lambda context: term.turned(value(context))
 
     def limits(self, request: Request, limits: Limits) -> tuple[npt.ArrayLike, npt.ArrayLike]:
         """Least and greatest values of a term of this kind, shape (width,) or scalar, before clip and scale."""
@@ -115,9 +120,11 @@ def term_kind(name: str, command_names: tuple[str, ...] = ()) -> TermKind:
     """
     if name == _COMMAND:
         name = "motion_command" if "motion" in command_names else "velocity_command"
-    kind = TERM_KINDS.get(TERM_NAMES.get(name, name))
-    if kind is not None:
-        return kind
+    return TERM_KINDS.get(TERM_NAMES.get(name, name)) or live_kind(name)
+
+
+def live_kind(name: str) -> TermKind:
+    """Return the kind of a live input of that name."""
     return TermKind(name, "live input", _live, bounds=_live_bounds, reads=name)
 
 
@@ -162,7 +169,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         bounds=100.0,
         reads=BASE_LINEAR_VELOCITY,
         estimate="the velocity of the base",
-        conventions=("frame", "at"),
+        conventions=("frame", "at", "axes"),
         scales=(1.0, 2.0),
     ),
     TermKind(
@@ -172,7 +179,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         bounds=100.0,
         names=("base_ang_vel", "imu_ang_vel", "imu_angular_velocity"),
         reads="imu_angular_velocity",
-        conventions=("frame",),
+        conventions=("frame", "axes"),
         scales=(1.0, 0.25, 0.2),
     ),
     TermKind(
@@ -180,7 +187,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         "direction of gravity in the body frame, (0, 0, -1) upright",
         values.gravity,
         reads="imu_quaternion",
-        conventions=("sign",),
+        conventions=("sign", "axes"),
     ),
     TermKind(
         "imu_quaternion",
@@ -291,6 +298,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         values.acceleration,
         bounds=1e5,
         reads="imu_linear_acceleration",
+        conventions=("axes",),
     ),
     TermKind(
         "motion_body_pos_b",
@@ -326,6 +334,16 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         _keys,
         reads=KEY_PRESSED,
         silent="no key state has come, or the last one is too old",
+    ),
+    TermKind(
+        HEIGHT_SCAN,
+        "height above the ground at the points of a grid, m",
+        values.height_scan,
+        bounds=values.height_scan_bounds,
+        names=("height_scan", "height_scanner"),
+        reads=HEIGHT_SCAN,
+        scales=(1.0, 0.2),
+        silent="no height scan has come, or the last one is too old",
     ),
 )
 

@@ -18,6 +18,7 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import (
     ANCHOR_POSE,
     EXTERN_WIDTHS,
+    HEIGHT_SCAN,
     VELOCITY_COMMAND,
     Extern,
     FloatArray,
@@ -225,6 +226,21 @@ def heard(request: Request) -> tuple[int, Source]:
     """A live input as it is; not a number where it is missing or too old."""
     name, width = request.kind.name, request.extern[request.kind.name]
     return width, lambda context: _nan_when_stale(context.state, name, width)
+
+
+def height_scan(request: Request) -> tuple[int, Source]:
+    """Shape (..., rays), m; not a number where it is missing or too old."""
+    known, count = request.extern.get(HEIGHT_SCAN), request.term.height_scan.count
+    if known is None:
+        raise request.missing("a height scan: a simulation makes it, on a robot a program has to send it")
+    if known != count:
+        raise FieldError(f"observation term '{request.term.name}': has {count} rays, but the robot's scan has {known}")
+    return heard(request)
+
+
+def height_scan_bounds(request: Request, _: Limits) -> tuple[float, float]:
+    """Return the least and greatest value of a scan, m."""
+    return request.term.height_scan.bounds
 
 
 def live_command(state: MITState, contract: PolicyContract) -> FloatArray:

@@ -29,7 +29,7 @@ __all__ = ["EpisodeRobot", "PlantState", "recorded_start"]
 
 BoolArray = npt.NDArray[np.bool_]
 
-_KEPT = ("_pending", "_joint_line", "_body_line", "_step", "_fault", "_is_closed")
+_KEPT = ("_pending", "_joint_line", "_body_line", "_step", "_fault", "_is_closed", "_is_lifted")
 """What a `MujocoRobot` remembers beside its plant: commands and samples under way, its clock, what went wrong."""
 
 
@@ -223,6 +223,7 @@ def _recorded_robot(recording: Recording, description: RobotDescription) -> Mujo
         options: dict[str, Any] = recorded_settings(recording.path, header)["options"]
         names = ("physics_timestep", "actuation", "base_height")
         chosen = {name: options[name] for name in names} | {"base_yaw": options["yaw"]}
+        chosen["drop"] = options.get("drop", 0.0)  # older recordings began on the floor
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{recording.path}: is no recording of play in simulation: its header lacks {error}") from None
     if recorded.joint_names != description.joint_names:

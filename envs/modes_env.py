@@ -26,6 +26,7 @@ from humanoid_sim.mit import COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Ex
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract_physics
 from humanoid_sim.session.sources import RemoteInbox
+from humanoid_sim.simulation import DROP
 from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.plant import Actuation
 from humanoid_sim.stack import build_supervisor
@@ -106,8 +107,10 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
             description,
             control_period=period,
             actuation=actuation,
+            drop=DROP,
             anchor_body="" if observed is None else observed.anchor_body,
             velocity_at=() if observed is None else observed.velocity_points,
+            height_scan=None if observed is None else observed.height_scan,
         )
         self._live = _live_inputs(description.name, observed, live)
         provided = {

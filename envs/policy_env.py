@@ -180,6 +180,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             "actuation": scenario.actuation,
             "anchor_body": scenario.contract.anchor_body,
             "velocity_at": scenario.velocity_points,
+            "height_scan": scenario.contract.height_scan,
             "bodies": scenario.bodies,
             "terrain": scenario.terrain,
         }

@@ -20,7 +20,7 @@ from humanoid_sim.envs.reference_states import ReferenceStates, reference_states
 from humanoid_sim.envs.starts import EpisodeStarts
 from humanoid_sim.envs.tasks import Task, make_task
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.mit import ANCHOR_POSE, BASE, KEY_PRESSED, VELOCITY_COMMAND, point_velocity
+from humanoid_sim.mit import ANCHOR_POSE, BASE, HEIGHT_SCAN, KEY_PRESSED, VELOCITY_COMMAND, point_velocity
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
@@ -148,7 +148,7 @@ def make_scenario(
     read = with_joint_limits(loaded.contract, described)
     description = with_contract(described, read)
     points = [point_velocity(point) for point in (BASE, *read.velocity_points)] if description.is_floating else []
-    told = {VELOCITY_COMMAND, *points, *([ANCHOR_POSE] if read.anchor_body else [])}
+    told = {VELOCITY_COMMAND, *points, HEIGHT_SCAN, *([ANCHOR_POSE] if read.anchor_body else [])}
     extern = {name: width for name, width in read.extern_widths.items() if name in told}
     if description.piano is not None:
         extern[KEY_PRESSED] = KEY_COUNT

@@ -143,6 +143,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             threads=threads,
             anchor_body=scenario.contract.anchor_body,
             velocity_at=scenario.velocity_points,
+            height_scan=scenario.contract.height_scan,
             bodies=scenario.bodies,
             randomisation=Randomisation.of(randomisation),
             terrain=scenario.terrain,

@@ -15,8 +15,9 @@ from mujoco import rollout
 from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.bench.timing import Row, paired_ratio
 from humanoid_sim.controllers.policy_step import action_command
+from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.regress.episodes import EpisodeBatch, Step
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.suite import Disturbance
@@ -24,11 +25,13 @@ from humanoid_sim.regress.suite_file import load_suite
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.terrain import Terrain
 
-__all__ = ["piano_scene", "regress_speed", "vector_step"]
+__all__ = ["height_scans", "piano_scene", "regress_speed", "vector_step"]
 
 _NAME, _PIANO = "humanoid_sim/LiteTracking-v0", "humanoid_sim/LitePiano-v0"
 _MANY, _PIANO_MANY = 1024, 256
+_SCANNING = 256
 _PHYSICS_STEPS = 400
 _SOME = 64
 """Environments that Gymnasium's own steps one by one; how many makes no difference to the ratio."""
@@ -190,6 +193,44 @@ class _Stepped:
             *_, terminated, truncated, _ = self.envs.step(action)
             if terminated.any() or truncated.any():  # the next step would do less than a step
                 raise AssertionError("an episode ended before the last of the steps")
+
+
+def height_scans(repetitions: int) -> list[Row]:
+    """Compare control periods of robots on rough ground that scan it with those of robots that do not."""
+    scanning, blind = _OnGround(HeightScan()), _OnGround(None)
+
+    def describe(ours: float, without: float) -> str:
+        count = _SCANNING * _VECTOR_STEPS
+        each = f"{1e6 * ours / count:.0f} µs, {1e6 * without / count:.0f} µs without"
+        return f"{HeightScan().count} rays; {each}; {scanning.simulation.threads} threads"
+
+    def begin() -> None:
+        scanning.simulation.reset()
+        blind.simulation.reset()
+
+    name = f"height scan, {_SCANNING} robots, over none"
+    try:
+        return [paired_ratio(name, scanning.run, blind.run, repetitions, None, describe, prepare=begin)]
+    finally:
+        scanning.simulation.close()
+        blind.simulation.close()
+
+
+class _OnGround:
+    """Robots on rough ground that hold their initial position, at the rate of a policy that walks."""
+
+    def __init__(self, scan: HeightScan | None) -> None:
+        robot = load_robot("lite_biped")
+        terrain = Terrain("rough")
+        self.simulation = BatchSimulation(robot, _SCANNING, control_period=0.02, height_scan=scan, terrain=terrain)
+        zeros = np.zeros((_SCANNING, len(robot.joints)))
+        position = zeros + np.array(robot.initial_position)
+        self._command = MITCommand(position, zeros, zeros, zeros + 40.0, zeros + 2.0)
+
+    def run(self) -> None:
+        for _ in range(_VECTOR_STEPS):
+            self.simulation.step(self._command)
+            self.simulation.state()
 
 
 def regress_speed(repetitions: int) -> list[Row]:

@@ -24,7 +24,7 @@ from rich.table import Table
 
 from humanoid_sim import __version__
 from humanoid_sim.bench import BenchOptions
-from humanoid_sim.bench.batches import piano_scene, regress_speed, vector_step
+from humanoid_sim.bench.batches import height_scans, piano_scene, regress_speed, vector_step
 from humanoid_sim.bench.one_robot import (
     control_tick,
     environment_step,
@@ -105,6 +105,7 @@ _BENCHMARKS: dict[str, Callable[[int], list[Row]]] = {
     "LiteTracking-v0.step": environment_step,
     "vector": vector_step,
     "piano": piano_scene,
+    "height scan": height_scans,
     "implicit plant": implicit_plant,
     "regress": regress_speed,
     "hardware loop": _hardware_loop,

@@ -13,11 +13,13 @@ from types import MappingProxyType
 import mujoco
 import numpy as np
 
+from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import (
     ANCHOR_POSE,
     BASE_LINEAR_VELOCITY,
     EXTERN_WIDTHS,
+    HEIGHT_SCAN,
     IMU,
     KEY_PRESSED,
     FloatArray,
@@ -26,8 +28,9 @@ from humanoid_sim.mit import (
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.simulation.floating_base import base_addresses
+from humanoid_sim.simulation.height_scan import HeightScanner
 from humanoid_sim.simulation.keys import PianoKeys
-from humanoid_sim.simulation.model import body_ids
+from humanoid_sim.simulation.model import body_ids, named_frame
 
 __all__ = ["BodySample", "BodySensors", "Imu", "ImuSample", "live_inputs"]
 
@@ -55,7 +58,7 @@ class Imu:
         """
         self._model = model
         self._data = mujoco.MjData(model)
-        self._object, self._id = _frame(model, name)
+        self._object, self._id = named_frame(model, name, "imu")
         body = int(model.site_bodyid[self._id]) if self._object == mujoco.mjtObj.mjOBJ_SITE else self._id
         self._twist = np.empty(6)
         self.constant: ImuSample | None = None
@@ -96,22 +99,21 @@ class Imu:
         return quaternion, matrices[self._id].reshape(3, 3)
 
 
-def _frame(model: mujoco.MjModel, name: str) -> tuple[mujoco.mjtObj, int]:
-    """What has the frame of that name, and its id: a site, or else a body.
-
-    Raises:
-        InputError: there is neither.
-    """
-    # A body's own axes; mjOBJ_BODY stands for those of its inertia.
-    for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_XBODY):
-        i = mujoco.mj_name2id(model, kind, name)
-        if i >= 0:
-            return kind, i
-    raise InputError(f"imu: '{name}' is neither a site nor a body of the model")
+def _pose(model: mujoco.MjModel, data: mujoco.MjData, kind: mujoco.mjtObj, i: int) -> FloatArray:
+    """Position and quaternion (7,) of a site or body, world frame, as MuJoCo's sensors have it."""
+    if kind != mujoco.mjtObj.mjOBJ_SITE:
+        return np.concatenate([data.xpos[i], data.xquat[i]])
+    quaternion = np.empty(4)
+    mujoco.mju_mulQuat(quaternion, data.xquat[model.site_bodyid[i]], model.site_quat[i])
+    return np.concatenate([data.site_xpos[i], quaternion])
 
 
 def live_inputs(
-    model: mujoco.MjModel, description: RobotDescription, anchor_body: str, velocity_at: Sequence[str] = ()
+    model: mujoco.MjModel,
+    description: RobotDescription,
+    anchor_body: str,
+    velocity_at: Sequence[str] = (),
+    height_scan: HeightScan | None = None,
 ) -> Mapping[str, int]:
     """Names and widths of the live inputs that a simulated robot's state carries.
 
@@ -120,6 +122,7 @@ def live_inputs(
         description: of the robot; only a floating base has velocities.
         anchor_body: MJCF body whose pose is asked for; empty for none.
         velocity_at: `imu`, or sites, whose velocity is asked for.
+        height_scan: of the ground, if it is asked for.
 
     Raises:
         InputError: the anchor body, or a site, is not in the model.
@@ -138,7 +141,9 @@ def live_inputs(
             raise InputError(f"anchor body: {error}") from None
     points = [point_velocity(point) for point in velocity_at] if description.is_floating else []
     keys = {KEY_PRESSED: KEY_COUNT} if description.piano is not None else {}
-    return MappingProxyType({**{name: EXTERN_WIDTHS[name] for name in names}, **dict.fromkeys(points, 3), **keys})
+    scan = {} if height_scan is None else {HEIGHT_SCAN: height_scan.count}
+    known_widths = {name: EXTERN_WIDTHS[name] for name in names}
+    return MappingProxyType({**known_widths, **dict.fromkeys(points, 3), **keys, **scan})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,7 +156,10 @@ class BodySample:
 
 
 class BodySensors:
-    """Reads the IMU, velocities of a floating base, the pose of an anchor body, a piano's keys. Not thread-safe."""
+    """Reads the IMU, velocities of a floating base, an anchor body's pose, a piano's keys, the ground's height.
+
+    Not thread-safe.
+    """
 
     def __init__(
         self,
@@ -159,6 +167,7 @@ class BodySensors:
         description: RobotDescription,
         anchor_body: str = "",
         velocity_at: Sequence[str] = (),
+        height_scan: HeightScan | None = None,
     ) -> None:
         """Find the frames.
 
@@ -167,23 +176,28 @@ class BodySensors:
             description: says where the IMU is.
             anchor_body: MJCF body whose pose is asked for; empty for none.
             velocity_at: `imu`, or sites, whose velocity is asked for.
+            height_scan: of the ground, if it is asked for.
 
         Raises:
-            InputError: the IMU, the anchor body or a site is not in the model.
+            InputError: the IMU, the anchor body, a site or the middle of the scan is not in the model.
         """
-        self.widths = live_inputs(model, description, anchor_body, velocity_at)
+        self.widths = live_inputs(model, description, anchor_body, velocity_at, height_scan)
         """Names and widths of the live inputs."""
         self._imu = Imu(model, description.imu)
         self._base_velocity = base_addresses(model, description)[2] if description.is_floating else None
         self._model, self._data = model, mujoco.MjData(model)
         self._anchor = model.body(anchor_body).id if anchor_body else None
         self._points = (
-            {point_velocity(point): _frame(model, description.imu if point == IMU else point) for point in velocity_at}
+            {
+                point_velocity(point): named_frame(model, description.imu if point == IMU else point, "imu")
+                for point in velocity_at
+            }
             if description.is_floating
             else {}
         )
         self._twist = np.empty(6)
         self._keys = PianoKeys(model) if description.piano is not None else None
+        self._scanner = None if height_scan is None else HeightScanner(model, description, height_scan)
 
     def read(self, data: mujoco.MjData, acceleration: FloatArray | None = None) -> BodySample:
         """The reading at the data's present `qpos` and `qvel`; the acceleration is as `Imu.read` takes it."""
@@ -191,7 +205,7 @@ class BodySensors:
         if self._base_velocity is not None:
             live[BASE_LINEAR_VELOCITY] = data.qvel[self._base_velocity].copy()
         own = self._data
-        if self._anchor is not None or self._points:
+        if self._anchor is not None or self._points or self._scanner is not None:
             own.qpos[:], own.qvel[:] = data.qpos, data.qvel
             mujoco.mj_kinematics(self._model, own)
         if self._points:
@@ -201,7 +215,9 @@ class BodySensors:
             mujoco.mj_objectVelocity(self._model, own, kind, i, self._twist, 0)
             live[name] = self._twist[3:].copy()
         if self._anchor is not None:
-            live[ANCHOR_POSE] = np.concatenate([own.xpos[self._anchor], own.xquat[self._anchor]])
+            live[ANCHOR_POSE] = _pose(self._model, own, mujoco.mjtObj.mjOBJ_XBODY, self._anchor)
         if self._keys is not None:
             live[KEY_PRESSED] = self._keys.pressed(data.qpos)
+        if self._scanner is not None:
+            live[HEIGHT_SCAN] = self._scanner.read(_pose(self._model, own, *self._scanner.frame))
         return BodySample(self._imu.read(data, acceleration), live)

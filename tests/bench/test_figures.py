@@ -24,6 +24,7 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(batches, "_MANY", 6)
     monkeypatch.setattr(batches, "_SOME", 2)
     monkeypatch.setattr(batches, "_PIANO_MANY", 4)
+    monkeypatch.setattr(batches, "_SCANNING", 4)
     monkeypatch.setattr(batches, "_EPISODES", 4)
     monkeypatch.setattr(plants, "_MANY", 4)
     monkeypatch.setattr(plants, "_SECONDS", 0.1)
@@ -83,6 +84,7 @@ def test_every_figure_can_be_taken(run: Run, monkeypatch: pytest.MonkeyPatch) ->
         "vector, over SyncVectorEnv",
         "piano, physics step",
         "piano vector, 4 environments, over bare rollout",
+        "height scan, 4 robots, over none",
         "implicit plant over affine, LiteTracking-v0",
         "implicit plant over affine, BipedVelocity-v0",
         "implicit plant, error",
@@ -150,7 +152,8 @@ def test_only_what_was_asked_for_is_measured(run: Run, monkeypatch: pytest.Monke
         (
             ("--only", "speed"),
             "error: --only: is 'speed', expected part of one of control tick, play --help, supervisor step, recording, "
-            "feed, real time, LiteTracking-v0.step, vector, piano, implicit plant, regress, hardware loop\n",
+            "feed, real time, LiteTracking-v0.step, vector, piano, height scan, implicit plant, regress, "
+            "hardware loop\n",
         ),
         (("--repetitions", "0"), "error: --repetitions: is 0, expected a whole number >= 1\n"),
         (("--repetitions", "-3"), "error: --repetitions: is -3, expected a whole number >= 1\n"),

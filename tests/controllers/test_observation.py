@@ -229,6 +229,9 @@ ROBOT_STATE = {
         # Turned about the vertical by the angle whose half has the cosine 0.8 and the sine 0.6.
         (Term("base_ang_vel", frame="world"), [0.28 * 5 - 0.96 * 6, 0.96 * 5 + 0.28 * 6, 7.0]),
         (Term("projected_gravity", scale=-1.0), [0.0, 0.0, 1.0]),
+        (Term("base_ang_vel", axes=" y  -x z", scale=[1.0, 2.0, 1.0]), [6.0, -10.0, 7.0]),
+        (Term("projected_gravity", axes="x -z y"), [0.0, 1.0, 0.0]),
+        (Term("joint_vel", axes="y x z"), [3.0, 2.0, 1.0]),  # which are not a vector's
     ],
     ids=lambda value: getattr(value, "name", ""),
 )
@@ -248,3 +251,13 @@ def test_no_phase_has_neither_sine_nor_cosine():
     for phase, values in (([0.0, np.pi / 2], [0, 1, 1, 0, 0, 1, 1, 0]), ([np.nan, np.nan], [0] * 8)):
         shown = ObservationContext(state(1.0), np.zeros(2, np.float32), reference(), 0, phase=np.array(phase))
         np.testing.assert_allclose(pack(resolved, shown), values, atol=1e-7)
+
+
+def test_axes_turn_a_vector_and_mirror_none():
+    for axes in Term("base_ang_vel").others("axes"):
+        rotation = Term("base_ang_vel", axes=axes).turned(np.eye(3)).T
+        assert np.linalg.det(rotation) == pytest.approx(1.0)
+        assert np.trace(rotation) in (1.0, -1.0)  # a quarter, or a half
+    for axes in ("x y", "x y y", "x y --z", 3):
+        with pytest.raises(FieldError, match=r"axes is .*, expected x, y and z in any order and sign, as 'y -x z'"):
+            Term("base_ang_vel", axes=axes)

@@ -123,13 +123,13 @@ def loaded(kind: TermKind) -> LoadedPolicy:
 
 
 def test_a_name_means_one_thing() -> None:
-    assert len(TERM_NAMES) == sum(len(kind.names) or 1 for kind in TERM_KINDS.values()) == 35
+    assert len(TERM_NAMES) == sum(len(kind.names) or 1 for kind in TERM_KINDS.values()) == 37
     assert {term_kind(name).name for name in (*TERM_KINDS, *TERM_NAMES)} == set(TERM_KINDS)
     assert term_kind("wind").meaning == "live input"
 
 
 def test_what_a_kind_says_of_itself_exists(kind: TermKind) -> None:
-    known = {field.name for field in fields(MITState)} | {*EXTERN_WIDTHS, "key_pressed", ""}
+    known = {field.name for field in fields(MITState)} | {*EXTERN_WIDTHS, "key_pressed", "height_scan", ""}
     assert kind.reads in known
     assert not kind.estimate or kind.reads
     assert {*kind.conventions} - {"sign"} <= {field.name for field in fields(Term)}

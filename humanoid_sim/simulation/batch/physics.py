@@ -270,27 +270,33 @@ class BatchPhysics:
         self._state[:], self._before[:], self.acceleration[:], self._line[:], self._controls[:] = snapshot
 
     def measure(
-        self, model: mujoco.MjModel, data: Sequence[mujoco.MjData], states: FloatArray, force: FloatArray
+        self,
+        model: mujoco.MjModel,
+        data: Sequence[mujoco.MjData],
+        states: FloatArray,
+        control: FloatArray,
+        control_spec: int = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED),
     ) -> FloatArray:
         """What another model's sensors measure.
 
         Args:
-            model: with the same joints.
+            model: any.
             data: of that model, one per thread.
-            states: shape (N, …), `PhysicalStates.full`.
-            force: shape (N, nv), generalised forces that act on it.
+            states: shape (N, …), full physics states of that model.
+            control: shape (N, …), user inputs of that model.
+            control_spec: which they are; generalised forces that act on it, unless it says otherwise.
 
         Returns:
             Shape (N, nsensordata), a new array.
         """
-        sensordata = np.empty((len(force), 1, model.nsensordata))
+        sensordata = np.empty((len(control), 1, model.nsensordata))
         with mujoco_silenced:
             self._rollout.rollout(
-                [model] * len(force),
+                [model] * len(control),
                 data,
                 states,
-                force[:, None],
-                control_spec=int(mujoco.mjtState.mjSTATE_QFRC_APPLIED),
+                control[:, None],
+                control_spec=control_spec,
                 skip_checks=True,
                 nstep=1,
                 sensordata=sensordata,

@@ -11,9 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate, rotate_inverse, seen_from
+from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.mit import (
     ANCHOR_POSE,
     BASE_LINEAR_VELOCITY,
+    HEIGHT_SCAN,
     IMU,
     KEY_PRESSED,
     Extern,
@@ -26,6 +28,7 @@ from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.physics import BatchPhysics, PhysicalStates
 from humanoid_sim.simulation.batch.variation import gravity_turns
 from humanoid_sim.simulation.floating_base import BaseState
+from humanoid_sim.simulation.height_scan import HeightScanner
 from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import JointAddresses, body_ids, build_model
 from humanoid_sim.simulation.sensors import Imu, live_inputs
@@ -92,6 +95,7 @@ class BatchSensors:
         *,
         anchor_body: str,
         velocity_at: Sequence[str] = (),
+        height_scan: HeightScan | None = None,
         bodies: Sequence[str],
     ) -> None:
         """Build the model that measures.
@@ -103,6 +107,7 @@ class BatchSensors:
             draws: of differences and noise.
             anchor_body: MJCF body whose pose the state reports; empty for none.
             velocity_at: `imu`, or MJCF sites, whose velocity the state reports.
+            height_scan: of the ground, which the state reports; None for none.
             bodies: MJCF bodies whose poses can be asked for.
 
         Raises:
@@ -115,7 +120,7 @@ class BatchSensors:
         self._physics = physics
         self._is_anchored = bool(anchor_body)
         self._keys = PianoKeys(physics.model) if description.piano is not None else None
-        self.widths = live_inputs(physics.model, description, anchor_body, velocity_at)
+        self.widths = live_inputs(physics.model, description, anchor_body, velocity_at, height_scan)
         """Names and widths of the live inputs."""
         body_ids(physics.model, bodies)
         fixed = Imu(physics.model, description.imu).constant
@@ -127,11 +132,13 @@ class BatchSensors:
         )
         frames = [*bodies, anchor_body] if anchor_body else list(bodies)
         self._body_count = len(bodies)
+        self._scan = None if height_scan is None else _BatchScan(physics, description, height_scan)
+        scanned = None if self._scan is None else self._scan.site_or_body
         points = {point_velocity(point): description.imu if point == IMU else point for point in velocity_at}
         self._points = list(points) if description.is_floating else []
         sites = list(points.values()) if description.is_floating else []
         self._model = build_model(
-            description, scene=False, edit=lambda spec: _add_sensors(spec, description, frames, sites)
+            description, scene=False, edit=lambda spec: _add_sensors(spec, description, frames, sites, scanned)
         )
         self._model.dof_armature[:] = _ARMATURE
         self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -159,11 +166,13 @@ class BatchSensors:
         if self._is_anchored:
             anchor = 20 + 7 * self._body_count
             live[ANCHOR_POSE] = Extern(measured[:, anchor : anchor + 7], 0.0)
-        first = measured.shape[1] - 3 * len(self._points)
+        first = 20 + 7 * (self._body_count + self._is_anchored)
         for i, name in enumerate(self._points):
             live[name] = Extern(measured[:, first + 3 * i : first + 3 * i + 3], 0.0)
         if self._keys is not None:
             live[KEY_PRESSED] = Extern(self._keys.pressed(states.qpos), 0.0)
+        if self._scan is not None:
+            live[HEIGHT_SCAN] = Extern(self._scan.read(self._physics, measured[:, -7:]), 0.0)
         imu = measured[:, :10]
         if self._constant is not None:
             imu = np.broadcast_to(self._constant, imu.shape)
@@ -238,6 +247,25 @@ class BatchSensors:
         )
 
 
+class _BatchScan:
+    """Height scans of N robots."""
+
+    def __init__(self, physics: BatchPhysics, description: RobotDescription, scan: HeightScan) -> None:
+        self._scanner = HeightScanner(physics.model, description, scan)
+        self._data = [mujoco.MjData(self._scanner.model) for _ in range(physics.threads)]
+        kind, i = self._scanner.frame
+        frame = physics.model.site(i) if kind == mujoco.mjtObj.mjOBJ_SITE else physics.model.body(i)
+        self.site_or_body = kind, str(frame.name)
+        """Kind and name of the frame in the middle of the grid; a base may have no name."""
+
+    def read(self, physics: BatchPhysics, pose: FloatArray) -> FloatArray:
+        """Shape (N, rays), m, around poses of shape (N, 7)."""
+        resting, spec = np.zeros((len(pose), 1)), mujoco.mjtState
+        placed = int(spec.mjSTATE_MOCAP_POS) | int(spec.mjSTATE_MOCAP_QUAT)
+        distance = physics.measure(self._scanner.model, self._data, resting, self._scanner.place(pose), placed)
+        return self._scanner.heights(distance)
+
+
 def _small_turn(vector: FloatArray) -> FloatArray:
     """Rotations, shape (k, 4), w x y z, about small rotation vectors (k, 3), rad."""
     turn = np.concatenate([np.ones((len(vector), 1)), 0.5 * vector], axis=1)
@@ -246,12 +274,17 @@ def _small_turn(vector: FloatArray) -> FloatArray:
 
 
 def _add_sensors(
-    spec: mujoco.MjSpec, description: RobotDescription, bodies: Sequence[str], sites: Sequence[str]
+    spec: mujoco.MjSpec,
+    description: RobotDescription,
+    bodies: Sequence[str],
+    sites: Sequence[str],
+    scanned: tuple[mujoco.mjtObj, str] | None,
 ) -> None:
     """What is measured, in this order.
 
     IMU: orientation, gyroscope, accelerometer. The centre of mass in the world. Base, then bodies: position and
-    orientation in the world. Sites, one of which may be the IMU: velocity in the world.
+    orientation in the world. Sites, one of which may be the IMU: velocity in the world. The frame of a height scan:
+    position and orientation in the world.
     """
     for sensor in list(spec.sensors):
         spec.delete(sensor)
@@ -271,6 +304,9 @@ def _add_sensors(
             spec.add_sensor(type=_SENSOR[f"mjSENS_{kind}"], objtype=mujoco.mjtObj.mjOBJ_XBODY, objname=name)
     for site in sites:
         spec.add_sensor(type=_SENSOR["mjSENS_FRAMELINVEL"], objtype=mujoco.mjtObj.mjOBJ_SITE, objname=site)
+    if scanned is not None:
+        for kind in ("FRAMEPOS", "FRAMEQUAT"):
+            spec.add_sensor(type=_SENSOR[f"mjSENS_{kind}"], objtype=scanned[0], objname=scanned[1] or base.name)
 
 
 def _as_from_matrix(quaternion: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
@@ -67,6 +68,7 @@ class BatchSimulation:
         threads: int | None = None,
         anchor_body: str = "",
         velocity_at: Sequence[str] = (),
+        height_scan: HeightScan | None = None,
         bodies: Sequence[str] = (),
         push_body: str = "",
         randomisation: Randomisation | None = None,
@@ -84,6 +86,7 @@ class BatchSimulation:
             threads: that step physics; None for one per processor that this process may use.
             anchor_body: MJCF body whose pose the state reports as `anchor_pose`; empty for none.
             velocity_at: `imu`, or MJCF sites, whose velocity the state of robots with a floating base reports.
+            height_scan: of the ground, which the state reports; None for none.
             bodies: MJCF bodies that `body_poses` gives.
             push_body: MJCF body that the wrenches of `step` act on; empty for the base.
             randomisation: how the environments differ, drawn again by `redraw`; None: not at all.
@@ -150,6 +153,7 @@ class BatchSimulation:
             self._draws,
             anchor_body=anchor_body,
             velocity_at=velocity_at,
+            height_scan=height_scan,
             bodies=bodies,
         )
         self._effort = np.zeros((count, len(self._joints.dof)))

@@ -1,0 +1,128 @@
+"""Height scans of the ground around a robot, by MuJoCo's rays.
+
+The rays are rangefinders of a model that holds only the ground, on a body that is put where the robot's grid lies. So a
+batch casts them in native threads, and a single robot by the same code with the same results.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from humanoid_sim.controllers.terms import HeightScan
+from humanoid_sim.mit import BASE, IMU, FloatArray
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.model import base_body, named_frame
+from humanoid_sim.simulation.stance import fixed_geoms
+
+__all__ = ["HeightScanner"]
+
+_STEEP = 0.1
+"""Length of an axis' horizontal part below which it has no heading."""
+_DOWN = (0.0, 1.0, 0.0, 0.0)
+"""Turns z downwards: a rangefinder measures along its site's z axis."""
+
+
+class HeightScanner:
+    """Scanner of everything that stands still and can be touched, except the robot. Not thread-safe."""
+
+    def __init__(self, model: mujoco.MjModel, description: RobotDescription, scan: HeightScan) -> None:
+        """Build the model of the ground.
+
+        Args:
+            model: of the robot and its ground.
+            description: the robot.
+            scan: the grid, and how values follow from distances.
+
+        Raises:
+            InputError: the model lacks the frame in the middle of the grid.
+        """
+        base, name = base_body(model, description), description.imu if scan.at == IMU else scan.at
+        is_base = scan.at == BASE
+        self.frame = (mujoco.mjtObj.mjOBJ_XBODY, base) if is_base else named_frame(model, name, "height scan")
+        """Kind and id of the frame in the middle of the grid."""
+        self._scan = scan
+        self.model = _ground(model, base, scan)
+        """Of the ground, with one rangefinder per ray."""
+        self._data = mujoco.MjData(self.model)
+
+    def read(self, pose: FloatArray) -> FloatArray:
+        """Scan around one pose.
+
+        Args:
+            pose: shape (7,), x y z in m and w x y z of the frame, world frame.
+
+        Returns:
+            Shape (rays,), m.
+        """
+        self._data.mocap_pos[0], self._data.mocap_quat[0] = np.split(self.place(pose), [3])
+        mujoco.mj_forward(self.model, self._data)
+        return self.heights(self._data.sensordata)
+
+    def place(self, pose: FloatArray) -> FloatArray:
+        """Return the level pose of the grid, shape (..., 7), for poses of its frame, shape (..., 7)."""
+        w, x, y, z = np.moveaxis(pose[..., 3:], -1, 0)
+        forward = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
+        # Where x points up or down, y tells the heading.
+        leftward = 2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z)
+        is_steep = np.hypot(*forward) < _STEEP
+        yaw = np.where(is_steep, np.arctan2(-leftward[0], leftward[1]), np.arctan2(forward[1], forward[0]))
+        level = np.zeros_like(pose)
+        level[..., :3] = pose[..., :3]
+        level[..., 3], level[..., 6] = np.cos(0.5 * yaw), np.sin(0.5 * yaw)
+        return level
+
+    def heights(self, distance: FloatArray) -> FloatArray:
+        """Return the values, shape (..., rays), m, for distances along the rays; negative ones hit nothing."""
+        scan = self._scan
+        is_hit = (distance >= 0.0) & (distance <= scan.range)
+        return np.where(is_hit, distance - scan.above - scan.offset, scan.missed)
+
+
+def _ground(model: mujoco.MjModel, robot: int, scan: HeightScan) -> mujoco.MjModel:
+    """Build a model of the rays and the ground: the fixed geoms without those of the body `robot` and its subtree."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    spec = mujoco.MjSpec()
+    for i in fixed_geoms(model):
+        if model.body_rootid[model.geom_bodyid[i]] != robot:
+            _add_geom(spec, model, data, i)
+    carrier = spec.worldbody.add_body(mocap=True)
+    for number, (x, y) in enumerate(scan.points.tolist()):
+        name = f"ray {number}"
+        carrier.add_site(name=name, pos=[x, y, scan.above], quat=_DOWN)
+        spec.add_sensor(
+            type=mujoco.mjtSensor.mjSENS_RANGEFINDER,
+            objtype=mujoco.mjtObj.mjOBJ_SITE,
+            objname=name,
+            intprm=[1 << int(mujoco.mjtRayDataField.mjRAYDATA_DIST), 0, 0],
+        )
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    return spec.compile()
+
+
+def _add_geom(spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjData, i: int) -> None:
+    """Add geom i where it is in the world."""
+    quaternion, name, k = np.empty(4), f"geom {i}", int(model.geom_dataid[i])
+    mujoco.mju_mat2Quat(quaternion, data.geom_xmat[i])
+    kind = mujoco.mjtGeom(int(model.geom_type[i]))
+    shape = {"size": model.geom_size[i]}
+    if kind == mujoco.mjtGeom.mjGEOM_PLANE:
+        shape = {"size": np.array([0.0, 0.0, 1.0])}  # a plane's size is that of its picture
+    elif kind == mujoco.mjtGeom.mjGEOM_HFIELD:
+        rows, columns, begin = int(model.hfield_nrow[k]), int(model.hfield_ncol[k]), int(model.hfield_adr[k])
+        heights = model.hfield_data[begin : begin + rows * columns].tolist()
+        spec.add_hfield(name=name, nrow=rows, ncol=columns, size=model.hfield_size[k], userdata=heights)
+        shape = {"hfieldname": name}
+    elif kind in (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF):
+        kind = mujoco.mjtGeom.mjGEOM_MESH
+        vertices, faces = (
+            array[first : first + count].ravel()
+            for array, first, count in (
+                (model.mesh_vert, model.mesh_vertadr[k], model.mesh_vertnum[k]),
+                (model.mesh_face, model.mesh_faceadr[k], model.mesh_facenum[k]),
+            )
+        )
+        spec.add_mesh(name=name, uservert=vertices, userface=faces, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+        shape = {"meshname": name}
+    spec.worldbody.add_geom(type=kind, pos=data.geom_xpos[i], quat=quaternion, **shape)

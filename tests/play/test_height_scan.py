@@ -1,0 +1,69 @@
+"""A policy that observes the ground: rays in simulation, a recording that replays, and a program on a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from models import linear_model, saved
+from result import Result
+
+from humanoid_sim import replay
+from humanoid_sim.assets import policy_path
+from humanoid_sim.cli import run_program
+from humanoid_sim.controllers.terms import Term
+from humanoid_sim.messages import Mode
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.contract_json import STAMP_KEY, encode
+from humanoid_sim.policy.loaded_policy import contract_layout
+from humanoid_sim.policy.metadata import write_metadata
+
+SCAN = Term("height_scan", grid=(0.4, 0.2), resolution=0.2, scale=0.5)
+
+
+def seeing(path: Path) -> Path:
+    """A policy with the sample policy's wiring that observes the ground alone."""
+    sample = load_checkpoint(policy_path("lite_tracking")).contract
+    contract = replace(sample, task_type="locomotion", observation=(SCAN,), body_names=(), action_limit=None)
+    metadata = {**write_metadata(contract), STAMP_KEY: encode(contract)}
+    width = contract_layout(contract).width
+    return saved(path, linear_model(metadata, inputs=width, outputs=contract.action_count))
+
+
+def test_play_makes_it_records_it_and_replays_it(run: Callable[..., Result], quick: str, folder: Path) -> None:
+    policy = seeing(folder / "seeing.onnx")
+    script = "damp; load_a; wait; start_locomotion; hold 0.1; damp"
+    result = run(
+        "--robot", quick, "--policy", str(policy), "--script", script, "--video", "none", "--actuation", "affine"
+    )
+    assert result.status == 0, result.err
+    walking = [tick for tick in result.ticks if tick.output.control_mode.mode is Mode.LOCOMOTION]
+    assert walking
+    for tick in walking:
+        scan = tick.input.state.extern["height_scan"]
+        assert scan.value.shape == (6,)
+        assert scan.arrival_time == tick.input.state.time
+        step = tick.output.policy_step
+        if step is not None:
+            np.testing.assert_array_equal(step.observation, (0.5 * scan.value).astype(np.float32))
+    heights = np.array([tick.input.state.extern["height_scan"].value for tick in walking])
+    assert 0.3 < heights.min() <= heights.max() < 1.0
+    assert run_program(replay.main, ["r.mcap"]) == 0
+
+
+@pytest.mark.slow
+def test_on_a_robot_the_policy_stops_where_no_program_sends_it(
+    run: Callable[..., Result], quick: str, folder: Path
+) -> None:
+    policy = seeing(folder / "seeing.onnx")
+    script = "damp; load_a; wait; start_locomotion; hold 0.2"
+    options = ("--script", script, "--hardware", "virtual:scan", "--yes", "--allow-script")
+    result = run("--robot", quick, "--policy", str(policy), *options)
+    assert "the policy observes height_scan, which a program has to send: docs/front-ends.md" in result.out + result.err
+    last = result.ticks[-1]
+    assert last.output.control_mode.mode is Mode.DAMPING
+    faults = [fault.message for tick in result.ticks for fault in tick.output.faults]
+    assert any("no height scan has come, or the last one is too old" in message for message in faults)

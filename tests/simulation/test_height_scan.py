@@ -1,0 +1,204 @@
+"""Height scans against ground whose height is known by formula, for one robot, for a batch, and around any frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from humanoid_sim.controllers.terms import HeightScan
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import FloatArray, MITCommand
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.batch import BatchSimulation
+from humanoid_sim.simulation.height_scan import HeightScanner
+from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.terrain import Terrain
+
+Small = Callable[..., RobotDescription]
+
+WALKER = """
+<mujoco>
+  <asset>
+    <hfield name="bowl" nrow="2" ncol="2" size="1 1 1 0.1" elevation="0 1 0 1"/>
+    <mesh name="ramp" vertex="-1 -1 0 1 -1 0 -1 1 0 1 1 0 1 -1 1 1 1 1"/>
+  </asset>
+  <worldbody>
+    {ground}
+    <body name="trunk">
+      <freejoint/>
+      <geom type="box" size="2 2 0.1" pos="0 0 -0.3" mass="1"/>
+      <site name="eye" pos="0.5 0.25 0.1" euler="0 0 90"/>
+      <body name="leg" pos="0 0 0.2">
+        <joint name="hip"/>
+        <geom type="box" size="2 2 0.05" pos="0 0 -0.2" mass="1"/>
+      </body>
+    </body>
+    <body name="ball" pos="0 0 0.5"><freejoint/><geom size="0.4" mass="1"/></body>
+  </worldbody>
+</mujoco>
+"""
+FLOOR = '<geom type="plane" size="1 1 1"/>'
+STEP = FLOOR + '<body pos="2 0 0"><geom type="box" size="2 9 0.25" rgba="0 0 0 0"/></body>'  # 0.25 m high from x = 0 on
+SLOPE = f'<geom type="plane" size="9 9 1" euler="0 {math.degrees(math.atan(0.5))} 0"/>'  # falls by 0.5 m per m along x
+GRID = HeightScan(grid=(0.4, 0.2), resolution=0.2)  # x = -0.2, 0, 0.2; y = -0.1, 0.1
+
+
+@pytest.fixture
+def walker(small_robot: Small) -> Callable[[str], RobotDescription]:
+    base = {"type": "floating", "body": "trunk", "height": 1.0}
+    return lambda ground: small_robot(WALKER.format(ground=ground), ("hip",), imu="trunk", base=base)
+
+
+def scan_of(robot: RobotDescription, scan: HeightScan, pose: tuple[float, ...]) -> list[float]:
+    """Around a frame at x, y, z, turned by quaternion w x y z."""
+    place = np.array([*pose[:3], *(pose[3:] or (1.0, 0.0, 0.0, 0.0))])
+    values: list[float] = HeightScanner(build_model(robot), robot, scan).read(place).tolist()
+    return values
+
+
+def turned(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> tuple[float, ...]:
+    """Quaternion of a turn about one axis, rad."""
+    angle, axis = x + y + z, [bool(x), bool(y), bool(z)]
+    return math.cos(0.5 * angle), *(math.sin(0.5 * angle) * each for each in axis)
+
+
+def test_level_ground_is_as_far_as_the_frame_is_high(walker: Callable[[str], RobotDescription]) -> None:
+    assert scan_of(walker(FLOOR), GRID, (3.0, -2.0, 0.7)) == pytest.approx([0.7] * 6)
+    # Beyond the picture of a plane there is ground; what hangs on the robot, and what can move, is not.
+    assert scan_of(walker(FLOOR), GRID, (0.0, 0.0, 1.5)) == pytest.approx([1.5] * 6)
+
+
+def test_x_changes_first_or_y(walker: Callable[[str], RobotDescription]) -> None:
+    robot = walker(STEP)
+    assert scan_of(robot, GRID, (-0.1, 0.0, 1.0)) == pytest.approx([1.0, 1.0, 0.75] * 2)
+    assert scan_of(robot, HeightScan(grid=(0.4, 0.2), resolution=0.2, ray_order="yx"), (-0.1, 0.0, 1.0)) == (
+        pytest.approx([1.0, 1.0, 1.0, 1.0, 0.75, 0.75])
+    )
+
+
+def test_the_grid_turns_with_the_yaw_and_lies_level(walker: Callable[[str], RobotDescription]) -> None:
+    robot = walker(SLOPE)
+    ahead = [-0.2, 0.0, 0.2] * 2
+
+    def falls(pose: tuple[float, ...]) -> list[float]:
+        return [value - 2.0 for value in scan_of(robot, GRID, (0.0, 0.0, 2.0, *pose))]
+
+    assert falls(turned()) == pytest.approx([0.5 * x for x in ahead])
+    assert falls(turned(z=math.pi)) == pytest.approx([-0.5 * x for x in ahead])
+    assert falls(turned(z=0.5 * math.pi)) == pytest.approx([0.05] * 3 + [-0.05] * 3)  # along x lies -y of the grid
+    third = [0.5 * (0.5 * x - math.sqrt(0.75) * y) for y in (-0.1, 0.1) for x in (-0.2, 0.0, 0.2)]
+    assert falls(turned(z=math.pi / 3.0)) == pytest.approx(third)
+    assert falls(turned(x=0.6)) == pytest.approx(falls(turned()))
+    assert falls(turned(y=-1.2)) == pytest.approx(falls(turned()))
+    # Where x points down, y still tells the heading; upside down, x does.
+    assert falls(turned(y=0.5 * math.pi)) == pytest.approx(falls(turned()))
+    assert falls(turned(y=math.pi)) == pytest.approx(falls(turned(z=math.pi)))
+
+
+def test_what_a_ray_cannot_reach_is_a_miss(walker: Callable[[str], RobotDescription]) -> None:
+    edge = walker('<geom type="box" size="1 9 0.5" pos="-1 0 -0.5"/>')  # ends at x = 0
+    assert scan_of(edge, GRID, (-0.1, 0.0, 1.0)) == pytest.approx([1.0, 1.0, 5.0] * 2)
+    short = HeightScan(grid=(0.0, 0.0), range=0.9, miss=-3.0, offset=0.5)
+    assert scan_of(edge, short, (-0.1, 0.0, 0.8)) == pytest.approx([0.3])
+    assert scan_of(edge, short, (-0.1, 0.0, 1.0)) == [-3.0]
+    assert scan_of(edge, HeightScan(grid=(0.0, 0.0), range=1e6, miss=-1e6), (4.0, 0.0, 1.0)) == [-1e6]
+
+
+def test_rays_begin_above_the_frame(walker: Callable[[str], RobotDescription]) -> None:
+    robot = walker(STEP)
+    below = (1.0, 0.0, 0.1)  # inside the step
+    assert scan_of(robot, HeightScan(grid=(0.0, 0.0)), below) == pytest.approx([0.1])
+    assert scan_of(robot, HeightScan(grid=(0.0, 0.0), above=20.0, range=1e6, offset=0.5), below) == (
+        pytest.approx([0.1 - 0.25 - 0.5])
+    )
+
+
+@pytest.mark.parametrize(
+    ("geom", "height"),
+    [
+        ('<geom type="hfield" hfield="bowl"/>', lambda x: 0.5 + 0.5 * x),
+        ('<geom type="mesh" mesh="ramp"/>', lambda x: 0.5 + 0.5 * x),
+        ('<geom type="sphere" size="1"/>', lambda x: math.sqrt(1.0 - x * x)),
+        ('<geom type="cylinder" size="1 0.3" pos="0 0 0.2"/>', lambda _: 0.5),
+        ('<geom type="capsule" size="0.5 1" euler="0 90 0"/>', lambda _: 0.5),
+        ('<geom type="ellipsoid" size="1 1 0.5"/>', lambda x: 0.5 * math.sqrt(1.0 - x * x)),
+        ('<body pos="0 0 0.1"><geom type="box" size="1 1 0.2"/></body>', lambda _: 0.3),
+    ],
+)
+def test_ground_of_every_shape(
+    walker: Callable[[str], RobotDescription], geom: str, height: Callable[[float], float]
+) -> None:
+    line = HeightScan(grid=(0.8, 0.0), resolution=0.2)
+    known = [2.0 - height(x) for x in (-0.4, -0.2, 0.0, 0.2, 0.4)]
+    assert scan_of(walker(geom), line, (0.0, 0.0, 2.0)) == pytest.approx(known, abs=1e-6)
+
+
+def test_it_is_ground_as_far_as_it_can_be_touched(walker: Callable[[str], RobotDescription]) -> None:
+    painted = '<geom type="box" size="1 1 0.5" contype="0" conaffinity="0"/>'
+    assert scan_of(walker(FLOOR + painted), GRID, (0.0, 0.0, 2.0)) == pytest.approx([2.0] * 6)
+
+
+FRAMES = [("base", (0.0, 0.0, 0.0)), ("eye", (0.5, 0.25, 0.1)), ("leg", (0.0, 0.0, 0.2)), ("imu", (0.0, 0.0, 0.0))]
+
+
+@pytest.mark.parametrize(("at", "offset"), FRAMES)
+def test_it_lies_around_any_frame_of_the_robot(
+    walker: Callable[[str], RobotDescription], at: str, offset: tuple[float, float, float]
+) -> None:
+    scan = HeightScan(at=at, grid=(0.4, 0.2), resolution=0.2)
+    robot = MujocoRobot(walker(STEP), height_scan=scan, support=False, base_height=1.5)
+    assert dict(robot.extern) == {"base_linear_velocity": 3, "height_scan": 6}
+    live = robot.read()[0].extern["height_scan"]
+    x, y = GRID.points.T
+    if at == "eye":  # which is turned to the left
+        x = -y
+    ground = np.where(x + offset[0] >= 0.0, 0.25, 0.0)
+    assert live.value == pytest.approx(1.5 + offset[2] - ground)
+    assert live.arrival_time == 0.0
+
+
+def test_a_frame_that_the_robot_lacks_is_refused(walker: Callable[[str], RobotDescription]) -> None:
+    with pytest.raises(InputError, match=r"^height scan: 'head' is neither a site nor a body of the model$"):
+        MujocoRobot(walker(FLOOR), height_scan=HeightScan(at="head"))
+
+
+def test_it_is_as_late_as_the_imu(walker: Callable[[str], RobotDescription]) -> None:
+    def falling(delay: float) -> list[FloatArray]:
+        robot = MujocoRobot(walker(FLOOR), height_scan=GRID, support=False, base_height=3.0, state_delay=delay)
+        seen = []
+        for _ in range(4):
+            seen.append(robot.read()[0].extern["height_scan"].value)
+            robot.write(MITCommand.zeros(1))
+        return seen
+
+    now, late = falling(0.0), falling(0.005)  # one control period
+    assert now[3][0] < now[2][0] < now[1][0]
+    assert np.array_equal(late[3], now[2])
+
+
+@pytest.mark.parametrize("at", ["base", "eye", "leg", "imu"])
+@pytest.mark.parametrize("terrain", [None, Terrain("mixed")])
+def test_a_batch_sees_bit_for_bit_what_one_robot_sees(
+    walker: Callable[[str], RobotDescription], at: str, terrain: Terrain | None
+) -> None:
+    scan = HeightScan(at=at, above=0.5)
+    robot = walker("")
+    batch = BatchSimulation(robot, 5, height_scan=scan, terrain=terrain, threads=2)
+    one = MujocoRobot(robot, height_scan=scan, terrain=terrain, support=False, actuation="affine")
+    generator = np.random.default_rng(0)
+    qpos, qvel = np.tile(one.data.qpos, (5, 1)), np.tile(one.data.qvel, (5, 1))
+    qpos[:, :2] += generator.uniform(-8.0, 8.0, (5, 2))
+    qpos[:, 3:7] = generator.normal(size=(5, 4))
+    batch.reset(qpos=qpos, qvel=qvel)
+    assert dict(batch.extern) == dict(one.extern)
+    seen = batch.state().extern["height_scan"].value
+    assert np.ptp(seen) > 0.01 or terrain is None
+    for i in range(5):
+        one.data.qpos[:] = qpos[i]
+        alone = one._sensors.read(one.data).live["height_scan"]  # the robot itself samples after physics steps alone
+        assert np.array_equal(seen[i], alone)
+    batch.close()
