@@ -136,6 +136,8 @@ def transition(
     intent: Intent | None,
     standby_finished: bool,
     available: Container[str],
+    contradiction: str = "",
+    missing: Mapping[str, str] = MappingProxyType({}),
 ) -> Decision:
     """Who is in control next.
 
@@ -159,6 +161,8 @@ def transition(
         intent: the tick's one intent, if any.
         standby_finished: the standby controller's command has arrived at its final pose and gains.
         available: names of the controllers that exist.
+        contradiction: what speaks against leaving STANDBY for a mode that moves the robot; '' for nothing.
+        missing: reasons to refuse those that do not, by name, in place of the plain one.
     """
     mode = MODES[current]
     if not safety.is_ok:
@@ -166,7 +170,9 @@ def transition(
     if intent is None:
         return Decision()
     rule = RULES[intent]
-    refusal = _refusal(intent, rule, mode, current, standby_finished, available)
+    refusal = _refusal(intent, rule, mode, current, standby_finished, available, missing)
+    if not refusal and rule.standby_finished and contradiction:
+        refusal = f"{intent.name} refused: {contradiction}"
     if refusal:
         return Decision(refusal=refusal)
     if rule.target is None:
@@ -210,12 +216,18 @@ def _damp(current: str, reason: str, available: Container[str]) -> Decision:
 
 
 def _refusal(
-    intent: Intent, rule: Rule, mode: Mode, current: str, standby_finished: bool, available: Container[str]
+    intent: Intent,
+    rule: Rule,
+    mode: Mode,
+    current: str,
+    standby_finished: bool,
+    available: Container[str],
+    missing: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     if mode not in rule.modes:
         return f"{intent.name} refused: requires {rule.requirement}, mode is {mode.name}"
     if rule.standby_finished and not standby_finished:
         return f"{intent.name} refused: requires {rule.requirement}, {current} has not finished"
     if rule.target is not None and intent is not Intent.DAMP and rule.target not in available:
-        return f"{intent.name} refused: {rule.target} is not available"
+        return f"{intent.name} refused: {missing.get(rule.target, f'{rule.target} is not available')}"
     return ""

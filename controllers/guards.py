@@ -85,6 +85,9 @@ class Guards:
     """s"""
     speed_assumed: tuple[str, ...] = ()
     """Joints whose speed limit nobody gave and no motor has: it follows from their range."""
+    following_within: bool = False
+    """True where the following guard takes a command beyond a limit for one to the limit, or to the joint if that is
+    further out: policies of legs ask for more than their joints have, and a joint at its stop does not then lag."""
     _middle: FloatArray = field(init=False, repr=False)
     _reach: FloatArray = field(init=False, repr=False)
     _times: FloatArray = field(init=False, repr=False)
@@ -143,8 +146,8 @@ class Guards:
 
     def _judge(self, memory: GuardMemory | None, state: MITState, command: MITCommand) -> GuardMemory | None:
         position = state.joint_position
-        spring = command.stiffness * (command.position - position)
-        push = spring + command.effort
+        spring = self._spring(position, command.position, command.stiffness)
+        push = command.stiffness * (command.position - position) + command.effort
         above, below = position > self.upper + self.limit_margin, position < self.lower - self.limit_margin
         condition = np.stack(
             [
@@ -172,6 +175,13 @@ class Guards:
         held[..., _FOLLOWING, :] = np.where(follows, 0.0, held[..., _FOLLOWING, :])
         start = np.where(follows | (advance < 0.0), position, memory.start)
         return GuardMemory(time, np.where(condition, held, -1.0), side, start)
+
+    def _spring(self, position: FloatArray, wanted: FloatArray, stiffness: FloatArray) -> FloatArray:
+        """Return K_p times the error that the following guard judges, shape (..., n), N·m."""
+        if self.following_within:
+            wanted = np.clip(wanted, np.minimum(self.lower, position), np.maximum(self.upper, position))
+        spring: FloatArray = stiffness * (wanted - position)
+        return spring
 
     def tripped(self, memory: GuardMemory | None) -> BoolArray:
         """Which robots a guard has tripped for, shape (...)."""
@@ -231,9 +241,10 @@ class Guards:
                 f"outward with {abs(spring + float(command.effort[i][joint])):.1f} N·m; {cause}, or is the homing "
                 f"offset of {name} wrong?"
             )
+        pull = float(self._spring(state.joint_position[i], command.position[i], command.stiffness[i])[joint])
         return (
             f"following guard: {name} does not follow: it is at {at:.2f} rad, asked to {wanted:.2f}, and came no "
-            f"nearer for {held[_FOLLOWING, joint]:.2f} s although K_p times the error is {spring:.1f} N·m, its limit "
+            f"nearer for {held[_FOLLOWING, joint]:.2f} s although K_p times the error is {pull:.1f} N·m, its limit "
             f"{self.effort_limit[joint]:g}; {self._why_stuck(name, at, wanted, lower, upper)}"
         )
 

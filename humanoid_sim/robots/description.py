@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -26,8 +27,10 @@ from humanoid_sim.strict_yaml import read_strictly, type_at, value_at
 
 __all__ = [
     "RobotDescription",
+    "check_poses",
     "load_robot",
     "shipped_robots",
+    "with_check_poses",
     "with_contract",
     "with_contract_physics",
     "with_imu",
@@ -62,7 +65,20 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where there is an MJCF
 
         return describe_mjcf(path)
-    document = read_strictly(path, label)
+    return robot_of(read_strictly(path, label), label, path.resolve().parent)
+
+
+def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
+    """Return the robot of a file's document.
+
+    Args:
+        document: of the YAML file.
+        label: what to call the file in messages.
+        folder: where it is.
+
+    Raises:
+        InputError: as `load_robot`.
+    """
     if document is None:
         raise InputError(f"{label}: is empty, expected a robot description")
     if not isinstance(document, dict):
@@ -72,10 +88,10 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     partial = is_partial(document)
     if partial:
         try:
-            document = completed(document, path.resolve().parent)
+            document = completed(document, folder)
         except InputError as error:
             raise InputError(f"{label}: {error}") from None
-    document["folder"] = str(path.resolve().parent)
+    document = {**document, "folder": str(folder.resolve())}
     try:
         robot = msgspec.convert(document, RobotDescription)
     except msgspec.ValidationError as error:
@@ -196,6 +212,42 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
     )
 
 
+def check_poses(description: RobotDescription, standby: Sequence[float]) -> tuple[tuple[float, ...], ...]:
+    """The check poses of a robot that comes from a pose of STANDBY: rad, one value per joint each."""
+    return tuple(
+        tuple(pose.get(name, value) for name, value in zip(description.joint_names, standby, strict=True))
+        for pose in description.check_poses
+    )
+
+
+_CHECK_SPEED, _SHORTEST, _DWELL = 0.4, 1.0, 0.6
+"""rad/s of the fastest joint on the way to a check pose; s that the way takes at least; s that the pose is held."""
+
+
+def with_check_poses(description: RobotDescription) -> RobotDescription:
+    """The description whose STANDBY, arrived at its pose, walks slowly through the check poses and back.
+
+    Raises:
+        InputError: it has none.
+    """
+    if not description.check_poses:
+        raise InputError(f"--check-poses: '{description.name}' has none, expected check_poses in its YAML file")
+
+    def extended(settings: StandbySettings) -> StandbySettings:
+        durations, poses = list(settings.segment_durations), list(settings.pose_segments)
+        for pose in (*check_poses(description, poses[-1]), poses[-1]):
+            way = max(abs(a - b) for a, b in zip(pose, poses[-1], strict=True))
+            durations += [max(way / _CHECK_SPEED, _SHORTEST), _DWELL]
+            poses += [pose, pose]
+        return msgspec.structs.replace(settings, segment_durations=tuple(durations), pose_segments=tuple(poses))
+
+    return msgspec.structs.replace(
+        description,
+        standby_controller_a=extended(description.standby_controller_a),
+        standby_controller_b=extended(description.standby_controller_b),
+    )
+
+
 def with_imu(description: RobotDescription, frame: str | None) -> RobotDescription:
     """The description with its IMU at another site or body of its MJCF; None: as it is."""
     return description if frame is None else msgspec.structs.replace(description, imu=frame)
@@ -205,7 +257,7 @@ def with_contract_physics(description: RobotDescription, contract: PolicyContrac
     """The description simulated as the contract wants it.
 
     With the joints' own damping or without it, and with the torque limits that the policy was trained with, as far as
-    they are below the robot's own.
+    they are below the robot's own. On a floating base the following guard stays with the robot's own.
     """
     replace = msgspec.structs.replace
     if contract.model_joint_damping != "undecided":
@@ -213,11 +265,18 @@ def with_contract_physics(description: RobotDescription, contract: PolicyContrac
         description = replace(description, simulation=simulation)
     if contract.effort_limit is not None:
         limits = dict(zip(contract.joint_names, contract.effort_limit.tolist(), strict=True))
-        joints = (
+        joints = tuple(
             replace(joint, effort_limit=min(joint.effort_limit, limits.get(joint.name, math.inf)))
             for joint in description.joints
         )
-        description = replace(description, joints=tuple(joints))
+        following = description.guards.following
+        if description.is_floating and joints != description.joints and following is not None and not following.effort:
+            # Legs that were trained with less than their motors have press at that for as long as they like.
+            own = following.effort_share * np.array([joint.effort_limit for joint in description.joints])
+            effort = tuple(bound if math.isfinite(bound) else None for bound in own.tolist())
+            guards = replace(description.guards, following=replace(following, effort=effort))
+            description = replace(description, guards=guards)
+        description = replace(description, joints=joints)
     return description
 
 

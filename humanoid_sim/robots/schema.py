@@ -31,6 +31,7 @@ __all__ = [
     "PianoSettings",
     "RemoteSettings",
     "RobotDescription",
+    "SignSettings",
     "SimulationSettings",
     "SpeedGuard",
     "StandbySettings",
@@ -165,8 +166,8 @@ class RemoteSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """ms after its arrival at which a command is stale."""
     damping: tuple[NotNegative, ...] = ()
     """N·m·s/rad of the passive hold, one per joint; empty: `damping_scalar` for all."""
-    damping_scalar: NotNegative = 6.0
-    """N·m·s/rad"""
+    damping_scalar: NotNegative | None = None
+    """N·m·s/rad; none, and no `damping`: the passive hold damps as DAMPING does."""
 
 
 class FollowingGuard(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -174,8 +175,11 @@ class FollowingGuard(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     effort_share: Positive = 0.8
     """Of the joint's effort limit: K_p times the error from which it is pulled hard."""
+    effort: tuple[Positive | None, ...] = ()
+    """N·m, one per joint, instead of that share; null: not watched. A floating base's robot keeps the shares of its own
+    limits here where a policy's contract lowers them."""
     time: Positive | None = None
-    """s; none: 0.15 with a fixed base, 1 with a floating one, whose legs carry it and strike the ground."""
+    """s; none: 0.15 with a fixed base, 0.4 with a floating one, whose legs carry it and strike the ground."""
     progress: Positive = 0.02
     """rad by which it must come nearer in that time."""
 
@@ -205,6 +209,17 @@ class GuardSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     following: FollowingGuard | None = FollowingGuard()
     limit: LimitGuard | None = LimitGuard()
     speed: SpeedGuard | None = SpeedGuard()
+
+
+class SignSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """By how much a sound robot at rest may differ from its model, where the signs of its joints are judged."""
+
+    mass_error: NotNegative = 0.1
+    """Share of each body's mass."""
+    payload: NotNegative = 0.5
+    """kg, anywhere, that the model lacks."""
+    friction: NotNegative = 0.3
+    """N·m in each joint, added to the friction loss of the MJCF."""
 
 
 class PianoSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -265,6 +280,10 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     standby_controller_b: StandbySettings
     remote_policy_controller: RemoteSettings = RemoteSettings()
     guards: GuardSettings = GuardSettings()
+    signs: SignSettings | None = SignSettings()
+    """How far a sound robot may be from its model where signs are judged; none: they are not."""
+    check_poses: tuple[dict[str, float], ...] = ()
+    """rad, by joint: poses in which the signs of more joints show; other joints stay where STANDBY has them."""
     piano: PianoSettings | None = None
     """Of a robot that plays one."""
     folder: str = ""
@@ -307,16 +326,36 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     damping = _OfJoints("damping")
     """Shape (n,), N·m·s/rad, read-only: default K_d."""
 
+    @property
+    def mode_damping(self) -> FloatArray:
+        """Shape (n,), N·m·s/rad, read-only: K_d of DAMPING."""
+        settings = self.damping_controller
+        values = settings.damping or (settings.damping_scalar,) * self.joint_count
+        return frozen_array("RobotDescription", "mode_damping", values)
+
+    @property
+    def passive_damping(self) -> FloatArray:
+        """Shape (n,), N·m·s/rad, read-only: K_d of REMOTE's passive hold."""
+        settings = self.remote_policy_controller
+        values = settings.damping
+        if not values:
+            if settings.damping_scalar is None:
+                return self.mode_damping
+            values = (settings.damping_scalar,) * self.joint_count
+        return frozen_array("RobotDescription", "passive_damping", values)
+
     def to_json(self) -> str:
-        """The description as JSON on one line, without its folder: what a recording keeps."""
+        """The description as JSON on one line, without folder and check poses: what a recording keeps.
+
+        Check poses that a run walked through are segments of its standby controllers.
+        """
         document = msgspec.to_builtins(self)
-        del document["folder"]
+        del document["folder"], document["check_poses"]
         if self.guards == GuardSettings():  # as in the documents of before there were any: digests stay comparable
             del document["guards"]
-        if not self.topic_prefix:  # likewise
-            del document["topic_prefix"]
-        if self.piano is None:  # likewise
-            del document["piano"]
+        for name, default in (("topic_prefix", ""), ("piano", None), ("signs", SignSettings())):
+            if getattr(self, name) == default:  # likewise
+                del document[name]
         return msgspec.json.encode(document).decode()
 
     @classmethod

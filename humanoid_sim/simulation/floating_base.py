@@ -32,6 +32,9 @@ __all__ = [
     "support_in_mode",
 ]
 
+_LIFT_SPEED = 0.1
+"""m/s, of a support that lifts the base."""
+
 _SUPPORT = "humanoid_sim_support"
 """Name of the mocap body and of the weld: unlikely enough to be free in any user's MJCF."""
 
@@ -193,6 +196,7 @@ class FloatingBase:
         position: tuple[float, float] = (0.0, 0.0),
         yaw: float = 0.0,
         height: float | None = None,
+        drop: float = 0.0,
     ) -> None:
         """Choose where the base starts.
 
@@ -203,10 +207,11 @@ class FloatingBase:
             position: m, world frame, x and y.
             yaw: rad, about the vertical, on top of the base's orientation in the MJCF.
             height: m, of the base's origin; None for the description's, and if that has none, such that the lowest
-                part of the robot touches the floor.
+                part of the robot is as far above the floor as `drop` says.
+            drop: m; a support that lifts the base lifts it back to its start, unless this is 0.
 
         Raises:
-            InputError: a value is not finite.
+            InputError: a value is not finite, or `drop` is negative.
         """
         for name, value in (
             ("base_position[0]", position[0]),
@@ -216,6 +221,8 @@ class FloatingBase:
         ):
             if not math.isfinite(value):
                 raise InputError(f"{name}: is {value}, expected a finite number")
+        if not (math.isfinite(drop) and drop >= 0.0):
+            raise InputError(f"drop: is {drop}, expected a finite number >= 0")
         self._position, self._quaternion, self._linear, self._angular = base_addresses(model, description)
         self._mocap = int(model.body(_SUPPORT).mocapid[0])
         self._weld = model.equality(_SUPPORT).id
@@ -231,8 +238,9 @@ class FloatingBase:
             height = description.base.height
         if height is None:
             qpos[self._position], qpos[self._quaternion] = self._start[:3], self._start[3:]
-            height = float(self._start[2]) - clearance(model, qpos)
+            height = float(self._start[2]) - clearance(model, qpos) + drop
         self._start[2] = height
+        self._lifts = drop > 0.0
 
     def place(self, data: mujoco.MjData) -> None:
         """Put the base to rest where it starts."""
@@ -268,6 +276,12 @@ class FloatingBase:
         """Let the base go."""
         data.eq_active[self._weld] = 0
 
+    def lift(self, data: mujoco.MjData, time: float) -> None:
+        """Let the support raise a base that it holds, for `time` s, at most to the height of its start."""
+        position = data.mocap_pos[self._mocap]
+        if self._lifts and self.is_held(data) and position[2] < self._start[2]:
+            position[2] = min(position[2] + _LIFT_SPEED * time, self._start[2])
+
 
 def move_support(base: FloatingBase | None, data: mujoco.MjData, held: bool, robot: str) -> None:
     """Let the support take a floating base where it now is, or let the base go.
@@ -296,16 +310,24 @@ class Supported(Protocol):
     def supported(self) -> bool:
         """Whether the support holds the base."""
 
-    def set_support(self, held: bool) -> None:
-        """Let the support take the base where it now is, or let the base go."""
+    def set_support(self, held: bool, *, lifts: bool = False) -> None:
+        """Let the support take the base where it now is, or let the base go.
+
+        Args:
+            held: whether it holds the base.
+            lifts: whether it then raises the base, slowly, to the height of its start.
+        """
 
 
 def support_in_mode(robot: Supported, mode: Mode) -> str:
-    """Let the robot go when a policy takes over, hold it again when none balances it; says what it did, if anything."""
-    held = not mode.is_free
-    if held == robot.supported:
+    """Let the robot go when a policy takes over, hold it again when none balances it; says what it did, if anything.
+
+    In STANDBY it is lifted back to where it hung at the start, so that it starts again as it did first.
+    """
+    held, was_held = not mode.is_free, robot.supported
+    robot.set_support(held, lifts=mode is Mode.STANDBY)
+    if held == was_held:
         return ""
-    robot.set_support(held)
     return "support holds the base where it is" if held else "support released"
 
 

@@ -19,7 +19,7 @@ from humanoid_sim.simulation.floating_base import add_support
 from humanoid_sim.simulation.scene import add_floor, add_scene
 from humanoid_sim.simulation.terrain import Terrain
 
-__all__ = ["JointAddresses", "base_body", "body_ids", "build_model", "joint_addresses", "model_bytes"]
+__all__ = ["JointAddresses", "base_body", "body_ids", "build_model", "joint_addresses", "model_bytes", "named_frame"]
 
 _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
@@ -137,6 +137,20 @@ def body_ids(model: mujoco.MjModel, names: Sequence[str]) -> tuple[int, ...]:
         if name not in known:
             raise InputError(known_names("body", name, known))
     return tuple(int(model.body(name).id) for name in names)
+
+
+def named_frame(model: mujoco.MjModel, name: str, what: str) -> tuple[mujoco.mjtObj, int]:
+    """Return kind and id of the frame of that name: a site, or else a body.
+
+    Raises:
+        InputError: there is neither; the line begins with `what`.
+    """
+    # A body's own axes; mjOBJ_BODY stands for those of its inertia.
+    for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_XBODY):
+        i = mujoco.mj_name2id(model, kind, name)
+        if i >= 0:
+            return kind, i
+    raise InputError(f"{what}: '{name}' is neither a site nor a body of the model")
 
 
 def _check_names(description: RobotDescription, spec: mujoco.MjSpec) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, get_args
 
 import mujoco
 import numpy as np
 
 from humanoid_sim.controllers.rotation import multiply
+from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import SafetyLevel, SafetyStatus
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
@@ -44,7 +45,7 @@ class MujocoRobot:
     CRITICAL safety status; physics then stands still, with the state as it is, until `activate`.
 
     A floating base starts on its feet, held by a support until `set_support` lets it go. The state then carries the
-    base's velocity as a live input, and of any robot the pose of `anchor_body`, if one is named.
+    base's velocity as a live input, and of any robot the pose of `anchor_body` and a `height_scan`, if they are named.
 
     With the default options a state is read at the instant at which it is asked for. The others make the timing that of
     a bus: a command written at t takes effect at t + `command_delay`; a state sampled at t is seen from
@@ -67,8 +68,10 @@ class MujocoRobot:
         base_position: tuple[float, float] = (0.0, 0.0),
         base_yaw: float = 0.0,
         base_height: float | None = None,
+        drop: float = 0.0,
         anchor_body: str = "",
         velocity_at: Sequence[str] = (),
+        height_scan: HeightScan | None = None,
         pushes: Sequence[Push] = (),
         terrain: Terrain | None = None,
         motors: type[MotorPlant] | None = None,
@@ -83,13 +86,15 @@ class MujocoRobot:
             command_delay: s, a multiple of the physics step.
             state_delay: s, a multiple of the physics step.
             state_sampling: `now` or `on_command`.
-            support: whether a floating base starts held; a fixed one ignores this and the three below.
+            support: whether a floating base starts held; a fixed one ignores this and the four below.
             base_position: m, world frame, x and y where the base starts.
             base_yaw: rad, about the vertical, how the base is turned at the start.
             base_height: m, of the base's origin at the start; None for the description's, and if that has none, such
-                that the robot touches the floor.
+                that the robot hangs as far above the floor as `drop` says.
+            drop: m, by which a floating base falls onto its feet when its support lets it go.
             anchor_body: MJCF body whose pose the state reports as `anchor_pose`; empty for none.
             velocity_at: `imu`, or MJCF sites, whose velocity the state of a robot with a floating base reports.
+            height_scan: of the ground, which the state reports; None for none.
             pushes: of a floating base, each at its time.
             motors: a motor model of your own, in place of motors that give exactly what the MIT law asks for.
             terrain: instead of a level floor. A floating base starts as high as it would on that, at the origin.
@@ -118,6 +123,7 @@ class MujocoRobot:
         self._stability = DampingStability(self._plant.model, description)
         self._warnings = self._stability.check_description()
         self._starts_held = support
+        self._is_lifted = False
         self._base: FloatingBase | None = None
         self._observer: BaseObserver | None = None
         if description.is_floating:
@@ -130,8 +136,10 @@ class MujocoRobot:
                 position=base_position,
                 yaw=base_yaw,
                 height=base_height,
+                drop=drop,
             )
-        self._sensors = BodySensors(self._plant.model, description, anchor_body, velocity_at)
+        self._measured = anchor_body, tuple(velocity_at), height_scan
+        self._sensors = BodySensors(self._plant.model, description, *self._measured)
 
         piano = description.piano
         self._keys = None if piano is None else PianoKeys(self._plant.model, piano.fingers)
@@ -277,6 +285,27 @@ class MujocoRobot:
         self._fault = ""
         self._begin()
 
+    def measuring(
+        self, anchor_body: str, velocity_at: Sequence[str], height_scan: HeightScan | None = None
+    ) -> Callable[[], None]:
+        """Make ready to report other live inputs; arguments as for the constructor.
+
+        Returns:
+            What makes the state report them, from the next reading on; to be called between two ticks.
+
+        Raises:
+            InputError: the model has no such body or site.
+        """
+        wanted = anchor_body, tuple(velocity_at), height_scan
+        sensors = BodySensors(self._plant.model, self._description, *wanted)
+
+        def measure() -> None:
+            if wanted != self._measured:
+                self._measured, self._sensors, self._state = wanted, sensors, None
+                self._body_line.restart(self._step, self._body_sample())
+
+        return measure
+
     def begin_at(
         self, time: float, joint_position: FloatArray, joint_velocity: FloatArray, imu_quaternion: FloatArray
     ) -> None:
@@ -348,6 +377,8 @@ class MujocoRobot:
         if self._fault:
             self._step += self._steps
             return
+        if self._is_lifted and self._base is not None:
+            self._base.lift(self._plant.data, self._control_period)
         self._pushes.apply(self._plant.data, self.time)
         self._pending.append(command)
         if self._arrival_offset < self._sample_offset:
@@ -366,13 +397,18 @@ class MujocoRobot:
         if fault:
             self._fault = f"{fault} (t = {self.time:.4f} s)"
 
-    def set_support(self, held: bool) -> None:
+    def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Let the support take a floating base where it now is, or let the base go; from the next write on.
+
+        Args:
+            held: whether it holds the base.
+            lifts: whether it then raises the base, slowly, to the height of its start; never without a `drop`.
 
         Raises:
             RobotError: the base is fixed.
         """
         move_support(self._base, self._plant.data, held, self._description.name)
+        self._is_lifted = lifts
 
     @property
     def is_closed(self) -> bool:

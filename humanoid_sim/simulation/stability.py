@@ -200,15 +200,14 @@ class DampingStability:
             InputError: as `check`.
         """
         robot = self._description
-        passive, remote = robot.damping_controller, robot.remote_policy_controller
         a, b = robot.standby_controller_a, robot.standby_controller_b
         owners: dict[tuple[tuple[float, ...], tuple[float, ...]], list[str]] = {}
         for name, damping, stiffness in (
             ("joints", robot.damping, robot.stiffness),
-            ("damping_controller", passive.damping or passive.damping_scalar, 0.0),
+            ("damping_controller", robot.mode_damping, 0.0),
             ("standby_controller_a", a.target_damping, a.target_stiffness),
             ("standby_controller_b", b.target_damping, b.target_stiffness),
-            ("remote_policy_controller", remote.damping or remote.damping_scalar, 0.0),
+            ("remote_policy_controller", robot.passive_damping, 0.0),
         ):
             gains = self._per_joint(damping), self._per_joint(stiffness if self.is_implicit else 0.0)
             owners.setdefault(gains, []).append(name)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.silence import mujoco_silenced
 
-__all__ = ["CentreOfMass", "Floor", "clearance", "standing_height"]
+__all__ = ["CentreOfMass", "Floor", "clearance", "fixed_geoms", "standing_height"]
 
 _FLAT = 1e-9
 """m, and 1: planes that differ by less in level and direction are one floor."""
@@ -25,13 +25,7 @@ class Floor:
         """Find it."""
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
-        paired = {int(geom) for pair in (model.pair_geom1, model.pair_geom2) for geom in pair}
-        geoms = [
-            i
-            for i in range(model.ngeom)
-            if model.body_weldid[model.geom_bodyid[i]] == 0
-            and (model.geom_contype[i] or model.geom_conaffinity[i] or i in paired)
-        ]
+        geoms = fixed_geoms(model)
         levels = data.geom_xpos[geoms, 2]
         is_plane = model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_PLANE
         is_level = data.geom_xmat[geoms, 8] > 1.0 - _FLAT
@@ -63,6 +57,17 @@ class Floor:
     def _below(self, point: FloatArray) -> float:
         distance = mujoco.mj_ray(self._cast, self._data, point, _DOWN, _FLOOR_GROUP, True, -1, None)
         return self._lowest if distance < 0.0 else float(point[2]) - distance
+
+
+def fixed_geoms(model: mujoco.MjModel) -> list[int]:
+    """Return the ids of the geoms that stand still and can be touched."""
+    paired = {int(geom) for pair in (model.pair_geom1, model.pair_geom2) for geom in pair}
+    return [
+        i
+        for i in range(model.ngeom)
+        if model.body_weldid[model.geom_bodyid[i]] == 0
+        and (model.geom_contype[i] or model.geom_conaffinity[i] or i in paired)
+    ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

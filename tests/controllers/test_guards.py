@@ -108,6 +108,20 @@ def test_a_joint_that_follows_does_not(name: str, positions: list[float], wanted
     assert trip_time(guards(), ticks) == (INF, "")
 
 
+@pytest.mark.parametrize("at", [1.0, 1.1])
+def test_legs_at_a_stop_may_be_asked_for_more_than_there_is(at: float) -> None:
+    """Beyond its limit a joint is not taken to be pulled back in, either."""
+    beyond = [(state(t, at), command(5.0)) for t in times()]
+    assert trip_time(guards(), beyond)[0] == pytest.approx(0.1), "arms that press there are stopped"
+    assert trip_time(guards(following_within=True), beyond) == (INF, "")
+
+
+def test_legs_that_do_not_come_as_far_as_their_limit_trip_it() -> None:
+    after, text = trip_time(guards(following_within=True), [(state(t, 0.5), command(5.0)) for t in times()])
+    assert after == pytest.approx(0.1)
+    assert "asked to 5.00, and came no nearer for 0.10 s although K_p times the error is 25.0 N·m" in text
+
+
 def test_a_joint_that_is_pushed_back_all_the_time_trips_it() -> None:
     ticks = [(state(t, -0.3 * i * PERIOD), command(0.5)) for i, t in enumerate(times())]
     assert trip_time(guards(), ticks)[0] == pytest.approx(0.1)

@@ -13,7 +13,7 @@ import yaml
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.description import load_robot, shipped_robots
+from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots
 
 Document = dict[str, Any]
 LITE: Document = yaml.safe_load(asset_path("robots", "lite.yaml").read_text())
@@ -289,8 +289,27 @@ def test_defaults_are_those_of_the_controllers(tmp_path: Path, document: Documen
     assert (robot.simulation.physics_timestep, robot.simulation.control_frequency) == (0.0005, 200.0)
     assert (robot.hardware.control_frequency, robot.hardware.rx_timeout_ms) == (50.0, 200.0)
     assert robot.damping_controller.damping_scalar == 1.0
-    assert robot.remote_policy_controller.damping_scalar == 6.0
+    assert robot.remote_policy_controller.damping_scalar is None
+    assert robot.passive_damping.tolist() == robot.mode_damping.tolist() == [1.0] * robot.joint_count
     assert robot.hands == ()
+
+
+def test_the_passive_hold_damps_as_damping_does_unless_it_is_given_its_own(tmp_path: Path, document: Document) -> None:
+    document["damping_controller"] = {"damping": [float(i) for i in range(len(document["joints"]))]}
+    document["remote_policy_controller"] = {"stale_command_timeout_ms": 50}
+    robot = load_robot(write(tmp_path, document))
+    assert robot.passive_damping.tolist() == robot.mode_damping.tolist() == document["damping_controller"]["damping"]
+    again = RobotDescription.from_json(robot.to_json())
+    assert again.passive_damping.tolist() == robot.mode_damping.tolist()
+    document["remote_policy_controller"] = {"damping_scalar": 3.0}
+    assert load_robot(write(tmp_path, document)).passive_damping.tolist() == [3.0] * robot.joint_count
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_remotes_passive_hold_of_every_shipped_robot_damps_as_damping_does(name: str) -> None:
+    robot = load_robot(name)
+    assert robot.passive_damping.tolist() == robot.mode_damping.tolist()
+    assert (robot.passive_damping > 0.0).all()
 
 
 def test_loading_does_not_import_the_simulator() -> None:

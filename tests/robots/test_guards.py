@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import msgspec
@@ -9,15 +10,18 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from humanoid_sim.assets import policy_path
 from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.guards import GuardRecord, guards_of
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.robots.description import load_robot, with_contract_physics
+from humanoid_sim.robots.guards import GuardRecord, describe_unwatched, guards_of
 from humanoid_sim.robots.schema import FollowingGuard, GuardSettings, RobotDescription, SpeedGuard
 from humanoid_sim.testing import fingerprint
 
 LITE = load_robot("lite")
 BIPED = load_robot("lite_biped")
+SAMPLE_LEGS = policy_path("lite_biped_velocity")
 ELBOW = LITE.joint_names.index("left_elbow_pitch")
 ROLL = LITE.joint_names.index("left_wrist_roll")
 
@@ -49,9 +53,36 @@ def test_a_speed_that_a_motor_cannot_report_is_too_fast() -> None:
 
 def test_legs_are_given_more_time() -> None:
     legs = of(BIPED)
-    assert legs.following_time == 1.0
+    assert (legs.following_time, legs.following_within) == (0.4, True)
+    assert (of(LITE).following_time, of(LITE).following_within) == (0.15, False)
     assert legs.speed_limit[BIPED.joint_names.index("left_knee_pitch")] == pytest.approx(2.35619 / 0.05)
     assert legs.speed_limit[BIPED.joint_names.index("left_ankle_roll")] == 15.0
+
+
+def test_legs_are_judged_by_their_own_limits_not_by_those_of_a_policy() -> None:
+    contract = load_checkpoint(SAMPLE_LEGS, None, BIPED.joint_names).contract
+    weak = dataclasses.replace(contract, effort_limit=np.full(len(contract.joint_names), 5.0))
+    limited = with_contract_physics(BIPED, weak)
+    assert limited.effort_limit.max() == 5.0
+    assert of(limited).following_effort.tolist() == of(BIPED).following_effort.tolist()
+    assert with_contract_physics(limited, weak) == limited
+    knee = BIPED.joint_names.index("left_knee_pitch")
+    joints = [replace(joint, effort_limit=np.inf) if i == knee else joint for i, joint in enumerate(BIPED.joints)]
+    guards = of(with_contract_physics(replace(BIPED, joints=tuple(joints)), weak))
+    assert np.flatnonzero(np.isinf(guards.following_effort)).tolist() == [knee]
+    assert RobotDescription.from_json(limited.to_json(), limited.folder) == replace(limited, check_poses=())
+
+
+def test_guards_that_are_off_are_named_with_the_reason() -> None:
+    assert describe_unwatched(LITE) == describe_unwatched(BIPED) == ""
+    bare = replace(BIPED.joints[0], lower=-np.inf, upper=np.inf, effort_limit=np.inf)
+    robot = replace(BIPED, joints=(bare, *BIPED.joints[1:]), guards=GuardSettings(speed=None))
+    assert describe_unwatched(robot) == (
+        "guards: following is off for 1 of 14 joints, which lack an effort limit of the robot's own; "
+        "limit is off for 1 of 14 joints, which lack position limits; speed is off, as the robot's description says"
+    )
+    off = GuardSettings(following=None, limit=None, speed=None)
+    assert describe_unwatched(replace(BIPED, guards=off)) == "guards: all are off, as the robot's description says"
 
 
 def test_a_joint_without_limits_and_motor_is_watched_by_what_is_known() -> None:
@@ -83,6 +114,10 @@ def test_the_description_decides() -> None:
             "guards.following.effort_share: is 0.0, expected a finite number > 0",
         ),
         ("guards: {limit: {margin: -1}}", "guards.limit.margin: is -1.0, expected a finite number > 0"),
+        (
+            "guards: {following: {effort: [1, null]}}",
+            "guards.following.effort: has 2 values, expected 14, one per joint",
+        ),
         ("guards: {speed: {limit: [1, 2]}}", "guards.speed.limit: has 2 values, expected 14, one per joint"),
         ("guards: {speed: {limit: 3}}", "guards.speed.limit: is 3, expected a list"),
         ("guards: {force: null}", "guards: unknown field 'force'; known: following, limit, speed"),
@@ -108,6 +143,11 @@ def test_a_speed_limit_that_nobody_gave_is_marked() -> None:
     old = msgspec.to_builtins(GuardRecord.of(of(robot)))
     del old["speed"]["assumed"]
     assert msgspec.convert(old, GuardRecord).on(robot).speed_assumed == (), "an old recording's messages stay"
+    old = msgspec.to_builtins(GuardRecord.of(of(BIPED)))
+    del old["following"]["within"]
+    old["following"]["time"] = 1.0
+    again = msgspec.convert(old, GuardRecord).on(BIPED)
+    assert (again.following_within, again.following_time) == (False, 1.0), "and so do its guards"
 
 
 def test_a_yaml_turns_a_guard_off(tmp_path: Path) -> None:
@@ -129,6 +169,7 @@ def test_a_header_s_document_gives_the_same_guards_again() -> None:
 
 
 def test_a_description_says_of_its_guards_what_is_not_the_default() -> None:
-    assert "guards" not in LITE.to_json(), "digests of baselines are those of before there were guards"
+    for name in ("guards", "signs", "check_poses"):
+        assert name not in LITE.to_json(), "digests of baselines are those of before there were any"
     other = replace(LITE, guards=GuardSettings(limit=None))
-    assert RobotDescription.from_json(other.to_json(), other.folder) == other
+    assert RobotDescription.from_json(other.to_json(), other.folder) == replace(other, check_poses=())

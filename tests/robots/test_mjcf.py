@@ -10,7 +10,7 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
+from humanoid_sim.robots.mjcf import bare_model, own_joint_damping, prefix_line
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
@@ -167,3 +167,60 @@ def test_the_joints_own_damping(hopper: Path) -> None:
     assert own_damping(hopper) == {}  # the spring's is not the robot's
     hopper.write_text(hopper.read_text().replace('name="knee" axis', 'name="knee" damping="0.25" axis'))
     assert own_damping(hopper) == {"knee": 0.25}
+
+
+PREFIXED = """
+<mujoco model="scene">
+  <compiler meshdir="meshes"/>
+  <default><default class="r2/main"><geom rgba="1 0 0 1"/><default class="r2/leg"/></default></default>
+  <asset><mesh name="r2/box" file="box.obj"/></asset>
+  <worldbody>
+    <body name="terrain"><geom name="terrain" type="plane" size="1 1 1"/></body>
+    <body name="r2/trunk" childclass="r2/leg">
+      <freejoint name="r2/root"/><geom type="mesh" mesh="r2/box"/><site name="r2/imu"/>
+      <body name="r2/thigh"><joint name="r2/hip"/><geom name="r2/thigh" size="0.1"/></body>
+    </body>
+  </worldbody>
+  <contact><exclude body1="r2/trunk" body2="r2/thigh"/></contact>
+  <actuator><motor name="r2/hip" joint="r2/hip" ctrlrange="-4 4"/></actuator>
+  <sensor><gyro name="r2/gyro" site="r2/imu"/></sensor>
+</mujoco>"""
+
+
+@pytest.fixture
+def prefixed(tmp_path: Path) -> Path:
+    """As mjlab's `export_scene` names things."""
+    (tmp_path / "meshes").mkdir()
+    corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    text = "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "f 1 2 3\nf 2 3 4\nf 5 6 7\nf 6 7 8\n"
+    (tmp_path / "meshes" / "box.obj").write_text(text)
+    path = tmp_path / "scene.xml"
+    path.write_text(PREFIXED)
+    return path
+
+
+def test_a_prefix_of_all_names_is_left_out_and_the_robot_is_the_same(prefixed: Path) -> None:
+    robot, model = load_robot(prefixed), build_model(load_robot(prefixed))
+    assert (robot.joint_names, robot.base.body, robot.imu) == (("hip",), "trunk", "imu")
+    assert robot.effort_limit.tolist() == [4.0]
+    assert prefix_line(prefixed) == "all names in scene.xml begin with 'r2/', which is left out"
+    own = mujoco.MjModel.from_xml_path(str(prefixed))
+    for name in ("trunk", "thigh"):
+        assert model.body(name).mass.tolist() == own.body(f"r2/{name}").mass.tolist()
+    assert model.nexclude == own.nexclude == 1
+
+
+@pytest.mark.parametrize("name", ["trunk", "thigh", "root", "hip"])
+def test_a_prefix_that_one_name_lacks_stays(prefixed: Path, name: str) -> None:
+    prefixed.write_text(PREFIXED.replace(f'"r2/{name}"', f'"{name}"'))
+    robot = load_robot(prefixed)
+    assert robot.joint_names == (("hip",) if name == "hip" else ("r2/hip",))
+    assert robot.imu == "r2/imu"
+    assert prefix_line(prefixed) == ""
+
+
+def test_names_with_a_prefix_in_an_included_file_stay(prefixed: Path, tmp_path: Path) -> None:
+    outer = tmp_path / "outer.xml"
+    outer.write_text('<mujoco><include file="scene.xml"/></mujoco>')
+    assert load_robot(outer).joint_names == ("r2/hip",)
+    assert prefix_line(outer) == ""

@@ -19,11 +19,12 @@ from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.regress import episodes
 from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepare_suite
 from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.robots.description import with_contract_physics
 from humanoid_sim.robots.guards import guards_of
-from humanoid_sim.robots.schema import RobotDescription
 
-sys.path.append(str(Path(__file__).parents[1] / "policy"))
+sys.path += [str(Path(__file__).parents[1] / "policy"), str(Path(__file__).parent)]
 
+from guard_runs import limited
 from published import HOLOSOMA_REST, POLICIES, needs_policies
 
 G1 = "models/unitree_g1/scene.xml"
@@ -31,29 +32,6 @@ LITE_LEGS = "models/berkeley_humanoid_lite_biped/scene.xml"
 UNITREE = "unitree_g1_velocity_v0/exported/policy.onnx"
 HOLOSOMA = "holosoma_g1_loco/ppo_g1_29dof.onnx"
 BERKELEY = "berkeley_humanoid_lite_biped_50hz/checkpoints/policy_biped_50hz.onnx"
-
-G1_EFFORT = {
-    "hip": 88.0,
-    "knee": 139.0,
-    "ankle": 50.0,
-    "waist_yaw": 88.0,
-    "waist": 50.0,
-    "wrist_roll": 25.0,
-    "wrist": 5.0,
-    "shoulder": 25.0,
-    "elbow": 25.0,
-}
-"""N·m, by the first part of a joint's name that fits: the MJCF gives no limits, and without one nobody follows."""
-
-
-def limited(robot: RobotDescription) -> RobotDescription:
-    if np.isfinite(robot.effort_limit).all():
-        return robot
-    efforts = (next(effort for part, effort in G1_EFFORT.items() if part in joint.name) for joint in robot.joints)
-    joints = (
-        msgspec.structs.replace(joint, effort_limit=effort) for joint, effort in zip(robot.joints, efforts, strict=True)
-    )
-    return msgspec.structs.replace(robot, joints=tuple(joints))
 
 
 @contextmanager
@@ -122,7 +100,7 @@ def test_no_alarm_in_walking_pushes_and_falls(
         contract = tmp_path / "contract.yaml"
         contract.write_text(HOLOSOMA_REST, encoding="utf-8")
     case = case_of("velocity", POLICIES / policy, name, POLICIES / robot, contract)
-    guards = guards_of(limited(case.scenario.description))
+    guards = guards_of(with_contract_physics(limited(case.description), case.checkpoint.contract))
     assert guards is not None
     assert np.isfinite(guards.following_effort).all()
     assert case.suite.pushes is not None

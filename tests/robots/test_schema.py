@@ -2,6 +2,7 @@ import json
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import RobotDescription, load_robot
@@ -12,9 +13,9 @@ def test_json_round_trip(name: str) -> None:
     robot = load_robot(name)
     text = robot.to_json()
     assert "\n" not in text
-    assert "folder" not in json.loads(text)
+    assert not {"folder", "check_poses"} & set(json.loads(text))
     again = RobotDescription.from_json(text, folder=robot.folder)
-    assert again == robot
+    assert again == replace(robot, check_poses=()), "which are segments of STANDBY where a run walks through them"
     # A recording's description still finds the model of a shipped robot.
     assert RobotDescription.from_json(text).mjcf_path == robot.mjcf_path
 

@@ -70,6 +70,26 @@ class TestStart:
         state = base_of(MujocoRobot(load_robot(hopper), base_yaw=2.0))
         assert (state.yaw, state.tilt) == (pytest.approx(2.0, abs=1e-12), pytest.approx(0.3, abs=1e-12))
 
+    def test_it_can_hang_above_the_floor(self, hopper: Path) -> None:
+        robot = MujocoRobot(load_robot(hopper), drop=0.05)
+        assert base_of(robot).height == pytest.approx(SOLE + 0.05, abs=1e-9)
+        run(robot, 0.5, stiff(robot))
+        assert robot.data.ncon == 0
+        robot.set_support(False)
+        run(robot, 0.09, stiff(robot))
+        assert robot.data.ncon == 0
+        assert base_of(robot).linear_velocity[2] == pytest.approx(-9.81 * 0.09, rel=0.02)
+        run(robot, 0.02, stiff(robot))
+        assert robot.data.ncon > 0
+
+    def test_a_height_that_is_given_counts_more(self, hopper: Path) -> None:
+        assert base_of(MujocoRobot(load_robot(hopper), drop=0.05, base_height=0.9)).height == 0.9
+
+    @pytest.mark.parametrize("drop", [-0.01, math.nan, math.inf])
+    def test_a_drop_is_a_distance(self, hopper: Path, drop: float) -> None:
+        with pytest.raises(InputError, match=rf"^drop: is {drop}, expected a finite number >= 0"):
+            MujocoRobot(load_robot(hopper), drop=drop)
+
     @pytest.mark.parametrize("option", ["base_yaw", "base_height"])
     def test_what_is_not_finite_is_refused(self, hopper: Path, option: str) -> None:
         with pytest.raises(InputError, match=rf"^{option}: is nan, expected a finite number"):
@@ -284,3 +304,46 @@ def test_the_support_lets_go_for_a_policy_and_takes_over_after_it() -> None:
         said.append(support_in_mode(robot, mode))
         assert robot.supported is not mode.is_free
     assert said == ["", "support released", "", "", "support holds the base where it is", ""]
+
+
+class TestLift:
+    """DAMP catches the robot where it is; in STANDBY the support lifts it to where it hung at first."""
+
+    def caught(self, hopper: Path, drop: float) -> tuple[MujocoRobot, float]:
+        """A robot that was let go, and caught 0.3 s later; and the height of its base then, m."""
+        robot = MujocoRobot(load_robot(hopper), drop=drop)
+        support_in_mode(robot, Mode.LOCOMOTION)
+        run(robot, 0.3)
+        support_in_mode(robot, Mode.DAMPING)
+        run(robot, 0.3)
+        return robot, base_of(robot).height
+
+    def test_slowly_and_no_higher(self, hopper: Path) -> None:
+        robot, low = self.caught(hopper, 0.03)
+        assert low < SOLE - 0.05
+        assert support_in_mode(robot, Mode.STANDBY) == ""
+        run(robot, 0.3)
+        assert base_of(robot).height == pytest.approx(low + 0.03, abs=0.005)
+        run(robot, 3.0)
+        assert base_of(robot).height == pytest.approx(SOLE + 0.03, abs=1e-3)
+        assert support_in_mode(robot, Mode.LOCOMOTION) == "support released"
+
+    def test_only_in_standby(self, hopper: Path) -> None:
+        robot, low = self.caught(hopper, 0.03)
+        run(robot, 0.5)
+        assert base_of(robot).height == pytest.approx(low, abs=1e-3)
+        support_in_mode(robot, Mode.STANDBY)
+        run(robot, 0.2)
+        support_in_mode(robot, Mode.DAMPING)
+        run(robot, 0.1)
+        stopped = base_of(robot).height
+        assert low + 0.01 < stopped < SOLE
+        run(robot, 0.5)
+        assert base_of(robot).height == pytest.approx(stopped, abs=1e-3)
+
+    def test_not_where_it_began_on_the_floor(self, hopper: Path) -> None:
+        """Recordings of earlier versions began so, and are simulated again."""
+        robot, low = self.caught(hopper, 0.0)
+        support_in_mode(robot, Mode.STANDBY)
+        run(robot, 0.5)
+        assert base_of(robot).height == pytest.approx(low, abs=1e-3)

@@ -275,3 +275,24 @@ def test_a_measured_robot_stands_tilted_on_the_floor() -> None:
     assert abs(float(state.imu_quaternion @ tilt)) == pytest.approx(1.0, abs=1e-9)
     assert clearance(robot.model, robot.qpos) == pytest.approx(0.0, abs=1e-9)
     assert robot.supported
+
+
+def test_another_policys_live_inputs_are_measured_from_the_next_reading_on(small_robot: RobotFactory) -> None:
+    """Bit for bit as by a robot that measured them from the beginning."""
+    plain, measuring = (MujocoRobot(small_robot(), anchor_body=body) for body in ("", "lower"))
+    for command in commands(20):
+        plain.write(command)
+        measuring.write(command)
+    assert plain.read()[0].extern == {}
+    measure = plain.measuring("lower", ())
+    assert plain.read()[0].extern == {}  # until it is called
+    measure()
+    assert plain.extern == measuring.extern
+    for command in commands(3):
+        pose, expected = (robot.read()[0].extern["anchor_pose"] for robot in (plain, measuring))
+        assert pose.value.tobytes() == expected.value.tobytes()
+        assert pose.arrival_time == expected.arrival_time
+        plain.write(command)
+        measuring.write(command)
+    with pytest.raises(InputError, match="nowhere"):
+        plain.measuring("nowhere", ())
