@@ -42,8 +42,8 @@ class DoctorConfig:
     pairs: int = 6000
     """At most so many pairs of changes are tried where one change is not enough; 0: single changes only."""
     budget: float = 120.0
-    """Wall time in s after which no more pairs of changes are tried, the best of which come first. Single changes are
-    always all tried, however long that takes; how long is said as soon as the first trial has shown it."""
+    """Wall time in s after which the search ends. Single changes and pairs each have a share of it, the likeliest come
+    first, trials are cut short on a slow machine, and the report says what was not tried."""
     top: int = 10
     """Rows of the ranking."""
     base_height: float | None = None

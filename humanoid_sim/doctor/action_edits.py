@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
@@ -11,7 +10,7 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
-from humanoid_sim.doctor.edits import RATE_DOUBT, STRONG_DOUBT, Change, Edit, RobotFacts, set_fields
+from humanoid_sim.doctor.edits import LIMBS, RATE_DOUBT, STRONG_DOUBT, Change, Edit, RobotFacts, limb, set_fields
 from humanoid_sim.mit import FloatArray
 
 __all__ = ["action_scales", "default_poses", "gains", "group_gains", "model_damping", "rates"]
@@ -20,13 +19,6 @@ _SCALES = (1.0, 0.5, 0.25)
 _SCALE_FACTORS = (0.5, 2.0, 4.0)
 _GAIN_FACTORS = (0.5, 2.0)
 _BOTH = ("joint_stiffness", "joint_damping")
-_LIMBS = {
-    "legs": "hip|knee|ankle|leg|thigh|shin|calf|foot|toe",
-    "ankles": "ankle|foot",
-    "waist": "waist|torso|spine|trunk|abdomen",
-    "arms": "shoulder|elbow|wrist|arm|hand",
-}
-"""Patterns of the joints' names, which nearly every humanoid keeps to."""
 _MOST_GROUPS = 8
 """Of joints with equal gains; with more the gains follow no such rule."""
 _RATES = (25.0, 50.0, 100.0)
@@ -86,9 +78,8 @@ def gains(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
 def group_gains(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     """The gains of a limb alone are others, or those of the joints that have equal gains: motors of one model."""
     groups: dict[str, tuple[str, npt.NDArray[np.bool_]]] = {}
-    for limb, pattern in _LIMBS.items():
-        chosen = np.array([re.search(pattern, name, re.IGNORECASE) is not None for name in contract.joint_names])
-        groups[f"the {limb}"] = ("gains of a limb", chosen)
+    for name, pattern in LIMBS.items():
+        groups[f"the {name}"] = ("gains of a limb", np.isin(contract.joint_names, limb(pattern, contract.joint_names)))
     pairs = np.stack([contract.joint_stiffness, contract.joint_damping], axis=1)
     distinct = np.unique(pairs, axis=0)
     for stiffness, damping in distinct if len(distinct) <= _MOST_GROUPS else ():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -13,12 +14,16 @@ from humanoid_sim.mit import FloatArray
 
 __all__ = [
     "DOUBT",
+    "JOINT_DOUBT",
+    "LIMBS",
     "RATE_DOUBT",
     "STRONG_DOUBT",
     "Change",
     "Edit",
     "RobotFacts",
     "change_terms",
+    "limb",
+    "mirrored",
     "set_fields",
     "term_edit",
     "terms_with",
@@ -32,6 +37,16 @@ STRONG_DOUBT = 0.25
 """Of gains and gaits: other ones may suit a robot better without being what its policy was trained with."""
 RATE_DOUBT = 0.10
 """Of rates: a policy hardly ever does clearly better at a rate that it was not trained for."""
+JOINT_DOUBT = 0.10
+"""Doubt about single joints: there are so many that one may suit by chance."""
+LIMBS = {
+    "legs": "hip|knee|ankle|leg|thigh|shin|calf|foot|toe",
+    "ankles": "ankle|foot",
+    "waist": "waist|torso|spine|trunk|abdomen",
+    "arms": "shoulder|elbow|wrist|arm|hand",
+}
+"""Patterns of the joints' names, which nearly every humanoid keeps to."""
+_SIDES = (("left", "right"), ("Left", "Right"), ("LL", "LR"), ("L_", "R_"), ("l_", "r_"), ("_L", "_R"), ("_l", "_r"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +69,8 @@ class RobotFacts:
     """N·m·s/rad by joint, that the robot's model has itself."""
     motion_bodies: tuple[str, ...] = ()
     """Bodies whose world poses the motion holds."""
+    points: tuple[str, ...] = ()
+    """Sites whose velocity a policy may observe: those on the base, and those named like an IMU."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +87,8 @@ class Edit:
     doubt: float = DOUBT
     is_whole: bool = False
     """Its parts mean nothing one by one: names and values of a new order."""
+    is_detail: bool = False
+    """True of edits of one joint: there are as many as the robot has joints, or more."""
 
     def apply(self, contract: PolicyContract) -> PolicyContract | None:
         """The changed contract; None where the change does not fit."""
@@ -77,6 +96,22 @@ class Edit:
             return self.change(contract)
         except FieldError:
             return None
+
+
+def limb(pattern: str, names: tuple[str, ...]) -> tuple[str, ...]:
+    """The joints of a limb, by the pattern that `LIMBS` has for it."""
+    return tuple(name for name in names if re.search(pattern, name, re.IGNORECASE))
+
+
+def mirrored(names: tuple[str, ...]) -> dict[str, str]:
+    """Each joint's counterpart on the other side; joints without one are left out."""
+    found: dict[str, str] = {}
+    for name in names:
+        for left, right in _SIDES:
+            other = name.replace(left, right, 1)
+            if other != name and other in names and not {name, other} & found.keys():
+                found |= {name: other, other: name}
+    return found
 
 
 def terms_with(contract: PolicyContract, convention: str) -> tuple[Term, ...]:

@@ -24,7 +24,7 @@ from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
-from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.model import base_body, build_model
 from humanoid_sim.simulation.plant import BatchActuation
 
 __all__ = ["ExaminedPolicy", "breadth_first", "load_examined", "robot_facts"]
@@ -169,6 +169,9 @@ def robot_facts(description: RobotDescription, motion: Motion | None) -> RobotFa
         InputError: the robot's MJCF cannot be built.
     """
     model = build_model(description, scene=False)
+    base = base_body(model, description)
+    sites = [model.site(i) for i in range(model.nsite) if description.is_floating and model.site(i).name]
+    points = [site.name for site in sites if int(site.bodyid[0]) == base or "imu" in site.name.lower()]
     return RobotFacts(
         joint_names=description.joint_names,
         breadth_first=breadth_first(model, description.joint_names),
@@ -177,6 +180,7 @@ def robot_facts(description: RobotDescription, motion: Motion | None) -> RobotFa
         damping=description.damping,
         own_damping=own_joint_damping(bare_model(description), description),
         poses={"the robot's initial position": np.array(description.initial_position)},
+        points=tuple(point for point in points if point != description.imu),
         motion_bodies=motion.body_names if motion is not None and motion.layout == "joints_bodies_w" else (),
     )
 

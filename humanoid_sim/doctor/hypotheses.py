@@ -6,19 +6,21 @@ way, one at a time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
+from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorNames
 from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.action_edits import action_scales, default_poses, gains, group_gains, model_damping, rates
-from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, change_terms
-from humanoid_sim.doctor.observation_edits import conventions, phases, reference_conventions, scales, zeroed
+from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, set_fields, term_edit
+from humanoid_sim.doctor.joint_edits import joint_signs, swapped_gains, swapped_sides
+from humanoid_sim.doctor.observation_edits import conventions, imu_turns, phases, reference_conventions, scales, zeroed
 from humanoid_sim.doctor.order_edits import history_orders, joint_orders, term_orders
 
 __all__ = ["Hypothesis", "pairs", "present", "same_contract", "same_value", "singles", "spared"]
@@ -27,6 +29,7 @@ _FAMILIES: tuple[Callable[[PolicyContract, RobotFacts], Iterator[Edit]], ...] = 
     joint_orders,
     term_orders,
     conventions,
+    imu_turns,
     reference_conventions,
     phases,
     zeroed,
@@ -38,6 +41,9 @@ _FAMILIES: tuple[Callable[[PolicyContract, RobotFacts], Iterator[Edit]], ...] = 
     group_gains,
     model_damping,
     rates,
+    joint_signs,
+    swapped_sides,
+    swapped_gains,
 )
 
 
@@ -64,6 +70,11 @@ class Hypothesis:
         return sum(edit.doubt for edit in self.edits)
 
     @property
+    def is_detail(self) -> bool:
+        """True of edits of one joint, of which there are many."""
+        return any(edit.is_detail for edit in self.edits)
+
+    @property
     def explanation(self) -> str:
         """One line."""
         return "; ".join(edit.explanation for edit in self.edits) or "the contract as it is"
@@ -76,13 +87,13 @@ def present(contract: PolicyContract) -> Hypothesis:
 
 def singles(contract: PolicyContract, robot: RobotFacts) -> tuple[Hypothesis, ...]:
     """Every single edit that fits and changes something, no contract twice."""
-    found: list[Hypothesis] = []
+    found = {_contract_key(contract): present(contract)}
     for family in _FAMILIES:
         for edit in family(contract, robot):
             changed = edit.apply(contract)
-            if changed is not None and not _is_known(changed, [present(contract), *found]):
-                found.append(Hypothesis((edit,), changed))
-    return tuple(found)
+            if changed is not None:
+                found.setdefault(_contract_key(changed), Hypothesis((edit,), changed))
+    return tuple(found.values())[1:]
 
 
 def pairs(contract: PolicyContract, promising: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
@@ -94,6 +105,7 @@ def pairs(contract: PolicyContract, promising: Sequence[Hypothesis]) -> Iterator
         contract: the present one.
         promising: single edits, best first.
     """
+    keys = [_contract_key(contract), *(_contract_key(hypothesis.contract) for hypothesis in promising)]
     ranked = sorted(combinations(range(len(promising)), 2), key=lambda both: (both[0] + 1) * (both[1] + 1))
     for i, j in ranked:
         first, second = promising[i].edits[0], promising[j].edits[0]
@@ -101,7 +113,7 @@ def pairs(contract: PolicyContract, promising: Sequence[Hypothesis]) -> Iterator
             continue
         once = first.apply(contract)
         both = None if once is None else second.apply(once)
-        if both is not None and not _is_known(both, (promising[i], promising[j], present(contract))):
+        if both is not None and _contract_key(both) not in (keys[0], keys[i + 1], keys[j + 1]):
             yield Hypothesis((first, second), both)
 
 
@@ -114,43 +126,29 @@ def spared(contract: PolicyContract, hypothesis: Hypothesis) -> Iterator[Hypothe
     """
     if not hypothesis.edits or any(edit.is_whole for edit in hypothesis.edits):
         return
-    changed = hypothesis.contract
-    names = [item.name for item in fields(contract) if item.name not in ("observation", "provenance", "tensors")]
-    parts = [
-        (name, _with_field(name, getattr(contract, name))) for name in names if not _agree(contract, changed, name)
-    ]
+    changed, parts = hypothesis.contract, dict[str, Change]()
+    for item in fields(contract):
+        value = getattr(contract, item.name)
+        if item.name not in ("observation", "provenance", "tensors") and not _agree(contract, changed, item.name):
+            parts[item.name] = set_fields(**{item.name: value})
     before = {term.name: term for term in contract.terms}
     for term in changed.terms:
         for option in fields(Term):
             if not _agree(before[term.name], term, option.name):
                 value = getattr(before[term.name], option.name)
-                parts.append((f"terms.{term.name}.{option.name}", _with_option(term.name, option.name, value)))
+                parts[f"terms.{term.name}.{option.name}"] = term_edit(term, "", "", "", **{option.name: value}).change
     if len(parts) < 2:
         return
     *others, last = hypothesis.edits
-    for part, restore in parts:
-        edit = replace(
-            last,
-            name=f"{last.name}, but not {part}",
-            explanation=f"{last.explanation}; but {part} is right as it is",
-            change=_in_turn(last.change, restore),
-            doubt=0.5 * last.doubt,
-        )
+    for part, restore in parts.items():
+
+        def spare(contract: PolicyContract, restore: Change = restore) -> PolicyContract:
+            return restore(last.change(contract))
+
+        explanation = f"{last.explanation}; but {part} is right as it is"
+        name, doubt = f"{last.name}, but not {part}", 0.5 * last.doubt
+        edit = replace(last, name=name, explanation=explanation, change=spare, doubt=doubt)
         yield Hypothesis((*others, edit), restore(changed))
-
-
-def _with_field(name: str, value: Any) -> Change:
-    return lambda contract: replace(contract, **{name: value})
-
-
-def _with_option(name: str, option: str, value: Any) -> Change:
-    return lambda contract: change_terms(
-        contract, lambda term: replace(term, **{option: value}) if term.name == name else term
-    )
-
-
-def _in_turn(first: Change, second: Change) -> Change:
-    return lambda contract: second(first(contract))
 
 
 def _agree(a: object, b: object, name: str) -> bool:
@@ -158,31 +156,33 @@ def _agree(a: object, b: object, name: str) -> bool:
 
 
 def same_contract(a: PolicyContract, b: PolicyContract) -> bool:
-    """Whether two contracts wire a policy alike; where their fields came from does not count."""
-    return all(
-        same_value(getattr(a, item.name), getattr(b, item.name)) for item in fields(a) if item.name != "provenance"
-    )
-
-
-def _is_known(contract: PolicyContract, known: Iterable[Hypothesis]) -> bool:
-    return any(same_contract(contract, hypothesis.contract) for hypothesis in known)
+    """Compare how two contracts wire a policy; where their fields came from does not count."""
+    names = (item.name for item in fields(a) if item.name != "provenance")
+    return all(same_value(getattr(a, name), getattr(b, name)) for name in names)
 
 
 def same_value(a: object, b: object) -> bool:
-    """Whether two values of a field, or of a term's option, mean the same."""
-    if isinstance(a, Term) and isinstance(b, Term):
-        kind = term_kind(a.kind)
-        if kind.is_relative(a) == kind.is_relative(b):
-            b = replace(b, relative=a.relative)  # what is not said counts as its usual meaning
-    if isinstance(a, Term | PhaseRule):
-        return type(a) is type(b) and all(same_value(getattr(a, x.name), getattr(b, x.name)) for x in fields(a))
-    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
-        return a is not None and b is not None and _same_values(np.asarray(a), np.asarray(b))
-    if isinstance(a, tuple) and isinstance(b, tuple):
-        return len(a) == len(b) and all(same_value(x, y) for x, y in zip(a, b, strict=True))
-    return bool(a == b)
+    """Compare the meaning of two values of a field, or of a term's option."""
+    return _key(a) == _key(b)
 
 
-def _same_values(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether two arrays say the same; one number stands for all."""
-    return (a.shape == b.shape or 1 in (a.size, b.size)) and bool(np.all(a == b))
+def _contract_key(contract: PolicyContract) -> Hashable:
+    return tuple(_key(getattr(contract, item.name)) for item in fields(contract) if item.name != "provenance")
+
+
+def _key(value: Any) -> Hashable:
+    """Make the same of values that mean the same: one number stands for all, and a term says what is usual."""
+    if isinstance(value, Term):
+        return _term_key(value)
+    if isinstance(value, PhaseRule | TensorNames):
+        return tuple(_key(getattr(value, item.name)) for item in fields(value))
+    if isinstance(value, np.ndarray):
+        is_one = value.size > 0 and bool((value == value.flat[0]).all())
+        return float(value.flat[0]) if is_one else (value.shape, (value + 0.0).tobytes())  # -0 is 0
+    return tuple(map(_key, value)) if isinstance(value, tuple) else value
+
+
+@lru_cache(maxsize=10_000)
+def _term_key(term: Term) -> Hashable:
+    options = (getattr(term, option.name) for option in fields(term) if option.name != "relative")
+    return term_kind(term.kind).is_relative(term), *map(_key, options)

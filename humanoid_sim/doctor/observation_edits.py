@@ -19,9 +19,9 @@ from humanoid_sim.doctor.edits import (
     term_edit,
     terms_with,
 )
-from humanoid_sim.mit import IMU
+from humanoid_sim.mit import BASE, IMU
 
-__all__ = ["conventions", "phases", "reference_conventions", "scales", "zeroed"]
+__all__ = ["conventions", "imu_turns", "phases", "reference_conventions", "scales", "zeroed"]
 
 _LEGGED_GYM: Mapping[str, float] = {"base_ang_vel": 0.25, "joint_vel": 0.05}
 """Scales of legged_gym, kept by many of its descendants."""
@@ -86,7 +86,7 @@ def scales(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
             )
 
 
-def conventions(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
+def conventions(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
     """Signs, frames, quaternion order, and what joint positions and the last action are relative to."""
     for term in terms_with(contract, "sign"):
         yield term_edit(
@@ -102,23 +102,22 @@ def conventions(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
             term, f" in the {other} frame", "frame", f"{term.name} is given in the {other} frame", frame=other
         )
     for term in terms_with(contract, "at"):
-        (other,) = term.others("at")
-        point = "the IMU" if other == IMU else "the base's origin"
-        yield term_edit(term, f" at {point}", "point", f"{term.name} is the velocity of {point}", at=other)
+        points = {BASE: "the base's origin", IMU: "the IMU", **{site: f"the site '{site}'" for site in robot.points}}
+        for other, point in points.items():
+            if other != term.at:
+                yield term_edit(term, f" at {point}", "point", f"{term.name} is the velocity of {point}", at=other)
     for term in terms_with(contract, "quaternion"):
         (other,) = term.others("quaternion")
         yield term_edit(
             term, f" {' '.join(other)}", "order", f"{term.name} is ordered {' '.join(other)}", quaternion=other
         )
     for term in terms_with(contract, "relative"):
-        if contract.kind(term).task:
-            continue  # the reference's: see `reference_conventions`
         is_relative = contract.kind(term).is_relative(term)
         yield term_edit(
             term,
             f" {'absolute' if is_relative else 'less the default pose'}",
             "relative",
-            f"{term.name} is {'the joint angle itself' if is_relative else 'the angle less the default pose'}",
+            f"positions in {term.name} are {'the angles themselves' if is_relative else 'less the default pose'}",
             relative=not is_relative,
         )
     for term in terms_with(contract, "form"):
@@ -130,6 +129,21 @@ def conventions(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
             f"{term.name} is the network's output" + (" times the action scale" if other == "scaled" else " as it is"),
             form=other,
         )
+
+
+def imu_turns(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
+    """The IMU is turned by a quarter, or by half: all its vectors are."""
+    shown = [term for term in terms_with(contract, "axes") if term.frame == "body"]
+    if len({term.axes for term in shown}) != 1:
+        return
+    names = {term.name for term in shown}
+    for axes in shown[0].others("axes"):
+
+        def turned(contract: PolicyContract, axes: str = axes) -> PolicyContract:
+            return change_terms(contract, lambda term: replace(term, axes=axes) if term.name in names else term)
+
+        text = f"the IMU is turned: what the policy knows as x y z are its axes {axes}"
+        yield Edit(f"IMU turned: {axes}", "IMU axes", text, turned, is_whole=True)
 
 
 def phases(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
@@ -153,17 +167,6 @@ def phases(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
 
 def reference_conventions(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
     """What the motion reference's terms mean, and how the reference is laid onto the robot."""
-    for term in terms_with(contract, "relative"):
-        if not contract.kind(term).task:
-            continue
-        is_relative = contract.kind(term).is_relative(term)
-        yield term_edit(
-            term,
-            f" {'absolute' if is_relative else 'less the default pose'}",
-            "relative",
-            f"the reference's joint positions are {'absolute' if is_relative else 'less the default pose'}",
-            relative=not is_relative,
-        )
     layouts = {
         "rows": "first two columns, row by row",
         "columns": "first two columns, one after the other",

@@ -12,18 +12,19 @@ from humanoid_sim.controllers.contract import FORMS, PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.term_kinds import TERM_KINDS
 from humanoid_sim.controllers.terms import HistoryOrder, Term
-from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, change_terms, set_fields
+from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, change_terms, mirrored, set_fields
 
-__all__ = ["history_orders", "joint_orders", "mirrored", "term_orders"]
+__all__ = ["history_orders", "joint_orders", "relabelled", "term_orders"]
 
 
 def joint_orders(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
     """The joints are in another order than the contract says: names alone, or the observation and action alone."""
+    mirror = mirrored(contract.joint_names)
     orders = {
         "the robot's": robot.joint_names,
         "breadth-first (Isaac)": robot.breadth_first,
         "alphabetical": tuple(sorted(contract.joint_names)),
-        "with left and right swapped": tuple(mirrored(name) for name in contract.joint_names),
+        "with left and right swapped": tuple(mirror.get(name, name) for name in contract.joint_names),
     }
     for title, order in orders.items():
         if sorted(order) != sorted(contract.joint_names) or order == contract.joint_names:
@@ -42,16 +43,6 @@ def joint_orders(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
             reordered(order),
             is_whole=True,
         )
-
-
-def mirrored(name: str) -> str:
-    """The name of the joint on the other side; itself where it has no side."""
-    for left, right in (("left", "right"), ("Left", "Right"), ("L_", "R_"), ("l_", "r_")):
-        if name.startswith(left):
-            return right + name.removeprefix(left)
-        if name.startswith(right):
-            return left + name.removeprefix(right)
-    return name
 
 
 def relabelled(order: tuple[str, ...]) -> Change:
@@ -117,7 +108,7 @@ def term_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
             f"terms {title}",
             "term order",
             f"the observation's terms are {title}: {', '.join(term.name for term in order)}",
-            set_fields(observation=order),
+            _listed_terms(order),
         )
     for i in range(len(terms) - 1):
         order = (*terms[:i], terms[i + 1], terms[i], *terms[i + 2 :])
@@ -125,8 +116,18 @@ def term_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
             f"terms {terms[i].name} and {terms[i + 1].name} swapped",
             "term order",
             f"{terms[i + 1].name} comes before {terms[i].name} in the observation",
-            set_fields(observation=order),
+            _listed_terms(order),
         )
+
+
+def _listed_terms(order: tuple[Term, ...]) -> Change:
+    """Sort the terms as these are, whatever else has been changed about them."""
+
+    def change(contract: PolicyContract) -> PolicyContract:
+        terms = {term.name: term for term in contract.terms}
+        return replace(contract, observation=tuple(terms[term.name] for term in order))
+
+    return change
 
 
 def history_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:

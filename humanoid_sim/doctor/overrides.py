@@ -12,7 +12,6 @@ import numpy as np
 import yaml
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.term_kinds import TERM_KINDS
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.hypotheses import same_value
 from humanoid_sim.policy.contract_json import plain_value
@@ -133,7 +132,7 @@ def _at(contract: PolicyContract, path: str) -> Any:
         name, _, option = path.removeprefix("terms.").rpartition(".")
         (term,) = (term for term in contract.terms if term.name == name)
         if option == "relative" and term.relative is None:
-            return _Default(TERM_KINDS[term.name].is_relative(term))
+            return _Default(contract.kind(term).is_relative(term))
         return _plain(option, getattr(term, option))
     name, _, part = path.partition(".")
     value = getattr(contract, name)

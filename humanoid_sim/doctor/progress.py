@@ -49,7 +49,8 @@ class SearchProgress:
         """Take in that so many of a stage's changes have been tried."""
         seconds = self._ranking.seconds
         if not self._stage:
-            self._say(f"single changes: {total}, always all tried, about {self._ranking.expected:.0f} s{self._limit()}")
+            limit = "" if self._plan.budget is None else f"; the search ends after {self._plan.budget:.0f} s (--budget)"
+            self._say(f"single changes: {total}{limit}")
         if stage != self._stage:
             self._stage = stage
         self._bar.update(self._task, description=stage, completed=done, total=total)
@@ -58,14 +59,6 @@ class SearchProgress:
         self._said = seconds
         tried = f"{total}" if done == total else f"{done} of {total}"
         self._say(f"{stage}: {tried} tried, {seconds:.0f} s so far")
-
-    def _limit(self) -> str:
-        budget = self._plan.budget
-        if budget is None or not self._plan.pairs:
-            return ""
-        if self._ranking.expected > budget:
-            return f": longer than --budget {budget:g}, so no pairs of them; Ctrl-C shows what is known"
-        return f"; then pairs of them, to --budget {budget:g} s"
 
     def _say(self, text: str) -> None:
         self._console.print(text, style="dim", markup=False, highlight=False, soft_wrap=True)

@@ -20,6 +20,8 @@ _NOTICED = 1.1
 tilts by 1.04."""
 _SLIGHT = 0.15
 """Share of the cost below which an improvement may be chance."""
+_EQUAL = 0.05
+"""Share of the cost by which two runs differ by chance."""
 _TELLING = 0.5
 """What a change must save of a run in which there is nothing to notice. Measured: published policies that observe no
 velocity still walk and dance so, and the right wiring saves 0.54 and 0.59; a policy that stands well saves 0.23 with
@@ -92,15 +94,32 @@ class Ranking:
     """Whether the trainer's samples, which agree with the contract as it is, do not with another; None: there are
     none."""
     is_complete: bool = False
-    expected: float = 0.0
-    """s of wall time that the single changes will take, by the first trial; 0 before it."""
     seconds: float = 0.0
     """s of wall time that the search has taken."""
-    single_seconds: float = 0.0
-    """s of wall time that the single changes have taken; 0 until they have all been tried."""
+    tried: dict[str, int] = field(default_factory=dict)
+    """Number of edits of each hypothesis that has been tried, be it at a glance, by its name."""
+    singles_known: int = 0
+    """Single changes in the space."""
     pairs_known: int = 0
-    """Pairs that are worth trying."""
-    pairs_tried: int = 0
+    """Pairs that are worth trying; at most so many before all have been tried."""
+
+    @property
+    def singles_tried(self) -> int:
+        """Number of single changes that have been tried."""
+        return list(self.tried.values()).count(1)
+
+    @property
+    def pairs_tried(self) -> int:
+        """Number of pairs that have been tried."""
+        return list(self.tried.values()).count(2)
+
+    @property
+    def untried(self) -> str:
+        """Say what there was no time for; empty if there was for all."""
+        singles = "single changes", self.singles_tried, self.singles_known
+        pairs = "pairs of changes", self.pairs_tried, self.pairs_known
+        missing = (f"{known - tried} of {known} {what}" for what, tried, known in (singles, pairs) if tried < known)
+        return " and ".join(missing)
 
     def add(self, verdict: Verdict) -> None:
         """Take in a verdict."""
@@ -171,6 +190,19 @@ class Ranking:
     def _pays(self, pair: Verdict) -> bool:
         halves = [self.verdicts[edit.name] for edit in pair.hypothesis.edits if edit.name in self.verdicts]
         return all(_beats(pair, half) for half in halves)
+
+    def equals(self, verdict: Verdict) -> list[Verdict]:
+        """Changes of other causes, no more at once, that do as well: these trials cannot tell which is right."""
+        limit = verdict.cost + _EQUAL * max(verdict.cost, 1.0)
+        return [
+            other
+            for other in self.best()
+            if other.hypothesis.causes != verdict.hypothesis.causes
+            and 0 < len(other.hypothesis.edits) <= len(verdict.hypothesis.edits)
+            and other.is_thorough
+            and other.stays_up
+            and other.cost <= limit
+        ]
 
     def alternatives(self, verdict: Verdict) -> list[Verdict]:
         """Other edits of the same cause, best first."""

@@ -14,9 +14,24 @@ from humanoid_sim.doctor.ranking import Ranking, Verdict
 
 __all__ = ["conclusion", "print_ranking", "ranking_document"]
 
+_EQUALS = 5
+"""Changes that are named as good as the first."""
+
 
 def conclusion(ranking: Ranking) -> str:
-    """What the ranking says, in a sentence or two."""
+    """Say in a few sentences what the ranking shows: the cause, what explains it as well, and what was not tried."""
+    text = _cause(ranking)
+    equals = [] if ranking.finding is None else ranking.equals(ranking.finding)
+    if equals:
+        names = ", ".join(f"'{verdict.hypothesis.name}'" for verdict in equals[:_EQUALS])
+        more = f" and {len(equals) - _EQUALS} more" if len(equals) > _EQUALS else ""
+        text += f" As good in these trials, which cannot tell them apart: {names}{more}."
+    if ranking.untried:
+        text += f" Not tried in {ranking.seconds:.0f} s: {ranking.untried}; a larger --budget tries more."
+    return text
+
+
+def _cause(ranking: Ranking) -> str:
     best, present, finding = ranking.best(), ranking.present, ranking.finding
     if not best or present is None:
         return "Nothing has been tried yet."
@@ -34,6 +49,11 @@ def conclusion(ranking: Ranking) -> str:
             "so."
         )
     before = f"does {ranking.saved(finding):.0%} better" if present.stays_up else "keeps the robot up"
+    if ranking.untried and not finding.is_inconspicuous:
+        return (
+            f"Best so far: {finding.hypothesis.explanation}. With that it {before}, but not yet well, so another "
+            "change, or two at once, may be the cause."
+        )
     return f"Most likely: {finding.hypothesis.explanation}. With that it {before}."
 
 
@@ -85,13 +105,6 @@ def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, 
         table.add_row(*_row(best.index(verdict) + 1, verdict, contract))
     console.print(table)
     console.print(escape(conclusion(ranking)), style="bold", soft_wrap=True)
-    if ranking.pairs_tried < ranking.pairs_known:
-        console.print(
-            f"[dim]pairs of changes: {ranking.pairs_tried} of {ranking.pairs_known} tried in {ranking.seconds:.0f} s, "
-            f"{ranking.single_seconds:.0f} s of it for single changes, which are always all tried; a larger --budget "
-            "gives pairs more time[/dim]",
-            soft_wrap=True,
-        )
     finding = ranking.finding
     if finding is None:
         return
@@ -132,10 +145,13 @@ def ranking_document(ranking: Ranking, contract: PolicyContract, pasting: Pastin
     return {
         "complete": ranking.is_complete,
         "seconds": round(ranking.seconds, 1),
+        "singles_tried": ranking.singles_tried,
+        "singles_known": ranking.singles_known,
         "pairs_tried": ranking.pairs_tried,
         "pairs_known": ranking.pairs_known,
         "healthy": ranking.is_healthy,
         "conclusion": conclusion(ranking),
+        "as_good": [other.hypothesis.name for other in (ranking.equals(ranking.finding) if ranking.finding else ())],
         "file": str(pasting.file),
         "ranking": [
             _entry(rank, verdict, ranking, contract, pasting) for rank, verdict in enumerate(ranking.best(), 1)

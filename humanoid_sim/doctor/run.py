@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 
 from rich.console import Console
 
@@ -33,6 +34,7 @@ def doctor(config: DoctorConfig) -> int:
     Raises:
         InputError: an option, the checkpoint or the motion is not accepted.
     """
+    start = time.perf_counter()
     _check(config)
     examined = load_examined(
         config.checkpoint,
@@ -50,7 +52,7 @@ def doctor(config: DoctorConfig) -> int:
         command=_command(config, examined),
         motion_seconds=examined.motion_seconds,
         pairs=config.pairs,
-        budget=config.budget,
+        budget=max(config.budget - (time.perf_counter() - start), 1.0),  # loading counts
     )
     pasting = pasting_for(config.checkpoint, config.contract or find_contract(config.checkpoint))
     ranking = Ranking(contradicts=examined.contradicts)

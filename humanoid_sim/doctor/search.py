@@ -1,17 +1,19 @@
-"""The search: every single edit briefly, the best of them at length, then pairs likewise.
+"""The search: single edits, the best of them at length, then pairs likewise.
 
-Where no single edit makes a run in which there is nothing to notice, every two of them are tried, at a glance: of two
-mistakes either cure alone may change nothing, or make it worse, so its rank says nothing, but half a second under the
-right pair differs from all the others. The best of those are then tried briefly.
+Edits of one joint are many, so that each is first tried at a glance; so are pairs. Where no single edit makes a run in
+which there is nothing to notice, every two of them are tried: of two mistakes either cure alone may change nothing, or
+make it worse, so its rank says nothing, but half a second under the right pair differs from all the others.
 
-At the end the best are tried less one part of what they change, so that no right value is altered along with a wrong
-one.
+Every stage has a share of the budget by whose end it stops, a running trial too; what it leaves of the single edits is
+tried after the pairs. At the end the best are tried less one part of what they change, so that no right value is
+altered along with a wrong one.
 """
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 
@@ -35,21 +37,25 @@ _CLOSE = 1.2
 """Ratio of costs within which two edits of one cause are both tried at length."""
 _RIVALS = 2
 _PAIRS = 6000
-"""More than any contract has."""
-_GLANCE = 0.125
-"""Share of a brief trial's time."""
+_GLANCE, _LOOK = 0.125, 0.25
+"""Shares of a brief trial's time for which pairs, and edits of one joint, are tried first."""
 _PROMOTED_GLANCES = 150
 """Pairs that are tried briefly."""
 _PROMOTED_PAIRS = 8
-_GLANCED_BY, _TRIED_BY = 0.6, 0.85
-"""Shares of the budget after which pairs are no longer looked at, and no longer tried briefly."""
+_PROMOTED_DETAILS = 24
+"""Edits of one joint that are tried briefly."""
+_BRIEFLY, _GLANCED, _PROMOTED_BY, _AT_LENGTH = 0.26, 0.38, 0.43, 0.62
+"""Shares of the budget by whose end single edits have been tried briefly, those of one joint at a glance, the best of
+these briefly, and the best of all at length."""
+_PAIRS_GLANCED, _PAIRS_BRIEFLY, _PAIRS_AT_LENGTH, _REST = 0.74, 0.83, 0.9, 0.95
+"""Shares of the budget for pairs, then for single edits that were left over; the end is for parts of the best."""
+_SHORTEST = 0.3
+"""Share of a trial's time to which it is cut where the machine is slow."""
 _LEADERS = 12
 """Causes whose best edits are tried in pairs where one change keeps the robot up already."""
 _SPARED = 3
 """Of the best, those that are tried less one part of what they change."""
 _MOST_PARTS = 6
-_LONGEST_FALL = 0.5
-"""Share of a brief trial's time that is counted for one that ends in a fall."""
 
 _COMMANDS = ((0.5, 0.0, 0.0), (0.5, 0.0, 0.5), (-0.5, 0.0, 0.0))
 """Velocities that every walking policy should know, m/s and rad/s."""
@@ -64,12 +70,16 @@ class Plan:
     pairs: int
     """At most so many pairs are tried; 0: none."""
     budget: float | None = None
-    """s of wall time: pairs are tried until so much is used up; None: until they have all been tried."""
+    """s of wall time in which the search ends; None: when all has been tried."""
 
     @property
     def glance(self) -> tuple[Trial, ...]:
         """Of pairs, where there are many."""
-        return tuple(replace(trial, seconds=_GLANCE * trial.seconds) for trial in self.brief)
+        return _shortened(self.brief, _GLANCE)
+
+
+def _shortened(trials: tuple[Trial, ...], factor: float) -> tuple[Trial, ...]:
+    return tuple(replace(trial, seconds=factor * trial.seconds) for trial in trials)
 
 
 def make_plan(
@@ -127,74 +137,120 @@ class _Search:
         self._progress = progress
         self._runner = TrialRunner(examined)
         self._start = time.perf_counter()
-        self._simulated = 0.0
-        """s of simulated time so far."""
+        self._pace = 0.0
+        """s of wall time for one of simulated time."""
 
     def run(self) -> None:
-        """All stages."""
-        contract, plan, ranking = self._contract, self._plan, self._ranking
+        """Go through all stages."""
+        contract, ranking = self._contract, self._ranking
         unchanged, changed = present(contract), singles(contract, self._robot)
-        self._expect(unchanged, len(changed))
-        self._stage("single changes", [unchanged, *changed], plan.brief, ranking)
-        promising = [verdict.hypothesis for verdict in ranking.best() if verdict.hypothesis.edits]
-        chosen = [unchanged, *_with_rivals(promising[:_PROMOTED], ranking)]
-        self._stage("the best of them", chosen, plan.thorough, ranking)
-        ranking.single_seconds = ranking.seconds
-        wanted, together = _pairs(contract, changed, ranking, plan.pairs), Ranking()
-        ranking.pairs_known = len(wanted)
-        if len(wanted) > _PROMOTED_GLANCES:
-            seen = Ranking()
-            self._stage("pairs at a glance", wanted, plan.glance, seen, until=_GLANCED_BY)
-            ranking.pairs_tried = len(seen.verdicts)
-            glanced = sorted(seen.verdicts.values(), key=lambda verdict: verdict.order)
-            wanted = [verdict.hypothesis for verdict in glanced[:_PROMOTED_GLANCES]]
-        self._stage("pairs of changes", wanted, plan.brief, together, until=_TRIED_BY)
-        ranking.pairs_tried = max(ranking.pairs_tried, len(together.verdicts))
-        best = [verdict.hypothesis for verdict in together.best()[:_PROMOTED_PAIRS]]
-        self._stage("the best pairs", best, plan.thorough, ranking)
+        details = [hypothesis for hypothesis in changed if hypothesis.is_detail]
+        coarse = [unchanged, *(hypothesis for hypothesis in changed if not hypothesis.is_detail)]
+        ranking.singles_known = len(changed)
+        self._pace = self._measured_pace(unchanged)
+        self._plan = replace(self._plan, brief=self._fitting(self._plan.brief, len(coarse), _BRIEFLY))
+        rest = self._stage("single changes", coarse, self._plan.brief, ranking, _BRIEFLY)
+        glanced = Ranking()
+        look = _shortened(self._plan.brief, _LOOK)
+        rest += self._stage("changes of one joint", details, look, glanced, _GLANCED)
+        seen = [verdict.hypothesis for verdict in sorted(glanced.verdicts.values(), key=lambda verdict: verdict.order)]
+        best = seen[:_PROMOTED_DETAILS]
+        rest += self._stage("the best of one joint", best, self._plan.brief, ranking, _PROMOTED_BY)
+        self._at_length(unchanged, _AT_LENGTH)
+        self._try_pairs(seen)
+        if rest:
+            self._stage("single changes left over", rest, self._plan.brief, ranking, _REST)
+            self._at_length(unchanged, _REST)
         self._spare()
+        ranking.seconds = self._elapsed
         ranking.is_complete = True
+
+    def _measured_pace(self, unchanged: Hypothesis) -> float:
+        """Measure the pace in a second trial: in the first the robot is built."""
+        self._outcomes(unchanged, self._plan.glance, math.inf)
+        start = self._elapsed
+        outcomes = self._outcomes(unchanged, self._plan.glance, math.inf) or ()
+        return (self._elapsed - start) / max(sum(outcome.time_up for outcome in outcomes), 1e-3)
+
+    def _at_length(self, unchanged: Hypothesis, until: float) -> None:
+        """Try the best at length that have not been yet."""
+        ranking = self._ranking
+        promising = [verdict.hypothesis for verdict in ranking.best() if verdict.hypothesis.edits][:_PROMOTED]
+        chosen = [unchanged, *_with_rivals(promising, ranking)]
+        new = [each for each in chosen if each.name in ranking.verdicts and not ranking.verdicts[each.name].is_thorough]
+        if len(new) == len(chosen):
+            self._plan = replace(self._plan, thorough=self._fitting(self._plan.thorough, len(new), until))
+        self._stage("the best of them", new, self._plan.thorough, ranking, until)
+
+    def _try_pairs(self, glanced: Sequence[Hypothesis]) -> None:
+        """Try pairs as single changes are; `glanced` are edits of one joint, best first."""
+        plan, ranking, together = self._plan, self._ranking, Ranking()
+        ranking.pairs_known, wanted = _pairs(self._contract, glanced, ranking, plan.pairs)
+        if ranking.pairs_known > _PROMOTED_GLANCES:
+            seen = Ranking()
+            left = self._stage("pairs at a glance", wanted, plan.glance, seen, _PAIRS_GLANCED, ranking.pairs_known)
+            best = sorted(seen.verdicts.values(), key=lambda verdict: verdict.order)
+            chosen = [verdict.hypothesis for verdict in best[:_PROMOTED_GLANCES]]
+            self._stage("pairs of changes", chosen, plan.brief, together, _PAIRS_BRIEFLY)
+        else:
+            left = self._stage("pairs of changes", wanted, plan.brief, together, _PAIRS_BRIEFLY, ranking.pairs_known)
+        if not left:
+            ranking.pairs_known = ranking.pairs_tried  # of some, both together change nothing
+        promoted = [verdict.hypothesis for verdict in together.best()[:_PROMOTED_PAIRS]]
+        self._stage("the best pairs", promoted, plan.thorough, ranking, _PAIRS_AT_LENGTH)
 
     def _stage(
         self,
         title: str,
-        hypotheses: Sequence[Hypothesis],
+        hypotheses: Iterable[Hypothesis],
         trials: tuple[Trial, ...],
         into: Ranking,
-        *,
-        until: float | None = None,
-    ) -> None:
-        """Try some hypotheses; with `until` only while no more than that share of the budget is used up."""
-        # One after the other: most of a trial is Python's, so threads would only wait for each other.
-        done, total = 0, sum(bool(hypothesis.edits) for hypothesis in hypotheses)
-        for hypothesis in hypotheses:
-            if until is not None and self._plan.budget is not None and self._elapsed > until * self._plan.budget:
-                return
-            into.add(Verdict(hypothesis, self._outcomes(hypothesis, trials), trials is self._plan.thorough))
-            self._ranking.seconds = self._elapsed
-            done += bool(hypothesis.edits)
-            self._progress(title, done, total)
+        until: float,
+        count: int | None = None,
+    ) -> list[Hypothesis]:
+        """Try some hypotheses, `count` of them, until that share of the budget is used up.
 
-    def _outcomes(self, hypothesis: Hypothesis, trials: tuple[Trial, ...]) -> tuple[Outcome, ...]:
-        outcomes = tuple(self._runner.run(hypothesis.contract, trial) for trial in trials)
-        self._simulated += sum(outcome.time_up for outcome in outcomes)
-        return outcomes
+        Returns:
+            Those that there was no time for; of an iterator the first.
+        """
+        # One after the other: most of a trial is Python's, so threads would only wait for each other.
+        end = math.inf if self._plan.budget is None else self._start + until * self._plan.budget
+        listed = hypotheses if isinstance(hypotheses, Sequence) else ()
+        total = sum(bool(hypothesis.edits) for hypothesis in listed) if count is None else count
+        done, remaining = 0, iter(hypotheses)
+        for hypothesis in remaining:
+            outcomes = self._outcomes(hypothesis, trials, end)
+            self._ranking.seconds = self._elapsed
+            if outcomes is None:
+                return [hypothesis, *(remaining if listed else ())]
+            into.add(Verdict(hypothesis, outcomes, trials is self._plan.thorough))
+            done += bool(hypothesis.edits)
+            if trials is not self._plan.thorough:
+                self._ranking.tried[hypothesis.name] = len(hypothesis.edits)
+            self._progress(title, done, total)
+        return []
+
+    def _outcomes(self, hypothesis: Hypothesis, trials: tuple[Trial, ...], end: float) -> tuple[Outcome, ...] | None:
+        outcomes = []
+        for trial in trials:
+            outcome = self._runner.run(hypothesis.contract, trial, end)
+            if outcome is None:
+                return None
+            outcomes.append(outcome)
+        return tuple(outcomes)
 
     @property
     def _elapsed(self) -> float:
         """Wall time so far, s."""
         return time.perf_counter() - self._start
 
-    def _expect(self, unchanged: Hypothesis, count: int) -> None:
-        """Work out from the first trial how long single changes take: the robot is built by then, so run it again."""
-        self._outcomes(unchanged, self._plan.brief)
-        start, simulated = self._elapsed, self._simulated
-        outcomes = self._outcomes(unchanged, self._plan.brief)
-        pace = (self._elapsed - start) / max(self._simulated - simulated, 1e-3)
-        share = 1.0 if not any(outcome.lost for outcome in outcomes) else _LONGEST_FALL
-        briefly = (count + 1) * share * sum(trial.seconds for trial in self._plan.brief)
-        at_length = (_PROMOTED + 1) * share * sum(trial.seconds for trial in self._plan.thorough)
-        self._ranking.expected = self._elapsed + pace * (briefly + at_length)
+    def _fitting(self, trials: tuple[Trial, ...], count: int, until: float) -> tuple[Trial, ...]:
+        """Cut the trials of so many hypotheses such that they end by a share of the budget, if no robot falls."""
+        if self._plan.budget is None:
+            return trials
+        seconds = self._pace * count * sum(trial.seconds for trial in trials)
+        factor = (until * self._plan.budget - self._elapsed) / max(seconds, 1e-9)
+        return trials if factor >= 1.0 else _shortened(trials, max(factor, _SHORTEST))
 
     def _spare(self) -> None:
         """Leave out of the best changes what makes nothing better."""
@@ -202,7 +258,7 @@ class _Search:
         for verdict in chosen:
             smaller = tuple(spared(self._contract, verdict.hypothesis))
             if len(smaller) <= _MOST_PARTS:
-                self._stage("parts of the best", smaller, self._plan.thorough, self._ranking)
+                self._stage("parts of the best", smaller, self._plan.thorough, self._ranking, 1.0)
 
 
 def _with_rivals(promising: Sequence[Hypothesis], ranking: Ranking) -> list[Hypothesis]:
@@ -217,23 +273,23 @@ def _with_rivals(promising: Sequence[Hypothesis], ranking: Ranking) -> list[Hypo
 
 
 def _pairs(
-    contract: PolicyContract, everything: Sequence[Hypothesis], ranking: Ranking, count: int
-) -> list[Hypothesis]:
-    """The pairs worth trying, most promising first: none if nothing is wrong.
+    contract: PolicyContract, glanced: Sequence[Hypothesis], ranking: Ranking, most: int
+) -> tuple[int, Iterator[Hypothesis]]:
+    """The pairs worth trying and at most how many they are, most promising first: none if nothing is wrong.
 
     Where one change leaves nothing to notice, those of it with every other, and those of the leading causes among
     themselves. Else all, also where one change keeps the robot up: it need not be one of the two mistakes.
     """
-    if ranking.is_healthy:
-        return []
+    if ranking.is_healthy or ranking.present is None:
+        return 0, iter(())
     best = ranking.finding or ranking.best()[0]
-    ranked = sorted(everything, key=lambda hypothesis: ranking.verdicts[hypothesis.name].order)
-    found: Iterable[Hypothesis]
-    if best.is_inconspicuous:
-        others = (hypothesis for hypothesis in ranked if hypothesis is not best.hypothesis)
-        with_best = (pair for other in others for pair in pairs(contract, [best.hypothesis, other]))
-        leaders = [verdict.hypothesis for verdict in ranking.best() if len(verdict.hypothesis.edits) == 1]
-        found = chain(with_best, pairs(contract, leaders[1 : _LEADERS + 1]))
-    else:
-        found = pairs(contract, ranked)
-    return list(islice(found, count))
+    tried = sorted(ranking.verdicts.values(), key=lambda verdict: verdict.order)
+    ranked = [verdict.hypothesis for verdict in tried if verdict.hypothesis.edits]
+    ranked += [hypothesis for hypothesis in glanced if hypothesis.name not in ranking.verdicts]
+    if not best.is_inconspicuous:
+        return min(len(ranked) * (len(ranked) - 1) // 2, most), islice(pairs(contract, ranked), most)
+    others = [hypothesis for hypothesis in ranked if hypothesis is not best.hypothesis]
+    with_best = (pair for other in others for pair in pairs(contract, [best.hypothesis, other]))
+    leaders = [verdict.hypothesis for verdict in ranking.best() if len(verdict.hypothesis.edits) == 1]
+    among = list(pairs(contract, leaders[1 : _LEADERS + 1]))
+    return min(len(others) + len(among), most), islice(chain(with_best, among), most)

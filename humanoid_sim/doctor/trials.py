@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -73,8 +75,17 @@ class TrialRunner:
     _stable: dict[tuple[object, ...], bool] = field(default_factory=dict)
     """Of each robot, its gains and a physics step, whether they go together."""
 
-    def run(self, contract: PolicyContract, trial: Trial) -> Outcome:
-        """Try a contract once. A contract that cannot run is lost at 0 s; the same trial gives the same outcome."""
+    def run(self, contract: PolicyContract, trial: Trial, until: float = math.inf) -> Outcome | None:
+        """Try a contract once. A contract that cannot run is lost at 0 s; the same trial gives the same outcome.
+
+        Args:
+            contract: to be tried.
+            trial: how.
+            until: s of `time.perf_counter`, from which on the trial is broken off.
+
+        Returns:
+            What came of it; None if it was broken off.
+        """
         try:
             loaded = self.examined.load(contract)
             robot = self._robot(contract, trial)
@@ -86,7 +97,7 @@ class TrialRunner:
             loop = ClosedLoop(one, wiring, np.array(trial.command))
         except (FieldError, InputError) as error:
             return Outcome(0.0, trial.seconds, _NOTHING, str(error))
-        return _run(one, loop, loaded.policy, self._goal(loaded, trial, robot), trial)
+        return _run(one, loop, loaded.policy, self._goal(loaded, trial, robot), trial, until)
 
     def _goal(self, loaded: LoadedPolicy, trial: Trial, robot: MujocoRobot) -> Goal:
         contract, motion = loaded.contract, self.examined.motion_under(loaded.contract)
@@ -116,7 +127,7 @@ class TrialRunner:
                 continue
             if not self._stable.get((*damped, timestep), True):
                 continue
-            observed = contract.anchor_body, contract.velocity_points
+            observed = contract.anchor_body, contract.velocity_points, contract.height_scan
             key = (*built, contract.policy_dt, observed, trial.yaw, timestep)
             robot = self._robots.pop(key, None) or self._build(contract, trial, timestep)
             self._robots[key] = robot
@@ -143,14 +154,17 @@ class TrialRunner:
             base_height=self.examined.base_height,
             anchor_body=contract.anchor_body,
             velocity_at=contract.velocity_points,
+            height_scan=contract.height_scan,
         )
 
 
-def _run(one: OneRobot, loop: ClosedLoop, policy: Policy, goal: Goal, trial: Trial) -> Outcome:
+def _run(one: OneRobot, loop: ClosedLoop, policy: Policy, goal: Goal, trial: Trial, until: float) -> Outcome | None:
     """One trial from its start: a policy step per control period."""
     period = loop.wiring.contract.policy_dt
     strain = Strain(period)
     for step in range(max(round(trial.seconds / period), 1)):
+        if time.perf_counter() > until:
+            return None
         state = loop.state
         lost = goal.update(int(loop.memory.frame), state, one.robot.base_state)
         if one.safety.level >= SafetyLevel.FAULT:

@@ -49,7 +49,7 @@ class Mistake:
     """One row of a README's table of deliberate mistakes."""
 
     policy: str
-    """`unitree`, `waltz` or `holosoma`."""
+    """Name in `published_policies`."""
     name: str
     edit: Edit
     """From the right contract to the wrong one."""
@@ -152,3 +152,137 @@ MISTAKES = (
     Mistake("holosoma", "obs scales all 1", scales_one, "observation scales", 0.10),
     Mistake("holosoma", "action scale 1", action_scale_one, "action scale", 0.50),
 )
+
+
+def turned_round(*joints: str) -> Edit:
+    """Joints that turn the other way on the robot: its angles, speeds and commands have the other sign."""
+
+    def edit(contract: PolicyContract) -> PolicyContract:
+        signs = np.array([-1.0 if name in joints else 1.0 for name in contract.joint_names])
+        assert (signs < 0.0).sum() == len(joints)
+        assert contract.action_joint_names == contract.joint_names
+        terms = tuple(
+            replace(item, scale=item.scale * signs) if item.kind in ("joint_pos", "joint_vel") else item
+            for item in contract.terms
+        )
+        return replace(
+            contract,
+            observation=terms,
+            action_scale=contract.action_scale * signs,
+            default_joint_pos=contract.default_joint_pos * signs,
+            action_offset=contract.action_offset * signs,
+        )
+
+    return edit
+
+
+def imu_axes(axes: str) -> Edit:
+    """An IMU that is mounted another way round."""
+
+    def edit(contract: PolicyContract) -> PolicyContract:
+        kinds = ("base_ang_vel", "projected_gravity", "base_lin_vel")
+        terms = (replace(item, axes=axes) if item.kind in kinds else item for item in contract.terms)
+        return replace(contract, observation=tuple(terms))
+
+    return edit
+
+
+def sides_swapped(left: str, right: str) -> Edit:
+    def edit(contract: PolicyContract) -> PolicyContract:
+        def other(name: str) -> str:
+            return name.replace(left, right) if left in name else name.replace(right, left)
+
+        names = tuple(other(name) for name in contract.joint_names)
+        assert names != contract.joint_names
+        return replace(contract, joint_names=names, action_joint_names=names)
+
+    return edit
+
+
+def gains_swapped(one: str, other: str) -> Edit:
+    def edit(contract: PolicyContract) -> PolicyContract:
+        order = np.arange(len(contract.joint_names))
+        i, j = contract.joint_names.index(one), contract.joint_names.index(other)
+        order[[i, j]] = j, i
+        assert contract.joint_stiffness[i] != contract.joint_stiffness[j]
+        return replace(
+            contract, joint_stiffness=contract.joint_stiffness[order], joint_damping=contract.joint_damping[order]
+        )
+
+    return edit
+
+
+def scaled_actions(factor: float) -> Edit:
+    return lambda contract: replace(contract, action_scale=factor * contract.action_scale)
+
+
+def other_foot(contract: PolicyContract) -> PolicyContract:
+    assert contract.phase is not None
+    return replace(contract, phase=replace(contract.phase, offsets=contract.phase.offsets[::-1]))
+
+
+def period(seconds: float) -> Edit:
+    def edit(contract: PolicyContract) -> PolicyContract:
+        assert contract.phase is not None
+        return replace(contract, phase=replace(contract.phase, period=seconds))
+
+    return edit
+
+
+SINGLES = (
+    Mistake("unitree", "left knee turned round", turned_round("left_knee_joint"), "joint direction"),
+    Mistake("unitree", "IMU a quarter about z", imu_axes("y -x z"), "IMU axes"),
+    Mistake("unitree", "left and right swapped", sides_swapped("left", "right"), "joint order"),
+    Mistake(
+        "unitree",
+        "gains of knee and wrist swapped",
+        gains_swapped("left_knee_joint", "left_wrist_pitch_joint"),
+        "gains of two joints",
+    ),
+    Mistake("holosoma", "right hip roll turned round", turned_round("right_hip_roll_joint"), "joint direction"),
+    Mistake("holosoma", "IMU a quarter about x", imu_axes("x z -y"), "IMU axes"),
+    Mistake("holosoma", "clock from the other foot", other_foot, "gait clock start"),
+    Mistake("waltz", "left shoulder turned round", turned_round("left_shoulder_pitch_joint"), "joint direction"),
+    Mistake("waltz", "IMU half about z", imu_axes("-x -y z"), "IMU axes"),
+    Mistake("berkeley", "gravity flipped", gravity_flipped, "projected_gravity sign"),
+    Mistake("berkeley", "left knee turned round", turned_round("leg_left_knee_pitch_joint"), "joint direction"),
+    Mistake("berkeley", "IMU a quarter about z", imu_axes("-y x z"), "IMU axes"),
+    Mistake("berkeley", "left and right swapped", sides_swapped("left", "right"), "joint order"),
+    Mistake("berkeley", "actions doubled", scaled_actions(2.0), "action scale"),
+    Mistake("playground", "velocity zero", term("base_lin_vel", scale=0.0), "base_lin_vel zeroed"),
+    Mistake("playground", "left hip turned round", turned_round("LL_HFE"), "joint direction"),
+    Mistake("playground", "IMU half about x", imu_axes("x -y -z"), "IMU axes"),
+    Mistake("playground", "clock from the other foot", other_foot, "gait clock start"),
+    Mistake("playground", "gains of knee and ankle swapped", gains_swapped("LL_KFE", "LL_FAA"), "gains of two joints"),
+    Mistake("playground", "joint positions absolute", term("joint_pos", relative=False), "joint_pos relative"),
+    Mistake("legs", "right knee turned round", turned_round("right_knee_pitch"), "joint direction"),
+    Mistake("legs", "IMU a quarter about z", imu_axes("y -x z"), "IMU axes"),
+    Mistake("legs", "left and right swapped", sides_swapped("left", "right"), "joint order"),
+    Mistake("legs", "actions halved", scaled_actions(0.5), "action scale"),
+    Mistake("arms", "left elbow turned round", turned_round("left_elbow_pitch"), "joint direction"),
+)
+"""Of one thing each, on five robots."""
+DOUBLES = (
+    ("unitree", gravity_flipped, turned_round("left_knee_joint"), ("joint direction", "projected_gravity sign")),
+    ("unitree", imu_axes("y -x z"), term("last_action", scale=0.0), ("IMU axes", "last_action zeroed")),
+    (
+        "waltz",
+        term("motion_anchor_ori_b", inverse=True),
+        action_scale_one,
+        ("action scale", "motion_anchor_ori_b direction"),
+    ),
+    ("holosoma", scales_one, listed_terms, ("observation scales", "term order")),
+    ("holosoma", gravity_flipped, action_scale_one, ("action scale", "projected_gravity sign")),
+    ("berkeley", gravity_flipped, scaled_actions(2.0), ("action scale", "projected_gravity sign")),
+    (
+        "berkeley",
+        turned_round("leg_left_knee_pitch_joint"),
+        gravity_flipped,
+        ("joint direction", "projected_gravity sign"),
+    ),
+    ("playground", gravity_flipped, other_foot, ("gait clock start", "projected_gravity sign")),
+    ("playground", term("joint_pos", relative=False), imu_axes("-y x z"), ("IMU axes", "joint_pos relative")),
+    ("legs", gravity_flipped, scaled_actions(0.5), ("action scale", "projected_gravity sign")),
+    ("legs", sides_swapped("left", "right"), gravity_flipped, ("joint order", "projected_gravity sign")),
+)
+"""Of two things at once: policy, both edits, what the doctor calls them, sorted."""

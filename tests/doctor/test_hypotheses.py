@@ -6,14 +6,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from doctor_examples import BREADTH_FIRST, CONTRACTS, FACTS, JOINTS, tracker, walker
-from mistakes import action_scale_one, fields, gravity_flipped, scales_one, term
+from mistakes import (
+    action_scale_one,
+    fields,
+    gains_swapped,
+    gravity_flipped,
+    imu_axes,
+    scales_one,
+    sides_swapped,
+    term,
+    turned_round,
+)
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.doctor.edits import mirrored
 from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, present, same_contract, singles
-from humanoid_sim.doctor.order_edits import mirrored
 
 FEWEST = 50
-MOST = 110
+MOST = 140
 """The space is bounded: a search has to end."""
 
 
@@ -167,13 +177,54 @@ def test_a_new_default_pose_moves_the_action_with_it() -> None:
     assert np.asarray(changed.action_offset).tolist() == [0.0, 0.0, 0.0]
 
 
+def test_mirrored_names() -> None:
+    for left, right in (
+        ("left_hip", "right_hip"),
+        ("leg_left_knee", "leg_right_knee"),
+        ("L_arm", "R_arm"),
+        ("LL_HR", "LR_HR"),
+        ("LeftElbow", "RightElbow"),
+        ("hip_l", "hip_r"),
+    ):
+        assert mirrored((right, "waist_roll", left)) == {left: right, right: left}
+    assert mirrored(("left_hip", "knee", "lever", "rever")) == {}
+
+
+def test_a_joint_that_turns_the_other_way_is_found_again() -> None:
+    changed = named(singles(walker(), FACTS), "left_hip turned round")
+    assert changed.action_scale.tolist() == [0.5, -0.6, 0.7]
+    assert changed.default_joint_pos.tolist() == [0.1, -0.2, 0.3, 0.4]
+    assert np.asarray(changed.action_offset).tolist() == [0.3, 0.1, -0.2]
+    assert np.asarray(changed.terms[3].scale).tolist() == [1.0, -2.0]
+    assert cures(turned_round("right_knee")(tracker()), tracker()) == ["joint direction"]
+
+
 @pytest.mark.parametrize(
-    ("name", "other"),
-    [("left_hip", "right_hip"), ("right_knee", "left_knee"), ("L_arm", "R_arm"), ("waist", "waist")],
+    ("wrong", "cause"),
+    [
+        (imu_axes("y -x z"), "IMU axes"),
+        (term("base_lin_vel", at="imu"), "base_lin_vel point"),
+        (term("base_lin_vel", at="chest"), "base_lin_vel point"),
+        (gains_swapped("left_hip", "left_knee"), "gains of two joints"),
+        (sides_swapped("left", "right"), "joint order"),
+    ],
 )
-def test_mirrored_names(name: str, other: str) -> None:
-    assert mirrored(name) == other
-    assert mirrored(other) == name
+def test_what_is_of_one_joint_or_of_the_imu_is_found_again(
+    wrong: Callable[[PolicyContract], PolicyContract], cause: str
+) -> None:
+    right = replace(tracker(), joint_stiffness=[40.0, 41.0, 40.0, 41.0], joint_damping=1.0)
+    assert cures(wrong(right), right) == [cause]
+
+
+def test_a_velocity_may_be_that_of_a_site() -> None:
+    robot = replace(FACTS, points=("chest",))
+    assert named(singles(tracker(), robot), "base_lin_vel at the site 'chest'").terms[3].at == "chest"
+
+
+def test_gains_that_are_alike_on_both_sides_stay_so() -> None:
+    right = replace(tracker(), joint_stiffness=[40.0, 41.0, 40.0, 41.0], joint_damping=1.0)
+    found = [h for h in singles(right, FACTS) if h.causes == ("gains of two joints",)]
+    assert [h.contract.joint_stiffness.tolist() for h in found] == [[41.0, 40.0, 41.0, 40.0]]
 
 
 def test_pairs_are_of_two_causes_and_begin_with_the_most_promising() -> None:
@@ -185,7 +236,7 @@ def test_pairs_are_of_two_causes_and_begin_with_the_most_promising() -> None:
     place = {hypothesis.name: i for i, hypothesis in enumerate(ranked, 1)}
     products = [place[pair.edits[0].name] * place[pair.edits[1].name] for pair in found]
     assert products == sorted(products)
-    assert max(place[edit.name] for pair in found[: 3 * len(ranked)] for edit in pair.edits) == len(ranked)
+    assert max(place[edit.name] for pair in found[: 3 * len(ranked)] for edit in pair.edits) >= len(ranked) - 2
 
 
 def test_two_mistakes_are_undone_by_a_pair() -> None:
@@ -193,6 +244,18 @@ def test_two_mistakes_are_undone_by_a_pair() -> None:
     wrong = fields(anchor_body="pelvis")(term("actions", form="scaled")(right))
     found = [pair.causes for pair in pairs(wrong, singles(wrong, FACTS)) if same_contract(pair.contract, right)]
     assert found == [("actions form", "anchor body")]
+
+
+def test_an_order_of_terms_leaves_what_else_is_changed_about_them() -> None:
+    found = {h.name: h for h in singles(walker(), FACTS)}
+    flipped, swapped = (
+        found["projected_gravity sign flipped"],
+        found["terms base_ang_vel and projected_gravity swapped"],
+    )
+    for both in ((flipped, swapped), (swapped, flipped)):
+        (pair,) = pairs(walker(), both)
+        assert [term.name for term in pair.contract.terms[:2]] == ["projected_gravity", "base_ang_vel"]
+        assert np.all(pair.contract.terms[0].scale == -1.0)
 
 
 def test_the_models_own_damping_is_a_hypothesis_where_there_is_one() -> None:

@@ -145,14 +145,28 @@ def test_a_wrong_rate_is_found_by_a_quality_that_is_clearly_better() -> None:
     assert conclusion(result) == "Most likely: the policy was trained at 50 Hz. With that it does 16% better."
 
 
-def test_pairs_that_were_left_out_are_told() -> None:
+def test_what_was_not_tried_stands_with_what_was_found() -> None:
     result = ranking((0.3, 2.0), (1.0, 2.0))
-    assert "pairs of changes" not in printed(result)
-    result.pairs_known, result.pairs_tried, result.seconds, result.single_seconds = 300, 120, 118.6, 40.2
-    assert (
-        "pairs of changes: 120 of 300 tried in 119 s, 40 s of it for single changes, which are always all tried; a "
-        "larger --budget gives pairs more time"
-    ) in printed(result)
+    assert "Not tried" not in conclusion(result)
+    result.pairs_known, result.singles_known, result.seconds = 300, 4, 118.6
+    result.tried = {"a": 1, "b": 1, "c": 1, "d": 1, "a + b": 2}
+    text = conclusion(result)
+    assert text.endswith("Not tried in 119 s: 299 of 300 pairs of changes; a larger --budget tries more.")
+    assert text.startswith("Best so far: ")  # its cost is such that an onlooker notices something
+    assert "or two at once, may be the cause" in text
+    result.singles_known = 9
+    assert "5 of 9 single changes and 299 of 300 pairs" in conclusion(result)
+    assert text.split("Not tried")[0] in printed(result).replace("\n", " ")
+
+
+def test_changes_that_do_as_well_are_named() -> None:
+    result = ranking((0.3, 2.0), (1.0, 1.0))
+    assert result.finding is not None
+    assert "As good" not in conclusion(result)
+    for cost, named in ((1.04, True), (1.2, False)):
+        result.add(verdict(FOUND["rate 25 Hz"], 1.0, cost))
+        assert ("which cannot tell them apart: 'rate 25 Hz'." in conclusion(result)) == named
+        assert ranking_document(result, CONTRACT, PASTING)["as_good"] == (["rate 25 Hz"] if named else [])
 
 
 def test_a_change_that_the_trainer_s_samples_contradict_is_no_finding_of_a_robot_that_stays_up() -> None:
