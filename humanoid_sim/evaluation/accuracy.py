@@ -84,6 +84,7 @@ def commanded_motion(
         actuation="affine",
         anchor_body=contract.anchor_body,
         velocity_at=contract.velocity_points,
+        height_scan=contract.height_scan,
     )
     loop = ClosedLoop(OneRobot(robot), wiring, np.array(velocity, dtype=np.float64))
     commands = []

@@ -29,7 +29,7 @@ class BaseSummary:
     yaw_rate: float | None
     """rad/s"""
     height: tuple[float, float, float]
-    """m, of the base's origin above the floor: least, mean and greatest, from release on."""
+    """m, of the base's origin above the floor: least, mean and greatest, from landing on; see `BaseMotion`."""
     lowest: float
     """Share of its standing height that the centre of mass had at least above the floor, from release on."""
     tilt_max: float | None
@@ -41,7 +41,10 @@ class BaseSummary:
 
 
 class BaseMotion:
-    """Accumulates `BaseSummary` from the ticks in which the base is free."""
+    """Accumulates `BaseSummary` from the ticks in which the base is free.
+
+    The robot has landed once its centre of mass is no higher than it stands, or 2 s after release.
+    """
 
     def __init__(self) -> None:
         """Nothing was seen yet."""
@@ -50,6 +53,7 @@ class BaseMotion:
         self._last = 0.0
         self._speed_sum = np.zeros(3)
         self._speed_count = 0
+        self._has_landed = False
         self._height = (math.inf, 0.0, -math.inf)
         self._count = 0
         self._lowest = math.inf
@@ -74,6 +78,9 @@ class BaseMotion:
         self._last = time
         since = time - self._released
         height = float(base.height)
+        if not self._has_landed:
+            self._has_landed = since >= _SETTLING or float(base.mass_height) <= self._standing_height
+            self._height, self._count = (math.inf, 0.0, -math.inf), 0
         low, total, high = self._height
         self._height = (min(low, height), total + height, max(high, height))
         self._count += 1

@@ -23,8 +23,9 @@ from msgspec.structs import replace
 
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.regress.margins import compare_margins
-from humanoid_sim.regress.metrics import ALWAYS
+from humanoid_sim.regress.metrics import ALWAYS, has_metric
 from humanoid_sim.regress.results import (
+    FAILING,
     Candidate,
     CaseComparison,
     Comparison,
@@ -59,7 +60,7 @@ _ANGLES = np.linspace(0.0, 0.5 * np.pi, 20_001)
 
 
 def judge(suite: Suite, baseline: PolicyRun | None, run: PolicyRun, *, strict: bool = False) -> Candidate:
-    """The verdicts on a run; what is unclear fails with `strict`, or with too few seeds to judge."""
+    """Return the verdicts on a run; an open one fails it with `strict`, or with too few seeds to judge."""
     if baseline is None:
         return Candidate(run=run, passed=True)
     comparisons = compare_runs(suite, suite.metrics, baseline, run)
@@ -102,14 +103,19 @@ def _compare(
 ) -> Comparison:
     """One of `count` metrics."""
     name, is_failure = metric.name, metric.name in ALWAYS[suite.task]
+    confidence = 1.0 - (1.0 - suite.confidence) / count
     old, new = _values(name, baseline), _values(name, run)
+    asked = {case.name for case in suite.cases if has_metric(name, case.command)}
     both = {case: (old[case].keys() & new[case].keys() if paired else None) for case in sorted(old) if case in new}
     was, now = ({case: _array(v[case], kept) for case, kept in both.items() if kept != set()} for v in (old, new))
-    missing = [{(e.case, e.seed) for e in r.failures if e.metrics.get(name) is None} for r in (baseline, run)]
+    missing = [
+        {(e.case, e.seed) for e in r.failures if e.metrics.get(name) is None and e.case in asked}
+        for r in (baseline, run)
+    ]
     shared = {(e.case, e.seed) for e in baseline.episodes} & {(e.case, e.seed) for e in run.episodes}
     comparison = Comparison(
         metric=name,
-        verdict="unmeasured",
+        verdict="lost" if old and not new else "unmeasured",
         baseline=mean_of_cases([*was.values()] or [_array(values) for values in old.values()]) if old else None,
         candidate=mean_of_cases([*now.values()] or [_array(values) for values in new.values()]) if new else None,
         change=None,
@@ -123,22 +129,26 @@ def _compare(
     if not was:
         return comparison
 
-    def interval_of(cases: Sequence[str], share: int) -> tuple[Interval, float, float]:
-        """The change in some cases, and between what the worsening lies, with this share of the room for error."""
+    def interval_of(cases: Sequence[str], share: int = 1) -> tuple[Interval, float, float]:
+        """Return the change in some cases, and the ends of the worsening, with this share of the room for error."""
         plus = [now[case] - was[case] if paired else now[case] for case in cases]
         minus = [] if paired else [was[case] for case in cases]
-        found = mean_interval(plus, minus, 1.0 - (1.0 - suite.confidence) / share, suite.resamples)
+        found = mean_interval(plus, minus, 1.0 - (1.0 - confidence) / share, suite.resamples)
         return found, *((found.low, found.high) if metric.better == "lower" else (-found.high, -found.low))
 
-    interval, low, high = interval_of([*was], count)
+    interval, low, high = interval_of([*was])
     never = {case for case, values in old.items() if not any(values.values())}
-    tolerance = 0.0 if is_failure and never >= old.keys() else suite.tolerance(name, mean_of_cases([*was.values()]))
+    tolerance = suite.tolerance(name, mean_of_cases([*was.values()]))
+    detectable = tolerance + interval.detectable
+    if is_failure:
+        known, planned = [_array(values) for values in old.values()], sum(map(len, now.values()))
+        tolerance, detectable = _failures_seen(known, planned, tolerance, confidence)
     new_failures = [e.label for e in run.episodes if is_failure and e.case in never and e.metrics.get(name)]
     cases = []
     for case in () if is_failure else was:
         if len(was[case]) > 1 and len(now[case]) > 1:
             room = suite.case_tolerance * suite.tolerance(name, was[case].mean())
-            alone, least, most = interval_of([case], count * len(was))
+            alone, least, most = interval_of([case], len(was))
             cases.append(
                 CaseComparison(
                     case=case,
@@ -152,29 +162,46 @@ def _compare(
                 )
             )
     verdict = _verdict(low, high, tolerance) if cases or is_failure else "unclear"  # one value has no spread
-    is_worse = bool(new_failures) or any(case.verdict == "worse" for case in cases)
+    is_worse = bool(new_failures) or any(case.verdict in FAILING for case in cases)
     return replace(
         comparison,
-        verdict="worse" if is_worse else verdict,
+        verdict="worse beyond tolerance" if is_worse else verdict,
         change=interval.mean,
         low=interval.low,
         high=interval.high,
         tolerance=tolerance,
-        detectable=None if metric.unit == "share" else tolerance + interval.detectable,
+        detectable=detectable,
         cases=tuple(cases),
         new_failures=tuple(new_failures),
     )
 
 
 def _verdict(low: float, high: float, tolerance: float) -> Verdict:
-    """Of a worsening that lies between `low` and `high`."""
+    """Judge a worsening that lies between `low` and `high`."""
     if low > tolerance:
-        return "worse"
-    if high < -tolerance:
+        return "worse beyond tolerance"
+    if low > 0.0:
+        return "worse within tolerance" if high <= tolerance else "worse, perhaps beyond tolerance"
+    if high < 0.0:
         return "better"
-    if high > tolerance:
-        return "unclear"
-    return "worse, tolerated" if low > 0.0 else "same"
+    return "no difference seen" if high <= tolerance else "unclear"
+
+
+def _failures_seen(
+    cases: Sequence[FloatArray], planned: int, tolerance: float, confidence: float
+) -> tuple[float, float]:
+    """Return the tolerance for a share of failures, and the share that `planned` episodes show with `POWER`.
+
+    Where the baseline, whose flags are in `cases`, has no failure, one is enough, and nothing is tolerated.
+    """
+    count, failed = sum(map(len, cases)), sum(map(sum, cases))
+    if not failed:
+        return 0.0, 1.0 - (1.0 - POWER) ** (1.0 / planned)
+    # One in n is not the truth of which it is a sample: Laplace's rule, (k + 1) / (n + 2).
+    share = (failed + 1.0) / (count + 2.0)
+    normal = NormalDist().inv_cdf
+    error = math.sqrt(share * (1.0 - share) * (1.0 / count + 1.0 / planned))
+    return tolerance, tolerance + (normal(0.5 + 0.5 * confidence) + normal(POWER)) * error
 
 
 def _values(metric: str, run: PolicyRun) -> dict[str, dict[int, float]]:
@@ -209,15 +236,8 @@ def detectable_changes(suite: Suite, metrics: Sequence[MetricInfo], baseline: Po
             continue
         mean = mean_of_cases(cases)
         tolerance = suite.tolerance(metric.name, mean)
-        count, planned = sum(map(len, cases)), suite.seeds * len(cases)
-        if metric.name in ALWAYS[suite.task] and not mean:
-            tolerance, change = 0.0, 1.0 - (1.0 - POWER) ** (1.0 / planned)
-        elif metric.unit == "share":
-            # None failing of n does not mean that none ever would: Laplace's rule, (k + 1) / (n + 2).
-            share = (sum(map(sum, cases)) + 1.0) / (count + 2.0)
-            normal = NormalDist().inv_cdf
-            error = math.sqrt(share * (1.0 - share) * (1.0 / count + 1.0 / planned))
-            change = tolerance + (normal(0.5 + 0.5 * confidence) + normal(POWER)) * error
+        if metric.name in ALWAYS[suite.task]:
+            tolerance, change = _failures_seen(cases, suite.seeds * len(cases), tolerance, confidence)
         else:
             # As many new seeds as the suite has, with the spread of those that are known.
             variances = [v.var(ddof=1) * (1.0 / len(v) + 1.0 / suite.seeds) if len(v) > 1 else 0.0 for v in cases]

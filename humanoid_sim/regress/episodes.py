@@ -107,6 +107,7 @@ class EpisodeBatch:
             threads=threads,
             anchor_body=contract.anchor_body,
             velocity_at=contract.velocity_points,
+            height_scan=contract.height_scan,
             bodies=bodies,
             randomisation=disturbance.randomisation,
             seeds=self._keys,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -14,8 +14,18 @@ from humanoid_sim.bounds import JSON_BYTES
 from humanoid_sim.errors import InputError, known_names, reason_of
 from humanoid_sim.evaluation.definitions import differing
 from humanoid_sim.files import regular_file
+from humanoid_sim.regress.metrics import has_metric
 from humanoid_sim.regress.options import RegressConfig
-from humanoid_sim.regress.results import Candidate, PolicyRun, Results, describe_change, describe_margin
+from humanoid_sim.regress.preparation import PreparedSuite
+from humanoid_sim.regress.results import (
+    FAILING,
+    OPEN,
+    Candidate,
+    PolicyRun,
+    Results,
+    describe_change,
+    describe_margin,
+)
 
 __all__ = ["json_of", "junit_xml", "matching_baseline", "read_baseline"]
 
@@ -49,18 +59,19 @@ def read_baseline(path: Path) -> PolicyRun:
     return run
 
 
-def matching_baseline(digests: Mapping[str, str], baseline: PolicyRun, config: RegressConfig) -> PolicyRun:
-    """The part of a stored baseline that a suite's cases are compared with.
+def matching_baseline(prepared: PreparedSuite, baseline: PolicyRun, config: RegressConfig) -> PolicyRun:
+    """Return the part of a stored baseline that a suite's cases are compared with.
 
     Args:
-        digests: of the suite's cases.
+        prepared: the suite.
         baseline: as it was stored.
         config: the options, which name its file.
 
     Raises:
-        InputError: a case is not in it, or was another when the baseline was made, or its figures mean something else.
+        InputError: a case is not in it, or was another when the baseline was made, its figures mean something else, or
+            it lacks a metric that the suite judges.
     """
-    source = config.baseline
+    source, digests, suite = config.baseline, prepared.digests, prepared.suite
     others = differing(baseline.definitions)
     if others:
         raise InputError(
@@ -76,6 +87,17 @@ def matching_baseline(digests: Mapping[str, str], baseline: PolicyRun, config: R
                 f"since); make it again: {_remake(baseline, config)}"
             )
     kept = tuple(episode for episode in baseline.episodes if episode.case in digests)
+    known = {(episode.case, metric) for episode in kept for metric in episode.metrics}
+    lacking = [
+        metric.name
+        for metric in suite.metrics
+        if any(has_metric(metric.name, case.command) and (case.name, metric.name) not in known for case in suite.cases)
+    ]
+    if lacking:
+        raise InputError(
+            f"{source}: was made before {', '.join(lacking)} could be measured, which the suite judges; make it again: "
+            f"{_remake(baseline, config)}"
+        )
     return msgspec.structs.replace(baseline, episodes=kept, case_digests=digests)
 
 
@@ -122,7 +144,7 @@ def _policy(results: Results, candidate: Candidate, seconds: float | None) -> El
         comparison = by_metric.get(metric.name)
         if comparison is None:
             verdicts.append((metric.name, "skipped", "no baseline"))
-        elif comparison.is_lost:
+        elif comparison.verdict == "lost":
             verdicts.append((metric.name, "lost", "no episode got to its end"))
         elif comparison.verdict == "unmeasured":
             verdicts.append((metric.name, "skipped", "no episodes to compare"))
@@ -134,9 +156,8 @@ def _policy(results: Results, candidate: Candidate, seconds: float | None) -> El
         if verdict == "skipped":
             ElementTree.SubElement(case, "skipped", message=words)
             continue
-        must_be_clear = results.strict or candidate.undecided
-        if verdict in ("worse", "lost") or (must_be_clear and verdict == "unclear"):
-            message = _clean(f"{title} is {verdict}: {words}")
+        if verdict in FAILING or ((results.strict or candidate.undecided) and verdict in OPEN):
+            message = _clean(f"{title}: {verdict}: {words}")
             ElementTree.SubElement(case, "failure", message=message, type="regression")
         ElementTree.SubElement(case, "system-out").text = _clean(f"{verdict}: {words}")
     suite.set("tests", str(len(suite)))

@@ -131,10 +131,10 @@ def compare_margins(suite: Suite, before: Sequence[Margin], after: Sequence[Marg
                 math.inf if margin.fails_at is None else abs(margin.fails_at - margin.nominal) for margin in (was, now)
             )
             comparison = MarginComparison(
-                axis=sweep.name, unit=now.unit, baseline=was.limit, candidate=now.limit, verdict="same"
+                axis=sweep.name, unit=now.unit, baseline=was.limit, candidate=now.limit, verdict="within tolerance"
             )
             if fails < (1.0 - room) * passed:
-                comparison = replace(comparison, verdict="worse")
+                comparison = replace(comparison, verdict="worse beyond tolerance")
             elif passes > (1.0 + room) * failed:
                 comparison = replace(comparison, verdict="better")
             found.append(comparison)

@@ -5,7 +5,7 @@ A new metric is an entry in `METRICS` and, unless it is of the episode as a whol
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
@@ -33,6 +33,7 @@ __all__ = [
     "TaskName",
     "TrackingMeasures",
     "VelocityMeasures",
+    "has_metric",
     "summarise",
 ]
 
@@ -79,9 +80,17 @@ _TRACKING = (
     _metric("losses", "share", "episode", "Episodes that ended because the robot strayed too far from the motion."),
     *_END,
 )
+_REACHED = {"vx_reached": "vx", "vy_reached": "vy", "yaw_rate_reached": "yaw rate"}
+"""Metrics of the speed along each axis of a command, in the command's order."""
+_LEAST_COMMAND = 0.1
+"""m/s or rad/s below which a command asks to stand along its axis, and is too small to divide by."""
 _VELOCITY = (
     _metric("velocity_error", "m/s", "mean", "Horizontal velocity over the last second against the command."),
     _metric("yaw_rate_error", "rad/s", "mean", "Rate about the vertical over the last second against the command."),
+    *(
+        _metric(name, "×", "episode", f"Mean {axis} over the commanded, at most 1; where it is to move.", "higher")
+        for name, axis in _REACHED.items()
+    ),
     _metric("tilt", "rad", "rms", "Angle between the base's z axis and the vertical."),
     _metric("slip", "m/s", "mean", "Speed along the ground of the feet's points that touch it."),
     _metric("power", "W", "mean", "Mechanical power of all joints, taken as positive where they brake, too."),
@@ -119,6 +128,13 @@ ALWAYS: Mapping[TaskName, tuple[str, ...]] = MappingProxyType(
 
 _WINDOW = 1.0
 """s over which a walking robot's velocity is averaged: one or two strides, so that their sway does not count."""
+
+
+def has_metric(name: str, command: Sequence[float] | None) -> bool:
+    """Tell whether a case with this command has a metric: a speed is reached only along an axis that is to move."""
+    if name not in _REACHED:
+        return True
+    return command is not None and abs(command[[*_REACHED].index(name)]) >= _LEAST_COMMAND
 
 
 def summarise(summary: Summary, values: FloatArray) -> float | None:
@@ -231,6 +247,17 @@ class VelocityMeasures(Measures):
         error = total / steps.reshape(-1, 1, 1) - self._command
         error[: self._skip] = np.nan
         return {"velocity_error": length(error[..., :2]), "yaw_rate_error": np.abs(error[..., 2]), **self.rows}
+
+    def of_episode(self, i: int, steps: int) -> Mapping[str, float]:
+        """See `Measures.of_episode`."""
+        if steps <= self._skip:
+            return {}
+        mean, command = self._velocity[self._skip : steps, i].mean(axis=0), self._command[i].tolist()
+        return {
+            name: min(float(mean[axis] / command[axis]), 1.0)
+            for axis, name in enumerate(_REACHED)
+            if has_metric(name, command)
+        }
 
 
 class PianoMeasures(Measures):

@@ -49,7 +49,7 @@ class RegressConfig:
     only: Annotated[str | None, tyro.conf.arg(metavar="TEXT")] = None
     """Run only the cases whose name contains this text."""
     strict: bool = False
-    """Fail what is unclear, too: what the episodes are too few to decide."""
+    """Also fail what the seeds are too few to decide: what is unclear, or worse and perhaps beyond tolerance."""
     margins: bool = False
     """Also raise each of the suite's disturbances until the policy fails."""
     episode: Annotated[str | None, tyro.conf.arg(metavar="CASE:SEED")] = None

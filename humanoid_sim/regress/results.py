@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Literal
+from typing import Literal, get_args
 
 import msgspec
 
 __all__ = [
-    "TOO_FEW_SEEDS",
+    "FAILING",
+    "OPEN",
     "Candidate",
     "CaseComparison",
     "Comparison",
@@ -31,17 +32,32 @@ __all__ = [
     "describe_left_out",
     "describe_limit",
     "describe_margin",
+    "describe_share",
+    "describe_verdicts",
     "displayed_unit",
     "quantity",
 ]
 
-Verdict = Literal["worse", "worse, tolerated", "better", "same", "unclear", "unmeasured"]
-"""Of one metric: `worse` and `better` are shown to be beyond the tolerance, `worse, tolerated` and `same` to be within
-it, the former with a worsening that is not chance; `unclear` is none of these (too few episodes), and `unmeasured` has
-no episodes that could be compared."""
-
-TOO_FEW_SEEDS = "too few seeds"
-"""In place of a share of more than 100 % of the baseline, which says nothing about a policy."""
+Verdict = Literal[
+    "lost",
+    "worse beyond tolerance",
+    "worse, perhaps beyond tolerance",
+    "unclear",
+    "worse within tolerance",
+    "better",
+    "no difference seen",
+    "unmeasured",
+]
+"""Verdict on one metric, the most urgent first. Where it is worse or better, the interval of the worsening excludes 0,
+and lies beyond the tolerance, reaches across it, or ends within it. Where the interval holds 0, no difference is seen
+if it ends within the tolerance; otherwise it is unclear, because the episodes are too few. `unmeasured`: there are no
+episodes to compare; `lost`: the baseline has the metric, and no episode of the candidate does."""
+FAILING: tuple[Verdict, ...] = ("lost", "worse beyond tolerance")
+"""Verdicts that fail a candidate."""
+OPEN: tuple[Verdict, ...] = ("worse, perhaps beyond tolerance", "unclear")
+"""Verdicts that more seeds would settle; they fail a candidate with `--strict`."""
+_TOO_FEW_SEEDS = "too few seeds"
+"""Replacement for a share of more than 100 % of the baseline, which says nothing about a policy."""
 _LISTED = 3
 """Episodes that a sentence names."""
 
@@ -215,7 +231,8 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """By case and seed; where the baseline was run with other seeds, the two are compared case by case instead."""
     detectable: float | None = None
     """The worsening that these very episodes detect with a probability of `Detectable.power`, tolerance included. Pairs
-    detect less than the baseline alone announces, because what a seed does to both cancels."""
+    detect less than the baseline alone announces, because what a seed does to both cancels. For failures: the share of
+    the episodes that would have to fail."""
     left_out: int = 0
     """Pairs (unpaired: episodes of both) that have no value because an episode failed."""
     cases: tuple[CaseComparison, ...] = ()
@@ -231,18 +248,13 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         if self.new_failures:
             more = f" and {len(self.new_failures) - _LISTED} more" if len(self.new_failures) > _LISTED else ""
             found.append(f"{len(self.new_failures)} new: {'; '.join(self.new_failures[:_LISTED])}{more}")
-        alone = [case for case in self.cases if case.verdict == "worse"]
+        alone = [case for case in self.cases if case.verdict in FAILING]
         if alone and len(alone) < len(self.cases):
             shares = (
                 f" by {100.0 * case.change / abs(case.baseline):+.1f} %" if case.baseline else "" for case in alone
             )
             found.append("in " + ", ".join(f"{case.case}{share}" for case, share in zip(alone, shares, strict=True)))
         return "; ".join(found)
-
-    @property
-    def is_lost(self) -> bool:
-        """The baseline has it, and no episode of the candidate has."""
-        return self.verdict == "unmeasured" and self.baseline is not None and self.candidate is None
 
     @property
     def relative(self) -> float | None:
@@ -260,8 +272,8 @@ class MarginComparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     baseline: float
     """The baseline's limit."""
     candidate: float
-    verdict: Literal["worse", "better", "same"]
-    """`worse`: even the value at which the candidate failed is further from the baseline's limit than is tolerated."""
+    verdict: Literal["worse beyond tolerance", "better", "within tolerance"]
+    """Worse where even the value at which the candidate failed is further from the baseline's limit than tolerated."""
 
 
 class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -269,8 +281,8 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     run: PolicyRun
     passed: bool
-    """No metric and no margin is worse, and no metric is lost; with `--strict`, none is unclear either, nor with few
-    seeds: see `undecided`."""
+    """No metric and no margin is worse beyond its tolerance, and no metric is lost; with `--strict`, none is open
+    either, nor with few seeds: see `undecided`."""
     comparisons: tuple[Comparison, ...] = ()
     """Empty without a baseline."""
     margins: tuple[MarginComparison, ...] = ()
@@ -279,19 +291,19 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     @property
     def undecided(self) -> bool:
-        """Nothing is shown to be worse, but with so few seeds that some metrics could not be judged."""
+        """Nothing is shown to be worse beyond its tolerance, but the seeds are too few to judge some metrics."""
         return self.few_seeds is not None and not self.worse and bool(self.unclear)
 
     @property
     def worse(self) -> tuple[str, ...]:
-        """Names of the metrics that are worse or lost and, with the prefix `margin `, of the margins that are worse."""
-        metrics = [c.metric for c in self.comparisons if c.verdict == "worse" or c.is_lost]
-        return (*metrics, *(f"margin {margin.axis}" for margin in self.margins if margin.verdict == "worse"))
+        """Names of the metrics that fail the candidate and, with the prefix `margin `, of the margins that do."""
+        metrics = [c.metric for c in self.comparisons if c.verdict in FAILING]
+        return (*metrics, *(f"margin {margin.axis}" for margin in self.margins if margin.verdict in FAILING))
 
     @property
     def unclear(self) -> tuple[str, ...]:
-        """Names of the metrics that more episodes would have to decide."""
-        return tuple(comparison.metric for comparison in self.comparisons if comparison.verdict == "unclear")
+        """Names of the metrics that more seeds would have to decide."""
+        return tuple(comparison.metric for comparison in self.comparisons if comparison.verdict in OPEN)
 
 
 class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -309,7 +321,7 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Empty without a baseline."""
     candidates: tuple[Candidate, ...]
     strict: bool = False
-    """A metric that is unclear fails."""
+    """A metric whose verdict is open fails."""
     warnings: tuple[str, ...] = ()
     """What to keep in mind when reading the verdicts, such as few seeds."""
     arguments: tuple[str, ...] = ()
@@ -362,7 +374,8 @@ def describe_change(metric: MetricInfo, comparison: Comparison) -> str:
         text += (
             f": {quantity(comparison.change, unit, signed=True)}{relative}, between "
             f"{quantity(comparison.low, unit, signed=True)} and {quantity(comparison.high, unit, signed=True)}; "
-            f"tolerated: {quantity(comparison.tolerance, unit)}"
+            f"tolerated: {quantity(comparison.tolerance, unit)}; "
+            f"seen from {describe_share(comparison.detectable, comparison, unit)}"
         )
     if comparison.left_out:
         text += f"; without {describe_left_out(comparison)}"
@@ -379,6 +392,40 @@ def describe_left_out(comparison: Comparison) -> str:
     )
 
 
+def describe_share(value: float | None, comparison: Comparison, unit: str, *, signed: bool = False) -> str:
+    """Return such as `8.0 %` of the baseline, and where it has no such share, the value itself."""
+    if value is None or not comparison.baseline or unit == "share":
+        return quantity(value, unit, signed=signed)
+    if not signed and value > abs(comparison.baseline):
+        return _TOO_FEW_SEEDS
+    return f"{100.0 * value / abs(comparison.baseline):{'+' if signed else ''}.1f} %"
+
+
+def describe_verdicts(results: Results, candidate: Candidate) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Return each verdict, the most urgent first, with the metrics that have it and what was seen of each.
+
+    Such as `("worse within tolerance", [("effort", "+1.3 % (+1.1 to +1.5 %)")])`; where no difference was seen, the
+    worsening that would have been, such as `("tilt", "(seen from 10.9 %)")`.
+    """
+    found: dict[str, list[tuple[str, str]]] = {verdict: [] for verdict in get_args(Verdict)}
+    for comparison in candidate.comparisons:
+        unit, words = results.metric(comparison.metric).unit, ""
+        if comparison.verdict == "no difference seen":
+            words = f"(seen from {describe_share(comparison.detectable, comparison, unit)})"
+        elif comparison.change is not None:
+            change, low, high = (
+                describe_share(value, comparison, unit, signed=True)
+                for value in (comparison.change, comparison.low, comparison.high)
+            )
+            reasons = f"; {comparison.reasons}" if comparison.reasons else ""
+            words = f"{change} ({low.removesuffix(' %')} to {high}{reasons})"
+        found[comparison.verdict].append((comparison.metric, words))
+    for margin in candidate.margins:
+        if margin.verdict in FAILING:
+            found[margin.verdict].append((f"margin {margin.axis}", describe_margin(margin)))
+    return [(verdict, members) for verdict, members in found.items() if members]
+
+
 def describe_detectable(metric: MetricInfo, change: float | None, baseline: float | None) -> str:
     """Such as `+0.9 mm (8.7 %)`: the worsening that the suite finds; `-` where that is not known."""
     if change is None:
@@ -388,7 +435,7 @@ def describe_detectable(metric: MetricInfo, change: float | None, baseline: floa
     sign = 1.0 if metric.better == "lower" else -1.0
     relative = f" ({100.0 * change / abs(baseline):.1f} %)" if baseline else ""
     if baseline and change > abs(baseline):
-        relative = f" ({TOO_FEW_SEEDS})"
+        relative = f" ({_TOO_FEW_SEEDS})"
     return f"{quantity(sign * change, metric.unit, signed=True)}{relative}"
 
 

@@ -68,7 +68,7 @@ def regress(config: RegressConfig) -> int:
         if checkpoint is not None:
             baseline = prepare_policy(_for_baseline(prepared, config, folder), file, contract, names[-1])
         else:
-            baseline = matching_baseline(prepared.digests, read_baseline(file), config)
+            baseline = matching_baseline(prepared, read_baseline(file), config)
             if any(policy.name == baseline.name and policy.checkpoint.sha256 != baseline.sha256 for policy in policies):
                 baseline = replace(baseline, name=file.stem)
     console = Console(quiet=config.quiet, emoji=False)  # a name such as ':a:' is no picture

@@ -9,7 +9,6 @@ from rich.table import Table
 
 from humanoid_sim.regress.compare import FEW_SEEDS
 from humanoid_sim.regress.results import (
-    TOO_FEW_SEEDS,
     Candidate,
     Comparison,
     PolicyRun,
@@ -17,20 +16,21 @@ from humanoid_sim.regress.results import (
     describe_detectable,
     describe_left_out,
     describe_limit,
-    displayed_unit,
+    describe_share,
+    describe_verdicts,
     quantity,
 )
 
 __all__ = ["show_candidate", "show_detectable", "show_run", "show_verdict"]
 
 _COLOURS = {
-    "worse": "red",
-    "worse, tolerated": "yellow",
+    "lost": "red",
+    "worse beyond tolerance": "red",
     "better": "green",
-    "same": "default",
-    "unclear": "yellow",
-    "unmeasured": "yellow",
+    "no difference seen": "default",
+    "within tolerance": "default",
 }
+"""Colours of verdicts; the others are yellow."""
 _FAILURES_SHOWN = 5
 
 
@@ -94,10 +94,11 @@ def show_candidate(console: Console, results: Results, candidate: Candidate) -> 
         unit = results.metric(comparison.metric).unit
         table.add_row(
             comparison.metric,
-            f"[{_COLOURS[comparison.verdict]}]{comparison.verdict}[/]",
+            _coloured(comparison.verdict),
             quantity(comparison.baseline, unit),
             quantity(comparison.candidate, unit),
-            *_change(comparison, unit),
+            _change(comparison, unit),
+            describe_share(comparison.detectable, comparison, unit),
         )
     without: dict[str, list[str]] = {}
     for comparison in candidate.comparisons:
@@ -106,29 +107,24 @@ def show_candidate(console: Console, results: Results, candidate: Candidate) -> 
     for text, names in without.items():
         console.print(f"without {text}: {', '.join(names)}", markup=False, highlight=False, soft_wrap=True)
     console.print(table)
-    lines = [f"{c.metric}: {c.reasons}" for c in candidate.comparisons if c.reasons]
     if not paired:
-        lines.append("other seeds than the baseline's: compared case by case, not pair by pair")
-    for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        console.print("other seeds than the baseline's: compared case by case, not pair by pair", highlight=False)
     _show_trouble(console, results.baseline, candidate)
 
 
-def _change(comparison: Comparison, unit: str) -> tuple[str, str]:
-    """The change with the farther end of its interval, and what is detectable, as shares of a baseline that has one."""
+def _change(comparison: Comparison, unit: str) -> str:
+    """Return the change with the farther end of its interval, as shares of a baseline that has one."""
     change, low, high = comparison.change, comparison.low, comparison.high
     if change is None or low is None or high is None:
-        return "-", "-"
-    reach, base = max(high - change, change - low), abs(comparison.baseline or 0.0)
-    factor, shown = (100.0 / base, "%") if base and unit != "share" else displayed_unit(unit)
-    is_relative = bool(base) and unit != "share"
-    digits = ".1f" if is_relative else ".3g"
-    detectable = "-" if comparison.detectable is None else f"{factor * comparison.detectable:{digits}} {shown}"
-    if is_relative and (comparison.detectable or 0.0) > base:
-        detectable = TOO_FEW_SEEDS
-    if is_relative and reach > base:
-        return TOO_FEW_SEEDS, detectable
-    return f"{factor * change:+{digits}} ± {factor * reach:{digits}} {shown}", detectable
+        return "-"
+    middle = describe_share(change, comparison, unit, signed=True)
+    reach = describe_share(max(high - change, change - low), comparison, unit)
+    return f"{middle.removesuffix(' %')} ± {reach}" if reach[0].isdigit() else reach
+
+
+def _coloured(verdict: str) -> str:
+    """Return a verdict with its colour, as markup."""
+    return f"[{_COLOURS.get(verdict, 'yellow')}]{verdict}[/]" if verdict else ""
 
 
 def _show_trouble(console: Console, baseline: PolicyRun | None, candidate: Candidate) -> None:
@@ -156,32 +152,22 @@ def _show_trouble(console: Console, baseline: PolicyRun | None, candidate: Candi
     for margin in run.margins:
         verdict = verdicts.get(margin.axis, "")
         reason = "" if margin.fails_at is None else f"at {quantity(margin.fails_at, margin.unit)}: {margin.failure}"
-        compared = [f"[{_COLOURS[verdict]}]{verdict}[/]" if verdict else "", describe_limit(old.get(margin.axis))]
+        compared = [_coloured(verdict), describe_limit(old.get(margin.axis))]
         table.add_row(margin.axis, *(compared if verdicts else ()), describe_limit(margin), escape(reason))
     console.print(table)
 
 
 def show_verdict(console: Console, results: Results, candidate: Candidate) -> None:
-    """One line: pass, fail or undecided, naming the metrics."""
+    """Print pass, fail or undecided, and the metrics of each verdict with what was seen of them."""
     name = candidate.run.name
-    unclear = ", ".join(candidate.unclear)
     if results.baseline is None:
         failed = len(candidate.run.failures)
         line = f"{name}: {len(candidate.run.episodes)} episodes, {failed} failed; no baseline to compare with"
-    elif candidate.passed:
-        tolerated = [c.metric for c in candidate.comparisons if c.verdict == "worse, tolerated"]
-        line = f"PASS {name}"
-        line += f"; worse, tolerated: {', '.join(tolerated)}" if tolerated else ""
-        line += f"; unclear, more seeds would tell: {unclear}" if unclear else ""
-    elif candidate.undecided:
-        line = (
-            f"UNDECIDED {name}: not shown to be worse, but {unclear} could not be judged with {candidate.few_seeds} "
-            f"seeds ({FEW_SEEDS} or more)"
-        )
     else:
-        reasons = {comparison.metric: comparison.reasons for comparison in candidate.comparisons}
-        worse = [f"{metric} ({text})" if (text := reasons.get(metric)) else metric for metric in candidate.worse]
-        parts = [f"worse: {', '.join(worse)}"] if worse else []
-        parts += [f"unclear: {unclear}"] if results.strict and unclear else []
-        line = f"FAIL {name}: {'; '.join(parts)}"
+        word = "PASS" if candidate.passed else "UNDECIDED" if candidate.undecided else "FAIL"
+        few = f"{candidate.few_seeds} seeds are too few to judge {', '.join(candidate.unclear)}; {FEW_SEEDS} or more"
+        parts = [f"{few} are expected"] if word == "UNDECIDED" else []
+        for verdict, members in describe_verdicts(results, candidate):
+            parts.append(f"{verdict}: {', '.join(' '.join(member).strip() for member in members)}")
+        line = f"{word} {name}: " + "\n  ".join(parts)
     console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -12,7 +12,7 @@ from typing import Literal
 
 import msgspec
 
-from humanoid_sim.regress.metrics import ALWAYS, METRICS, TaskName
+from humanoid_sim.regress.metrics import ALWAYS, METRICS, TaskName, has_metric
 from humanoid_sim.regress.results import MetricInfo
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.plant import BatchActuation
@@ -160,9 +160,12 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     @property
     def metrics(self) -> tuple[MetricInfo, ...]:
-        """The metrics that are judged, in their order."""
+        """The metrics that are judged, in their order, of those that some case has."""
         always = (name for name in ALWAYS[self.task] if name not in self.tolerances)
-        return tuple(METRICS[self.task][name].info for name in (*self.tolerances, *always))
+        names = (
+            name for name in (*self.tolerances, *always) if any(has_metric(name, case.command) for case in self.cases)
+        )
+        return tuple(METRICS[self.task][name].info for name in names)
 
     def tolerance(self, metric: str, baseline: float) -> float:
         """The worsening that is let pass beside a baseline, in the metric's unit."""

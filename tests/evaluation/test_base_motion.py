@@ -60,6 +60,29 @@ def test_height_and_tilt() -> None:
     assert summary.tilt_max == pytest.approx(0.1)  # not those of the release
 
 
+def test_height_counts_from_landing_on() -> None:
+    motion = released(0.0)
+    for time, height in ((0.0, 0.83), (0.05, 0.81), (0.1, 0.79), (0.2, 0.78), (0.3, 0.82), (2.5, 0.8)):
+        motion.update(time, base(height))
+        if time == 0.05:
+            falling = motion.summary()
+    summary = motion.summary()
+    assert falling is not None
+    assert summary is not None
+    assert falling.height == pytest.approx((0.81, 0.81, 0.81))  # it has not landed yet: where it is
+    assert summary.height == pytest.approx((0.78, 0.7975, 0.82))
+    assert summary.lowest == pytest.approx(0.7 * 0.78 / 0.56)
+
+
+def test_height_counts_from_two_seconds_on_for_a_robot_that_rises() -> None:
+    motion = released(0.0)
+    for time, height in ((0.0, 0.83), (1.0, 0.9), (2.0, 0.85), (3.0, 0.87)):
+        motion.update(time, base(height))
+    summary = motion.summary()
+    assert summary is not None
+    assert summary.height == pytest.approx((0.85, 0.86, 0.87))
+
+
 def test_a_run_that_ends_before_it_has_settled_has_no_means() -> None:
     motion = released(0.0)
     motion.update(1.9, base(tilt=0.3))

@@ -18,8 +18,8 @@ from humanoid_sim.regress.compare import (
     mean_of_cases,
     student_quantile,
 )
-from humanoid_sim.regress.results import Candidate, Comparison, PolicyRun, describe_change
-from humanoid_sim.regress.suite import Suite, Tolerance
+from humanoid_sim.regress.results import FAILING, Candidate, Comparison, Episode, PolicyRun, describe_change
+from humanoid_sim.regress.suite import Case, Suite, Tolerance
 
 CASES = ("a", "b")
 
@@ -38,7 +38,12 @@ def compare(suite: Suite, baseline: PolicyRun, candidate: PolicyRun) -> Comparis
 
 def test_a_policy_is_the_same_as_itself() -> None:
     comparison = compare(tiny_suite(), measured(1.0), measured(1.0))
-    assert (comparison.verdict, comparison.change, comparison.low, comparison.high) == ("same", 0.0, 0.0, 0.0)
+    assert (comparison.verdict, comparison.change, comparison.low, comparison.high) == (
+        "no difference seen",
+        0.0,
+        0.0,
+        0.0,
+    )
     assert comparison.paired
     assert comparison.episodes == 20
     assert comparison.tolerance == pytest.approx(0.05 * 3.0, rel=0.03)
@@ -47,12 +52,13 @@ def test_a_policy_is_the_same_as_itself() -> None:
 @pytest.mark.parametrize(
     ("factor", "spread", "verdict"),
     [
-        (1.15, 0.1, "worse"),
+        (1.15, 0.1, "worse beyond tolerance"),
         (0.85, 0.1, "better"),
-        (1.01, 0.02, "worse, tolerated"),
-        (1.0, 0.02, "same"),
-        (0.97, 0.02, "same"),
+        (1.01, 0.02, "worse within tolerance"),
+        (1.0, 0.02, "no difference seen"),
+        (0.97, 0.02, "better"),
         (1.05, 0.3, "unclear"),
+        (1.05, 0.1, "worse, perhaps beyond tolerance"),
     ],
 )
 def test_verdicts(factor: float, spread: float, verdict: str) -> None:
@@ -64,7 +70,7 @@ def test_higher_is_better_where_it_is() -> None:
     suite = tiny_suite(survival=Tolerance(absolute=0.05))
     full = values("survival", lambda *_: 1.0, CASES, range(5))
     half = values("survival", lambda _, seed: 0.5 if seed % 2 else 0.7, CASES, range(5))
-    assert compare(suite, full, half).verdict == "worse"
+    assert compare(suite, full, half).verdict == "worse beyond tolerance"
     assert compare(suite, half, full).verdict == "better"
 
 
@@ -81,7 +87,7 @@ def test_pairs_see_what_the_spread_of_the_seeds_hides() -> None:
     paired = compare(
         suite, values("joint_error", baseline, CASES, range(10)), values("joint_error", candidate, CASES, range(10))
     )
-    assert (paired.paired, paired.verdict) == (True, "worse")
+    assert (paired.paired, paired.verdict) == (True, "worse beyond tolerance")
     later = values("joint_error", lambda case, seed: candidate(case, seed - 10), CASES, range(10, 20))
     unpaired = compare(suite, values("joint_error", baseline, CASES, range(10)), later)
     assert (unpaired.paired, unpaired.verdict) == (False, "unclear")
@@ -115,10 +121,10 @@ def test_nothing_to_compare_is_unmeasured_and_the_failures_tell() -> None:
     good = run(episode("a", seed, {"joint_error": 1.0, "faults": 0.0}) for seed in range(6))
     bad = run(episode("a", seed, {"joint_error": None, "faults": 1.0}, "action is nan") for seed in range(6))
     errors, faults, losses = compare_runs(suite, suite.metrics, good, bad)
-    assert (errors.verdict, errors.change, errors.episodes) == ("unmeasured", None, 0)
-    assert (errors.baseline, errors.candidate, errors.is_lost) == (1.0, None, True)
-    assert (faults.verdict, faults.change) == ("worse", 1.0)
-    assert (losses.verdict, losses.is_lost) == ("unmeasured", False)
+    assert (errors.verdict, errors.change, errors.episodes) == ("lost", None, 0)
+    assert (errors.baseline, errors.candidate) == (1.0, None)
+    assert (faults.verdict, faults.change) == ("worse beyond tolerance", 1.0)
+    assert losses.verdict == "unmeasured"
     assert Candidate(run=bad, passed=False, comparisons=(errors, faults, losses)).worse == ("joint_error", "faults")
 
 
@@ -129,7 +135,7 @@ def test_failures_are_judged_whether_a_suite_names_them_or_not() -> None:
     good = run(episode("a", seed, {"joint_error": 1.0, "faults": 0.0, "losses": 0.0}) for seed in range(6))
     bad = run(episode("a", seed, {"joint_error": None, "faults": 1.0, "losses": 0.0}, "nan") for seed in range(6))
     verdicts = {c.metric: c.verdict for c in compare_runs(suite, suite.metrics, good, bad)}
-    assert verdicts == {"joint_error": "unmeasured", "losses": "same", "faults": "worse"}
+    assert verdicts == {"joint_error": "lost", "losses": "no difference seen", "faults": "worse beyond tolerance"}
 
 
 def width(comparison: Comparison) -> float:
@@ -154,7 +160,7 @@ def test_no_false_alarm_with_other_seeds() -> None:
         compare(suite, baseline, measured(1.0, seed=seed, seeds=range(10, 20), spread=0.3)).verdict
         for seed in range(20)
     ]
-    assert verdicts.count("worse") == 0
+    assert verdicts.count("worse beyond tolerance") == 0
 
 
 def test_the_change_that_is_announced_is_found_as_often_as_announced() -> None:
@@ -167,7 +173,7 @@ def test_the_change_that_is_announced_is_found_as_often_as_announced() -> None:
         assert announced.power == POWER
         worse = 1.0 + announced.change / announced.baseline
         candidate = measured(worse, seed=1000 + seed, seeds=range(10, 20), spread=0.3)
-        found += compare(suite, baseline, candidate).verdict == "worse"
+        found += compare(suite, baseline, candidate).verdict == "worse beyond tolerance"
     assert 65 <= found <= 95
 
 
@@ -284,9 +290,35 @@ def test_a_failure_where_the_baseline_had_none_fails(metric: str, count: int) ->
     assert found[metric].tolerance == 0.0
     assert found["joint_error"].left_out == count
     assert found["joint_error"].episodes == 48 - count
-    assert found["joint_error"].verdict == "same"
+    assert found["joint_error"].verdict == "no difference seen"
     text = describe_change(suite.metrics[0], found["joint_error"])
     assert text.endswith(f"; without {count} of 48 pairs in which an episode failed")
+
+
+def test_a_metric_of_some_cases_leaves_out_failures_of_those_alone() -> None:
+    """How much of vx is reached is not measured on the way sideways, whether the robot falls there or not."""
+    ways = {"forward": (0.5, 0.0, 0.0), "sideways": (0.0, 0.5, 0.0)}
+    suite = replace(
+        tiny_suite(seeds=6),
+        task="velocity",
+        cases=tuple(Case(name=name, command=command, duration=2.0) for name, command in ways.items()),
+        tolerances={"vx_reached": Tolerance(relative=0.05), "tilt": Tolerance(relative=0.1)},
+    )
+    fallen = {("sideways", 0), ("sideways", 1), ("forward", 2)}
+
+    def walk(case: str, seed: int) -> Episode:
+        fell = (case, seed) in fallen
+        reached = 0.8 + 0.01 * seed if case == "forward" and not fell else None
+        metrics = {"vx_reached": reached, "tilt": None if fell else 0.1, "falls": float(fell), "faults": 0.0}
+        return episode(case, seed, metrics, "fell" if fell else "")
+
+    both = run(walk(case, seed) for case in ways for seed in range(6))
+    found = {c.metric: c for c in compare_runs(suite, suite.metrics, both, both)}
+    assert (found["vx_reached"].left_out, found["vx_reached"].episodes) == (1, 5)
+    assert (found["tilt"].left_out, found["tilt"].episodes) == (3, 9)
+    assert [case.case for case in found["vx_reached"].cases] == ["forward"]
+    aside = replace(suite, cases=suite.cases[1:])
+    assert [metric.name for metric in aside.metrics] == ["tilt", "falls", "faults"]
 
 
 def test_a_failure_in_a_case_that_fails_anyway_is_for_the_statistics() -> None:
@@ -294,13 +326,13 @@ def test_a_failure_in_a_case_that_fails_anyway_is_for_the_statistics() -> None:
     old = flags("faults", {("a", 1), ("a", 2)})
     for failing, verdict in (
         ({("a", 3), ("a", 4)}, "unclear"),
-        ({("a", 1), ("a", 2)}, "same"),
-        ({("a", 1), ("b", 2)}, "worse"),  # b never failed
-        (set(), "same"),
+        ({("a", 1), ("a", 2)}, "no difference seen"),
+        ({("a", 1), ("b", 2)}, "worse beyond tolerance"),  # b never failed
+        (set(), "no difference seen"),
     ):
         candidate = judge(suite, old, flags("faults", failing))
         assert {c.metric: c.verdict for c in candidate.comparisons}["faults"] == verdict
-        assert candidate.passed is (verdict != "worse")
+        assert candidate.passed is (verdict != "worse beyond tolerance")
 
 
 def test_new_failures_are_found_with_other_seeds_too() -> None:
@@ -319,6 +351,14 @@ def test_unclear_fails_where_it_is_asked_to() -> None:
     assert judge(suite, old, new).passed
     assert not judge(suite, old, new, strict=True).passed
     assert judge(suite, old, old, strict=True).passed
+
+
+def test_worse_by_more_or_less_than_tolerated_is_open() -> None:
+    """It passes, as nothing is shown to be beyond the tolerance, and fails where verdicts have to be clear."""
+    old, new = measured(1.0, seed=1), measured(1.05, seed=2)
+    candidate = judge(tiny_suite(), old, new)
+    assert (candidate.passed, candidate.worse, candidate.unclear) == (True, (), ("joint_error",))
+    assert not judge(tiny_suite(), old, new, strict=True).passed
 
 
 def test_few_seeds_leave_it_undecided_where_they_cannot_judge() -> None:
@@ -353,18 +393,21 @@ def test_one_motion_that_is_17_percent_worse_fails_inside_a_mean_that_is_not() -
     comparison = compare(suite, one_motion(1.0), one_motion(1.17, seed=1))
     assert comparison.relative is not None
     assert comparison.relative < 0.05 == suite.tolerances["joint_error"].relative
-    assert comparison.verdict == "worse"
-    assert [case.verdict for case in comparison.cases] == ["worse", "same", "same", "same"]
+    assert comparison.verdict == "worse beyond tolerance"
+    assert [case.verdict in FAILING for case in comparison.cases] == [True, False, False, False]
     assert comparison.cases[0].change / comparison.cases[0].baseline == pytest.approx(0.17, abs=0.01)
     assert comparison.reasons.startswith("in a by +1")
-    assert compare(replace(suite, case_tolerance=4.0), one_motion(1.0), one_motion(1.17, seed=1)).verdict != "worse"
+    assert (
+        compare(replace(suite, case_tolerance=4.0), one_motion(1.0), one_motion(1.17, seed=1)).verdict
+        != "worse beyond tolerance"
+    )
 
 
 def test_a_worsening_that_is_tolerated_is_said() -> None:
     suite = tiny_suite("abcd", 12, joint_error=Tolerance(relative=0.2))
     old = one_motion(1.0)
-    assert compare(suite, old, one_motion(1.17, seed=1)).verdict == "worse, tolerated"
-    assert compare(suite, old, one_motion(1.0, seed=1)).verdict == "same"
+    assert compare(suite, old, one_motion(1.17, seed=1)).verdict == "worse within tolerance"
+    assert compare(suite, old, one_motion(1.0, seed=1)).verdict == "no difference seen"
     assert judge(suite, old, one_motion(1.17, seed=1), strict=True).passed
 
 
@@ -384,6 +427,8 @@ def test_one_failure_is_enough_where_there_was_none() -> None:
     found = {d.metric: d for d in detectable_changes(suite, suite.metrics, flags("faults", set()))}
     assert found["faults"].change == pytest.approx(1.0 - 0.2 ** (1 / 48))
     assert found["faults"].tolerance == 0.0
+    compared = {c.metric: c for c in compare_runs(suite, suite.metrics, flags("faults", set()), flags("faults", set()))}
+    assert compared["faults"].detectable == found["faults"].change
 
 
 def test_a_single_value_has_no_spread() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from policies import SAMPLE, failing_copy, swapped_copy
+from policies import SAMPLE, WALKER, failing_copy, swapped_copy
 from regress_runs import standing_policy, yaml_suite
 
 from humanoid_sim.evaluation.tracking import TrackingErrors
@@ -168,6 +168,25 @@ def test_errors_are_against_the_command(standing: PreparedCase) -> None:
     (episode,) = run_episodes(dataclasses.replace(standing, case=case), [0], QUIET)
     assert episode.metrics["velocity_error"] == pytest.approx(1.0, abs=0.05)
     assert episode.metrics["yaw_rate_error"] == pytest.approx(0.7, abs=0.05)
+    for name in ("vx_reached", "vy_reached", "yaw_rate_reached"):
+        assert episode.metrics[name] == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_speed_is_reached_along_the_axes_that_are_commanded(standing: PreparedCase) -> None:
+    """Against the way that the base went; a command too small to divide by asks for no speed."""
+    suite = replace(STANDING, cases=(Case(name="go", command=(0.5, 0.0, 0.05), duration=3.0),), settle=1.5)
+    (case,) = prepare_policy(prepare_suite(suite, WALKER.path.parent), WALKER.path).cases
+    steps = list[Step]()
+    (episode,) = run_episodes(case, [0], QUIET, watch=steps)
+    assert (episode.metrics["vy_reached"], episode.metrics["yaw_rate_reached"]) == (None, None)
+    start, end = steps[75].qpos[0], steps[-1].qpos[0]
+    w, _, _, z = steps[112].qpos[0, 3:7]  # half way
+    heading = np.array([w * w - z * z, 2.0 * w * z])
+    assert episode.metrics["vx_reached"] == pytest.approx(heading @ (end - start)[:2] / 1.5 / 0.5, rel=0.03)
+    assert 0.6 < episode.metrics["vx_reached"] < 1.0
+    faster = dataclasses.replace(case, case=replace(case.case, command=(0.11, 0.0, 0.0)))
+    (episode,) = run_episodes(faster, [0], Disturbance(Randomisation(), Pushes(speed=0.3, interval=0.5)))
+    assert episode.metrics["vx_reached"] is None or episode.metrics["vx_reached"] <= 1.0
 
 
 def test_a_push_moves_the_base_and_a_hard_one_topples_it(standing: PreparedCase) -> None:

@@ -18,7 +18,7 @@ from humanoid_sim.regress.suite import Tolerance
 SUITE = tiny_suite(joint_error=Tolerance(relative=0.05), effort=Tolerance(), faults=Tolerance())
 
 
-def results(factor: float, *, margin: str = "same", baseline: bool = True, strict: bool = False) -> Results:
+def results(factor: float, *, margin: str = "within tolerance", baseline: bool = True, strict: bool = False) -> Results:
     good = run(episode("a", s, {"joint_error": 0.1, "effort": None, "faults": 0.0}) for s in range(6))
     failed = episode("a", 5, {"joint_error": None, "effort": None, "faults": 0.0}, "strayed: \x00 <left_hand> & more")
     other = run(
@@ -54,8 +54,8 @@ def test_a_regression_is_a_failure_that_names_the_metric() -> None:
     failure = cases["joint_error"].find("failure")
     assert failure is not None
     assert failure.get("message") == (
-        "joint_error is worse: 6.88°, was 5.73°: +1.15° (+20.0 %), between +1.15° and +1.15°; tolerated: 0.286°; "
-        "without 1 of 6 pairs in which an episode failed"
+        "joint_error: worse beyond tolerance: 6.88°, was 5.73°: +1.15° (+20.0 %), between +1.15° and +1.15°; "
+        "tolerated: 0.286°; seen from 5.0 %; without 1 of 6 pairs in which an episode failed"
     )
     skipped = cases["effort"].find("skipped")
     assert skipped is not None
@@ -64,18 +64,18 @@ def test_a_regression_is_a_failure_that_names_the_metric() -> None:
 
 
 def test_a_margin_that_is_worse_fails_too() -> None:
-    root = ElementTree.fromstring(junit_xml(results(1.0, margin="worse")))
+    root = ElementTree.fromstring(junit_xml(results(1.0, margin="worse beyond tolerance")))
     (failure,) = root.iter("failure")
-    assert failure.get("message") == "margin delay is worse: up to 10 ms, was 30 ms"
+    assert failure.get("message") == "margin delay: worse beyond tolerance: up to 10 ms, was 30 ms"
 
 
 def test_a_metric_that_no_episode_has_any_more_fails() -> None:
     whole = results(1.0)
     candidate = whole.candidates[0]
-    lost = replace(candidate.comparisons[0], verdict="unmeasured", candidate=None, change=None)
+    lost = replace(candidate.comparisons[0], verdict="lost", candidate=None, change=None)
     whole = replace(whole, candidates=(replace(candidate, comparisons=(lost, *candidate.comparisons[1:])),))
     (failure,) = ElementTree.fromstring(junit_xml(whole)).iter("failure")
-    assert failure.get("message") == "joint_error is lost: no episode got to its end"
+    assert failure.get("message") == "joint_error: lost: no episode got to its end"
 
 
 def test_names_and_reasons_are_escaped() -> None:
@@ -146,6 +146,6 @@ def test_what_is_unclear_fails_where_it_has_to_be_clear() -> None:
         whole = replace(whole, candidates=(replace(candidate, comparisons=(unclear, *candidate.comparisons[1:])),))
         found = list(ElementTree.fromstring(junit_xml(whole)).iter("failure"))
         assert len(found) == failures
-        assert all((failure.get("message") or "").startswith("joint_error is unclear: ") for failure in found)
+        assert all((failure.get("message") or "").startswith("joint_error: unclear: ") for failure in found)
         few = replace(whole, candidates=(replace(whole.candidates[0], few_seeds=2),))
         assert len(list(ElementTree.fromstring(junit_xml(few)).iter("failure"))) == 1

@@ -128,14 +128,14 @@ def margin(limit: float, fails_at: float | None) -> Margin:
 @pytest.mark.parametrize(
     ("before", "after", "verdict"),
     [
-        ((0.10, 0.11), (0.07, 0.08), "worse"),
-        ((0.10, 0.11), (0.08, 0.09), "same"),
-        ((0.10, None), (0.07, 0.08), "worse"),
-        ((0.10, 0.11), (0.10, 0.11), "same"),
-        ((0.10, 0.11), (0.10, None), "same"),
+        ((0.10, 0.11), (0.07, 0.08), "worse beyond tolerance"),
+        ((0.10, 0.11), (0.08, 0.09), "within tolerance"),
+        ((0.10, None), (0.07, 0.08), "worse beyond tolerance"),
+        ((0.10, 0.11), (0.10, 0.11), "within tolerance"),
+        ((0.10, 0.11), (0.10, None), "within tolerance"),
         ((0.10, 0.11), (0.13, 0.14), "better"),
         ((0.0, 0.01), (0.10, 0.11), "better"),
-        ((0.0, 0.01), (0.0, 0.001), "same"),
+        ((0.0, 0.01), (0.0, 0.001), "within tolerance"),
     ],
 )
 def test_a_margin_is_worse_where_even_the_level_that_failed_lies_too_far_below(

@@ -54,12 +54,19 @@ def test_what_a_suite_finds() -> None:
 
 def test_what_makes_a_metric_worse_whatever_its_mean() -> None:
     case = CaseComparison(
-        case="wave", verdict="worse", baseline=2.0, candidate=2.4, change=0.4, low=0.3, high=0.5, tolerance=0.1
+        case="wave",
+        verdict="worse beyond tolerance",
+        baseline=2.0,
+        candidate=2.4,
+        change=0.4,
+        low=0.3,
+        high=0.5,
+        tolerance=0.1,
     )
-    same = msgspec.structs.replace(case, case="drum", verdict="same")
+    same = msgspec.structs.replace(case, case="drum", verdict="no difference seen")
     comparison = Comparison(
         metric="joint_error",
-        verdict="worse",
+        verdict="worse beyond tolerance",
         baseline=2.0,
         candidate=2.1,
         change=0.1,

@@ -12,6 +12,7 @@ import pytest
 from policies import SAMPLE, failing_copy, swapped_copy
 from regress_runs import SHORT, standing_policy, yaml_suite
 
+from humanoid_sim.assets import WALKING_POLICY, asset_path
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.regress import main, run
@@ -44,12 +45,15 @@ def test_the_sample_policy_passes_against_itself(
     assert "smallest worsening this run would notice" in printed
     assert "Noticed with at least 80% probability in a candidate with other seeds." in printed
     assert printed.index("other seeds") < printed.index("against the baseline") < printed.index("PASS")
-    assert printed.splitlines()[-1] == "PASS lite_tracking"
+    assert printed.splitlines()[-1] == (
+        "PASS lite_tracking: no difference seen: body_position_error (seen from 5.0 %), joint_error (seen from 5.0 %), "
+        "losses (seen from 41.5 %), faults (seen from 41.5 %)"
+    )
     found = results(out)
     assert found.passed
     assert found.baseline is not None
     assert found.candidates[0].run.episodes == found.baseline.episodes
-    assert {comparison.verdict for comparison in found.candidates[0].comparisons} == {"same"}
+    assert {comparison.verdict for comparison in found.candidates[0].comparisons} == {"no difference seen"}
     assert [announced.metric for announced in found.detectable] == [metric.name for metric in found.metrics]
     assert ElementTree.parse(junit).getroot().get("failures") == "0"
 
@@ -65,10 +69,12 @@ def test_a_policy_that_is_worse_fails_and_is_named_beside_one_that_is_not(
 ) -> None:
     worse = swapped_copy(SAMPLE, tmp_path / "swapped.onnx", 0, 1)
     assert main([str(SAMPLE), str(worse), "--suite", suite, "--baseline", str(SAMPLE), "--quiet"]) == 1
-    assert capsys.readouterr().out.splitlines() == [
-        "PASS lite_tracking",
-        "FAIL swapped: worse: body_position_error, joint_error",
-    ]
+    passed, failed, same = capsys.readouterr().out.splitlines()
+    assert passed.startswith("PASS lite_tracking: no difference seen: body_position_error (seen from 5.0 %), ")
+    number = r"\+[\d.]+"
+    metrics = (rf"{name} {number} % \({number} to {number} %\)" for name in ("body_position_error", "joint_error"))
+    assert re.fullmatch(f"FAIL swapped: worse beyond tolerance: {', '.join(metrics)}", failed)
+    assert same == "  no difference seen: losses (seen from 41.5 %), faults (seen from 41.5 %)"
 
 
 def test_actions_that_are_no_number_fail_the_episodes_and_not_the_run(
@@ -82,9 +88,10 @@ def test_actions_that_are_no_number_fail_the_episodes_and_not_the_run(
     assert "3 of 3 episodes failed (the baseline: 0 of 3):" in printed
     assert "without 3 of 3 pairs in which an episode failed: body_position_error, joint_error" in printed
     assert "wave, seed 0, after 0.00 s: action of left_shoulder_pitch is nan, expected a magnitude <= 100" in printed
-    assert (
-        "FAIL nan: worse: body_position_error, joint_error, faults (3 new: wave, seed 0; wave, seed 1; wave, seed 2)"
-    ) in printed.splitlines()
+    lines = printed.splitlines()
+    assert "FAIL nan: lost: body_position_error, joint_error" in lines
+    new = "3 new: wave, seed 0; wave, seed 1; wave, seed 2"
+    assert f"  worse beyond tolerance: faults +100 % (+100 to +100 %; {new})" in lines
     again = f"regress {policy} {SAMPLE} --suite {suite} --episode wave:0"
     assert f"joint by joint: {again}; then compare --joints on the two recordings" in printed.splitlines()
     assert sorted(path.name for path in folder.iterdir()) == ["nan-wave-0.mcap", "nan-wave-1.mcap"]
@@ -104,11 +111,11 @@ def test_two_seeds_that_cannot_judge_are_undecided_and_no_pass(
     main([str(SAMPLE), "--suite", suite, "--write-baseline", str(base), "--quiet", "--seeds", "2"])
     arguments = [str(SAMPLE), "--suite", suite, "--baseline", str(base), "--first-seed", "50", "--seeds", "2"]
     assert main(arguments) == 1
-    line = capsys.readouterr().out.splitlines()[-1]
-    assert line == (
-        "UNDECIDED lite_tracking: not shown to be worse, but body_position_error, joint_error could not be judged with "
-        "2 seeds (6 or more)"
+    undecided, unclear, _ = capsys.readouterr().out.splitlines()[-3:]
+    assert undecided == (
+        "UNDECIDED lite_tracking: 2 seeds are too few to judge body_position_error, joint_error; 6 or more are expected"
     )
+    assert unclear.startswith("  unclear: body_position_error ")
 
 
 def test_margins(suite: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -276,6 +283,24 @@ def test_policies_and_baselines_that_do_not_fit(suite: str, tmp_path: Path, caps
     other = yaml_suite(tmp_path, ONE.replace("name: wave", "name: circle").replace("[wave]", "[circle]"))
     line = complaint(capsys, str(SAMPLE), "--suite", str(other), "--baseline", str(base))
     assert line == f"{base}: unknown case 'circle'; known: wave"
+
+
+def test_a_baseline_made_before_a_metric_was_is_no_baseline_for_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    older = json.loads(asset_path("suites", "velocity.lite_biped.json").read_bytes())
+    for episode in older["episodes"]:
+        del episode["metrics"]["vx_reached"], episode["metrics"]["vy_reached"]
+    old = tmp_path / "old.json"
+    old.write_text(json.dumps(older))
+    arguments = (str(WALKING_POLICY), "--suite", "velocity", "--robot", "lite_biped", "--baseline", str(old))
+    line = complaint(capsys, *arguments)
+    assert line == (
+        f"{old}: was made before vx_reached, vy_reached could be measured, which the suite judges; make it again: "
+        "python -m humanoid_sim.regress assets/policies/lite_biped_velocity.onnx --suite velocity --robot lite_biped "
+        f"--write-baseline {old} --overwrite"
+    )
+    assert "made before vx_reached could" in complaint(capsys, *arguments, "--only", "forward")
 
 
 def test_a_motion_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

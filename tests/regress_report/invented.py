@@ -127,11 +127,11 @@ def results(*candidates: PolicyRun, baseline: PolicyRun | None = None) -> Result
     for candidate in candidates:
         comparisons = compare_runs(SUITE, metrics, baseline, candidate) if baseline else ()
         against = tuple(
-            MarginComparison(axis=m.axis, unit=m.unit, baseline=m.limit, candidate=m.limit, verdict="same")
+            MarginComparison(axis=m.axis, unit=m.unit, baseline=m.limit, candidate=m.limit, verdict="within tolerance")
             for m in candidate.margins
             if baseline and baseline.margins
         )
-        passed = not any(comparison.verdict == "worse" for comparison in comparisons)
+        passed = not any(comparison.verdict == "worse beyond tolerance" for comparison in comparisons)
         compared.append(Candidate(run=candidate, passed=passed, comparisons=comparisons, margins=against))
     return Results(
         suite=SuiteInfo(

@@ -23,6 +23,8 @@ from humanoid_sim.regress.results import (
     Results,
     describe_left_out,
     describe_limit,
+    describe_share,
+    describe_verdicts,
     quantity,
 )
 
@@ -42,7 +44,7 @@ def render(results: Results, pictures: Sequence[Sequence[Picture]]) -> str:
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    environment.filters |= {"quantity": quantity, "limit": describe_limit, "listed": _listed, "share": _share}
+    environment.filters |= {"quantity": quantity, "limit": describe_limit, "listed": _listed, "share": describe_share}
     comparisons = [comparison for candidate in results.candidates for comparison in candidate.comparisons]
     paired = results.baseline is not None and all(comparison.paired for comparison in comparisons)
     moved = moved_metrics(results)
@@ -81,8 +83,8 @@ def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, 
             without.setdefault(describe_left_out(comparison), []).append(metric.name)
     return {
         "run": candidate.run,
-        "passed": candidate.passed,
-        "worse": candidate.worse,
+        "word": "passed" if candidate.passed else "undecided" if candidate.undecided else "failed",
+        "verdicts": describe_verdicts(results, candidate),
         "unclear": candidate.unclear,
         "undecided": candidate.undecided,
         "few_seeds": candidate.few_seeds,
@@ -98,7 +100,6 @@ def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, 
         ],
         "end": end,
         "tolerated": _place(1.0, end),
-        "reasons": [(comparison.metric, comparison.reasons) for _, comparison in known if comparison.reasons],
         "left_out": [(text, tuple(names)) for text, names in without.items()],
         "worst": first,
         "again": _again(results, candidate, first[0]) if first else "",
@@ -162,10 +163,3 @@ def _listed(names: tuple[str, ...]) -> str:
     """Such as `effort, slip and margin delay`."""
     readable = [name.replace("_", " ") for name in names]
     return " and ".join([", ".join(readable[:-1]), readable[-1]] if len(readable) > 1 else readable)
-
-
-def _share(value: float | None, comparison: Comparison, metric: MetricInfo) -> str:
-    """Such as `8.0 %` of the baseline, and where it has no such share, the value itself."""
-    if value is None or not comparison.baseline or metric.unit == "share":
-        return quantity(value, metric.unit)
-    return f"{100.0 * value / abs(comparison.baseline):.1f} %"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import get_args
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,15 +13,15 @@ from matplotlib.lines import Line2D
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.regress.report.drawing import COLUMNS, LIGHT, candidate_colour, panels, style_axes, svg_of
 from humanoid_sim.regress.report.pairs import Pair, by_case, metric_values, pair_up, trace, trace_difference
-from humanoid_sim.regress.results import Episode, Margin, MetricInfo, PolicyRun, Results, displayed_unit
+from humanoid_sim.regress.results import Episode, Margin, MetricInfo, PolicyRun, Results, Verdict, displayed_unit
 
 __all__ = ["case_plot", "margin_plot", "moved_metrics", "trace_plot"]
 
 _SPREAD = 0.618033988749895
 """Multiples of it, less their whole part, spread evenly over an interval however many there are."""
 _LONGEST_NAME = 30
-_VERDICTS = ("worse", "unclear", "worse, tolerated", "better")
-"""Of a metric that moved, the most urgent first."""
+_MOVED = get_args(Verdict)[1:-2]
+"""Verdicts on metrics that moved, the most urgent first."""
 
 
 def moved_metrics(results: Results) -> list[MetricInfo]:
@@ -32,8 +33,8 @@ def moved_metrics(results: Results) -> list[MetricInfo]:
     for candidate in results.candidates:
         for comparison in candidate.comparisons:
             verdicts.setdefault(comparison.metric, set()).add(comparison.verdict)
-    moved = {name: [v for v in _VERDICTS if v in found] for name, found in verdicts.items()}
-    names = sorted((name for name in moved if moved[name]), key=lambda name: _VERDICTS.index(moved[name][0]))
+    moved = {name: [i for i, verdict in enumerate(_MOVED) if verdict in found] for name, found in verdicts.items()}
+    names = sorted((name for name in moved if moved[name]), key=lambda name: moved[name][0])
     return [results.metric(name) for name in names]
 
 
