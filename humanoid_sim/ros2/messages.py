@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +15,12 @@ from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.ros2.cdr import ENCAPSULATION, CdrError, CdrReader, CdrWriter
 
 __all__ = [
+    "SESSION_FRAME",
+    "ForeignStatus",
     "TransformEncoder",
     "decode_float32_array",
     "decode_mit_command",
+    "decode_safety_status",
     "encode_clock",
     "encode_control_mode",
     "encode_float32_array",
@@ -189,15 +193,43 @@ def encode_standby_state(time_ns: int, standby: StandbyState) -> bytes:
     return writer.message()
 
 
-def encode_safety_status(time_ns: int, status: SafetyStatus) -> bytes:
+SESSION_FRAME = "humanoid_sim"
+"""`frame_id` of a safety status that a session publishes: no session takes it for another program's."""
+
+
+def encode_safety_status(time_ns: int, status: SafetyStatus, frame: str = SESSION_FRAME) -> bytes:
     """`humanoid_control_msgs/msg/SafetyStatus`."""
     writer = _stamped(time_ns)
-    writer.string("")
+    writer.string(frame)
     writer.pack("B", status.level)
     writer.string(status.source)
     writer.pack("I", status.flags)
     writer.string(status.message)
     return writer.message()
+
+
+class ForeignStatus(NamedTuple):
+    """A safety status as it came."""
+
+    frame: str
+    level: int
+    """Of any version: a number of `SafetyLevel`, or beyond."""
+    source: str
+    flags: int
+    message: str
+
+
+def decode_safety_status(message: bytes) -> ForeignStatus:
+    """Return a `humanoid_control_msgs/msg/SafetyStatus`. Raises `CdrError`."""
+    reader = CdrReader(message)
+    reader.unpack("iI")
+    frame = reader.string()
+    (level,) = reader.unpack("B")
+    source = reader.string()
+    (flags,) = reader.unpack("I")
+    text = reader.string()
+    reader.finish()
+    return ForeignStatus(frame, level, source, flags, text)
 
 
 def encode_float32_array(values: npt.NDArray[np.float32]) -> bytes:

@@ -1,4 +1,4 @@
-"""From DDS to the intake: commands for REMOTE, and the piano's keys, on a thread of their own.
+"""From DDS to the intake: commands for REMOTE, safety statuses and the piano's keys, on a thread of their own.
 
 What lay in a socket while this process stood still is old when it goes on, although nobody saw it come: see
 `ArrivalClock`.
@@ -10,15 +10,17 @@ import math
 import threading
 import time
 from collections import OrderedDict
+from collections.abc import Sequence
 from contextlib import ExitStack
 
 from humanoid_sim.client import Intake, SessionError, SessionInfo, monotonic_ns
 from humanoid_sim.errors import FieldError
+from humanoid_sim.frontends.dds.safety import StatusForwarder
 from humanoid_sim.mit import KEY_PRESSED, MITCommand
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.dds.endpoints import Reader, Received
 from humanoid_sim.ros2.messages import decode_float32_array, decode_mit_command
-from humanoid_sim.ros2.topics import COMMAND_TOPIC, KEY_STATE_TOPIC
+from humanoid_sim.ros2.topics import COMMAND_TOPIC, KEY_STATE_TOPIC, SAFETY_TOPIC
 from humanoid_sim.session.sources import remote_problem
 
 __all__ = ["DEPTH", "ArrivalClock", "CommandReader", "read_command"]
@@ -100,7 +102,14 @@ def read_command(message: bytes, joints: tuple[str, ...]) -> MITCommand:
 class CommandReader:
     """Reads until it is closed, or the session has ended."""
 
-    def __init__(self, session: SessionInfo, joints: tuple[str, ...], commands: Reader, keys: Reader | None) -> None:
+    def __init__(
+        self,
+        session: SessionInfo,
+        joints: tuple[str, ...],
+        commands: Reader,
+        keys: Reader | None,
+        statuses: Sequence[Reader] = (),
+    ) -> None:
         """Start nothing yet.
 
         Args:
@@ -108,9 +117,10 @@ class CommandReader:
             joints: the robot's.
             commands: of `/remote_policy_controller/command`.
             keys: of `/piano/key_state`, where the session takes them from outside.
+            statuses: of `/safety_status`, where other programs may damp: latched, and of any quality of service.
         """
         self._session, self._joints = session, joints
-        self._commands, self._keys = commands, keys
+        self._commands, self._keys, self._statuses = commands, keys, statuses
         self._stack = ExitStack()
         self._intakes: OrderedDict[int, Intake] = OrderedDict()
         self._stop = threading.Event()
@@ -137,9 +147,12 @@ class CommandReader:
         clock = ArrivalClock(monotonic_ns())
         try:
             own = self._stack.enter_context(Intake(self._session, "dds"))
+            safety = StatusForwarder(own, lambda problem: self._refuse(SAFETY_TOPIC, problem))
             while not self._stop.is_set():
                 self._commands.wait(_WAIT)
                 clock.look(monotonic_ns())
+                taken = [sample for statuses in self._statuses for sample in statuses.take()]
+                safety.take(taken, lambda one: clock.stamp(one.writer, one.source_ns), time.monotonic())
                 self._take_commands(clock)
                 if self._keys is not None:
                     for sample in self._keys.take()[-1:]:

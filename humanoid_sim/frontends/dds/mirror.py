@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import signal
 import socket
 import tempfile
 import time
@@ -21,8 +22,10 @@ import numpy as np
 
 from humanoid_sim.client import Decoder, Feed, Intake, SessionError, SessionInfo
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends.attach import Attachment
+from humanoid_sim.frontends.attach import Attachment, RobotElsewhere, ready
 from humanoid_sim.messages import (
+    QPOS_DOCUMENT,
+    URDF_DOCUMENT,
     ControlMode,
     Mode,
     SafetyLevel,
@@ -36,6 +39,7 @@ from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.from_urdf import convert_urdf
 from humanoid_sim.robots.mjcf import bare_model, describe_mjcf
+from humanoid_sim.robots.urdf import qpos_addresses
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.dds.endpoints import Reader
 from humanoid_sim.ros2.definitions import JOINT_STATE, schema_text
@@ -50,7 +54,7 @@ from humanoid_sim.ros2.topics import (
 )
 from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
 
-__all__ = ["Mirror", "mirrored"]
+__all__ = ["Mirror", "mirrored", "watched"]
 
 _PERIOD = 0.02
 """s between two messages of a robot's topics on hardware."""
@@ -124,12 +128,16 @@ class Mirror:
             )
         self._names = description.joint_names
         self._start = _time_ns(self._states.latest)
-        header = SessionHeader(
-            description.name, self._names, _PERIOD, self._start, {"robot": description.to_json(), "settings": "{}"}
-        )
+        documents = {
+            "robot": description.to_json(),
+            "settings": "{}",
+            URDF_DOCUMENT: self._described.latest["data"],
+            QPOS_DOCUMENT: qpos_addresses(self._model),
+        }
+        self.header = SessionHeader(description.name, self._names, _PERIOD, self._start, documents)
         buffer = np.zeros(mujoco.mj_sizeModel(self._model), dtype=np.uint8)
         mujoco.mj_saveModel(self._model, None, buffer)
-        self._writer = FeedWriter(header, {MODEL_BLOB: buffer.tobytes()})
+        self._writer = FeedWriter(self.header, {MODEL_BLOB: buffer.tobytes()})
         self._publish()
         return self._writer, description
 
@@ -253,6 +261,29 @@ def mirrored(
         feed = stack.enter_context(Feed(session))
         intake = stack.enter_context(Intake(session, "mirror"))
         yield Attachment(session, feed, intake), mirror
+
+
+@contextmanager
+def watched(
+    config: RobotElsewhere,
+) -> Iterator[tuple[Attachment, Callable[[], None], Callable[[], bool]] | None]:
+    """Attach to the robot that the options name, until a signal ends this program; None if one came before the robot.
+
+    Yields its image, what takes in the newest messages, and what says that a signal has come.
+
+    Raises:
+        InputError: as `mirrored`.
+        MissingPackageError: as `mirrored`.
+    """
+    signals: list[int] = []
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda number, _: signals.append(number))
+
+    def ended() -> bool:
+        return bool(signals)
+
+    with mirrored(config.interface, config.prefix, told=ready, ended=ended) as found:
+        yield None if found is None else (found[0], found[1].look, ended)
 
 
 def _session(stack: ExitStack, folder: Path, robot: str, where: str, writer: FeedWriter) -> SessionInfo:

@@ -15,7 +15,7 @@ from humanoid_sim.frontends.dds.commands import DEPTH, CommandReader
 from humanoid_sim.frontends.dds.telemetry import Telemetry, local_topics, network_topics
 from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant, is_wireless
 from humanoid_sim.ros2.dds.endpoints import Reader
-from humanoid_sim.ros2.topics import COMMAND_TOPIC, KEY_STATE_TOPIC, TOPICS
+from humanoid_sim.ros2.topics import COMMAND_TOPIC, KEY_STATE_TOPIC, SAFETY_TOPIC, TOPICS
 
 __all__ = ["DdsConfig", "main"]
 
@@ -38,6 +38,10 @@ class DdsConfig:
     """Serve another computer at this network interface instead, such as eth1, with joint states, IMU, mode, description
     and transforms alone. Whoever is on that network can then command the robot in REMOTE."""
 
+    safety: bool = False
+    """Take safety statuses from that network too. Whoever is there can then damp the robot. On this machine they always
+    count."""
+
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--interface eth1", "for another computer"),)
 
 
@@ -57,7 +61,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if is_local and KEY_STATE_TOPIC not in topics:
             keys = Reader(participant, KEY_STATE_TOPIC, TOPICS[KEY_STATE_TOPIC])
         commands = Reader(participant, COMMAND_TOPIC, TOPICS[COMMAND_TOPIC], depth=DEPTH)
-        reader = CommandReader(attachment.session, attachment.header.joint_names, commands, keys)
+        # A latched fault from before this program began counts, and so does one that its writer does not latch.
+        statuses = [
+            Reader(participant, SAFETY_TOPIC, TOPICS[SAFETY_TOPIC], depth=DEPTH, any_writer=any_writer)
+            for any_writer in (False, True)
+            if is_local or config.safety
+        ]
+        reader = CommandReader(attachment.session, attachment.header.joint_names, commands, keys, statuses)
         stack.callback(reader.close)
         reader.start()
         newest = attachment.feed.latest()

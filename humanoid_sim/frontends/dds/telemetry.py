@@ -98,6 +98,8 @@ class Telemetry:
 
     def publish(self, sample: Sample) -> None:
         """Publish a tick."""
+        if self._attachment.follow():
+            self._messages.follow(self._attachment.header)
         record = self._attachment.record(sample)
         time_ns = self._attachment.time_ns(float(record.input.state.time))
         if CLOCK_TOPIC in self._topics:

@@ -26,13 +26,15 @@ class Received(NamedTuple):
     """Tells writers apart; `Reader.name_of` says more of one."""
 
 
-def _qos(kind: Topic, *, depth: int | None = None) -> Any:
+def _qos(kind: Topic, *, depth: int | None = None, any_writer: bool = False) -> Any:
     from cyclonedds.qos import Policy, Qos  # noqa: PLC0415 - an extra
 
-    durability = Policy.Durability.TransientLocal if kind.latched else Policy.Durability.Volatile
+    is_latched = kind.latched and not any_writer
+    durability = Policy.Durability.TransientLocal if is_latched else Policy.Durability.Volatile
+    # No write ever waits for a reader that has stopped reading.
+    reliable = Policy.Reliability.Reliable(max_blocking_time=0)
     return Qos(
-        # No write ever waits for a reader that has stopped reading.
-        Policy.Reliability.Reliable(max_blocking_time=0),
+        Policy.Reliability.BestEffort if any_writer else reliable,
         Policy.History.KeepLast(depth or kind.depth),
         durability,
         Policy.DataRepresentation(use_cdrv0_representation=True),
@@ -70,7 +72,9 @@ class Writer:
 class Reader:
     """Subscribes to a topic. For one thread."""
 
-    def __init__(self, participant: Participant, topic: str, kind: Topic, *, depth: int | None = None) -> None:
+    def __init__(
+        self, participant: Participant, topic: str, kind: Topic, *, depth: int | None = None, any_writer: bool = False
+    ) -> None:
         """Announce that the topic is wanted.
 
         Args:
@@ -78,6 +82,7 @@ class Reader:
             topic: its ROS 2 name.
             kind: what it is.
             depth: messages that are kept between two calls of `take`; None: `kind.depth`.
+            any_writer: match writers of whatever quality of service; else those that offer `kind`'s.
         """
         from cyclonedds._clayer import ddspy_take  # noqa: PLC0415 - an extra; private, see above
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState, WaitSet  # noqa: PLC0415
@@ -86,7 +91,7 @@ class Reader:
 
         described = DdsTopic(participant.entity, dds_topic(topic), idl_type(kind.schema))
         self._depth = depth or kind.depth
-        self._reader = DataReader(participant.entity, described, _qos(kind, depth=self._depth))
+        self._reader = DataReader(participant.entity, described, _qos(kind, depth=self._depth, any_writer=any_writer))
         self._condition = ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.Any)
         self._set = WaitSet(participant.entity)
         self._set.attach(self._condition)

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 import time
-from collections.abc import Iterator
+import urllib.request
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +24,10 @@ from humanoid_sim.client import Feed, running_sessions
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends.console.program import main as console
 from humanoid_sim.frontends.dds.mirror import Mirror, mirrored
+from humanoid_sim.frontends.rerun import main as rerun
 from humanoid_sim.messages import ControlMode, Mode, SafetyLevel
 from humanoid_sim.mit import MITState
+from humanoid_sim.recording.body import RecordedBody
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.urdf import body_documents
 from humanoid_sim.ros2.dds.domain import Participant
@@ -197,6 +205,63 @@ def test_a_description_that_is_none_is_one_line(participant: Participant, urdf: 
         (["--interface", "eth1"], "--interface: is eth1, which means nothing without --dds"),
     ],
 )
-def test_options_of_the_console_that_contradict_each_other(arguments: list[str], why: str) -> None:
+@pytest.mark.parametrize("program", [console, rerun])
+def test_options_that_contradict_each_other(
+    program: Callable[[list[str]], int], arguments: list[str], why: str
+) -> None:
     with pytest.raises(InputError, match=why):
-        console(arguments)
+        program(arguments)
+
+
+@pytest.mark.parametrize("name", ["lite", "lite_biped"])
+def test_its_header_describes_the_body_that_viewers_draw(participant: Participant, name: str) -> None:
+    description = load_robot(name)
+    robot, mirror = Robot(participant, description), Mirror(participant, "lite")
+    robot.describe()
+    robot.state(0.3, 0.0)
+    until_there(mirror)
+    writer, _ = mirror.begin()
+    try:
+        robot.state(0.3, 1.0)
+        mirror.look()
+        assert writer._latest is not None
+        record = writer._latest[0]
+        body = RecordedBody.of(mirror.header)
+        own = RecordedBody.of(replace(mirror.header, documents=body_documents(description)))
+        assert body is not None
+        assert own is not None
+        assert [joint.child for joint in body.hinged] == [joint.child for joint in own.hinged]
+        for shown, expected in zip(body.hinged_poses(body.joint_values(record)), at(own, 0.3), strict=True):
+            np.testing.assert_allclose(shown, expected, atol=1e-9)
+        if description.is_floating:
+            np.testing.assert_allclose(body.floating_poses(record), [POSE])
+    finally:
+        writer.close()
+
+
+def at(body: RecordedBody, value: float) -> tuple[Any, Any]:
+    return body.hinged_poses(np.full(len(body.hinged), value))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("rerun") is None, reason="rerun-sdk is not installed (rerun)")
+def test_rerun_shows_it_on_a_page_until_a_signal_ends_it(participant: Participant, domain: int) -> None:
+    robot = Robot(participant, load_robot("lite_biped"))
+    robot.describe()
+    program = [sys.executable, "-m", "humanoid_sim.rerun", "--dds", "--interface", "lo", "--web"]
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+    with subprocess.Popen(program, env=environment, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        os.set_blocking(process.stdout.fileno(), False)
+        said, deadline = "", time.monotonic() + 60.0
+        while "rerun's page: http://127.0.0.1:" not in said:
+            assert time.monotonic() < deadline, said
+            assert process.poll() is None, said
+            robot.state(0.2, 60.0 - (deadline - time.monotonic()))
+            said += (process.stdout.read() or b"").decode()
+            time.sleep(0.02)
+        address = said.partition("rerun's page: ")[2].split(",")[0]
+        with urllib.request.urlopen(address, timeout=20.0) as answer:
+            assert b"<canvas" in answer.read()
+        process.terminate()
+        assert process.wait(20.0) == 0

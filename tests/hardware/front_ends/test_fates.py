@@ -9,8 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-from fates import BLOWS, ROWS, Log, Played, available, display, playing, script
-from play_fixtures import quick_robot
+from fates import BLOWS, ROWS, Log, Played, available, display, on_motors, playing
 from producers import PRODUCERS, skip_unless_installed, virtual_pad
 
 from humanoid_sim.client import monotonic_ns
@@ -43,13 +42,6 @@ def course(mode: Mode) -> list[tuple[Mode, str]]:
     """Modes and controllers of a run that nothing disturbs."""
     modes = WAY[mode] if mode is Mode.DAMPING else (*WAY[mode], Mode.DAMPING)
     return [(mode, CONTROLLERS[mode]) for mode in modes]
-
-
-def on_motors(folder: Path, mode: Mode, *options: str, lead: float = 0.3) -> tuple[str, ...]:
-    """Options of `play` for a run through that mode."""
-    hardware = ("--hardware", f"virtual:{folder.name}", "--yes", "--allow-script")
-    given = ("--robot", quick_robot(folder), "--policy", "placeholder", "--script", script(mode, lead))
-    return *hardware, *given, *options
 
 
 def struck(

@@ -133,7 +133,16 @@ def piece(
         driver: of browsers.
         shares: None: with front ends; else what to burn instead of them, by niceness.
     """
-    hardware = ("--hardware", f"virtual:{folder.name}", "--yes", "--allow-script", "--script", SCRIPT)
+    hardware = (
+        "--hardware",
+        f"virtual:{folder.name}",
+        "--yes",
+        "--policy",
+        "lite_tracking",
+        "--allow-script",
+        "--script",
+        SCRIPT,
+    )
     with ExitStack() as stack:
         play = stack.enter_context(playing(folder, *hardware, *(FRONT_ENDS if shares is None else ())))
         taken: dict[int, list[int]] = {}

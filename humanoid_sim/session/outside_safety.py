@@ -1,0 +1,150 @@
+"""Safety statuses of other programs, and watchdogs over those that must report. They can only ever damp.
+
+A status stands until its source reports another one: a FAULT of `lidar` ends with an OK of `lidar`, and with no other
+source's. What one program says never takes anything away from what the robot itself reports.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any
+
+from humanoid_sim.client import monotonic_ns
+from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.strict_json import parse_json
+
+__all__ = ["OutsideSafety", "parse_watchdogs"]
+
+_MOST_SOURCES = 32
+"""Sources that are told apart; a fault of a further one still damps."""
+_FURTHER = "further sources"
+"""Source under which their faults stand, until the session ends."""
+_LONGEST_NAME = 80
+_LONGEST_MESSAGE = 300
+"""Characters."""
+_SAME_NAME = " (outside)"
+"""Added to a name that the robot's own source has."""
+_SHORTEST, _LONGEST = 0.02, 3600.0
+"""s of a watchdog."""
+
+
+def parse_watchdogs(texts: Sequence[str]) -> Mapping[str, float]:
+    """Return the timeout, s, of each source, of `NAME:SECONDS` items.
+
+    Raises:
+        InputError: naming the item and what is accepted.
+    """
+    found: dict[str, float] = {}
+    for text in texts:
+        name, _, seconds = text.rpartition(":")
+        try:
+            timeout = float(seconds)
+        except ValueError:
+            timeout = math.nan
+        if not name.strip() or len(name) > _LONGEST_NAME or not _SHORTEST <= timeout <= _LONGEST:
+            accepted = f"NAME:SECONDS with {_SHORTEST:g} to {_LONGEST:g} s, such as lidar:0.5"
+            raise InputError(f"--watchdog: is '{text}', expected {accepted}")
+        if name in found:
+            raise InputError(f"--watchdog: '{name}' is given twice, expected each source once")
+        found[name] = timeout
+    return MappingProxyType(found)
+
+
+@dataclass(slots=True)
+class _Watched:
+    """A source that must report."""
+
+    timeout: float
+    """s"""
+    reported: int
+    """ns of CLOCK_MONOTONIC of its latest status; 0: none yet."""
+
+
+class OutsideSafety:
+    """Collects statuses, and adds them to the robot's own in each tick. Used on the control thread alone."""
+
+    def __init__(
+        self, watchdogs: Mapping[str, float] | None = None, *, clock: Callable[[], int] = monotonic_ns
+    ) -> None:
+        """Prepare.
+
+        Args:
+            watchdogs: timeout of each source that must report, s.
+            clock: ns of CLOCK_MONOTONIC.
+        """
+        self._clock = clock
+        self._statuses: dict[str, SafetyStatus] = {}
+        self._watched = {name: _Watched(timeout, 0) for name, timeout in (watchdogs or {}).items()}
+
+    def report(self, text: str) -> str:
+        """Take the status that a program sends, as JSON of `level`, `source`, `flags`, `message`, and `stamp` in ns.
+
+        Returns what became of it, in one line.
+
+        Raises:
+            FieldError: it is not a status; nothing has changed.
+        """
+        status, stamp = _status(text)
+        now = self._clock()
+        watched = self._watched.get(status.source)
+        if watched is not None:
+            watched.reported = max(watched.reported, min(stamp, now))
+        known = status.source in self._statuses
+        if not known and status.is_ok and watched is None:
+            return f"{status.source} is OK"
+        if not known and len(self._statuses) >= _MOST_SOURCES and watched is None:
+            worst = max(status.level, self._statuses.get(_FURTHER, status).level)
+            self._statuses[_FURTHER] = replace(status, level=worst, source=_FURTHER)
+            return f"{status.level.name}: one of more than {_MOST_SOURCES} sources, damped until the session ends"
+        self._statuses[status.source] = status
+        return f"{status.source} is {status.level.name}{'' if status.is_ok else ': the robot is damped'}"
+
+    def __call__(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
+        """Return the robot's own statuses, and behind them those of other programs."""
+        if not self._statuses and not self._watched:
+            return statuses
+        now, own = self._clock(), {status.source for status in statuses}
+        outside = {
+            **self._statuses,
+            **{name: self._judged(name, watched, now) for name, watched in self._watched.items()},
+        }
+        return (
+            *statuses,
+            *(replace(one, source=f"{name}{_SAME_NAME}") if name in own else one for name, one in outside.items()),
+        )
+
+    def _judged(self, name: str, watched: _Watched, now: int) -> SafetyStatus:
+        """Return the status of a watched source: what it said last, or that it is silent."""
+        said = self._statuses.get(name, SafetyStatus(source=name))
+        if now - watched.reported <= 1e9 * watched.timeout or not said.is_ok:
+            return said
+        silence = f"silent for more than {watched.timeout:g} s" if watched.reported else "not reported yet"
+        return SafetyStatus(SafetyLevel.FAULT, SafetyFlag.NONE, name, f"{silence} (--watchdog)")
+
+
+def _status(text: str) -> tuple[SafetyStatus, int]:
+    """Return the status in a message, and its stamp in ns."""
+    try:
+        values: Any = parse_json(text)
+    except ValueError as error:
+        raise FieldError(f"safety status: not JSON: {error}") from None
+    if not isinstance(values, dict):
+        raise FieldError(f"safety status: is {text[:40]!r}, expected level, source, flags, message and stamp")
+    for name, kind in (("source", str), ("message", str), ("level", int), ("flags", int), ("stamp", int)):
+        if type(values.get(name)) is not kind:
+            raise FieldError(f"safety status: {name}: is {values.get(name)!r}, expected {kind.__name__}")
+    if values["level"] < 0:
+        raise FieldError(f"safety status: level: is {values['level']}, expected 0 to 3")
+    level = SafetyLevel(min(values["level"], SafetyLevel.CRITICAL))  # one of a later version is not OK either
+    source = _plain(values["source"], _LONGEST_NAME) or "unnamed"
+    flags = SafetyFlag(values["flags"] & 0xFFFFFFFF)
+    return SafetyStatus(level, flags, source, _plain(values["message"], _LONGEST_MESSAGE)), values["stamp"]
+
+
+def _plain(text: str, longest: int) -> str:
+    """Return a text as one line of bounded length that can be printed."""
+    return "".join(character for character in " ".join(text.split()) if character.isprintable())[:longest]

@@ -1,0 +1,137 @@
+"""Safety statuses from DDS, by a monitor that knows nothing of this project, with every quality of service."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
+
+from cyclonedds.core import Policy, Qos
+from cyclonedds.pub import DataWriter
+from cyclonedds.topic import Topic
+from dds_bridge import bridge, free_domain
+from local_session import LocalSession, ticking
+from stranger import Client, Header, SafetyStatus, Time, client, until
+
+from humanoid_sim.client import Answer, Intake
+from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.messages import SafetyStatus as OwnStatus
+
+RELIABLE, ANY = Policy.Reliability.Reliable(100_000_000), Policy.Reliability.BestEffort
+QUALITIES = {
+    "latched, as the robot's own": Qos(RELIABLE, Policy.Durability.TransientLocal, Policy.History.KeepLast(1)),
+    "rclpy's default": Qos(RELIABLE, Policy.Durability.Volatile, Policy.History.KeepLast(10)),
+    "best effort": Qos(ANY, Policy.Durability.Volatile, Policy.History.KeepLast(1)),
+}
+
+
+def status(level: int, source: str = "lidar", message: str = "") -> SafetyStatus:
+    return SafetyStatus(Header(Time(1, 2), ""), level, source, 0, message)
+
+
+class Robot:
+    """A session with a bridge, and a monitor in its domain."""
+
+    def __init__(self, local: LocalSession, records: list[TickRecord], monitor: Client) -> None:
+        self.local, self.records, self.monitor = local, records, monitor
+
+    @property
+    def mode(self) -> Mode:
+        return self.records[-1].output.control_mode.mode
+
+    def stand_by(self) -> None:
+        with Intake(self.local.info, "test") as intake:
+            for word in ("damp", "load_a"):
+                assert intake.ask(word).granted, word
+        until(lambda: self.mode is Mode.STANDBY, "STANDBY")
+
+    def ask(self, word: str) -> Answer:
+        with Intake(self.local.info, "test") as intake:
+            return intake.ask(word)
+
+    def levels(self) -> dict[str, int]:
+        return {one.source: int(one.level) for one in self.records[-1].input.safety}
+
+    def writer(self, quality: Qos) -> DataWriter:
+        topic = Topic(self.monitor.participant, "rt/safety_status", SafetyStatus)
+        made = DataWriter(self.monitor.participant, topic, quality)
+        until(made.get_matched_subscriptions, "the bridge's subscription")
+        return made
+
+
+@contextmanager
+def running(early: SafetyStatus | None = None) -> Iterator[Robot]:
+    """A session and its bridge; `early` is latched before the bridge is there."""
+    with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory(prefix="hs-") as runtime:
+        patch.setenv("XDG_RUNTIME_DIR", runtime)
+        patch.setenv("ROS_DOMAIN_ID", str(free_domain()))
+        local = LocalSession()
+        with local.stack, client(int(os.environ["ROS_DOMAIN_ID"])) as monitor:
+            topic = Topic(monitor.participant, "rt/safety_status", SafetyStatus)
+            before = DataWriter(monitor.participant, topic, QUALITIES["latched, as the robot's own"])
+            if early is not None:
+                before.write(early)
+            with bridge(), ticking(local) as records:
+                yield Robot(local, records, monitor)
+
+
+@pytest.fixture(scope="module")
+def robot() -> Iterator[Robot]:
+    with running() as robot:
+        yield robot
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_a_fault_damps_whatever_its_quality_of_service_and_ok_clears_it(robot: Robot, quality: str) -> None:
+    writer = robot.writer(QUALITIES[quality])
+    robot.stand_by()
+    writer.write(status(2, message="blind"))
+    until(lambda: robot.mode is Mode.DAMPING, "DAMPING")
+    until(lambda: robot.levels().get("lidar") == 2, "the source")
+    assert robot.ask("load_a").text.startswith("DAMPING (damping_controller): LOAD_A refused: safety FAULT from lidar")
+    writer.write(status(0, "fence"))
+    writer.write(status(0))
+    until(lambda: robot.levels().get("lidar") == 0, "its OK")
+    assert robot.mode is Mode.DAMPING, "nothing recovers by itself"
+
+
+def test_a_fault_that_lasts_for_a_moment_damps(robot: Robot) -> None:
+    writer = robot.writer(QUALITIES["rclpy's default"])
+    robot.stand_by()
+    writer.write(status(1, "glitch"))
+    writer.write(status(0, "glitch"))
+    until(lambda: robot.mode is Mode.DAMPING, "DAMPING")
+    until(lambda: robot.levels().get("glitch") == 0, "its OK")
+
+
+def test_what_the_session_publishes_does_not_come_back(robot: Robot) -> None:
+    reader = robot.monitor.reader("rt/safety_status", depth=100)
+    robot.local.safety = (OwnStatus(2, 0, "can0", "down"),)
+    until(lambda: [one for one in reader.take(100) if (one.source, one.level) == ("can0", 2)], "the robot's fault")
+    robot.local.safety = (OwnStatus(source="can0"),)
+    until(lambda: [one for one in reader.take(100) if (one.source, one.level) == ("can0", 0)], "its end")
+    time.sleep(0.2)
+    assert {name: level for name, level in robot.levels().items() if name.startswith("can0")} == {"can0": 0}
+
+
+def test_a_flood_keeps_no_damp_waiting_and_ends_as_its_last_word(robot: Robot) -> None:
+    writer = robot.writer(QUALITIES["rclpy's default"])
+    for number in range(4000):
+        writer.write(status(number % 2, f"source {number % 40}"))
+        if number % 1000 == 0:
+            assert robot.ask("damp").granted
+    for number in range(40):
+        writer.write(status(0, f"source {number}"))
+    until(lambda: not any(level for name, level in robot.levels().items() if name != "further sources"), "all OK")
+    assert len(robot.levels()) <= 40
+
+
+def test_a_latched_fault_from_before_the_bridge_counts() -> None:
+    with running(status(3, "early", "since yesterday")) as robot:
+        until(lambda: robot.levels().get("early") == 3, "the latched fault")
