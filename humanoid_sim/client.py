@@ -50,6 +50,7 @@ __all__ = [
     "SessionInfo",
     "ask_sessions",
     "find_session",
+    "load_request",
     "monotonic_ns",
     "network_on",
     "running_sessions",
@@ -89,6 +90,13 @@ VELOCITY_TIMEOUT = 0.25
 """s after which a velocity command that is not repeated is zero."""
 LIVE_TIMEOUT = 0.5
 """s after which a live input that is not repeated is zero, unless its producer says otherwise."""
+LOAD = "load"
+"""Followed by a JSON object of `LOAD_OPTIONS` and texts, asks for another policy."""
+LOAD_OPTIONS = ("policy", "contract", "motion", "song", "command")
+LOAD_TIMEOUT = 180.0
+"""s that it may take to check, prove and load a policy."""
+_LONGEST_WORD, _LONGEST_LOAD = 200, 16_000
+"""Characters of what is asked for; of a policy with its files."""
 _LONGEST_REASON = 1000
 """Characters that say why something was refused."""
 _SEND_TIMEOUT, _POST_TIMEOUT = 0.05, 2.0
@@ -243,23 +251,7 @@ class Feed:
             SessionError: it has ended, or its feed is of another version.
         """
         self.session = session
-        try:
-            handle = os.open(session.feed, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        except OSError as error:
-            raise SessionError(f"{session}: its feed cannot be opened: {error.strerror}") from None
-        try:
-            if os.fstat(handle).st_uid != os.getuid():
-                raise SessionError(f"{session}: its feed {session.feed} belongs to another user")
-            self._map = mmap.mmap(handle, 0, prot=mmap.PROT_READ)
-        except (OSError, ValueError):  # a session that has just ended: its files have other numbers now
-            raise SessionError(f"{session}: its feed cannot be opened: it is no memory") from None
-        finally:
-            os.close(handle)
-        text = self._description()
-        if text is None:
-            self._map.close()
-            raise SessionError(f"{session}: its feed is of another version of this program")
-        told = json.loads(text)
+        self._map, told = self._mapped(session.feed)
         self.joint_names: tuple[str, ...] = tuple(told["joint_names"])
         self.control_period: float = told["control_period"]
         """s"""
@@ -268,17 +260,63 @@ class Feed:
         self.live_inputs: Mapping[str, int] = told["live_inputs"]
         """Name and width of those that the session takes from outside."""
         self._definitions: Mapping[str, str] = told["definitions"]
-        self._blobs: Mapping[str, Sequence[int]] = told["blobs"]
+        self._blobs: dict[str, tuple[mmap.mmap, int, int]] = {}
+        self._place_blobs(self._map, told["blobs"])
+        self._loaded: mmap.mmap | None = None
+        self._loads = 0
         self._rings: Mapping[str, Sequence[int]] = told["rings"]
         self._decoders: dict[str, Decoder] = {}
 
-    def _description(self) -> bytes | None:
-        """What says where everything is; None in a feed of another version."""
-        if len(self._map) < FEED_HEAD.size:
-            return None
-        magic, offset, length, checksum, _ = FEED_HEAD.unpack_from(self._map)
-        text = self._map[offset : offset + length]
-        return text if magic == FEED_MAGIC and zlib.crc32(text) == checksum else None
+    def _mapped(self, path: str) -> tuple[mmap.mmap, dict[str, Any]]:
+        """Memory of the session, and what it says of itself."""
+        session = self.session
+        try:
+            handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError as error:
+            raise SessionError(f"{session}: its feed cannot be opened: {error.strerror}") from None
+        try:
+            if os.fstat(handle).st_uid != os.getuid():
+                raise SessionError(f"{session}: its feed {path} belongs to another user")
+            memory = mmap.mmap(handle, 0, prot=mmap.PROT_READ)
+        except (OSError, ValueError):  # a session that has just ended: its files have other numbers now
+            raise SessionError(f"{session}: its feed cannot be opened: it is no memory") from None
+        finally:
+            os.close(handle)
+        if len(memory) >= FEED_HEAD.size:
+            magic, offset, length, checksum, _ = FEED_HEAD.unpack_from(memory)
+            text = memory[offset : offset + length]
+            if magic == FEED_MAGIC and zlib.crc32(text) == checksum:
+                return memory, json.loads(text)
+        memory.close()
+        raise SessionError(f"{session}: its feed is of another version of this program")
+
+    def _place_blobs(self, memory: mmap.mmap, places: Mapping[str, Sequence[int]]) -> None:
+        self._blobs.update({name: (memory, offset, length) for name, (offset, length) in places.items()})
+
+    def follow(self) -> bool:
+        """Take over `header`, `live_inputs` and files of a policy that was loaded since; True if there was one.
+
+        They stay as they are until this is called, so that they do not change while somebody reads them.
+        """
+        while "policy" in self._rings and self.newest("policy") != self._loads:
+            sample = self.latest("policy")
+            if sample is None:
+                return False
+            try:
+                memory, told = self._mapped(sample.data.decode())
+            except SessionError:  # replaced meanwhile, or the session has ended
+                if self.newest("policy") == sample.number:
+                    return False
+                continue
+            attached = json.loads(self.header["session"]["attachments"])
+            self._blobs = {name: place for name, place in self._blobs.items() if name not in attached}
+            self._place_blobs(memory, told["blobs"])
+            if self._loaded is not None:
+                self._loaded.close()
+            self._loaded, self._loads = memory, sample.number
+            self.header, self.live_inputs = told["header"], told["live_inputs"]
+            return True
+        return False
 
     def __enter__(self) -> Feed:
         return self
@@ -289,6 +327,8 @@ class Feed:
     def close(self) -> None:
         """Let the memory go."""
         self._map.close()
+        if self._loaded is not None:
+            self._loaded.close()
 
     def is_running(self) -> bool:
         """Whether the session goes on; a killed one does not, although nobody could write that down."""
@@ -304,8 +344,8 @@ class Feed:
         Raises:
             KeyError: there is none of that name.
         """
-        offset, length = self._blobs[name]
-        return self._map[offset : offset + length]
+        memory, offset, length = self._blobs[name]
+        return memory[offset : offset + length]
 
     @property
     def blobs(self) -> tuple[str, ...]:
@@ -535,19 +575,75 @@ class Intake:
         """
         return self.answer(self.post(word), timeout)
 
+    def safety(
+        self,
+        source: str,
+        level: int,
+        message: str = "",
+        *,
+        flags: int = 0,
+        stamp: int | None = None,
+        timeout: float = 2.0,
+    ) -> Answer:
+        """Report how a program or a device is; any level but 0 damps the robot in the session's next tick.
+
+        It stands until the same source reports another one. The session recovers nothing by itself.
+
+        Args:
+            source: the name under which the status stands, 1 to 80 characters.
+            level: 0 OK, 1 WARNING, 2 FAULT, 3 CRITICAL.
+            message: for operators.
+            flags: bits of the source's own.
+            stamp: see `remote`.
+            timeout: s
+
+        Raises:
+            SessionError: as `ask`.
+        """
+        return self.answer(self.post_safety(source, level, message, flags=flags, stamp=stamp), timeout)
+
+    def post_safety(
+        self, source: str, level: int, message: str = "", *, flags: int = 0, stamp: int | None = None
+    ) -> str:
+        """Report as `safety` does without waiting; gives what `answer` takes. Raises `SessionError` as `ask` does."""
+        status = {
+            "source": " ".join(str(source).split())[:80],
+            "level": int(level),
+            "flags": int(flags),
+            "stamp": monotonic_ns() if stamp is None else int(stamp),
+            "message": " ".join(str(message).split())[:300],
+        }
+        return self._post(f"safety {json.dumps(status, ensure_ascii=False)}")
+
     def post(self, word: str) -> str:
         """Ask for something without waiting; gives what `answer` takes. Raises `SessionError` as `ask` does."""
+        longest = _LONGEST_LOAD if word.startswith(f"{LOAD} ") else _LONGEST_WORD
+        return self._post(" ".join(word.splitlines())[:longest])  # a mark's text is a line
+
+    def _post(self, word: str) -> str:
         assert self._intents is not None
         token = f"{next(_NAMES)}"
         try:
             self._intents.settimeout(None)  # the socket's own: the kernel lets those who wait in by turns
-            word = " ".join(word.splitlines())[:200]  # a mark's text is a line
             message = "\n".join((word, f"{self.producer} ({self._process})", token)).encode()
             # Not connected: it takes answers from whatever socket the session sends them by.
             self._intents.sendto(message, self.session.intents)
         except OSError as error:
             raise SessionError(f"{self.session}: cannot be reached: {error.strerror or error}") from None
         return token
+
+    def load(self, policy: str, timeout: float = LOAD_TIMEOUT, **options: str | None) -> Answer:
+        """Ask for another policy, in ZERO_TORQUE, DAMPING or STANDBY, and wait until it is loaded or refused.
+
+        Args:
+            policy: ONNX file, or the name of a policy that ships with the package.
+            timeout: s
+            options: `motion` and `contract`, files as well, `song`, and `command`, the velocity as `vx,vy,wz`.
+
+        Raises:
+            SessionError: the session has ended or does not answer.
+        """
+        return self.ask(load_request(policy, **options), timeout)
 
     def answer(self, token: str, timeout: float) -> Answer:
         """The answer to what was posted last; `timeout` in s. Raises `SessionError` as `ask` does."""
@@ -641,6 +737,26 @@ class Intake:
         except OSError as error:
             raise SessionError(f"{self.session}: has ended ({error.strerror or error})") from None
         return True
+
+
+def load_request(policy: str, **options: str | None) -> str:
+    """Make the word by which `Intake.ask` asks for another policy; files that exist get absolute paths.
+
+    Args:
+        policy: see `Intake.load`, as for `options`.
+        options: None is left out.
+
+    Raises:
+        ValueError: there is no such option.
+    """
+    unknown = set(options) - set(LOAD_OPTIONS)
+    if unknown:
+        raise ValueError(f"unknown option {min(unknown)}, expected one of {', '.join(LOAD_OPTIONS)}")
+    given = {name: str(text) for name, text in {"policy": policy, **options}.items() if text is not None}
+    files = {
+        name: str(Path(text).absolute()) for name, text in given.items() if name != "command" and os.path.exists(text)
+    }
+    return f"{LOAD} {json.dumps({**given, **files})}"
 
 
 def ask_sessions(

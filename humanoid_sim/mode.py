@@ -9,7 +9,7 @@ from typing import ClassVar, Literal, TypeAlias, get_args
 
 # Nothing here loads NumPy, nor tyro: somebody waits for a DAMP.
 from humanoid_sim.cli import ExitStatus, complain, run_program
-from humanoid_sim.client import SessionError, ask_sessions
+from humanoid_sim.client import LOAD, LOAD_OPTIONS, LOAD_TIMEOUT, SessionError, ask_sessions, load_request
 from humanoid_sim.errors import InputError
 
 __all__ = ["main"]
@@ -27,7 +27,8 @@ class ModeOptions:
     """Send an intent to a session that runs on this machine, and print what became of it.
 
     damp goes to all sessions that run. reactivate, in ZERO_TORQUE or DAMPING, verifies and enables the robot afresh, as
-    a relaunch would; the FSM then begins in ZERO_TORQUE. Exit status 1 if it was refused, or failed.
+    a relaunch would; the FSM then begins in ZERO_TORQUE. mode load POLICY loads another policy (mode load --help).
+    Exit status 1 if it was refused, or failed.
     """
 
     intent: Intent
@@ -38,18 +39,59 @@ class ModeOptions:
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("damp", "stop every robot of this machine"),)
 
 
+@dataclass(frozen=True)
+class LoadOptions:
+    """Load another policy into a session that runs on this machine, in ZERO_TORQUE, DAMPING or STANDBY.
+
+    It is checked, run for the first time and proved by its golden vectors in a process of its own, while the session
+    goes on with the policy that it has. Exit status 1 if it was refused.
+    """
+
+    policy: str
+    """ONNX checkpoint (FILE.onnx) or a shipped policy ({policies})."""
+    contract: str | None = None
+    """A contract.yaml with what the checkpoint does not say about itself. Default: the one beside the checkpoint."""
+    motion: str | None = None
+    """Motion to follow: a sample motion ({motions}), or an .mcap file."""
+    song: str | None = None
+    """Song of a piano policy: a sample song ({songs}), a MIDI file (.mid), or random:N, a generated one."""
+    command: str | None = None
+    """Velocity command vx,vy,wz in m/s, m/s and rad/s, of a policy that walks. Default: 0,0,0."""
+    session: int | None = None
+    """Process id of the session. Default: the only one that runs."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("x.onnx --motion m.mcap", "with the motion that it follows"),
+        ("lite_biped_velocity --command 0.3,0,0", "a policy that ships"),
+    )
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `mode` with command-line arguments; returns the exit status: 1 if it was refused, or failed."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    if words[:1] == [LOAD]:
+        return _load(words[1:])
     config = _read_usual(words)
     if config is None:
         from humanoid_sim.command_line import parse  # noqa: PLC0415 - help, and what is wrong, may take a moment
 
         config = parse(ModeOptions, "mode", words, positional=True)
-    timeout = _REACTIVATE_TIMEOUT if config.intent == "reactivate" else _TIMEOUT
+    return _ask(config.intent, config.session, _REACTIVATE_TIMEOUT if config.intent == "reactivate" else _TIMEOUT)
+
+
+def _load(words: Sequence[str]) -> int:
+    from humanoid_sim.command_line import parse  # noqa: PLC0415 - nobody waits for a DAMP here
+
+    config = parse(LoadOptions, f"mode {LOAD}", words, positional=True)
+    options = {name: getattr(config, name) for name in LOAD_OPTIONS}
+    return _ask(load_request(**options), config.session, LOAD_TIMEOUT)
+
+
+def _ask(word: str, process: int | None, timeout: float) -> int:
+    """Ask, and print what became of it; returns the exit status."""
     granted, problems = [], []
     try:
-        for session, answer in ask_sessions(config.intent, config.session, producer="mode", timeout=timeout):
+        for session, answer in ask_sessions(word, process, producer="mode", timeout=timeout):
             if isinstance(answer, SessionError):
                 problems.append(answer)
             else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Literal, NoReturn
 
@@ -26,6 +27,7 @@ from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, action_limit_of
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
+from humanoid_sim.controllers.signs import Signs
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.errors import FieldError, InputError
@@ -54,6 +56,7 @@ __all__ = [
     "recorded_motion",
     "recorded_policy",
     "run_header",
+    "with_policy",
 ]
 
 
@@ -64,6 +67,14 @@ class _ControllerSettings(msgspec.Struct, frozen=True):
     action_limit: float = ACTION_LIMIT
     guards: GuardRecord | None = None
     """None: of a recording from before there were guards, or of a run without."""
+    signs: tuple[str, ...] | None = None
+    """Joints whose sign may contradict gravity; None: signs were not judged, as before that was possible."""
+    loads: bool = False
+    """The session loads policies while it runs."""
+
+
+_NO_POLICY = "no policy is loaded: humanoid_sim.mode load POLICY loads one"
+"""Refusal of START_LOCOMOTION in a session that could have one."""
 
 
 ChosenGuards = Guards | Literal["description"] | None
@@ -79,6 +90,8 @@ def build_supervisor(
     live: Mapping[str, int] | None = None,
     action_limit: float | None = None,
     guards: ChosenGuards = "description",
+    signs: tuple[str, ...] | None = None,
+    loads: bool = False,
 ) -> Supervisor:
     """The supervisor of a robot with the controllers that are available.
 
@@ -92,15 +105,17 @@ def build_supervisor(
         action_limit: largest magnitude of a raw action, beyond which the policy has failed; None: the contract's,
             or 100.
         guards: that watch the joints.
+        signs: joints whose sign may contradict gravity; None: signs are not judged.
+        loads: the session loads policies while it runs: a refusal of START_LOCOMOTION says how.
 
     Raises:
         InputError: if the policy does not fit the robot.
     """
     joints = description.joint_names
-    damping, passive = description.damping_controller, description.remote_policy_controller
+    remote_settings = description.remote_policy_controller
     controllers: dict[str, Controller] = {
         ZERO_TORQUE: ZeroTorqueController(joints),
-        DAMPING: DampingController(joints, np.array(damping.damping), damping.damping_scalar),
+        DAMPING: DampingController(joints, description.mode_damping),
         STANDBY_A: _standby(joints, description.standby_controller_a),
         STANDBY_B: _standby(joints, description.standby_controller_b),
     }
@@ -111,12 +126,13 @@ def build_supervisor(
     if remote:
         controllers[REMOTE_POLICY] = RemotePolicyController(
             joints,
-            stale_command_policy=passive.stale_command_policy,
-            stale_command_timeout_ms=passive.stale_command_timeout_ms,
-            damping=np.array(passive.damping),
-            damping_scalar=passive.damping_scalar,
+            stale_command_policy=remote_settings.stale_command_policy,
+            stale_command_timeout_ms=remote_settings.stale_command_timeout_ms,
+            damping=description.passive_damping,
         )
-    return Supervisor(joints, controllers, guards=_chosen(guards, description))
+    judge = None if signs is None else Signs(joints, description.lower, description.upper, signs)
+    missing = {RL_POLICY: _NO_POLICY} if loads else {}
+    return Supervisor(joints, controllers, guards=_chosen(guards, description), signs=judge, missing=missing)
 
 
 def policy_controller(
@@ -171,6 +187,8 @@ def run_header(
     remote: bool = False,
     action_limit: float | None = None,
     guards: ChosenGuards = "description",
+    signs: tuple[str, ...] | None = None,
+    loads: bool = False,
     start: SupervisorMemory | None = None,
 ) -> SessionHeader:
     """What a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
@@ -186,13 +204,12 @@ def run_header(
         remote: as given to `build_supervisor`.
         action_limit: likewise.
         guards: likewise.
+        signs: likewise.
+        loads: likewise.
         start: the control stack's memory to begin with; None for its own.
     """
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
     told = {**settings, "definitions": dict(DEFINITIONS), "versions": versions, "platform": platform.platform()}
-    limit = ACTION_LIMIT if action_limit is None else action_limit
-    if loaded is not None:
-        limit = action_limit_of(loaded.contract, action_limit)
     watching = _chosen(guards, description)
     documents = body_documents(description) | {
         "robot": description.to_json(),
@@ -200,26 +217,62 @@ def run_header(
         "controllers": json.dumps(
             {
                 "remote": remote,
-                "action_limit": limit,
+                "action_limit": ACTION_LIMIT if action_limit is None else action_limit,
                 "guards": None if watching is None else msgspec.to_builtins(GuardRecord.of(watching)),
                 "corrections": [correction.name for correction in CORRECTIONS],
+                **({} if signs is None else {"signs": signs}),
+                "loads": loads,
             }
         ),
     }
     if start is not None:
         documents[START_DOCUMENT] = start_document(start)
-    if loaded is not None:
-        documents["contract"] = encode(loaded.contract)
-        labels = observation_labels(loaded.contract, loaded.layout)
-        documents[LABELS_DOCUMENT] = labels_document(labels, loaded.contract.action_joint_names)
-    return SessionHeader(
+    header = SessionHeader(
         robot=description.name,
         joint_names=description.joint_names,
         control_period=control_period,
         start_time_ns=start_time_ns,
         documents=documents,
-        attachments={} if motion is None else {MOTION_ATTACHMENT: motion_bytes(motion)},
-        observation_terms=() if loaded is None else tuple((term.name, term.width) for term in loaded.layout.terms),
+    )
+    return header if loaded is None else with_policy(header, loaded, motion, action_limit=action_limit)
+
+
+def with_policy(
+    header: SessionHeader,
+    loaded: LoadedPolicy,
+    motion: Motion | None,
+    *,
+    settings: Mapping[str, object] | None = None,
+    action_limit: float | None = None,
+) -> SessionHeader:
+    """Make the header of the same run with another policy.
+
+    Args:
+        header: of the run, with or without a policy.
+        loaded: the policy.
+        motion: that it follows.
+        settings: what changes in the header's.
+        action_limit: as given to `build_supervisor`.
+    """
+    controllers = {
+        **parse_json(header.documents["controllers"]),
+        "action_limit": action_limit_of(loaded.contract, action_limit),
+    }
+    told = {**parse_json(header.documents["settings"]), **settings} if settings else None
+    labels = observation_labels(loaded.contract, loaded.layout)
+    documents = {
+        **header.documents,
+        "controllers": json.dumps(controllers),
+        "settings": header.documents["settings"] if told is None else json.dumps(told, indent=1),
+        "contract": encode(loaded.contract),
+        LABELS_DOCUMENT: labels_document(labels, loaded.contract.action_joint_names),
+    }
+    others = {name: data for name, data in header.attachments.items() if name != MOTION_ATTACHMENT}
+    return replace(
+        header,
+        documents=documents,
+        attachments=others if motion is None else {**others, MOTION_ATTACHMENT: motion_bytes(motion)},
+        observation_terms=tuple((term.name, term.width) for term in loaded.layout.terms),
     )
 
 
@@ -291,4 +344,6 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         remote=controllers.remote,
         action_limit=controllers.action_limit,
         guards=guards,
+        signs=controllers.signs,
+        loads=controllers.loads,
     )

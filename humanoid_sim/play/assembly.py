@@ -5,29 +5,35 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 
 from rich.console import Console
 
 from humanoid_sim import __version__
+from humanoid_sim.controllers.fsm import MODES
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.joint_use import JointUse
 from humanoid_sim.evaluation.piano_score import PlayedKeys
-from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors, errors_of_run
-from humanoid_sim.messages import Event, EventKind, SafetyStatus, SessionHeader
+from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors
+from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, SessionHeader
+from humanoid_sim.mit import MITState
 from humanoid_sim.play.console import ConsoleSink
 from humanoid_sim.play.front_ends import has_keys, needs_gamepad
+from humanoid_sim.play.loading import JudgedPolicy, PolicyLoader
 from humanoid_sim.play.local_ends import LocalEnds
+from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import Plan, expected_duration
 from humanoid_sim.play.played_robot import BringUp
+from humanoid_sim.play.policies import PolicyChoice
 from humanoid_sim.play.status_line import Told
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.recording.shadow import ShadowStep, ShadowTopics, encode_shadow_step, shadow_documents
-from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.session.device_watch import DeviceWatch
 from humanoid_sim.session.interruption import Interruption
 from humanoid_sim.session.keyboard import Keyboard
+from humanoid_sim.session.loading import Loading
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.reactivation import Reactivation
@@ -37,6 +43,7 @@ from humanoid_sim.session.session import SafetyFilter, Session
 from humanoid_sim.session.shadow import ShadowSink
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import ExternSource, IntentSource
+from humanoid_sim.simulation.gravity import LeverSamples
 from humanoid_sim.stack import run_header
 
 __all__ = ["Run", "assemble"]
@@ -54,6 +61,10 @@ class Run:
     monitor: RunMonitor
     console: ConsoleSink
     ends: LocalEnds
+    policy: PolicyChoice
+    """Policy that was loaded last."""
+    config: PlayConfig
+    """Options, with those of that policy."""
     keyboard: Keyboard | None = None
     tracking: TrackingErrors | None = None
     anchor: AnchorErrors | None = None
@@ -61,8 +72,29 @@ class Run:
     recorder: McapRecorder | None = None
     video: VideoSink | None = None
     shadow: ShadowSink | None = None
+    script: Planned | None = None
     interruption: Interruption | None = None
     """Of a loop that drives motors."""
+
+    def follow(self, policy: PolicyChoice, config: PlayConfig, judged: JudgedPolicy) -> None:
+        """Have what watches the run watch another policy; between two ticks, on the control thread."""
+        self.policy, self.config = policy, config
+        self.tracking, self.anchor, self.keys = judged.tracking, judged.anchor, judged.keys
+        self.monitor.follow(judged.tracking, judged.anchor, judged.keys)
+        self.console.follow(
+            replace(
+                self.console.told,
+                available=self.session.controllers,
+                walks=policy.walks,
+                motion_frames=policy.motion_frames,
+            )
+        )
+        if self.keyboard is not None:
+            self.keyboard.velocity = self.plan.velocity if policy.walks else None
+        if isinstance(self.script, Script):
+            self.script.motion_frames = policy.motion_frames
+        if self.video is not None:
+            self.video.follow(judged.ghost, judged.goals)
 
     def close(self) -> None:
         """Let go of the terminal, and of what others on the machine reach the run by."""
@@ -79,7 +111,8 @@ def assemble(plan: Plan, console: Console) -> Run:
     """
     config, description, policy, setup = plan.config, plan.description, plan.policy, plan.setup
     is_shadow = plan.shadow is not None
-    tracking, anchor = (None, None) if is_shadow else errors_of_run(description, policy.loaded, policy.motion)
+    is_drawn = plan.outputs.video is not None
+    judged = JudgedPolicy() if is_shadow else JudgedPolicy.of(description, policy, is_drawn=is_drawn)
     told = Told(
         has_keys=has_keys(config),
         is_driven=setup.is_driven,
@@ -97,30 +130,26 @@ def assemble(plan: Plan, console: Console) -> Run:
             encoded=lambda record: ends.feed.encoded(record),  # noqa: PLW0108 - there is no feed yet
             tell=lambda text: session.event(text, EventKind.FAILURE),
         )
-    goals = None
-    if not is_shadow and policy.motion is not None and policy.motion.task_type == "piano":
-        goals = policy.motion.frames
-    keys = None if goals is None else PlayedKeys(goals, policy.loaded.contract.policy_dt)
     monitor = RunMonitor(
         JointUse(description.joint_names, description.effort_limit, description.lower, description.upper),
-        tracking,
-        anchor=anchor,
+        judged.tracking,
+        anchor=judged.anchor,
         base=setup.base,
-        keys=keys,
+        keys=judged.keys,
         tell=lambda event: _tell(event, shown, recorder, ends.feed),
     )
     video = None
     if plan.outputs.video is not None:
-        ghost = None
-        if not is_shadow:
-            ghost = ReferenceGhost.of(description, policy.loaded.contract, policy.loaded.reference)
-        video = VideoSink(plan.outputs.video, setup.model, ghost=ghost, goals=goals)
+        video = VideoSink(plan.outputs.video, setup.model, ghost=judged.ghost, goals=judged.goals)
     header = _header(plan)
     reactivation = Reactivation(lambda: _warnings(setup.bring_up))
+    loader = PolicyLoader(plan, header)
+    loading = None if is_shadow else Loading(loader.prepare, loader.cancel)
     ends = LocalEnds(
         plan,
         header,
         reactivation,
+        loading,
         show=lambda text: shown.event(Event(plan.clock(), text)),
         note=lambda text: session.event(text),  # noqa: PLW0108 - there is no session yet
         is_ending=lambda: session.is_ending,
@@ -133,7 +162,7 @@ def assemble(plan: Plan, console: Console) -> Run:
         raise
     operators = (ends.intents,) if keyboard is None else (ends.intents, keyboard)
     # The last one is closed first: what monitor and shadow find in the last ticks still reaches the others.
-    chosen = (ends.feed, shown, recorder, video, monitor, shadow, ends.intents, ends.data, ends.front_ends)
+    chosen = (ends.feed, shown, recorder, video, monitor, shadow, ends.intents, ends.data, loading, ends.front_ends)
     sinks: list[Sink] = [sink for sink in chosen if sink is not None]
     script: Planned | None = None if plan.steps is None else Script(plan.steps, policy.motion_frames)
     inputs = None if plan.branch is None else plan.branch.inputs
@@ -147,7 +176,7 @@ def assemble(plan: Plan, console: Console) -> Run:
     if interruption is not None:
         watched.append(interruption)
     sources = (*watched, *operators)
-    intents, safety = _drive(sources, script, plan.injector.safety if inputs is None else _both(plan, inputs))
+    intents, safety = _drive(sources, script, _filter(plan, inputs, ends))
     session = Session(
         setup.robot,
         plan.supervisor,
@@ -167,24 +196,52 @@ def assemble(plan: Plan, console: Console) -> Run:
         qpos=lambda: setup.qpos(session.state),
         mode_listener=setup.mode_listener,
         reactivation=reactivation,
+        loading=loading,
         interruption=interruption,
         memory=None if plan.branch is None else plan.branch.memory,
     )
     plan.clock.session = session
-    return Run(
-        plan, session, monitor, shown, ends, keyboard, tracking, anchor, keys, recorder, video, shadow, interruption
+    loader.run = run = Run(
+        plan,
+        session,
+        monitor,
+        shown,
+        ends,
+        policy,
+        config,
+        keyboard,
+        judged.tracking,
+        judged.anchor,
+        judged.keys,
+        recorder,
+        video,
+        shadow,
+        script,
+        interruption,
     )
+    return run
 
 
 def _externs(plan: Plan, ends: LocalEnds) -> tuple[ExternSource, ...]:
     """Live inputs of other programs, the velocity command, and what a recorded run took in."""
-    own: tuple[ExternSource, ...] = (ends.data, plan.velocity) if plan.policy.walks else (ends.data,)
+    own: tuple[ExternSource, ...] = (ends.data, plan.velocity)
+    if plan.setup.levers is not None:
+        own = (*own, LeverSamples(plan.setup.levers, plan.control_period, partial(_held_state, plan)))
     return own if plan.branch is None else (*own, plan.branch.inputs)
 
 
-def _both(plan: Plan, inputs: RecordedInputs) -> SafetyFilter:
-    """Injected safety statuses, and recorded ones."""
-    return lambda statuses: plan.injector.safety(inputs.safety(statuses))
+def _held_state(plan: Plan) -> MITState | None:
+    """Return the state of a robot in STANDBY; None in any other mode."""
+    session = plan.clock.session
+    is_held = session is not None and MODES[session.memory.controller] is Mode.STANDBY
+    return session.state if session is not None and is_held else None
+
+
+def _filter(plan: Plan, inputs: RecordedInputs | None, ends: LocalEnds) -> SafetyFilter:
+    """Add recorded safety statuses, those of other programs, and injected ones to the robot's own."""
+    if inputs is None:
+        return lambda statuses: plan.injector.safety(ends.safety(statuses))
+    return lambda statuses: plan.injector.safety(ends.safety(inputs.safety(statuses)))
 
 
 def _tell(event: Event, *sinks: Sink | None) -> None:
@@ -219,7 +276,7 @@ def _shadow(
 
     sink = ShadowSink(
         controller,
-        plan.policy.checkpoint.source,
+        plan.policy.source,
         plan.description.effort_limit,
         realtime=plan.realtime,
         publish=publish,
@@ -232,7 +289,7 @@ def _shadow(
 def _header(plan: Plan) -> SessionHeader:
     """Everything that interprets the run, and repeats it. A real robot has been prepared: its checks are part of it."""
     config, policy, bring_up = plan.config, plan.policy, plan.setup.bring_up
-    motion_file = None if policy.motion_file is None else str(policy.motion_file)
+    nothing = dict.fromkeys(policy.settings)
     is_shadow = plan.shadow is not None
     since_zero = float(plan.setup.robot.read()[0].time)  # a real robot's clock runs already
     header = run_header(
@@ -243,19 +300,20 @@ def _header(plan: Plan) -> SessionHeader:
         settings={
             "program": f"humanoid_sim.play {__version__}",
             "options": asdict(config),
-            "policy": None if is_shadow else policy.checkpoint.source,
-            "policy_sha256": None if is_shadow else policy.checkpoint.sha256,
-            "motion": None if is_shadow else motion_file,
+            **(nothing if is_shadow else policy.settings),
             "checks": None if bring_up is None else [": ".join(check) for check in bring_up.checks()],
         },
         start_time_ns=time.time_ns() - round(1e9 * since_zero),
         start=None if plan.branch is None else plan.branch.memory,
         remote=not is_shadow,
+        loads=not is_shadow,
         action_limit=config.action_limit,
+        signs=None if plan.supervisor.signs is None else plan.supervisor.signs.allowed,
     )
-    if not is_shadow:
+    if not is_shadow or policy.checkpoint is None or policy.loaded is None:
         return header
-    beside = shadow_documents(policy.checkpoint.source, policy.checkpoint.sha256, motion_file, policy.loaded)
+    motion = policy.settings["motion"]
+    beside = shadow_documents(policy.checkpoint.source, policy.checkpoint.sha256, motion, policy.loaded)
     return replace(header, documents={**header.documents, **beside})
 
 

@@ -20,7 +20,7 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemor
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory, start_reason
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import EventKind, Mode, SafetyStatus, TickRecord
-from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import GRAVITY_LEVERS, VELOCITY_COMMAND, FloatArray, MITCommand, MITState
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup
 from humanoid_sim.play.policies import parse_branch
@@ -47,8 +47,8 @@ class BranchPoint:
     time: float
     """s, robot's clock, as asked for."""
     description: RobotDescription
-    contract: PolicyContract
-    """Of the recorded policy: the simulated robot was built for it."""
+    contract: PolicyContract | None
+    """Contract of the policy that the run began with; None where it began without."""
     is_simulated: bool
 
     @property
@@ -96,12 +96,11 @@ def open_branch(config: PlayConfig) -> BranchPoint:
     settings = recorded_settings(path, header)
     if not str(settings.get("program", "")).startswith("humanoid_sim.play"):
         raise InputError(f"--branch: '{path}' is not of play, expected a recording of play")
-    contract = recorded_contract(header)
-    if contract is None:
-        raise InputError(f"--branch: '{path}' ran no policy, expected a recording of play")
     folder = load_robot(config.robot).folder
     description = RobotDescription.from_json(header.documents.get("robot", ""), folder)
-    return BranchPoint(recording, time, description, contract, settings["options"].get("hardware") is None)
+    return BranchPoint(
+        recording, time, description, recorded_contract(header), settings["options"].get("hardware") is None
+    )
 
 
 def reach(
@@ -111,7 +110,7 @@ def reach(
 
     Args:
         point: the instant.
-        setup: the robot, just built for the recorded contract.
+        setup: the robot, just built.
         supervisor: the control stack that goes on.
         contract: of the policy that goes on.
         clock: the robot's clock in the run that begins, s.
@@ -119,13 +118,14 @@ def reach(
     Raises:
         InputError: the recording has no such instant, or cannot be simulated again.
     """
-    robot, header = setup.robot, point.recording.header
+    robot = setup.robot
     if not isinstance(robot, MujocoRobot):
         raise TypeError("only a simulation can branch")
-    _check_measured(point.contract, contract)
-    policy = RecordedPolicy()
-    stack = rebuild_supervisor(header, policy)
-    memory, record, entries = _repeated(point, stack, policy, robot if point.is_simulated else None)
+    _measure(robot, point.contract)
+    memory, stack, recorded, record, entries = _repeated(point, robot if point.is_simulated else None)
+    _check_measured(recorded, contract)
+    if not point.is_simulated:
+        _measure(robot, recorded)
     state = record.input.state
     notices = [f"branches at {float(state.time):g} s from {point.recording.path.name}, in {_mode(memory)}"]
     if point.is_simulated:
@@ -137,7 +137,7 @@ def reach(
         chain([record], entries),
         point.control_period,
         clock,
-        measured=tuple(robot.extern),
+        measured=(*robot.extern, GRAVITY_LEVERS),
         repeats_safety=point.is_simulated,
     )
     velocity = state.extern.get(VELOCITY_COMMAND)
@@ -151,25 +151,42 @@ def _mode(memory: SupervisorMemory) -> str:
     return memory.controller.removesuffix("_controller")
 
 
-def _check_measured(recorded: PolicyContract, contract: PolicyContract) -> None:
+def _measure(robot: MujocoRobot, contract: PolicyContract | None) -> None:
+    """Have the robot measure what a policy observes."""
+    if contract is None:
+        robot.measuring("", ())()
+    else:
+        robot.measuring(contract.anchor_body, contract.velocity_points, contract.height_scan)()
+
+
+def _check_measured(recorded: PolicyContract | None, contract: PolicyContract) -> None:
     """The simulated robot measures what the recorded policy needed."""
-    if contract.anchor_body and contract.anchor_body != recorded.anchor_body:
+    anchor, points = ("", ()) if recorded is None else (recorded.anchor_body, recorded.velocity_points)
+    if contract.anchor_body and contract.anchor_body != anchor:
         raise InputError(
             f"--branch: the policy needs the pose of '{contract.anchor_body}', "
-            f"the recorded run measured {repr(recorded.anchor_body) if recorded.anchor_body else 'none'}"
+            f"the recorded run measured {repr(anchor) if anchor else 'none'}"
         )
-    missing = [point for point in contract.velocity_points if point not in recorded.velocity_points]
+    missing = [point for point in contract.velocity_points if point not in points]
     if missing:
         raise InputError(
             f"--branch: the policy needs the velocity of {', '.join(missing)}, which the recorded run did not measure"
         )
+    if contract.height_scan not in (None, None if recorded is None else recorded.height_scan):
+        raise InputError("--branch: the policy needs a height scan that the recorded run did not make")
 
 
 def _repeated(
-    point: BranchPoint, stack: Supervisor, policy: RecordedPolicy, robot: MujocoRobot | None
-) -> tuple[SupervisorMemory, TickRecord, Iterator[Entry]]:
-    """Repeat the run up to the instant: the stack's memory before its tick, that tick, and what follows it."""
+    point: BranchPoint, robot: MujocoRobot | None
+) -> tuple[SupervisorMemory, Supervisor, PolicyContract | None, TickRecord, Iterator[Entry]]:
+    """Repeat the run up to the instant.
+
+    Returns:
+        The stack's memory before its tick, the stack, the contract of its policy, that tick, and what follows it.
+    """
     path, header = point.recording.path, point.recording.header
+    contract, policy = point.contract, RecordedPolicy()
+    stack = rebuild_supervisor(header, policy)
     entries = point.recording.entries()
     memory, mode = stack.initial(), None
     following, record, is_fresh = 0, None, False
@@ -179,17 +196,18 @@ def _repeated(
                 is_fresh = True
                 if robot is not None:
                     robot.activate()
+            elif entry.kind is EventKind.POLICY:
+                header = point.recording.loaded(entry)
+                contract, stack = recorded_contract(header), rebuild_supervisor(header, policy)
+                if robot is not None:
+                    _measure(robot, contract)
             continue
         record = entry
         if is_fresh:
             memory, is_fresh = stack.initial(start_reason(record.output.control_mode.status_message)), False
-        if record.index != following:
-            raise InputError(f"--branch: '{path}' lacks {record.index - following} ticks before tick {record.index}")
-        time = float(record.input.state.time)
-        if following == 0 and point.time < time - 0.5 * point.control_period:
-            raise InputError(f"--branch: {point.time:g} s is before the recording's begin, {time:g} s")
-        if time > point.time - 0.5 * point.control_period:
-            return memory, record, entries
+        _check_place(point, record, following)
+        if float(record.input.state.time) > point.time - 0.5 * point.control_period:
+            return memory, stack, contract, record, entries
         following += 1
         if robot is not None:
             _compare(point, record, robot)
@@ -202,6 +220,16 @@ def _repeated(
             mode = _write(robot, record.output.command, mode, record.output.control_mode.mode)
     end = "no ticks" if record is None else f"up to {float(record.input.state.time):g} s"
     raise InputError(f"--branch: {point.time:g} s is behind the end of '{path}', which has {end}")
+
+
+def _check_place(point: BranchPoint, record: TickRecord, following: int) -> None:
+    """The tick is the one that follows, and the instant is not before the first."""
+    if record.index != following:
+        missing = record.index - following
+        raise InputError(f"--branch: '{point.recording.path}' lacks {missing} ticks before tick {record.index}")
+    time = float(record.input.state.time)
+    if following == 0 and point.time < time - 0.5 * point.control_period:
+        raise InputError(f"--branch: {point.time:g} s is before the recording's begin, {time:g} s")
 
 
 def _write(robot: MujocoRobot, command: MITCommand, before: Mode | None, mode: Mode) -> Mode:
@@ -248,7 +276,7 @@ def _for_policy(
     memory: SupervisorMemory, recorded: Supervisor, supervisor: Supervisor, record: TickRecord
 ) -> tuple[SupervisorMemory, str]:
     """The memory for the policy that goes on, and what it means for it."""
-    before, after = recorded.controllers[RL_POLICY], supervisor.controllers[RL_POLICY]
+    before, after = recorded.controllers.get(RL_POLICY), supervisor.controllers[RL_POLICY]
     own = memory.controller_memory
     if not (isinstance(own, RLPolicyMemory) and isinstance(before, RLPolicyController)):
         return memory, ""

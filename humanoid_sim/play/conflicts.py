@@ -15,10 +15,11 @@ from humanoid_sim.files import output_file
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.front_ends import has_keys, operated_by, shows_window
-from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.options import NO_POLICY, PlayConfig
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.inject import Injection
+from humanoid_sim.session.outside_safety import parse_watchdogs
 from humanoid_sim.session.script import parse_script
 
 __all__ = [
@@ -43,10 +44,16 @@ def refuse_conflicts(config: PlayConfig, injections: Sequence[Injection]) -> Non
     Raises:
         InputError: naming the option.
     """
-    if config.gamepad and config.no_gamepad:
+    parse_watchdogs(config.watchdog)
+    if config.dds_safety and config.dds_interface is None:
+        raise InputError("--dds-safety: means nothing without --dds-interface; on this machine statuses always count")
+    if config.gamepad is not None and config.no_gamepad:
         raise InputError("--gamepad and --no-gamepad: expected at most one of them")
     _refuse_hardware_conflicts(config)
     _refuse_beside_shadow(config, injections)
+    if config.motion_topic is not None and config.motion is None:
+        raise InputError(f"--motion-topic: is {config.motion_topic}, which means nothing without --motion")
+    _refuse_without_policy(config)
     if config.motion is not None and config.song is not None:
         raise InputError("--motion and --song: both are given, expected one of them")
     if config.manual and config.script is not None:
@@ -58,6 +65,8 @@ def refuse_conflicts(config: PlayConfig, injections: Sequence[Injection]) -> Non
             f"--yaw: is {config.yaw:g} rad, expected -6.283 to 6.283 rad; is it in degrees? "
             f"{config.yaw:g}° is {math.radians(config.yaw):.4g} rad"
         )
+    if not 0.0 <= config.drop <= _HIGHEST_DROP:
+        raise InputError(f"--drop: is {config.drop:g} m, expected 0 to {_HIGHEST_DROP:g} m")
     for option, value in (
         ("--duration", config.duration),
         ("--policy-seconds", config.policy_seconds),
@@ -94,6 +103,16 @@ def _refuse_beside_shadow(config: PlayConfig, injections: Sequence[Injection]) -
             raise InputError(f"--script: has {word}, but with --shadow the robot stays in DAMPING and STANDBY")
 
 
+def _refuse_without_policy(config: PlayConfig) -> None:
+    """Refuse what belongs to a policy where none runs."""
+    if config.has_policy:
+        return
+    why = "without a policy" if config.policy is not None else "without --policy: on hardware none runs by default"
+    for name in ("contract", "motion", "song", "command", "policy_seconds"):
+        if getattr(config, name) != PlayConfig.__dataclass_fields__[name].default:
+            raise InputError(f"--{name.replace('_', '-')}: means nothing {why}")
+
+
 def _refuse_policy_seconds(config: PlayConfig) -> None:
     """Refuse it where something else decides how long the policy runs, or none runs."""
     if config.policy_seconds is None:
@@ -110,39 +129,46 @@ def _refuse_policy_seconds(config: PlayConfig) -> None:
             raise InputError(f"--policy-seconds: means nothing with {option}, which decides how long a policy runs")
 
 
-def refuse_without_effect(config: PlayConfig, contract: PolicyContract, description: RobotDescription) -> None:
+def refuse_without_effect(config: PlayConfig, contract: PolicyContract | None, description: RobotDescription) -> None:
     """Refuse options that change nothing for this policy, or for this robot.
 
     Raises:
         InputError: naming the option, and why.
     """
     robot = f"'{description.name}', whose base does not move freely"
+    walks = contract is not None and contract.takes_velocity_command
     for name, has_effect, why in (
-        ("command", contract.takes_velocity_command, "this policy, which observes no velocity command"),
+        ("command", walks, "this policy, which observes no velocity command"),
         ("yaw", description.is_floating or config.hardware is not None, robot),
         ("base_height", description.is_floating or config.hardware is not None, robot),
+        ("drop", description.is_floating or config.hardware is not None, robot),
+        ("drop", config.base_height is None and description.base.height is None, "a base whose height is given"),
         ("push", description.is_floating or config.hardware is not None, robot),
     ):
-        if not has_effect and getattr(config, name) != PlayConfig.__dataclass_fields__[name].default:
+        is_chosen = config.branch is None or name not in _BRANCH_KEEPS
+        if is_chosen and not has_effect and getattr(config, name) != PlayConfig.__dataclass_fields__[name].default:
             raise InputError(f"--{name.replace('_', '-')}: means nothing for {why}")
 
 
-def refuse_unheard_keys(config: PlayConfig, contract: PolicyContract, taken: Container[str]) -> None:
+def refuse_unheard_keys(config: PlayConfig, contract: PolicyContract | None, taken: Container[str]) -> None:
     """Refuse a MIDI keyboard whose keys the run does not take; `taken`: names of the live inputs that it takes.
 
     Raises:
         InputError: saying why.
     """
     if config.midi is not None and KEY_PRESSED not in taken:
-        is_piano = contract.task_type == "piano"
+        is_piano = contract is not None and contract.task_type == "piano"
         why = "this robot, which has a piano and knows its keys" if is_piano else "this policy, which plays no piano"
         raise InputError(f"--midi: means nothing for {why}")
 
 
+_HIGHEST_DROP = 1.0
+"""m; --base-height takes more."""
 _SIMULATION_ONLY = (
     "actuation",
     "base_height",
     "command_delay",
+    "drop",
     "imu_site",
     "physics_timestep",
     "push",
@@ -167,9 +193,11 @@ _HARDWARE_ONLY = (
 
 _BRANCH_KEEPS = (
     "robot",
+    "check_poses",
     "imu_site",
     "yaw",
     "base_height",
+    "drop",
     "actuation",
     "control_frequency",
     "physics_timestep",
@@ -188,6 +216,8 @@ def refuse_beside_branch(config: PlayConfig) -> None:
     """
     if config.branch is None:
         return
+    if config.policy == NO_POLICY:
+        raise InputError("--policy: is none, but --branch goes on with a policy")
     for name in ("again", "hardware", "policy_seconds", "shadow", *_BRANCH_KEEPS):
         if getattr(config, name) != PlayConfig.__dataclass_fields__[name].default:
             raise InputError(f"--{name.replace('_', '-')}: means nothing with --branch, which goes on as recorded")

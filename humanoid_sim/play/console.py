@@ -64,6 +64,15 @@ class ConsoleSink(WorkerSink):
         self._frame: int | None = None
         self._overruns = 0
 
+    def follow(self, told: Told) -> None:
+        """Know of another policy from here on."""
+        self._told, self._frame = told, None
+
+    @property
+    def told(self) -> Told:
+        """Facts that the line needs in addition to the ticks."""
+        return self._told
+
     def tick(self, record: TickRecord) -> None:
         """Queue a tick that has something to print; of the others only the latest is needed, for the line."""
         output = record.output

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from humanoid_sim.assets import motion_path, policy_path
 from humanoid_sim.files import regular_file
-from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.options import NO_POLICY, PlayConfig
 from humanoid_sim.policy.checkpoint import PLACEHOLDER
 from humanoid_sim.policy.onnx_policy import check_file
 from humanoid_sim.session.sources import velocity_numbers
@@ -31,12 +31,12 @@ def refuse_early(config: PlayConfig) -> None:
 
 
 def checkpoint_path(config: PlayConfig) -> Path | None:
-    """The file of the checkpoint that the options name; None for the sample policy and for the placeholder.
+    """The file of the checkpoint that the options name; None for the sample policy, the placeholder and none.
 
     Raises:
         InputError: it is neither a shipped policy nor a file's name.
     """
-    if config.checkpoint in (None, PLACEHOLDER):
+    if config.checkpoint in (None, PLACEHOLDER, NO_POLICY):
         return None
     option = "--policy" if config.shadow is None else "--shadow"
-    return policy_path(config.checkpoint or "", option, also=(PLACEHOLDER,))
+    return policy_path(config.checkpoint or "", option, also=(PLACEHOLDER, NO_POLICY))

@@ -6,9 +6,11 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted, require_packages
+from humanoid_sim.frontends.gamepad.layout import PadLayout, chosen_layout
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.ros2.dds.domain import check_network_interface
@@ -16,9 +18,9 @@ from humanoid_sim.ros2.dds.domain import check_network_interface
 __all__ = [
     "EMULATED_KEYBOARD",
     "has_keys",
+    "look_for_gamepad",
     "needs_gamepad",
     "operated_by",
-    "require_gamepad",
     "shows_window",
     "wanted_front_ends",
     "with_keyboard",
@@ -43,18 +45,19 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
         InputError: the packages of one are not installed, or the network interface of one is not there.
     """
     wanted = []
+    layout = _pad_layout(config)
     if config.remote == "gravity":
         wanted.append(Wanted("gravity", ("--form", config.gravity_form)))
-    for name, is_wanted in (
-        ("console", config.console),
-        ("gamepad", config.gamepad),
-        ("dds", config.dds or config.dds_interface is not None),
-    ):
-        if is_wanted:
-            wanted.append(Wanted(name))
+    if config.console:
+        wanted.append(Wanted("console"))
+    if config.gamepad is not None:
+        wanted.append(Wanted("gamepad", layout))
+    if config.dds or config.dds_interface is not None:
+        wanted.append(Wanted("dds"))
     if config.dds_interface is not None:
         check_network_interface("--dds-interface", config.dds_interface)
-        wanted.append(Wanted("dds", ("--interface", config.dds_interface), f"dds {config.dds_interface}"))
+        taken = ("--safety",) if config.dds_safety else ()
+        wanted.append(Wanted("dds", ("--interface", config.dds_interface, *taken), f"dds {config.dds_interface}"))
     if config.midi is not None:
         wanted.append(Wanted("midi", _keyboard_options(config)))
     if config.foxglove or config.foxglove_control:
@@ -66,8 +69,8 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     for front_end in wanted:
         if front_end.options[:1] != ("--device",):  # bytes need no library
             require_packages(front_end.name)
-    if needs_gamepad(config) and not config.gamepad:
-        wanted.append(Wanted("gamepad"))
+    if needs_gamepad(config) and config.gamepad is None:
+        wanted.append(Wanted("gamepad", layout))
     return tuple(wanted)
 
 
@@ -100,7 +103,7 @@ def with_keyboard(front_ends: Sequence[Wanted], path: str) -> tuple[Wanted, ...]
 
 def needs_gamepad(config: PlayConfig) -> bool:
     """Whether a gamepad takes part: where one was asked for, and on a real bus unless it was declined."""
-    return config.gamepad or (_is_real_bus(config) and not config.no_gamepad and not config.dry_run)
+    return config.gamepad is not None or (_is_real_bus(config) and not config.no_gamepad and not config.dry_run)
 
 
 def operated_by(config: PlayConfig) -> tuple[str, ...]:
@@ -122,20 +125,41 @@ def _is_real_bus(config: PlayConfig) -> bool:
     return config.hardware is not None and not config.hardware.startswith(_EMULATED)
 
 
-def require_gamepad(config: PlayConfig) -> None:
-    """Refuse a real bus without a gamepad. The library that looks for one stays out of this process.
+def _pad_layout(config: PlayConfig) -> tuple[str, ...]:
+    """Return the options of the gamepad's program that say where the buttons are.
 
     Raises:
-        InputError: none is plugged in, or its package is not installed.
+        InputError: more than one file is named, the file holds no layout, or no gamepad takes part.
     """
-    if not _is_real_bus(config) or not needs_gamepad(config):
-        return
+    files = config.gamepad or ()
+    if len(files) > 1:
+        raise InputError(f"--gamepad: is {' '.join(files)}, expected one file (.yaml)")
+    layout = chosen_layout(Path(files[0]) if files else None, PadLayout(config.joy), "--gamepad").options()
+    if layout and not needs_gamepad(config):
+        raise InputError(f"{layout[0]}: means nothing without --gamepad")
+    return layout
+
+
+def look_for_gamepad(config: PlayConfig) -> tuple[str, ...]:
+    """Return what an operator should know of the gamepads that are plugged in, before anything moves.
+
+    The library that looks for them stays out of this process.
+
+    Raises:
+        InputError: on a real bus: none is plugged in that can be used, or its package is not installed.
+    """
+    if not needs_gamepad(config) or config.dry_run:
+        return ()
     require_packages("gamepad")
-    program = [sys.executable, "-m", "humanoid_sim.gamepad", "--list"]
+    program = [sys.executable, "-m", "humanoid_sim.gamepad", "--list", *_pad_layout(config)]
     try:
         found = subprocess.run(program, check=False, capture_output=True, text=True, timeout=_LOOK_WITHIN)
     except (OSError, subprocess.SubprocessError) as error:
-        raise InputError(f"--hardware: nobody can tell whether a gamepad is there: {error}; --no-gamepad") from None
-    if found.returncode:
-        why = (found.stderr or found.stdout).strip().splitlines()[-1:] or [f"status {found.returncode}"]
-        raise InputError(f"--hardware: {why[0]}; plug one in to damp the robot by, or say --no-gamepad")
+        if not _is_real_bus(config):
+            return (f"could not check for a gamepad: {error}",)
+        raise InputError(f"--hardware: could not check for a gamepad: {error}; --no-gamepad does without") from None
+    lines = (found.stdout if found.returncode in (0, 1) else found.stderr).strip().splitlines()
+    if found.returncode and _is_real_bus(config):
+        why = lines[-1] if lines else f"status {found.returncode}"
+        raise InputError(f"--hardware: {why}; plug one in to damp the robot by, or say --no-gamepad")
+    return tuple(f"gamepad: {line}" for line in lines)

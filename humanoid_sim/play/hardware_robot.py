@@ -27,7 +27,7 @@ from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.mit import KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.front_ends import EMULATED_KEYBOARD
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.played_robot import RobotSetup
+from humanoid_sim.play.played_robot import RobotSetup, gravity_levers
 from humanoid_sim.policy.robot_check import motor_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.realtime import punctual_threads
@@ -37,6 +37,7 @@ from humanoid_sim.simulation.model import build_model
 __all__ = [
     "CALIBRATION",
     "MeasuredPose",
+    "check_policy",
     "real_robot",
 ]
 
@@ -89,15 +90,17 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
             accepted_firmware=config.accept_firmware,
             open_bus=open_bus if motors is None else motors.open_bus,
         )
+        levers, unjudged = gravity_levers(description, has_imu=imu is not None)
         return RobotSetup(
             robot,
             live={},
+            levers=levers,
             qpos=MeasuredPose(description),
             model=lambda: build_model(description),
             simulated=False,
-            check_policy=lambda contract: _check_policy(contract, description, has_imu=imu is not None),
+            check_policy=lambda contract: check_policy(contract, description, has_imu=imu is not None),
             mode_listener=partial(support_in_mode, motors) if motors is not None and description.is_floating else None,
-            notices=notices,
+            notices=(*notices, *unjudged),
             bring_up=_BringUp(robot, description, addresses, emulated=motors is not None),
             figures=lambda: _figures(robot),
             is_driven=lambda: robot.is_enabled,
@@ -152,7 +155,7 @@ def _emulated_keyboard(description: RobotDescription, motors: VirtualMotors) -> 
     return MidiKeyboard(path, lambda: motors.truth.live[KEY_PRESSED])
 
 
-def _check_policy(contract: PolicyContract, description: RobotDescription, *, has_imu: bool) -> tuple[str, ...]:
+def check_policy(contract: PolicyContract, description: RobotDescription, *, has_imu: bool) -> tuple[str, ...]:
     """Refuse what the motors cannot be told and what nobody measures.
 
     Raises:

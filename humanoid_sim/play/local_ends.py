@@ -13,6 +13,8 @@ from humanoid_sim.recording.shadow import shadow_width
 from humanoid_sim.session.data_socket import DataSocket
 from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
 from humanoid_sim.session.intent_socket import IntentSocket
+from humanoid_sim.session.loading import Loading
+from humanoid_sim.session.outside_safety import OutsideSafety, parse_watchdogs
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.registration import Registration
 from humanoid_sim.session.sources import RemoteInbox
@@ -29,6 +31,7 @@ class LocalEnds:
         plan: Plan,
         header: SessionHeader,
         reactivation: Reactivation,
+        loading: Loading | None,
         *,
         show: Callable[[str], None],
         note: Callable[[str], None],
@@ -40,6 +43,7 @@ class LocalEnds:
             plan: of the run.
             header: of the run, as recorded.
             reactivation: what `reactivate` asks for.
+            loading: what `load` asks for; None where no policy can be loaded.
             show: shows operators a line.
             note: records a line.
             is_ending: whether the session need not begin any more.
@@ -54,7 +58,8 @@ class LocalEnds:
         with ExitStack() as stack:
             registration = Registration()
             stack.callback(registration.close)
-            self.intents = IntentSocket(registration.intents, reactivation, note)
+            self.safety = OutsideSafety(parse_watchdogs(plan.config.watchdog))
+            self.intents = IntentSocket(registration.intents, reactivation, note, self.safety, loading)
             stack.callback(self.intents.close)
             self.inbox = RemoteInbox(description.joint_names, plan.clock)
             self.data = DataSocket(
@@ -67,7 +72,7 @@ class LocalEnds:
                 tell=note,
             )
             stack.callback(self.data.close)
-            width = 0 if plan.shadow is None else shadow_width(policy.loaded)
+            width = 0 if plan.shadow is None or policy.loaded is None else shadow_width(policy.loaded)
             blobs = {MODEL_BLOB: model_bytes(plan.setup.model())}
             self.feed = FeedWriter(header, blobs, plan.taken, shadow_width=width)
             stack.callback(self.feed.close)
@@ -77,10 +82,11 @@ class LocalEnds:
             stack.callback(self.front_ends.close)
             registration.register(
                 robot=description.name,
-                policy=f"{'' if plan.shadow is None else 'shadow '}{policy.checkpoint.source}",
+                policy=f"{'' if plan.shadow is None else 'shadow '}{policy.source}",
                 hardware=plan.config.hardware or "",
                 feed=self.feed.path,
             )
+            self.rename_policy = registration.rename_policy
             self._close = stack.pop_all()
 
     def close(self) -> None:

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from typing import Annotated, ClassVar, Literal
 
 import tyro
 
+from humanoid_sim.controllers.joy import JoyBindings
 from humanoid_sim.errors import InputError
+from humanoid_sim.simulation import DROP
 
-__all__ = ["DEFAULT_ROBOT", "PlayConfig", "refuse_old_names"]
+__all__ = ["DEFAULT_ROBOT", "NO_POLICY", "PlayConfig", "refuse_old_names"]
 
 DEFAULT_ROBOT = "lite"
+NO_POLICY = "none"
+"""Takes the place of a policy in a session that begins without one."""
 
 
 @dataclass(frozen=True)
@@ -25,12 +29,15 @@ class PlayConfig:
     """
 
     policy: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None
-    """ONNX checkpoint (FILE.onnx) or a shipped policy ({policies}); 'placeholder' for one that answers zeros.
-    Default: the sample policy for the robot."""
+    """ONNX checkpoint (FILE.onnx), a shipped policy ({policies}), 'placeholder' (which answers zeros) or 'none'.
+    Default: the robot's sample policy; on hardware none."""
     contract: Annotated[str | None, tyro.conf.arg(metavar="FILE.yaml")] = None
     """A contract.yaml with what the checkpoint does not say about itself. Default: the one beside the checkpoint."""
     motion: str | None = None
-    """Motion to follow: a sample motion ({motions}), or an .mcap file. Default with the sample policy: wave."""
+    """Motion to follow: a sample motion ({motions}), an .mcap file or a rosbag2 folder. Default with the sample policy:
+    wave."""
+    motion_topic: Annotated[str | None, tyro.conf.arg(metavar="TOPIC")] = None
+    """Topic of the motion, in a file or folder that has others too. Default: its only one."""
     song: str | None = None
     """Song of a piano policy: a sample song ({songs}), a MIDI file (.mid), or random:N, a generated one.
     Default with the sample policy: ode_to_joy."""
@@ -55,7 +62,11 @@ class PlayConfig:
     yaw: Annotated[float, tyro.conf.arg(metavar="RAD")] = 0.0
     """Heading in rad at which a free-standing robot starts, in simulation."""
     base_height: Annotated[float | None, tyro.conf.arg(metavar="M")] = None
-    """Height in m at which a free-standing robot is held until its policy starts. Default: the robot's."""
+    """Height in m at which a free-standing robot is held until its policy starts. Default: the robot's; if that has
+    none, as high as --drop says."""
+    drop: Annotated[float, tyro.conf.arg(metavar="M")] = DROP
+    """Height in m from which a free-standing robot drops onto its feet when its policy starts, in simulation: landing
+    sets those policies walking that stand still until something disturbs them. 0 starts it on the floor."""
     hardware: Annotated[str | None, tyro.conf.arg(metavar="CHANNELS")] = None
     """CAN channels of a real robot, such as can0, can0,can1 or udp_multicast:239.74.163.2; virtual:NAME emulates the
     motors in this process. Default: simulation."""
@@ -84,14 +95,15 @@ class PlayConfig:
     """MuJoCo's window, or rerun's viewer, in a process of its own; auto opens MuJoCo's window where there is a display,
     but none on hardware."""
     console: bool = False
-    """Start the console, a page for the operator, for browsers on this machine; prints its address."""
+    """Start the console, the operator's page for a browser on this machine."""
     record: Annotated[str, tyro.conf.arg(metavar="FILE.mcap")] = "auto"
     """Recording (.mcap); auto names it after the time, in the folder runs; none for no recording."""
     overwrite: bool = False
     """Replace files named by --record, --video, --snapshot or --summary that exist."""
-    gamepad: bool = False
-    """Drive the FSM with a gamepad. On a real bus one must be there, asked for or not; with --hardware its loss damps
-    the robot."""
+    gamepad: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[MAPPING.yaml]")] = None
+    """Drive the FSM with a gamepad, of the usual layout or of the one in MAPPING.yaml. On a real bus one must be there,
+    asked for or not; with --hardware its loss damps the robot."""
+    joy: JoyBindings = field(default_factory=JoyBindings)
     no_gamepad: bool = False
     """On a real bus: do without a gamepad."""
     dds: bool = False
@@ -99,6 +111,8 @@ class PlayConfig:
     dds_interface: str | None = None
     """Start a second bridge for another computer, at this network interface, such as eth1: joint states, IMU, mode,
     description and transforms go out, commands for REMOTE come in. Whoever is on that network can send some."""
+    dds_safety: bool = False
+    """Take safety statuses from the network of --dds-interface too. Whoever is there can then damp the robot."""
     midi: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[PORT]")] = None
     """Take the keys that are down from a MIDI keyboard, for a piano policy whose robot does not know them itself.
     PORT is part of its port's name, the path of a raw MIDI device such as /dev/snd/midiC1D0, or virtual: the keyboard
@@ -121,11 +135,18 @@ class PlayConfig:
     """Largest magnitude of a raw action; beyond it the policy has failed, and the robot is damped. Default: the
     contract's action_limit, or else 100."""
     manual: bool = False
-    """Drive the FSM yourself, from the keyboard; with --console or --gamepad from there, where there is no terminal."""
+    """Drive the FSM yourself, from the keyboard, or with --console or --gamepad from there."""
     script: str | None = None
     """Drive the FSM by a script, such as "damp; load_b; wait; start_remote; hold 5; damp"."""
+    check_poses: bool = False
+    """Walk slowly through the robot's check poses at the end of STANDBY, where more joints' signs are judged."""
+    allow_sign_contradiction: Annotated[tuple[str, ...], tyro.conf.arg(metavar="JOINT")] = ()
+    """Joints whose efforts in STANDBY may contradict their direction: a warning instead of a START that is refused."""
     pose: Literal["a", "b"] = "a"
     """Standby pose to walk through when the FSM is driven automatically."""
+    watchdog: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:SECONDS")] = ()
+    """Sources of safety statuses, other programs on this machine, that must report at least every SECONDS: the robot is
+    damped while one is silent."""
     inject: Annotated[tuple[str, ...], tyro.conf.arg(metavar="FAULT@SECONDS")] = ()
     """Faults to inject, each as FAULT@SECONDS: nan_policy, safety, silent_remote."""
     push: Annotated[tuple[str, ...], tyro.conf.arg(metavar="VX,VY@SECONDS")] = ()
@@ -158,12 +179,15 @@ class PlayConfig:
             *("policy", "robot", "motion", "song", "command", "manual", "console", "viewer", "record", "video"),
             *("duration", "policy_seconds", "hardware"),
         ),
-        "the policy": ("contract", "action_limit", "again", "shadow"),
-        "driving the modes": ("script", "pose", "gamepad", "no_gamepad", "remote", "gravity_form"),
-        "other programs": ("midi", "dds", "dds_interface", "foxglove", "foxglove_control"),
+        "the policy": ("contract", "motion_topic", "action_limit", "again", "shadow"),
+        "driving the modes": (
+            *("script", "pose", "check_poses", "allow_sign_contradiction", "watchdog", "remote", "gravity_form"),
+            *("gamepad", "no_gamepad", *(f"joy.{item.name}" for item in fields(JoyBindings))),
+        ),
+        "other programs": ("midi", "dds", "dds_interface", "dds_safety", "foxglove", "foxglove_control"),
         "output": ("snapshot", "summary", "overwrite"),
         "simulation": (
-            *("branch", "push", "inject", "yaw", "base_height", "imu_site", "pace", "actuation"),
+            *("branch", "push", "inject", "yaw", "base_height", "drop", "imu_site", "pace", "actuation"),
             *("control_frequency", "physics_timestep", "command_delay", "state_delay", "state_sampling"),
         ),
         "a real robot": (
@@ -188,6 +212,13 @@ class PlayConfig:
     def checkpoint(self) -> str | None:
         """The checkpoint that runs, as the robot's policy or as its shadow; None for the sample policy."""
         return self.policy if self.shadow is None else self.shadow
+
+    @property
+    def has_policy(self) -> bool:
+        """True if a policy runs from the beginning, as a shadow too; on hardware only one that is named."""
+        if self.shadow is not None or self.branch is not None:
+            return True
+        return self.policy != NO_POLICY and (self.policy is not None or self.hardware is None)
 
 
 _OLD_NAMES = {("--viewer", "web"): "--console", ("--remote", "dds"): "--dds"}

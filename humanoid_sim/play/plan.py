@@ -11,7 +11,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.controllers.rl_policy import RLPolicyController, ticks_per_step
 from humanoid_sim.controllers.supervisor import Supervisor
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.files import is_file
 from humanoid_sim.frontends import Wanted
 from humanoid_sim.messages import Intent
@@ -25,7 +25,7 @@ from humanoid_sim.play.conflicts import (
     refuse_without_effect,
 )
 from humanoid_sim.play.early import checkpoint_path
-from humanoid_sim.play.front_ends import has_keys, operated_by, require_gamepad, wanted_front_ends, with_keyboard
+from humanoid_sim.play.front_ends import has_keys, look_for_gamepad, operated_by, wanted_front_ends, with_keyboard
 from humanoid_sim.play.options import DEFAULT_ROBOT, PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import PolicyChoice, choose_policy, parse_branch
@@ -33,13 +33,22 @@ from humanoid_sim.policy.checkpoint import read_contract
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.readers.complete import UnnamedJointsError
 from humanoid_sim.policy.readers.sources import assumptions
-from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics, with_imu
+from humanoid_sim.robots.description import (
+    RobotDescription,
+    load_robot,
+    with_check_poses,
+    with_contract,
+    with_contract_physics,
+    with_imu,
+)
+from humanoid_sim.robots.guards import describe_unwatched
 from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
 from humanoid_sim.session.inject import Injector, parse_injections
 from humanoid_sim.session.keyboard import key_help
 from humanoid_sim.session.script import ScriptStep, parse_script
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.sources import VelocityCommand, parse_velocity, velocity_key_help
+from humanoid_sim.simulation.check_poses import check_pose_problems
 from humanoid_sim.simulation.plant import timestep_of
 from humanoid_sim.stack import build_supervisor, policy_controller
 
@@ -49,6 +58,7 @@ __all__ = [
     "control_rate",
     "expected_duration",
     "make_plan",
+    "policy_notices",
 ]
 
 
@@ -110,50 +120,63 @@ def make_plan(config: PlayConfig) -> Plan:
     clock = RobotClock()
     injector = Injector(injections, clock)
     policy, suited = _policy_on_robot(config, description, injector)
-    description = suited if point is None else description
-    contract, is_shadow = policy.loaded.contract, config.shadow is not None
+    if point is None:
+        description = _checked_poses(suited) if config.check_poses else suited
+    contract, is_shadow = policy.contract, config.shadow is not None
     refuse_without_effect(config, contract, description)
     if point is None:
-        control_period, notice = control_rate(config, description, None if is_shadow else contract.policy_dt)
+        control_period, notice = control_rate(
+            config, description, None if is_shadow or contract is None else contract.policy_dt
+        )
     else:
         control_period, notice = point.control_period, ""
-    setup = _robot(config, description, control_period, contract if point is None else point.contract)
+    setup = _robot(config, description, control_period, contract)
     try:
-        taken = policy.loaded.taken(setup.live)
+        taken: Mapping[str, int] = {} if policy.loaded is None else policy.loaded.taken(setup.live)
         refuse_unheard_keys(config, contract, taken)
         live = {**taken, **setup.live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
         limit, shadow = config.action_limit, None
-        if is_shadow:  # without a policy and REMOTE, the FSM itself keeps the robot in DAMPING and STANDBY
-            supervisor = build_supervisor(description, control_period, None)
+        signs = _allowed_signs(config, setup)
+        # Without a policy and REMOTE, the FSM itself keeps the robot in DAMPING and STANDBY.
+        if is_shadow and policy.loaded is not None:
+            supervisor = build_supervisor(description, control_period, None, signs=signs)
             shadow = policy_controller(description, control_period, policy.loaded, live=live, action_limit=limit)
         else:
             supervisor = build_supervisor(
-                description, control_period, policy.loaded, remote=True, live=live, action_limit=limit
+                description,
+                control_period,
+                policy.loaded,
+                remote=True,
+                live=live,
+                action_limit=limit,
+                signs=signs,
+                loads=True,
             )
-        warnings = setup.check_policy(contract)
-        require_gamepad(config)
-        branch = None if point is None else reach(point, setup, supervisor, contract, clock)
+        warnings = () if contract is None else setup.check_policy(contract)
+        pads = look_for_gamepad(config)
+        branch = None if point is None or contract is None else reach(point, setup, supervisor, contract, clock)
         setup = setup if branch is None else branch.setup
         if steps is None and not config.manual and config.hardware is None and branch is None:
             steps = parse_script(_automatic_script(config, policy.motion))
-        command = parse_velocity(config.command, contract.command_ranges)
+        ranges = None if contract is None else contract.command_ranges
+        command = parse_velocity(config.command, ranges)
         if branch is not None:
             command = branch.take_velocity(command, is_given=config.command != PlayConfig.command)
-        velocity = VelocityCommand(command, contract.command_ranges)
+        velocity = VelocityCommand(command, ranges)
+        velocity.is_observed = policy.walks
         if branch is not None:
             branch.inputs.velocity = velocity
-        golden = f"golden vectors: {policy.checkpoint.golden}" if policy.checkpoint.golden else ""
         drivers = (*_who_drives(config, steps, walks=policy.walks), *_who_feeds(config, steps, taken))
         drivers = drivers if branch is None or config.manual else ()
         texts = (
             *(() if branch is None else branch.notices),
             notice,
             *setup.notices,
+            describe_unwatched(description),
             *warnings,
             _cost_of_plant(config, policy, description),
-            *assumptions(contract),
-            *policy.notices,
-            golden,
+            *policy_notices(policy),
+            *pads,
             *drivers,
         )
         return Plan(
@@ -178,6 +201,42 @@ def make_plan(config: PlayConfig) -> Plan:
     except BaseException:
         setup.release()
         raise
+
+
+def _allowed_signs(config: PlayConfig, setup: RobotSetup) -> tuple[str, ...] | None:
+    """The joints whose sign may contradict gravity; None where signs are not judged.
+
+    Raises:
+        InputError: one is not a joint of the robot.
+    """
+    for name in config.allow_sign_contradiction:
+        if name not in setup.robot.joints:
+            raise InputError(f"--allow-sign-contradiction: {known_names('joint', name, setup.robot.joints)}")
+    return None if setup.levers is None else tuple(dict.fromkeys(config.allow_sign_contradiction))
+
+
+def _checked_poses(description: RobotDescription) -> RobotDescription:
+    """The robot that walks through its check poses.
+
+    Raises:
+        InputError: it has none, or a joint that is wired wrongly would do harm in them.
+    """
+    extended = with_check_poses(description)
+    for problem in check_pose_problems(description):
+        raise InputError(f"--check-poses: {problem}")
+    return extended
+
+
+def policy_notices(policy: PolicyChoice) -> tuple[str, ...]:
+    """List what to know about a policy, whatever robot it drives, one line each."""
+    if policy.checkpoint is None:
+        return ()
+    golden = policy.checkpoint.golden
+    return (
+        *assumptions(policy.checkpoint.contract),
+        *policy.notices,
+        *((f"golden vectors: {golden}",) if golden else ()),
+    )
 
 
 def _inputs(config: PlayConfig, policy: PolicyChoice) -> tuple[Path, ...]:
@@ -208,17 +267,18 @@ def _policy_on_robot(
             raise
         has = f"; the policy has {count} joints, the default robot '{DEFAULT_ROBOT}' {description.joint_count}"
         raise InputError(f"{hint}{error}{f'{has}: give --robot' if count else ''}") from None
-    contract = policy.loaded.contract
+    contract = policy.contract
+    if (contract is None or config.shadow is not None) and description.has_no_gains:
+        option = "--policy none" if contract is None else "--shadow"
+        raise InputError(f"{option}: '{description.name}' has no gains of its own to stand by, expected a robot's YAML")
+    if contract is None:
+        return policy, description
     try:
         resolve_action(contract, description.joint_names)
     except FieldError as error:
         problem = f"policy on robot '{description.name}': {error}"
         raise InputError(f"{hint if is_default else ''}{problem}") from None
     if config.shadow is not None:
-        if description.has_no_gains:
-            raise InputError(
-                f"--shadow: '{description.name}' has no gains of its own to stand by, expected a robot's YAML"
-            )
         return policy, description  # as it is without the policy
     change = with_contract if description.has_no_gains else with_contract_physics
     return policy, change(description, contract)
@@ -239,7 +299,7 @@ def _count_of_places(config: PlayConfig) -> int | None:
 
 
 def _robot(
-    config: PlayConfig, description: RobotDescription, control_period: float, contract: PolicyContract
+    config: PlayConfig, description: RobotDescription, control_period: float, contract: PolicyContract | None
 ) -> RobotSetup:
     if config.hardware is None:
         return simulated_robot(config, description, control_period, contract)
@@ -251,7 +311,7 @@ def _robot(
 
 def _cost_of_plant(config: PlayConfig, policy: PolicyChoice, description: RobotDescription) -> str:
     """What an approximate plant costs in truth on this robot and motion; '' of one that is exact, and of hardware."""
-    if config.hardware is not None or config.actuation != "implicit":
+    if config.hardware is not None or config.actuation != "implicit" or policy.checkpoint is None:
         return ""
     # Only who chooses such a plant waits for the measurement and its imports.
     from humanoid_sim.plants import measured_cost  # noqa: PLC0415
@@ -303,7 +363,9 @@ def _automatic_script(config: PlayConfig, motion: Motion | None) -> str:
         run = f"hold {motion.duration + 0.5}"
     if config.policy_seconds is not None:
         run = f"hold {config.policy_seconds}"
-    start = "" if config.shadow is not None else "start_remote; " if config.remote != "none" else "start_locomotion; "
+    start = "start_remote; " if config.remote != "none" else "start_locomotion; "
+    if config.shadow is not None or not (config.has_policy or config.remote != "none"):
+        start = ""
     run = f"hold {config.duration or _OPEN_END}" if config.remote != "none" else run
     return f"hold 0.5; damp; hold 1; load_{config.pose}; wait; hold 0.2; {start}{run}; damp; hold 1"
 

@@ -11,16 +11,18 @@ import mujoco
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import resolve_action
+from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.robot_check import effort_findings, model_damping_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.imu import imu_line
-from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
+from humanoid_sim.robots.mjcf import bare_model, own_joint_damping, prefix_line
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode
+from humanoid_sim.simulation.gravity import GravityLevers
 from humanoid_sim.simulation.keys import Touch
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
@@ -32,6 +34,7 @@ __all__ = [
     "PlayedRobot",
     "RobotSetup",
     "Touches",
+    "gravity_levers",
     "simulated_robot",
 ]
 
@@ -106,6 +109,10 @@ class RobotSetup:
     check_policy: Callable[[PolicyContract], tuple[str, ...]]
     """What an operator should know about driving this robot with a policy that fits its joints, one line each. Raises
     `InputError` if it cannot be driven with it."""
+    levers: GravityLevers | None = None
+    """Levers of gravity on its joints while it is held; None where they are unknown."""
+    measure: Callable[[PolicyContract], Callable[[], None]] = lambda _: lambda: None
+    """Function that prepares to measure what another policy observes; its result, called between two ticks, does so."""
     base: BaseObserver | None = None
     """Sees its floating base, from the thread of one who watches; None where it has none, or nobody can tell."""
     mode_listener: Callable[[Mode], str] | None = None
@@ -129,7 +136,7 @@ class RobotSetup:
 
 
 def simulated_robot(
-    config: PlayConfig, description: RobotDescription, control_period: float, contract: PolicyContract
+    config: PlayConfig, description: RobotDescription, control_period: float, contract: PolicyContract | None
 ) -> RobotSetup:
     """A robot in MuJoCo.
 
@@ -137,7 +144,7 @@ def simulated_robot(
         config: the options.
         description: of the robot.
         control_period: s
-        contract: of the policy, which says what is observed of the robot.
+        contract: of the policy, which says what is observed of the robot; None without one.
 
     Raises:
         InputError: if an option is not accepted.
@@ -156,8 +163,10 @@ def simulated_robot(
         state_sampling=config.state_sampling,
         base_yaw=config.yaw,
         base_height=config.base_height,
-        anchor_body=contract.anchor_body,
-        velocity_at=contract.velocity_points,
+        drop=config.drop,
+        anchor_body="" if contract is None else contract.anchor_body,
+        velocity_at=() if contract is None else contract.velocity_points,
+        height_scan=None if contract is None else contract.height_scan,
         pushes=pushes,
     )
 
@@ -171,19 +180,38 @@ def simulated_robot(
         limits = effort_findings(contract, description)
         return robot.stability.check(gains.damping, "policy", gains.stiffness), *map(str, (*doubled, *limits))
 
+    levers, unjudged = gravity_levers(description)
     return RobotSetup(
         robot,
         live=robot.extern,
+        levers=levers,
         touches=touches,
         qpos=lambda _: robot.qpos,
         model=lambda: build_model(description),
         simulated=True,
         check_policy=check_policy,
+        measure=lambda contract: robot.measuring(contract.anchor_body, contract.velocity_points, contract.height_scan),
         base=BaseObserver(robot.model, description) if description.is_floating else None,
         mode_listener=partial(support_in_mode, robot) if description.is_floating else touches,
         notices=(
+            *((note,) if (note := prefix_line(description.mjcf_path)) else ()),
             *imu,
             *(f"pushed by {push.vx:g},{push.vy:g} m/s at {push.time:g} s" for push in pushes),
             *robot.warnings,
+            *unjudged,
         ),
     )
+
+
+def gravity_levers(
+    description: RobotDescription, *, has_imu: bool = True
+) -> tuple[GravityLevers | None, tuple[str, ...]]:
+    """What judges the signs of a robot that is held, and, if nothing can, why, for an operator."""
+    if description.signs is None:
+        return None, ("signs are not judged in STANDBY: the robot's file turns that off",)
+    if description.is_floating and not has_imu:
+        return None, ("signs are not judged in STANDBY: without an IMU nobody knows how the robot hangs",)
+    try:
+        return GravityLevers(description, description.signs), ()
+    except InputError as error:
+        return None, (f"signs are not judged in STANDBY: {error}",)

@@ -10,17 +10,17 @@ from typing import Any
 
 from humanoid_sim.assets import (
     SAMPLE_MOTION,
-    SAMPLE_POLICY,
     SAMPLE_SONG,
     motion_path,
     sample_policy,
     song_path,
 )
+from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.play.early import checkpoint_path
-from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.options import NO_POLICY, PlayConfig
 from humanoid_sim.policy.checkpoint import (
     PLACEHOLDER,
     Checkpoint,
@@ -51,13 +51,33 @@ __all__ = [
 class PolicyChoice:
     """The policy of a run, and what the user must be told about it."""
 
-    loaded: LoadedPolicy
-    checkpoint: Checkpoint
-    motion: Motion | None
-    motion_file: Path | None
+    loaded: LoadedPolicy | None = None
+    """Policy with its motion; None in a run without."""
+    checkpoint: Checkpoint | None = None
+    motion: Motion | None = None
+    motion_file: Path | None = None
     warning: str = ""
     notices: tuple[str, ...] = ()
     """Of its motion."""
+
+    @property
+    def contract(self) -> PolicyContract | None:
+        """Contract of the policy; None without one."""
+        return None if self.loaded is None else self.loaded.contract
+
+    @property
+    def source(self) -> str:
+        """Name for operators: its file, or `none`."""
+        return NO_POLICY if self.checkpoint is None else self.checkpoint.source
+
+    @property
+    def settings(self) -> dict[str, str | None]:
+        """Fields of a recording's settings."""
+        return {
+            "policy": None if self.checkpoint is None else self.checkpoint.source,
+            "policy_sha256": None if self.checkpoint is None else self.checkpoint.sha256,
+            "motion": None if self.motion_file is None else str(self.motion_file),
+        }
 
     @property
     def motion_frames(self) -> int:
@@ -67,7 +87,7 @@ class PolicyChoice:
     @property
     def walks(self) -> bool:
         """Whether it takes a velocity command."""
-        return self.loaded.contract.takes_velocity_command
+        return self.loaded is not None and self.loaded.contract.takes_velocity_command
 
 
 def choose_policy(
@@ -83,9 +103,9 @@ def choose_policy(
     Raises:
         InputError: naming the file and what is wrong with it.
     """
-    # The one for the legs is a simulated robot's: on hardware nobody gets it without naming it.
-    sample = SAMPLE_POLICY if config.hardware is not None else sample_policy(description.name)
-    path = checkpoint_path(config) or sample
+    if not config.has_policy:
+        return PolicyChoice()
+    path = checkpoint_path(config) or sample_policy(description.name)
     contract_file = None if config.contract is None else Path(config.contract)
     warning = ""
     if config.checkpoint == PLACEHOLDER:
@@ -126,7 +146,7 @@ def _chosen_motion(
     """The motion, the file that it is from, and what to tell about it."""
     if not _plays_song(config, checkpoint):
         file = _motion_file(config, checkpoint)
-        return (checkpoint.motion if file is None else read_motion(file)), file, ()
+        return (checkpoint.motion if file is None else read_motion(file, config.motion_topic)), file, ()
     name = config.song or SAMPLE_SONG
     song, dropped = choose_song(name, description)
     if not song.notes:
@@ -199,6 +219,7 @@ _REPEATED = (
     "command",
     "yaw",
     "base_height",
+    "drop",
     "action_limit",
     "actuation",
     "control_frequency",
@@ -223,8 +244,19 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
     option, path = (
         ("--again", config.again) if config.again is not None else ("--branch", parse_branch(config.branch or "")[0])
     )
-    header = open_recording(path).header
+    recording = open_recording(path)
+    begin = math.inf
+    if config.branch is not None:
+        begin = parse_branch(config.branch)[1] - 0.5 * recording.header.control_period
+    header = recording.of_last_policy(begin).header
     recorded = _options(option, path, header)
+    had_none = "contract" not in header.documents and recorded.get("policy") in (None, NO_POLICY)
+    if had_none and recorded.get("shadow") is None:
+        if config.branch is not None and config.policy is None:
+            raise InputError(f"--branch: '{path}' has no policy at that time; name one with --policy")
+        recorded["policy"] = NO_POLICY
+    elif recorded.get("policy") is None and config.hardware is not None:
+        recorded["policy"] = recorded_settings(path, header).get("policy")
     if recorded.get("shadow") is not None:
         if config.branch is not None or config.checkpoint is None:
             other = "" if config.branch is not None else "; name one with --policy or --shadow"
@@ -234,13 +266,17 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
         recorded.pop("contract", None)  # it is for the recorded policy
     if config.branch is not None:
         recorded.pop("command", None)  # the velocity goes on as recorded
+        recorded.setdefault("drop", 0.0)  # older recordings began on the floor
         config = replace(config, push=(*_recorded_pushes(path, recorded), *_later_pushes(config)))
     known = {field.name: field for field in fields(config)}
     values = {
         name: recorded[name] for name in _REPEATED if name in recorded and getattr(config, name) == known[name].default
     }
     if config.motion is None and config.song is None and MOTION_ATTACHMENT in header.attachments:
-        values["motion"] = path  # a recording is read as the motion that it was made with
+        last = recording.of_last_policy().header.attachments.get(MOTION_ATTACHMENT)
+        if last != header.attachments[MOTION_ATTACHMENT]:
+            raise InputError(f"{option}: '{path}' followed another motion later; name the motion with --motion")
+        values["motion"] = path  # a recording is read as the motion that it was made with, the last one
     return replace(config, **values)
 
 

@@ -22,7 +22,7 @@ from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingSummary
 from humanoid_sim.files import whole_file
 from humanoid_sim.messages import Mode
 from humanoid_sim.play.assembly import Run
-from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.options import NO_POLICY, PlayConfig
 from humanoid_sim.play.status_line import MODE_STYLES
 from humanoid_sim.policy.song import key_name
 from humanoid_sim.session.monitor import RunMonitor
@@ -48,9 +48,9 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
     plan, monitor = run.plan, run.monitor
     return {
         "robot": plan.description.name,
-        "policy": None if plan.shadow is not None else plan.policy.checkpoint.source,
+        "policy": None if plan.shadow is not None or run.policy.loaded is None else run.policy.source,
         "shadow": None if run.shadow is None else run.shadow.figures(),
-        "motion": None if plan.policy.motion_file is None else str(plan.policy.motion_file),
+        "motion": None if run.policy.motion_file is None else str(run.policy.motion_file),
         "reason": result.reason,
         "duration": result.duration,
         "modes": [
@@ -74,7 +74,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "base": _figures(run.monitor.base),
         "piano": _piano_figures(run),
         "key_force": key_force(run),
-        "doctor": _doctor(plan.config),
+        "doctor": _doctor(run.config),
         "definitions": dict(DEFINITIONS),
         "hardware": plan.setup.figures(),
         "never_injected": list(plan.injector.pending),
@@ -84,7 +84,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
 
 def _doctor(config: PlayConfig) -> str:
     """The command that finds out what is wired wrongly in this policy; empty where there is nothing to examine."""
-    if config.policy in (None, "placeholder"):
+    if config.policy in (None, "placeholder", NO_POLICY):
         return ""
     command = ["python", "-m", "humanoid_sim.policy", "doctor", str(config.policy), "--robot", config.robot]
     for option in ("contract", "motion", "base_height"):

@@ -90,7 +90,7 @@ def _introduce(console: Console, plan: Plan) -> None:
         console.print(f" {plan.policy.warning} ", style="bold white on red", markup=False)
     motion = "" if plan.policy.motion_file is None else f", motion {plan.policy.motion_file.name}"
     kind = "policy" if plan.shadow is None else "shadow policy"
-    console.print(f"robot {plan.description.name}, {kind} {plan.policy.checkpoint.source}{motion}", markup=False)
+    console.print(f"robot {plan.description.name}, {kind} {plan.policy.source}{motion}", markup=False)
     for notice in plan.notices:
         console.print(f"note: {notice}", markup=False, style="dim")
 

@@ -117,6 +117,12 @@ class DataSocket(ExternSource, Sink):
         self.discarded = 0
         """Samples that nobody looked into, because newer ones of their producers came with them."""
 
+    def follow(self, velocity: VelocityCommand | None, live: Mapping[str, int]) -> None:
+        """Take what another policy observes from here on; arguments as for the constructor. For the control thread."""
+        self._velocity, self._widths = velocity, dict(live)
+        self._live_turns = {name: self._live_turns.get(name, Turn(math.inf)) for name in self._widths}
+        self._live = {name: value for name, value in self._live.items() if self._widths.get(name) == len(value.value)}
+
     @property
     def owners(self) -> Mapping[str, str]:
         """Who commands at present: `REMOTE`, `velocity` and the live inputs, by name and process id; '' for nobody."""

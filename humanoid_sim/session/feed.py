@@ -44,6 +44,10 @@ _EVENT_SIZE, _STATUS_SIZE = 1024, 1 << 16
 """Bytes; a longer event is cut, a longer status is left out."""
 _ROOM = 1 << 14
 """Bytes for what a tick holds beside its numbers: texts, live inputs."""
+_MOST_OBSERVED = 4096
+"""Values that a policy which is loaded later may observe."""
+_PATH_SIZE = 4096
+"""Bytes of what says where the header of such a policy is."""
 _PAGE = 4096
 _MFD_NOEXEC_SEAL, _F_SEAL_FUTURE_WRITE = 0x8, 0x10
 """Of Linux 6.3 and 5.1; Python does not name them. The second forbids all writing but through present mappings."""
@@ -104,41 +108,30 @@ class FeedWriter(Sink):
         self._latest: tuple[TickRecord, bytes] | None = None
         self._encoder = TickEncoder(len(header.joint_names))
         self._pending: deque[Event] = deque(maxlen=_EVENTS)
+        self._loaded: int | None = None
+        """Handle of the memory with the header of the policy that was loaded last; None before."""
         files = {**header.attachments, **(blobs or {})}
-        session, documents = header_metadata(header)
-        told = {
+        described = {
             "joint_names": header.joint_names,
             "control_period": header.control_period,
-            "live_inputs": dict(live_inputs or {}),
-            "header": {"session": session, "documents": documents},
+            **_described(header, live_inputs),
             "definitions": {"tick": schema_text(TICK), "event": schema_text(EVENT), "shadow": schema_text(SHADOW_STEP)},
         }
-        offset = _PAGE
-        places: dict[str, tuple[int, int]] = {}
-        for name, data in files.items():
-            places[name] = (offset, len(data))
-            offset = _aligned(offset + len(data))
+        places, offset = _placed(files)
         rings: dict[str, tuple[int, int, int]] = {}
         for name, slots, size in (
             ("tick", _TICKS, _tick_size(header)),
             ("event", _EVENTS, _EVENT_SIZE),
             ("status", _STATUSES, _STATUS_SIZE),
             ("shadow", _SHADOWS if shadow_width else 1, _shadow_size(header, shadow_width)),
+            ("policy", 2, _PATH_SIZE),
         ):
             rings[name] = (offset, slots, size)
             offset = _aligned(offset + 64 + slots * size)
-        text = json.dumps({**told, "blobs": places, "rings": rings}).encode()
-        try:
-            self._handle, self._memory = _sealed_memory(offset + len(text))
-        except OSError as error:
-            raise InputError(f"the feed: {offset + len(text)} bytes cannot be had: {error.strerror}") from None
+        self._handle, self._memory = _filled({**described, "rings": rings}, files, places, offset)
         self.path = Path(f"/proc/{os.getpid()}/fd/{self._handle}")
         """By which this user's other programs open it for reading."""
-        for name, (place, length) in places.items():
-            self._memory[place : place + length] = files[name]
-        self._memory[offset : offset + len(text)] = text
-        FEED_HEAD.pack_into(self._memory, 0, FEED_MAGIC, offset, len(text), zlib.crc32(text), 0)
-        self._ticks, self._events, self._statuses, self._shadows = (
+        self._ticks, self._events, self._statuses, self._shadows, self._policies = (
             _Ring(self._memory, *place) for place in rings.values()
         )
         for place, slots, size in rings.values():  # every page is mapped before the loop begins
@@ -165,6 +158,27 @@ class FeedWriter(Sink):
         """Publish what is told beside ticks; from one thread."""
         self._statuses.put(json.dumps(told).encode())
 
+    def prepare(self, header: SessionHeader, live_inputs: Mapping[str, int]) -> int:
+        """Describe the run with another policy, for `follow`; takes its time, on any thread.
+
+        Raises:
+            InputError: there is no room for what the policy observes, or no memory.
+        """
+        observed = sum(width for _, width in header.observation_terms)
+        if observed > _MOST_OBSERVED:
+            raise InputError(f"its observation is {observed} wide; a running session takes at most {_MOST_OBSERVED}")
+        places, offset = _placed(header.attachments)
+        handle, memory = _filled(_described(header, live_inputs), header.attachments, places, offset)
+        memory.close()
+        return handle
+
+    def follow(self, prepared: int) -> None:
+        """Publish what `prepare` gave, between two ticks."""
+        before, self._loaded = self._loaded, prepared
+        self._policies.put(f"/proc/{os.getpid()}/fd/{prepared}".encode())
+        if before is not None:
+            os.close(before)
+
     def shadow(self, message: bytes) -> None:
         """Publish a step of a shadow policy; from one thread."""
         self._shadows.put(message)
@@ -177,6 +191,8 @@ class FeedWriter(Sink):
         self._memory[ENDED_OFFSET] = 1
         self._memory.close()
         os.close(self._handle)
+        if self._loaded is not None:
+            os.close(self._loaded)
 
     def _publish_events(self) -> None:
         while self._pending:
@@ -184,6 +200,41 @@ class FeedWriter(Sink):
             # A character takes four bytes at most.
             text = event.text if len(event.text) <= _EVENT_SIZE // 5 else f"{event.text[: _EVENT_SIZE // 5]} …"
             self._events.put(encode_event(Event(event.time, text, event.kind)))
+
+
+def _described(header: SessionHeader, live_inputs: Mapping[str, int] | None) -> dict[str, object]:
+    """Describe what changes with the policy."""
+    session, documents = header_metadata(header)
+    return {"live_inputs": dict(live_inputs or {}), "header": {"session": session, "documents": documents}}
+
+
+def _placed(files: Mapping[str, bytes]) -> tuple[dict[str, tuple[int, int]], int]:
+    """Place files behind the first page: offset and length of each, and the offset behind them all."""
+    offset, places = _PAGE, {}
+    for name, data in files.items():
+        places[name] = (offset, len(data))
+        offset = _aligned(offset + len(data))
+    return places, offset
+
+
+def _filled(
+    described: Mapping[str, object], files: Mapping[str, bytes], places: Mapping[str, tuple[int, int]], offset: int
+) -> tuple[int, mmap.mmap]:
+    """Make memory with files at their places and, at `offset`, the description of it all.
+
+    Raises:
+        InputError: it cannot be had.
+    """
+    text = json.dumps({**described, "blobs": places}).encode()
+    try:
+        handle, memory = _sealed_memory(offset + len(text))
+    except OSError as error:
+        raise InputError(f"the feed: {offset + len(text)} bytes cannot be had: {error.strerror}") from None
+    for name, (place, length) in places.items():
+        memory[place : place + length] = files[name]
+    memory[offset : offset + len(text)] = text
+    FEED_HEAD.pack_into(memory, 0, FEED_MAGIC, offset, len(text), zlib.crc32(text), 0)
+    return handle, memory
 
 
 def _sealed_memory(size: int) -> tuple[int, mmap.mmap]:
@@ -211,7 +262,7 @@ def _sealed_memory(size: int) -> tuple[int, mmap.mmap]:
 def _tick_size(header: SessionHeader) -> int:
     """Bytes of a slot: all numbers of a tick of this robot, and room for what is beside them."""
     joints = len(header.joint_names)
-    observation = sum(width for _, width in header.observation_terms)
+    observation = max(sum(width for _, width in header.observation_terms), _MOST_OBSERVED)
     numbers = 4 * joints + 5 * joints + (joints + 64) + 5 * joints + observation + joints
     return _aligned(8 * numbers + _ROOM)
 

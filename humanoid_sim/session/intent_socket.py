@@ -1,7 +1,7 @@
 """Intents from other programs on the machine: a Unix datagram socket that only its user can reach.
 
-It carries intents, `reactivate` and marks, and nothing else, so no flood of data can keep a DAMP waiting. It is drained
-completely in every tick before anything else comes in, and everything in it is answered.
+It carries intents, `reactivate`, `load`, safety statuses and marks, and nothing else, so no flood of data can keep a
+DAMP waiting. It is drained completely in every tick before anything else comes in, and everything in it is answered.
 `humanoid_sim.client.Intake.ask` is the other end.
 """
 
@@ -12,9 +12,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from humanoid_sim.client import LOAD
 from humanoid_sim.controllers.fsm import granted_intent
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import Intent, Mode, TickOutput, TickRecord
+from humanoid_sim.session.loading import Loading
+from humanoid_sim.session.outside_safety import OutsideSafety
 from humanoid_sim.session.reactivation import REACTIVATE, Answer, Reactivation
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import IntentSource
@@ -24,8 +27,10 @@ __all__ = ["MARK", "IntentSocket", "listening", "queue_length"]
 
 MARK = "mark"
 """Followed by a text, puts that text into the recording."""
-_LONGEST = 1024
-"""Bytes; no message is longer."""
+SAFETY = "safety"
+"""Followed by a status as JSON, says how another program is."""
+_LONGEST = 1 << 14
+"""Bytes; no message is longer: a policy that is to be loaded comes with the paths of its files."""
 _MOST_ANSWERS = 64
 """Senders that are answered in one tick: more are a flood."""
 _QUEUE_LENGTH = Path("/proc/sys/net/unix/max_dgram_qlen")
@@ -62,7 +67,7 @@ class _Asked:
     """Who waits for an answer."""
 
     intent: Intent | None
-    """None for `reactivate`."""
+    """None for `reactivate` and `load`."""
     token: str
     """The question's own, so that no answer is taken for that to another one."""
     sender: str
@@ -72,14 +77,21 @@ class IntentSocket(IntentSource, Sink):
     """A source of intents, and a sink that learns what became of them."""
 
     def __init__(
-        self, path: Path, reactivation: Reactivation | None = None, tell: Callable[[str], None] = lambda _: None
+        self,
+        path: Path,
+        reactivation: Reactivation | None = None,
+        tell: Callable[[str], None] = lambda _: None,
+        safety: OutsideSafety | None = None,
+        loading: Loading | None = None,
     ) -> None:
         """Open the socket.
 
         Args:
             path: where it will be, in a folder that only its user can enter.
             reactivation: what `reactivate` asks for.
-            tell: records a line: who asked for what, and marks.
+            tell: records a line: who asked for what, marks, and safety statuses.
+            safety: takes the statuses of other programs.
+            loading: what `load` asks for; None where no policy can be loaded.
 
         Raises:
             InputError: if it cannot be opened.
@@ -90,12 +102,17 @@ class IntentSocket(IntentSource, Sink):
         self._reactivation = reactivation
         self._time = 0.0
         self._tell = BoundedTelling(tell, lambda: self._time)
+        self._safety = safety
         self._waiting: list[_Asked] = []
         self._reactivating: list[_Asked] = []
+        self._loading = loading
+        self._awaiting_load: list[_Asked] = []
+        self._mode = Mode.ZERO_TORQUE
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """All intents since the last call: whatever was in the socket when this call began, and a bounded rest."""
         self._time = time
+        self._mode = Mode.ZERO_TORQUE if output is None else output.control_mode.mode
         intents: list[Intent] = []
         asking: dict[str, None] = {}
         for _ in range(self._most):
@@ -119,6 +136,10 @@ class IntentSocket(IntentSource, Sink):
         if word == REACTIVATE and self._reactivation is not None:
             self._reactivation.request()
             self._reactivating.append(asked)
+        elif word.partition(" ")[0] == SAFETY and self._safety is not None:
+            self._answer([asked], self._reported(self._safety, word.partition(" ")[2], who))
+        elif word.partition(" ")[0] == LOAD:
+            self._load(word.partition(" ")[2], who, asked)
         elif word.partition(" ")[0] == MARK:
             is_told = self._tell(f"mark of {who[:80] or 'somebody'}: {word.partition(' ')[2]}".rstrip(": "))
             self._answer([asked], Answer(is_told, "marked" if is_told else "not marked: too many lines in a second"))
@@ -126,12 +147,33 @@ class IntentSocket(IntentSource, Sink):
             try:
                 intent = Intent(word)
             except ValueError:
-                known = ", ".join([*(intent.value for intent in Intent), REACTIVATE, MARK])
+                known = ", ".join([*(intent.value for intent in Intent), REACTIVATE, LOAD, SAFETY, MARK])
                 self._answer([asked], Answer(False, f"'{word[:40]}' means nothing, expected one of {known}"))
             else:
                 self._waiting.append(_Asked(intent, token, sender))
                 return intent
         return None
+
+    def _reported(self, safety: OutsideSafety, text: str, who: str) -> Answer:
+        """Hand on a safety status; one that cannot be read is recorded."""
+        try:
+            told = safety.report(text)
+        except FieldError as error:
+            self._tell(f"{who[:80] or 'somebody'}: {error}")
+            return Answer(False, str(error))
+        return Answer(True, told)
+
+    def _load(self, options: str, who: str, asked: _Asked) -> None:
+        """Have a policy prepared, or answer why not."""
+        refusal = "load refused: this session runs no policy but a shadow, which stays as it is"
+        if self._loading is not None:
+            refusal = self._loading.request(options, self._mode)
+        if refusal:
+            self._tell(f"{refusal}; requested by {who[:80] or 'somebody'}")
+            self._answer([asked], Answer(False, refusal))
+        else:
+            self._tell(f"load requested by {who[:80] or 'somebody'}: {options[:200]}")
+            self._awaiting_load.append(asked)
 
     def tick(self, record: TickRecord) -> None:
         """Answer whoever asked for something that this tick decided."""
@@ -149,12 +191,18 @@ class IntentSocket(IntentSource, Sink):
         if self._reactivating and self._reactivation is not None and self._reactivation.answer:
             self._answer(self._reactivating, self._reactivation.answer)
             self._reactivating.clear()
+        if self._awaiting_load and self._loading is not None and self._loading.answer:
+            if not self._loading.answer.granted:
+                self._tell(self._loading.answer.text)
+            self._answer(self._awaiting_load, self._loading.answer)
+            self._awaiting_load.clear()
 
     def close(self) -> None:
         """Answer whoever waits, and remove the socket. May be called twice."""
         self._answer([*self._waiting, *self._reactivating], Answer(True, "the session has ended"))
-        self._waiting.clear()
-        self._reactivating.clear()
+        self._answer(self._awaiting_load, Answer(False, "load refused: the session has ended"))
+        for waiting in (self._waiting, self._reactivating, self._awaiting_load):
+            waiting.clear()
         self._socket.close()
         self._path.unlink(missing_ok=True)
 

@@ -132,7 +132,8 @@ class Keyboard(IntentSource):
         """
         self._queue = IntentQueue()
         self._reader = KeyReader()
-        self._velocity = velocity
+        self.velocity = velocity
+        """Command that the velocity keys change; None where the robot does not walk."""
         self._reactivation = reactivation
         self._tell = tell
         self._stop = threading.Event()
@@ -222,10 +223,10 @@ class Keyboard(IntentSource):
         elif key in HELP_KEYS:
             for line in self._help():
                 self._tell(line)
-        elif self._velocity is not None and key in VELOCITY_KEYS:
-            before = self._velocity.command
-            self._velocity.press(key)
-            if any(VELOCITY_KEYS[key]) and (self._velocity.command == before).all():
+        elif self.velocity is not None and key in VELOCITY_KEYS:
+            before = self.velocity.command
+            self.velocity.press(key)
+            if any(VELOCITY_KEYS[key]) and (self.velocity.command == before).all():
                 self._tell("the velocity command is at its limit: {:g} m/s, {:g} m/s, {:g} rad/s".format(*before))
         elif self._reactivation is not None and key == REACTIVATE_KEY:
             self._reactivation.request()
@@ -234,4 +235,4 @@ class Keyboard(IntentSource):
         return True
 
     def _help(self) -> tuple[str, ...]:
-        return (key_help(),) if self._velocity is None else (key_help(), velocity_key_help())
+        return (key_help(),) if self.velocity is None else (key_help(), velocity_key_help())

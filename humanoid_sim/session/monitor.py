@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Protocol
@@ -63,6 +64,7 @@ class RunMonitor(WorkerSink):
         self.base = None if base is None else BaseMotion()
         self._observer = base
         self._keys = keys
+        self._following: deque[tuple[Tracker | None, AnchorErrors | None, PlayedKeys | None]] = deque()
         self._tell = tell
         self.spans: list[ModeSpan] = []
         self.faults: list[tuple[float, str]] = []
@@ -80,6 +82,15 @@ class RunMonitor(WorkerSink):
         self.pose: FloatArray | None = None
         """Shape (nq,), the last pose in the most interesting mode that was reached, for a picture."""
         self._pose_rank = -1
+
+    def follow(self, tracker: Tracker | None, anchor: AnchorErrors | None, keys: PlayedKeys | None) -> None:
+        """Use these from the next `POLICY` event on; arguments as for the constructor."""
+        self._following.append((tracker, anchor, keys))
+
+    def handle_event(self, event: Event) -> None:
+        """Judge another policy by what follows for it."""
+        if event.kind is EventKind.POLICY and self._following:
+            self._tracker, self._anchor, self._keys = self._following.popleft()
 
     def handle_tick(self, record: TickRecord) -> None:
         """Take one tick into account."""

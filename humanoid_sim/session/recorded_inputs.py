@@ -15,8 +15,9 @@ __all__ = ["RecordedInputs"]
 class RecordedInputs:
     """Plays a recording's inputs, each tick's at its time on the robot's clock.
 
-    It ends where the recorded run was about to end, or where an operator had the robot reactivated: what followed
-    began afresh. The last values of data stay, and grow old as any that are not repeated.
+    It ends where the recorded run was about to end, where another policy was loaded, or where an operator had the robot
+    reactivated: what followed was for that policy, or began afresh. The last values of data stay, and grow old as any
+    that are not repeated.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class RecordedInputs:
         for entry in self._entries:
             if isinstance(entry, TickRecord):
                 return entry
-            if entry.kind is EventKind.FRESH_START:
+            if entry.kind in (EventKind.FRESH_START, EventKind.POLICY):
                 return None
             self._is_ending = self._is_ending or entry.kind is EventKind.ENDING
         return None

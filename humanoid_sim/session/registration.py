@@ -56,7 +56,7 @@ class Registration:
         Raises:
             InputError: the file cannot be written.
         """
-        told = {
+        self._told = {
             "process": os.getpid(),
             "robot": robot,
             "policy": policy,
@@ -66,18 +66,33 @@ class Registration:
             "intents": str(self.intents),
             "data": str(self.data),
         }
-        temporary = self.path.with_name(f".{self.path.name}")
         try:
-            self._handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
-            # Locked before it has its name: nobody ever sees it without.
-            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            with open(self._handle, "wb", closefd=False) as file:
-                file.write(json.dumps(told).encode())
-            temporary.rename(self.path)
+            self._write()
         except OSError as error:
-            temporary.unlink(missing_ok=True)
             self.close()
             raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
+
+    def rename_policy(self, policy: str) -> None:
+        """Let others find the session under another policy. Where that cannot be written, it keeps the old one."""
+        self._told["policy"] = policy
+        with contextlib.suppress(OSError):
+            self._write()
+
+    def _write(self) -> None:
+        temporary, before = self.path.with_name(f".{self.path.name}"), self._handle
+        try:
+            handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+            self._handle = handle
+            # Locked before it has its name: nobody ever sees it without.
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            with open(handle, "wb", closefd=False) as file:
+                file.write(json.dumps(self._told).encode())
+            temporary.rename(self.path)
+        except OSError:
+            temporary.unlink(missing_ok=True)
+            raise
+        if before is not None:
+            os.close(before)
 
     def close(self) -> None:
         """Take the file away. May be called twice."""

@@ -81,7 +81,8 @@ class Script:
             motion_frames: length of the policy's motion in policy steps; 0 for none.
         """
         self._steps = list(steps)
-        self._motion_frames = motion_frames
+        self.motion_frames = motion_frames
+        """Frames of the present policy's motion."""
         self._hold_until: float | None = None
         self._motion_over = False
         self._was_moving = False
@@ -100,7 +101,7 @@ class Script:
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """The intent that is due, if any: one per tick, so that each is decided on the result of the one before."""
         if output is not None and output.policy_step is not None:
-            self._motion_over = output.policy_step.frame >= self._motion_frames - 1
+            self._motion_over = output.policy_step.frame >= self.motion_frames - 1
         if output is not None and (output.faults or self._fell(output.control_mode.mode)):
             self.cancel()
         if not self._steps:

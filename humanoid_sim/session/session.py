@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter, sleep
 from typing import Protocol
 
+from humanoid_sim.controllers.base import RL_POLICY, Controller
 from humanoid_sim.controllers.live_inputs import LiveInputs
 from humanoid_sim.controllers.supervisor import NOT_DRIVEN, STARTED, Supervisor, SupervisorMemory
 from humanoid_sim.errors import RobotError
@@ -30,6 +31,7 @@ from humanoid_sim.messages import (
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.session.interruption import Interruption
+from humanoid_sim.session.loading import Loading
 from humanoid_sim.session.pace import DurationHistogram, LoopSettings, Pace
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.realtime import punctual_threads, real_time
@@ -95,6 +97,7 @@ class Session:
         qpos: Callable[[], FloatArray] | None = None,
         mode_listener: Callable[[Mode], str] | None = None,
         reactivation: Reactivation | None = None,
+        loading: Loading | None = None,
         interruption: Interruption | None = None,
         memory: SupervisorMemory | None = None,
     ) -> None:
@@ -115,6 +118,7 @@ class Session:
             mode_listener: told of each new mode before its first command is written; what it answers, if anything, is
                 recorded as an event.
             reactivation: an operator's wish to begin afresh.
+            loading: prepares policies that are loaded while the session runs.
             interruption: notices that the loop stood still; one of the sources of `intents` too.
             memory: of the control stack, to begin with; None for its own.
         """
@@ -131,6 +135,7 @@ class Session:
         self._qpos = qpos
         self._mode_listener = mode_listener
         self._reactivation = reactivation
+        self._loading = loading
         self._interruption = interruption
         self._failures: list[str] = []
         self._stop_reason = ""
@@ -161,6 +166,11 @@ class Session:
     def mode(self) -> Mode:
         """The mode of the last tick; ZERO_TORQUE before the first."""
         return Mode.ZERO_TORQUE if self._output is None else self._output.control_mode.mode
+
+    @property
+    def controllers(self) -> Mapping[str, Controller]:
+        """Controllers that are available at present, by name."""
+        return self._supervisor.controllers
 
     @property
     def is_ending(self) -> bool:
@@ -223,6 +233,8 @@ class Session:
         while not self._stop_reason:
             if self._reactivation is not None and self._reactivation.is_asked:
                 self._begin_afresh(self._reactivation)
+            if self._loading is not None and self._loading.is_ready:
+                self._replace_policy(self._loading)
             self.tick()
             if self._first_time is None:
                 self._first_time = self.time
@@ -247,6 +259,16 @@ class Session:
         # What was asked for while the robot was busy was meant for the state before; DAMP is meant always.
         if self._output is None and Intent.DAMP in self._collect():
             self.tick((Intent.DAMP,))
+
+    def _replace_policy(self, loading: Loading) -> None:
+        """Put the policy that was prepared in place, if the mode still allows it."""
+        prepared = loading.take(self.mode)
+        if prepared is None:
+            return
+        controllers = {**self._supervisor.controllers, RL_POLICY: prepared.controller}
+        self._supervisor = replace(self._supervisor, controllers=controllers)
+        prepared.follow()
+        self._sinks.event(prepared.text, EventKind.POLICY, prepared.header)
 
     def _rest(self) -> None:
         """DAMPING until the joints are at rest, then QUIT; from ZERO_TORQUE QUIT at once.

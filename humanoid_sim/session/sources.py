@@ -231,11 +231,11 @@ class VelocityCommand:
             command: shape (3,), vx and vy in m/s, yaw rate in rad/s, heading frame.
             ranges: shape (3, 2), to which changes are clipped; None: to what `parse_velocity` accepts.
         """
-        widest = [(-largest, largest) for _, _, largest, _ in _VELOCITY_AXES]
-        self._ranges = np.array(widest if ranges is None else ranges, dtype=np.float64)
-        self._extern = {VELOCITY_COMMAND: Extern(np.array(command, dtype=np.float64), 0.0)}
         self.owner: object = ""
         """Who changed it last: a producer, or `KEYBOARD`; falsy where nobody did, or that producer fell silent."""
+        self.is_observed = True
+        """True if the policy takes a command; if not, no tick has one."""
+        self.begin(command, ranges)
 
     @property
     def command(self) -> FloatArray:
@@ -244,7 +244,15 @@ class VelocityCommand:
 
     def latest(self) -> Mapping[str, Extern]:
         """The command. One that was set here never grows too old."""
-        return self._extern
+        return self._extern if self.is_observed else {}
+
+    def begin(self, command: FloatArray, ranges: FloatArray | None = None, *, is_observed: bool = True) -> None:
+        """Begin anew for another policy; arguments as for the constructor, and `is_observed` as above."""
+        widest = [(-largest, largest) for _, _, largest, _ in _VELOCITY_AXES]
+        self._ranges = np.array(widest if ranges is None else ranges, dtype=np.float64)
+        self._extern = {VELOCITY_COMMAND: Extern(np.array(command, dtype=np.float64), 0.0)}
+        self.is_observed = is_observed
+        self.owner = ""
 
     def press(self, key: str) -> None:
         """Change the command as a key says; other keys do nothing."""

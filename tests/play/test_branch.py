@@ -28,9 +28,9 @@ def once() -> dict[str, tuple[bytes, list[TickRecord]]]:
 
 @pytest.fixture
 def recorded(folder: Path, quick: str, run: Play, once: dict[str, tuple[bytes, list[TickRecord]]]) -> list[TickRecord]:
-    """A run of the sample policy to 3.2 s, in `run.mcap`; LOCOMOTION begins at 2.1 s."""
+    """A run of the sample policy to 3.6 s, in `run.mcap`; LOCOMOTION begins at 2.7 s."""
     if not once:
-        ticks = run("--robot", quick, "--duration", "3.2").ticks
+        ticks = run("--robot", quick, "--duration", "3.6").ticks
         once["run"] = (folder / "r.mcap").read_bytes(), ticks
         (folder / "r.mcap").unlink()
     content, ticks = once["run"]
@@ -43,7 +43,7 @@ def bits(tick: TickRecord) -> bytes:
     return TickEncoder(14).encode(replace(tick, index=0, duration=0.0, overrun=False))
 
 
-@pytest.mark.parametrize("seconds", ["0", "1.7", "2.605"])
+@pytest.mark.parametrize("seconds", ["0", "1.7", "3.005"])
 def test_the_same_policy_goes_on_bit_for_bit(folder: Path, recorded: list[TickRecord], run: Play, seconds: str) -> None:
     """From ZERO_TORQUE, within STANDBY, and between two steps of the policy; to the end, and in as many ticks."""
     result = run("--branch", f"run.mcap@{seconds}")
@@ -57,9 +57,9 @@ def test_the_same_policy_goes_on_bit_for_bit(folder: Path, recorded: list[TickRe
 
 def test_other_gains_go_on_from_the_same_state_and_frame(folder: Path, recorded: list[TickRecord], run: Play) -> None:
     (folder / "gains.yaml").write_text("override:\n  joint_stiffness: 30.0\n", encoding="utf-8")
-    result = run("--branch", "run.mcap@2.605", "--contract", "gains.yaml")
+    result = run("--branch", "run.mcap@3.005", "--contract", "gains.yaml")
     assert result.status == 0
-    before = next(tick for tick in recorded if float(tick.input.state.time) > 2.604)
+    before = next(tick for tick in recorded if float(tick.input.state.time) > 3.004)
     assert np.array_equal(result.ticks[0].input.state.joint_position, before.input.state.joint_position)
     steps = [tick.output.policy_step for tick in result.ticks if tick.output.policy_step is not None]
     old = [tick.output.policy_step for tick in recorded[before.index :] if tick.output.policy_step is not None]
@@ -72,7 +72,7 @@ def test_other_gains_go_on_from_the_same_state_and_frame(folder: Path, recorded:
 
 
 def test_a_script_takes_the_place_of_recorded_intents(folder: Path, recorded: list[TickRecord], run: Play) -> None:
-    result = run("--branch", "run.mcap@2.7", "--script", "hold 0.2; damp; hold 0.2")
+    result = run("--branch", "run.mcap@2.9", "--script", "hold 0.2; damp; hold 0.2")
     assert result.modes == ["LOCOMOTION", "DAMPING"]
     assert result.ticks[0].output.control_mode.mode is Mode.LOCOMOTION
 
@@ -107,7 +107,7 @@ def test_another_simulation_is_named(
         step(self, count)
 
     monkeypatch.setattr(plant.Plant, "step", heavier)
-    result = run("--branch", "run.mcap@2.7")
+    result = run("--branch", "run.mcap@2.9")
     assert result.status == 2
     assert "cannot be simulated again: tick 1 (0.005 s): joint_position of left_shoulder_pitch was" in result.err
 
@@ -121,7 +121,7 @@ def test_another_simulation_is_named(
     ],
 )
 def test_what_a_branch_cannot_change(run: Play, options: tuple[str, ...], message: str) -> None:
-    result = run("--branch", "run.mcap@2.7", *options)
+    result = run("--branch", "run.mcap@2.9", *options)
     assert result.status == 2
     assert message in result.err
 
@@ -140,7 +140,8 @@ def test_a_name_may_hold_an_at_sign() -> None:
 @pytest.mark.slow
 def test_a_run_on_hardware_goes_on_from_what_was_measured(folder: Path, quick: str, run: Play) -> None:
     script = ("--script", "damp; hold 0.2; load_a; wait; start_locomotion; hold 1; damp; hold 0.2", "--allow-script")
-    real = run("--hardware", "virtual:lite", "--robot", quick, "--yes", *script, "--duration", "4")
+    hardware = ("--hardware", "virtual:lite", "--policy", "lite_tracking", "--yes")
+    real = run(*hardware, "--robot", quick, *script, "--duration", "4")
     shutil.move(folder / "r.mcap", folder / "real.mcap")
     check_measured(folder, real.ticks, run)
 
@@ -179,15 +180,42 @@ def check_measured(folder: Path, recorded: list[TickRecord], run: Play) -> None:
     assert replay([str(folder / "r.mcap")]) == 0
 
 
+def one_segment(document: Document) -> None:
+    document["standby_controller_a"]["segment_durations"] = [0.4]
+    document["standby_controller_b"]["segment_durations"] = [0.4]
+
+
+@pytest.mark.parametrize(("drop", "said"), [("0.05", True), ("0", False)])
+def test_a_free_standing_robot_began_as_recorded(
+    folder: Path, make_robot: Callable[..., str], run: Play, drop: str, said: bool
+) -> None:
+    """Earlier recordings, which do not say how high it hung, began with its feet on the floor."""
+    robot = make_robot("lite_biped", one_segment)
+    script = "damp; load_a; wait; start_locomotion; hold 0.3; damp; load_a; wait; start_locomotion; hold 0.2"
+    first = run("--robot", robot, "--drop", drop, "--script", script)
+    recorder = McapRecorder(folder / "run.mcap")
+    header = open_recording(folder / "r.mcap").header
+    settings = json.loads(header.documents["settings"])
+    assert settings["options"]["drop"] == float(drop)
+    if not said:
+        del settings["options"]["drop"]
+    recorder.start(replace(header, documents={**header.documents, "settings": json.dumps(settings)}))
+    for tick in first.ticks:
+        recorder.tick(tick)
+    recorder.close()
+    begin = next(i for i, tick in enumerate(first.ticks) if tick.output.control_mode.mode is Mode.LOCOMOTION)
+    expected = first.ticks[begin + 20 :]
+    result = run("--branch", f"run.mcap@{expected[0].input.state.time:g}")
+    assert result.status == 0, result.err
+    assert expected[0].output.control_mode.mode is Mode.LOCOMOTION
+    assert [bits(tick) for tick in result.ticks[: len(expected)]] == [bits(tick) for tick in expected]
+
+
 def test_pushes_of_the_run_come_again_and_others_are_added(
     folder: Path, make_robot: Callable[..., str], run: Play
 ) -> None:
     """REMOTE, which nobody feeds, lets the robot go."""
     script = ("--script", "damp; hold 0.1; load_a; wait; start_remote; hold 1")
-
-    def one_segment(document: Document) -> None:
-        document["standby_controller_a"]["segment_durations"] = [0.4]
-        document["standby_controller_b"]["segment_durations"] = [0.4]
 
     robot = make_robot("lite_biped", one_segment)
     first = run("--robot", robot, "--policy", "placeholder", "--push", "0.5,0@0.8", *script)

@@ -43,6 +43,12 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("--yaw", "90"), "--yaw: is 90 rad, expected -6.283 to 6.283 rad; is it in degrees? 90° is 1.571 rad"),
     (("--yaw", "1"), "--yaw: means nothing for 'lite', whose base does not move freely"),
     (("--base-height", "1"), "--base-height: means nothing for 'lite', whose base does not move freely"),
+    (("--drop", "0"), "--drop: means nothing for 'lite', whose base does not move freely"),
+    (
+        ("--robot", "lite_biped", "--drop", "0.1", "--base-height", "1"),
+        "--drop: means nothing for a base whose height is given",
+    ),
+    (("--robot", "lite_biped", "--drop", "-0.1"), "--drop: is -0.1 m, expected 0 to 1 m"),
     (("--command", "1,0,0"), "--command: means nothing for this policy, which observes no velocity command"),
     (("--policy", "narrow.onnx"), "narrow.onnx: its terms are 8 wide (joint_pos 3 + joint_vel 3 + actions 2), its "),
     (("--policy", "strange.onnx"), "strange.onnx: unknown observation term 'mood'; known: actions, "),
@@ -268,7 +274,7 @@ def test_a_missing_terminal_is_noticed_before_anything_is_opened(monkeypatch: py
     monkeypatch.setattr("sys.stdin", None)
     with pytest.raises(InputError, match=MANUAL):
         refuse_conflicts(PlayConfig(manual=True), ())
-    for operated in ({"console": True}, {"gamepad": True}, {"hardware": "can0"}):  # a real bus has a gamepad
+    for operated in ({"console": True}, {"gamepad": ()}, {"hardware": "can0"}):  # a real bus has a gamepad
         refuse_conflicts(PlayConfig(manual=True, viewer="none", **operated), ())
     with pytest.raises(InputError, match=MANUAL):
         refuse_conflicts(PlayConfig(manual=True, hardware="can0", no_gamepad=True), ())

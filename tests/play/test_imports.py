@@ -25,12 +25,11 @@ def watched(self):
 Session.tick = watched
 sys.exit(main(sys.argv[1:]))
 """
+HARDWARE = ("--hardware", "virtual:imports", "--policy", "lite_tracking", "--allow-script")
 MODES = "hold 0.1; damp; hold 0.1; load_a; wait; start_locomotion; hold 0.3; damp; hold 0.1; load_b; wait; start_remote"
 
 
-@pytest.mark.parametrize(
-    "options", [(), pytest.param(("--hardware", "virtual:imports", "--allow-script"), marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("options", [(), pytest.param(HARDWARE, marks=pytest.mark.slow)])
 def test_no_tick_of_any_mode_loads_a_module(folder: Path, quick: str, options: tuple[str, ...]) -> None:
     pace = () if options else ("--pace", "fast")
     script = ("--script", f"{MODES}; hold 0.1; damp; hold 0.1", "--viewer", "none", "--record", "r.mcap")

@@ -90,11 +90,11 @@ def test_the_placeholder_holds_the_pose_that_it_starts_from_and_says_so(
     run: Play, make_robot: Callable[..., str], name: str
 ) -> None:
     path = make_robot(name)
-    result = run("--robot", path, "--pose", "b", "--duration", "3", *PLACEHOLDER)
+    result = run("--robot", path, "--pose", "b", "--duration", "3.3", *PLACEHOLDER)
     assert result.status == 0
     assert "PLACEHOLDER POLICY: no network runs" in result.out.replace("\n", " ")
     assert result.modes == ["ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "DAMPING"]
-    assert result.summary["reason"] == "duration of 3 s reached"
+    assert result.summary["reason"] == "duration of 3.3 s reached"
     assert result.summary["motion"] is result.summary["tracking"] is None
     pose = load_robot(path).standby_controller_b.pose_segments[-1]
     running = [tick for tick in result.ticks if tick.output.control_mode.mode is Mode.LOCOMOTION]
@@ -127,11 +127,11 @@ def moment(result: Result, time: float) -> int:
 
 
 def test_a_policy_that_turns_nan_leaves_dampings_command_in_that_very_tick(run: Play, quick: str) -> None:
-    result = run("--robot", quick, "--script", WALK, "--inject", "nan_policy@1.0")
+    result = run("--robot", quick, "--script", WALK, "--inject", "nan_policy@1.3")
     assert result.status == 0
     i = next(i for i, tick in enumerate(result.ticks) if tick.output.faults)
     failing = result.ticks[i]
-    assert 1.0 <= failing.input.state.time < 1.0 + 0.02  # the first inference from then on
+    assert 1.3 <= failing.input.state.time < 1.3 + 0.02  # the first inference from then on
     assert result.ticks[i - 1].output.control_mode.mode is Mode.LOCOMOTION
     assert failing.output.control_mode.mode is Mode.DAMPING
     assert failing.output.command.stiffness.tolist() == [0.0] * 14
@@ -159,14 +159,14 @@ def test_an_injection_that_never_comes_about_is_told(run: Play, quick: str) -> N
 
 
 def test_a_safety_status_damps_in_that_very_tick(run: Play, quick: str) -> None:
-    result = run("--robot", quick, "--script", WALK, "--inject", "safety@0.9", *PLACEHOLDER)
+    result = run("--robot", quick, "--script", WALK, "--inject", "safety@1.2", *PLACEHOLDER)
     assert result.status == 0
-    i = moment(result, 0.9)
+    i = moment(result, 1.2)
     assert result.ticks[i - 1].output.control_mode.mode is Mode.LOCOMOTION
     assert result.ticks[i].output.control_mode.mode is Mode.DAMPING
     assert result.ticks[i].output.command.damping.tolist() == [5.0] * 14
     assert result.reasons[-1].startswith("safety FAULT MOTOR_FAULT from injected: motor fault, injected deliberately")
-    assert [item["time"] for item in result.summary["safety"]] == [pytest.approx(0.9)]
+    assert [item["time"] for item in result.summary["safety"]] == [pytest.approx(1.2)]
     pulse = [tick for tick in result.ticks if len(tick.input.safety) > 1]
     assert len(pulse) in (20, 21)  # 0.1 s at 200 Hz; rounding decides whether both ends count
     assert all(tick.output.control_mode.mode is Mode.DAMPING for tick in result.ticks[i:])

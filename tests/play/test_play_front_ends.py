@@ -2,13 +2,16 @@ from __future__ import annotations
 
 import importlib.util
 import subprocess
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.frontends import Wanted
 from humanoid_sim.play import front_ends
-from humanoid_sim.play.front_ends import needs_gamepad, require_gamepad, wanted_front_ends
+from humanoid_sim.play.front_ends import look_for_gamepad, needs_gamepad, wanted_front_ends
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.ros2.dds import domain
 
@@ -17,10 +20,10 @@ from humanoid_sim.ros2.dds import domain
     ("options", "needed"),
     [
         ({}, False),
-        ({"gamepad": True}, True),
+        ({"gamepad": ()}, True),
         ({"hardware": "virtual:a"}, False),
         ({"hardware": "udp_multicast:239.74.163.2"}, False),
-        ({"hardware": "virtual:a", "gamepad": True}, True),
+        ({"hardware": "virtual:a", "gamepad": ()}, True),
         ({"hardware": "can0"}, True),
         ({"hardware": "can0,can1", "no_gamepad": True}, False),
         ({"hardware": "can0", "dry_run": True}, False),
@@ -35,16 +38,38 @@ def test_a_real_bus_without_a_gamepad_is_refused(monkeypatch: pytest.MonkeyPatch
     answer = subprocess.CompletedProcess([], 1, stdout="no gamepad is plugged in\n", stderr="")
     monkeypatch.setattr(front_ends.subprocess, "run", lambda *_, **__: answer)
     with pytest.raises(InputError, match=r"^--hardware: no gamepad is plugged in; plug one in .* or say --no-gamepad$"):
-        require_gamepad(PlayConfig(hardware="can0"))
+        look_for_gamepad(PlayConfig(hardware="can0"))
+    assert look_for_gamepad(PlayConfig(gamepad=())) == ("gamepad: no gamepad is plugged in",)
     answer.returncode = 0
-    require_gamepad(PlayConfig(hardware="can0"))
+    answer.stdout = "Pad (12 buttons, unknown layout); down: none; its buttons have their driver's numbers\n"
+    assert look_for_gamepad(PlayConfig(hardware="can0")) == (f"gamepad: {answer.stdout.strip()}",)
+    assert look_for_gamepad(PlayConfig()) == ()
     assert [wanted.name for wanted in wanted_front_ends(PlayConfig(hardware="can0"))] == ["gamepad"]
+
+
+def test_the_gamepad_of_play_has_the_layout_of_its_options_or_its_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
+    options = ("--joy.damp-button", "3", "--joy.load-combo-a", "4", "1", "--joy.load-combo-b", "4", "0")
+    given = parse(PlayConfig, "play", ["--gamepad", *options])
+    assert wanted_front_ends(given) == (Wanted("gamepad", options),)
+    file = tmp_path / "pad.yaml"
+    file.write_text("joy: {damp_button: 3, load_combo_a: [4, 1], load_combo_b: [4, 0]}\nsticks: {turn_axis: 3}\n")
+    from_file = parse(PlayConfig, "play", ["--gamepad", str(file)])
+    assert wanted_front_ends(from_file) == (Wanted("gamepad", (*options, "--sticks.turn-axis", "3")),)
+    with pytest.raises(InputError, match=r"^--gamepad and --joy.damp-button: both say where the buttons are"):
+        wanted_front_ends(parse(PlayConfig, "play", ["--gamepad", str(file), "--joy.damp-button", "3"]))
+    with pytest.raises(InputError, match=r"^--joy.damp-button: means nothing without --gamepad$"):
+        wanted_front_ends(parse(PlayConfig, "play", ["--joy.damp-button", "3"]))
+    on_a_bus = parse(PlayConfig, "play", ["--hardware", "can0", "--joy.damp-button", "3"])
+    assert wanted_front_ends(on_a_bus) == (Wanted("gamepad", ("--joy.damp-button", "3")),)
 
 
 def test_a_front_end_whose_package_is_missing_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(MissingPackageError, match="pygame"):
-        wanted_front_ends(PlayConfig(gamepad=True))
+        wanted_front_ends(PlayConfig(gamepad=()))
 
 
 def test_an_interface_for_another_machine_has_a_bridge_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:

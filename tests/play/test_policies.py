@@ -71,7 +71,9 @@ def test_a_sample_motion_goes_by_its_name(motion: str) -> None:
 
 def test_on_hardware_an_inference_ends_before_the_motors_stop_by_themselves() -> None:
     for hardware, limit in ((None, 10.0), ("virtual:lite", 0.1)):
-        policy = choose_policy(PlayConfig(hardware=hardware, can_timeout=0.2), LITE).checkpoint.policy
+        choice = choose_policy(PlayConfig(policy="lite_tracking", hardware=hardware, can_timeout=0.2), LITE)
+        assert choice.checkpoint is not None
+        policy = choice.checkpoint.policy
         assert isinstance(policy, OnnxPolicy)
         assert policy.model.time_limit == limit
 
@@ -209,8 +211,13 @@ def test_a_failure_that_regress_found_is_played_again(folder: Path, quick: str, 
     assert parse_motion(open_recording(folder / "r.mcap").header.attachments["motion.mcap"], "motion").duration == 7.0
 
 
-def test_the_walking_policy_is_the_default_of_simulated_legs_only() -> None:
-    legs = load_robot("lite_biped")
-    assert choose_policy(PlayConfig(robot="lite_biped"), legs).checkpoint.source.endswith("lite_biped_velocity.onnx")
-    on_motors = choose_policy(PlayConfig(robot="lite_biped", hardware="virtual:legs"), legs)
-    assert on_motors.checkpoint.source.endswith("lite_tracking.onnx")  # which `play` refuses: its joints are the arms'
+def test_the_walking_policy_is_the_default_of_simulated_legs() -> None:
+    assert choose_policy(PlayConfig(robot="lite_biped"), load_robot("lite_biped")).source.endswith(
+        "lite_biped_velocity.onnx"
+    )
+
+
+def test_on_hardware_no_policy_runs_that_nobody_named() -> None:
+    for config in (PlayConfig(hardware="virtual:lite"), PlayConfig(policy="none")):
+        choice = choose_policy(config, LITE)
+        assert (choice.loaded, choice.source, choice.walks) == (None, "none", False)

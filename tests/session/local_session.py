@@ -19,6 +19,7 @@ from humanoid_sim.mit import Extern
 from humanoid_sim.session.data_socket import DataSocket
 from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.intent_socket import IntentSocket
+from humanoid_sim.session.outside_safety import OutsideSafety
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.registration import Registration
 from humanoid_sim.session.sources import RemoteInbox, VelocityCommand
@@ -39,13 +40,16 @@ class LocalSession:
     """Live inputs from outside."""
     makes: dict[str, Extern] = field(default_factory=dict)
     """Live inputs of its own."""
+    watchdogs: Mapping[str, float] = field(default_factory=dict)
+    """Timeout of each source that must report, s."""
 
     def __post_init__(self) -> None:
         self.run = rig.Run(rig.supervisor())
         self.reactivation = Reactivation()
         self.registration = Registration()
         self.stack.callback(self.registration.close)
-        self.intents = IntentSocket(self.registration.intents, self.reactivation, self.told.append)
+        self.outside = OutsideSafety(self.watchdogs)
+        self.intents = IntentSocket(self.registration.intents, self.reactivation, self.told.append, self.outside)
         self.stack.callback(self.intents.close)
         self.inbox = RemoteInbox(rig.JOINTS, lambda: self.time)
         self.velocity = VelocityCommand(np.zeros(3))
@@ -76,7 +80,7 @@ class LocalSession:
         intents = (*more, *self.intents.poll(self.time, None))
         live = {**self.makes, **self.data.latest(), **self.velocity.latest()}
         state = rig.state(self.time, extern=live)
-        tick_input = TickInput(state, self.safety, tuple(intents), self.inbox.latest())
+        tick_input = TickInput(state, self.outside(self.safety), tuple(intents), self.inbox.latest())
         self.run.memory, output = self.run.supervisor.step(self.run.memory, tick_input)
         record = TickRecord(self.index, tick_input, output, 1e-4, False, None)
         self.index += 1

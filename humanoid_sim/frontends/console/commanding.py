@@ -20,7 +20,7 @@ from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.frontends.console.steering import Due, Steering
 from humanoid_sim.frontends.console.turn import SliderTurn
 from humanoid_sim.frontends.console.wishes import Beat, LetGo, Press, Snap, Steer, Take, Wish
-from humanoid_sim.frontends.gamepad.sticks import speed_range
+from humanoid_sim.frontends.gamepad.sticks import policy_speeds
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, VELOCITY_COMMAND, FloatArray, MITCommand
 from humanoid_sim.session.intent_socket import MARK
@@ -46,9 +46,7 @@ class Commanding:
         self._attachment, self._clock = attachment, clock
         self._joint_names = attachment.description.joint_names
         self._turn = SliderTurn(attachment.description)
-        contract = attachment.contract
-        walks = contract is not None and contract.takes_velocity_command
-        self._speeds = speed_range(contract.command_ranges) if walks and contract is not None else None
+        self._speeds = policy_speeds(attachment.contract)
         self._steering = None if self._speeds is None else Steering(self._speeds)
         self._timeout = 1e-3 * attachment.description.remote_policy_controller.stale_command_timeout_ms
         self._intake = Intake(attachment.session, "console")
@@ -61,6 +59,12 @@ class Commanding:
         self._lock = threading.Lock()
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="commanding", daemon=True)
+
+    def follow(self) -> None:
+        """Steer the policy that was loaded."""
+        with self._lock:
+            self._speeds = policy_speeds(self._attachment.contract)
+            self._steering = None if self._speeds is None else Steering(self._speeds)
 
     def start(self) -> None:
         """Send from here on."""

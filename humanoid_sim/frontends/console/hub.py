@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import threading
 import time
 from collections import deque
+from collections.abc import Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import count
@@ -15,7 +17,7 @@ from typing import Any
 
 from websockets.asyncio.server import ServerConnection
 
-from humanoid_sim.client import Answer, Intake, SessionError, monotonic_ns
+from humanoid_sim.client import LOAD_OPTIONS, LOAD_TIMEOUT, Answer, Intake, SessionError, load_request, monotonic_ns
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.frontends.console.access import Access, RateLimit
@@ -74,6 +76,8 @@ class Hub:
         self._events: deque[tuple[int, float, str]] = deque(maxlen=_EVENTS)
         self._told = 0
         self._marks = 0
+        self._loads = 0
+        """Number of policies that were loaded since the console began."""
         self._pages: set[ServerConnection] = set()
         self._page_numbers = count(1)
         self._commanding = Commanding(attachment)
@@ -88,6 +92,11 @@ class Hub:
     def look(self) -> TickRecord | None:
         """Take what is new in the feed; gives the newest tick, or None where none is new."""
         feed, newest = self._attachment.feed, None
+        if self._attachment.follow():
+            self._available = available_controllers(self._attachment.header)
+            self._showing.follow()
+            self._commanding.follow()
+            self._loads += 1
         if time.monotonic() >= self._status_due:
             self._status_due = time.monotonic() + _STATUS_PERIOD
             self._status = feed.status()
@@ -137,20 +146,27 @@ class Hub:
                     refusal = self._wish(number, message, access, limit, wishes)
                     answers += [_answer(False, refusal)] if refusal else []
                     continue
+                if "load" in asked:
+                    self._start(tasks, self._load(asked["load"], access, limit, answers))
+                    continue
                 word = _word(asked)
                 answer = self._at_once(word, access, limit)
                 if answer is not None:
                     answers.append(answer)
                     continue
-                asking = asyncio.create_task(self._ask(word, answers))
-                tasks.add(asking)
-                asking.add_done_callback(tasks.discard)
+                self._start(tasks, self._ask(word, answers))
         finally:
             self._commanding.leave(number)
             self._pages.discard(connection)
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
+
+    @staticmethod
+    def _start(tasks: set[asyncio.Task[None]], asking: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(asking)
+        tasks.add(task)
+        task.add_done_callback(tasks.discard)
 
     async def say_goodbye(self) -> None:
         """Tell all pages that the session has ended."""
@@ -162,11 +178,14 @@ class Hub:
         self, connection: ServerConnection, access: Access, answers: deque[dict[str, Any]], watch: Watch, number: int
     ) -> None:
         """Tell a page how things are, ten times a second; one that is slow is told less often, never what is past."""
-        shown = 0
         session = self._attachment.session
         hello = {"session": str(session), "access": access.value, "joint_names": self._attachment.feed.joint_names}
-        await connection.send(encoded(hello | self._showing.hello() | self._commanding.known(number)))
+        loads, shown = -1, 0
         while True:
+            if loads != self._loads:  # so that it begins anew with a policy that was loaded
+                loads, shown = self._loads, 0
+                watch.begin(self._showing.plots)
+                await connection.send(encoded(hello | self._showing.hello() | self._commanding.known(number)))
             told: dict[str, Any] = {}
             if self._record is not None:
                 told = state(self._record, self._available)
@@ -235,6 +254,42 @@ class Hub:
             answers.append(_answer(False, str(error)))
         else:
             answers.append(_answer(answer.granted, answer.text))
+
+    async def _load(self, options: object, access: Access, limit: RateLimit, answers: deque[dict[str, Any]]) -> None:
+        if access is not Access.CONTROL:
+            answers.append(_answer(False, _WATCHING))
+        elif not limit.admits(time.monotonic()):
+            answers.append(_answer(False, f"load left out: more than {_ASKS_PER_SECOND:g} requests a second"))
+        elif not isinstance(options, dict) or not all(
+            name in LOAD_OPTIONS and isinstance(text, str) for name, text in options.items()
+        ):
+            answers.append(_answer(False, f"load not understood, expected texts of {', '.join(LOAD_OPTIONS)}"))
+        else:
+            try:
+                answer = await asyncio.to_thread(self._wait_for_load, options)
+            except SessionError as error:
+                answers.append(_answer(False, str(error)))
+            else:
+                answers.append(_answer(answer.granted, answer.text))
+
+    def _wait_for_load(self, options: dict[str, str]) -> Answer:
+        """Ask for a policy, on a thread of its own: nothing else waits behind it."""
+        folder = self._attachment.session.folder
+        given = {name: text.strip() for name, text in options.items() if text.strip()}
+        files = {
+            name: path
+            for name, text in given.items()
+            if name != "command" and os.path.isfile(path := os.path.join(folder, text))
+        }
+        deadline = time.monotonic() + LOAD_TIMEOUT
+        with Intake(self._attachment.session, "console") as intake:
+            token = intake.post(load_request(**{"policy": "", **given, **files}))
+            while True:
+                try:
+                    return intake.answer(token, 1.0)
+                except SessionError:
+                    if not self._attachment.feed.is_running() or time.monotonic() > deadline:
+                        raise
 
     def _wait(self, word: str, damps: int) -> Answer:
         """Ask, on a thread of its own. What waited for its turn while a DAMP came would move the robot after it."""

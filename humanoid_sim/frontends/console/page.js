@@ -12,6 +12,7 @@ let age = 0;
 let ended = false;
 let jointNames = [];
 let marking = false; // an answer to a mark is awaited
+let loading = false; // an answer to a policy that is to be loaded is awaited
 
 // Of what is not an intent; without a connection nothing is sent.
 function tell(message) {
@@ -49,6 +50,7 @@ function show(told) {
     get("session").textContent = told.session + (told.access === "control" ? "" : ", for watching only");
     document.body.dataset.access = told.access;
     knowCommands(told);
+    get("policy-text").textContent = told.policy || "none";
     jointNames = told.joint_names;
     plots.begin(told.charts);
     get("events").replaceChildren(); // of before a new connection: the console tells them all again
@@ -61,6 +63,8 @@ function show(told) {
   get("clock").textContent = `${told.time.toFixed(1)} s`;
   showStandby(told.standby);
   showIntents(told.intents);
+  get("policy-ask").lastChild.textContent = told.load.replace("load refused: ", "");
+  get("policy-ask").classList.toggle("refused", told.load !== "");
   showSafety(told.safety);
   showJoints(told.joints);
   showCommands(told);
@@ -148,6 +152,10 @@ function showSafety(statuses) {
 function showAnswer({ granted, text }) {
   if (marking) get("mark-answer").textContent = text; // beside its button, which may be far from the other answers
   marking = false;
+  if (loading && /^(load|policy loaded)/.test(text)) {
+    get("policy-answer").textContent = text;
+    loading = false;
+  }
   get("answer").className = granted ? "" : "refused";
   get("answer").textContent = text;
 }
@@ -191,6 +199,11 @@ listenInView();
 document.addEventListener("click", (event) => {
   const button = event.target.closest("[data-ask]");
   if (button) ask(button.dataset.ask);
+});
+get("policy-load").addEventListener("submit", (event) => {
+  event.preventDefault();
+  loading = tell({ load: Object.fromEntries(new FormData(event.target)) });
+  get("policy-answer").textContent = loading ? "checking, and loading …" : "not sent, there is no connection";
 });
 setInterval(cover, 100);
 connect();

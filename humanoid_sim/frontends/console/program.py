@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from humanoid_sim.command_line import parse
-from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import require_packages
-from humanoid_sim.frontends.attach import Attachment, attached, ready
+from humanoid_sim.frontends.attach import Attachment, RobotElsewhere, attached, ready
 from humanoid_sim.frontends.console.access import Access, checked_host
 
 __all__ = ["ConsoleConfig", "main"]
@@ -24,21 +23,13 @@ _LOOK = 0.04
 
 
 @dataclass(frozen=True)
-class ConsoleConfig:
+class ConsoleConfig(RobotElsewhere):
     """Serve a page for the operator of a running session, to be opened in a browser."""
 
-    session: int | None = None
-    """Process id of the session. Default: the only one that runs."""
     host: str = _LOCAL
     """Address of this machine to serve on. Default: for browsers on this machine only."""
     port: int = 0
     """To serve on. Default: one that is free."""
-    dds: bool = False
-    """Show a robot on another machine, from its DDS topics alone, for watching only."""
-    interface: str = ""
-    """With --dds: the network interface at which the robot is, such as eth1."""
-    prefix: str = "lite"
-    """With --dds: what the robot's joint states are under."""
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("", "a page for the only session that runs"),)
 
@@ -47,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
     config = parse(ConsoleConfig, "console", arguments)
     host = checked_host(config.host)
-    _refuse_conflicts(config)
+    config.refuse_conflicts()
     require_packages("console")
     if config.dds:
         return _watch(config, host)
@@ -56,29 +47,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _refuse_conflicts(config: ConsoleConfig) -> None:
-    if not config.dds:
-        if config.interface:
-            raise InputError(f"--interface: is {config.interface}, which means nothing without --dds")
-        return
-    if config.session is not None:
-        raise InputError(f"--session: is {config.session}, which means nothing with --dds, whose robot is elsewhere")
-    if not config.interface:
-        raise InputError("--interface: is needed with --dds: the one at which the robot is, such as eth1")
-
-
 def _watch(config: ConsoleConfig, host: str) -> int:
     """Show a robot elsewhere: nothing that a page asks for goes anywhere."""
     require_packages("dds")
-    from humanoid_sim.frontends.dds.mirror import mirrored  # noqa: PLC0415
+    from humanoid_sim.frontends.dds.mirror import watched  # noqa: PLC0415
 
-    signals: list[int] = []
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda number, _: signals.append(number))
-    with mirrored(config.interface, config.prefix, told=ready, ended=lambda: bool(signals)) as found:
+    with watched(config) as found:
         if found is not None:
-            attachment, mirror = found
-            asyncio.run(_serve(attachment, host, config.port, mirror.look, lambda: bool(signals)))
+            attachment, refresh, ended = found
+            asyncio.run(_serve(attachment, host, config.port, refresh, ended))
     return 0
 
 

@@ -11,6 +11,7 @@ from humanoid_sim.frontends.console.keys import ShownKeys
 from humanoid_sim.frontends.console.motors import motor_table
 from humanoid_sim.frontends.console.plots import Plots, Watch, bus_loads
 from humanoid_sim.messages import TickRecord
+from humanoid_sim.recording.settings import recorded_settings
 from humanoid_sim.recording.shadow import ShadowStep
 
 __all__ = ["Showing"]
@@ -21,14 +22,24 @@ class Showing:
 
     def __init__(self, attachment: Attachment, ghosts: Ghosts) -> None:
         """Know what there is. Raises `InputError` if the session's header is damaged."""
-        self._description = attachment.description
+        self._attachment, self._description = attachment, attachment.description
         self._robot: Mapping[str, Any] | None = None
         self._loads: Mapping[str, float] = {}
         self._ghosts = ghosts
-        self._keys = ShownKeys(attachment.header)
         robot = attachment.feed.status().get("robot")
-        channels = [] if robot is None else [channel["source"] for channel in robot["channels"]]
-        self._plots = Plots(attachment.header, attachment.description, channels)
+        self._channels = [] if robot is None else [channel["source"] for channel in robot["channels"]]
+        self._prepare()
+
+    def _prepare(self) -> None:
+        header = self._attachment.header
+        self._policy = recorded_settings("the session", header).get("policy")
+        self._keys = ShownKeys(header)
+        self.plots = Plots(header, self._description, self._channels)
+
+    def follow(self) -> None:
+        """Show what belongs to the policy that was loaded. Raises `InputError` if its header is damaged."""
+        self._prepare()
+        self._ghosts.follow(self._attachment.reference_ghost())
 
     def hear(self, status: Mapping[str, Any]) -> None:
         """Take the feed's status."""
@@ -41,16 +52,19 @@ class Showing:
         """Take a tick, of which every one must be seen."""
         self._ghosts.look(record)
         self._keys.look(record)
-        self._plots.add(record, self._loads)
+        self.plots.add(record, self._loads)
 
     def shadow(self, step: ShadowStep) -> None:
         """Take a step of a shadow policy."""
-        self._plots.shadow(step)
+        self.plots.shadow(step)
 
     def hello(self) -> dict[str, Any]:
         """For a page that is opened."""
-        charts = self._plots.charts
-        return {"charts": [[chart.group, chart.name, chart.unit, chart.series] for chart in charts]}
+        charts = self.plots.charts
+        return {
+            "policy": self._policy,
+            "charts": [[chart.group, chart.name, chart.unit, chart.series] for chart in charts],
+        }
 
     def told(self, record: TickRecord) -> dict[str, Any]:
         """For all pages, again and again; `record` is the newest tick."""
@@ -62,7 +76,7 @@ class Showing:
 
     def watch(self) -> Watch:
         """For a page: what it plots."""
-        return Watch(self._plots)
+        return Watch(self.plots)
 
     def switch(self, name: object, *, on: object) -> str:
         """Switch a figure in the 3D view; why not, if it is refused."""

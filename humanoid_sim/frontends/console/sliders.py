@@ -17,7 +17,6 @@ import msgspec
 import numpy as np
 
 from humanoid_sim.controllers.damping import damped_command
-from humanoid_sim.controllers.parameters import damping_values
 from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, frozen_array
 from humanoid_sim.robots.guards import speed_limit
@@ -126,8 +125,7 @@ class Sliders:
         self._held_gains = np.array([settings.target_stiffness, settings.target_damping])
         if not self._held_gains[0].any():
             raise FieldError(f"sliders: STANDBY of {robot.name} has no K_p, so nothing would hold the other joints")
-        remote = robot.remote_policy_controller
-        self._passive_damping = damping_values("remote", remote.damping, remote.damping_scalar, self.joint_names)
+        self._passive_damping = robot.passive_damping
         # Velocity and effort of a joint that was let go return to 0 as its sliders would.
         bounds = [self.bounds(joint, 0.0) for joint in range(robot.joint_count)]
         self._rates = np.array([[_rate(getattr(each, name)) for each in bounds] for name in COMMAND_FIELDS])

@@ -11,6 +11,7 @@ import msgspec
 from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY, STANDBY_A, STANDBY_B, ZERO_TORQUE
 from humanoid_sim.controllers.fsm import RULES, describe_safety, merge_safety, transition
 from humanoid_sim.messages import Intent, SafetyFlag, SafetyStatus, SessionHeader, TickRecord
+from humanoid_sim.session.loading import load_refusal
 from humanoid_sim.session.reactivation import REACTIVATE, reactivation_refusal
 
 __all__ = ["FLAG_MEANINGS", "available_controllers", "refusals", "state"]
@@ -78,6 +79,7 @@ def state(record: TickRecord, available: Container[str]) -> dict[str, Any]:
             "velocity": record.input.state.joint_velocity.tolist(),
             "effort": record.input.state.joint_effort.tolist(),
         },
+        "load": load_refusal(control.mode),
         "safety": [_safety(status) for status in record.input.safety],
         "intents": {
             intent.value: _offered(intent.name, refusal, record)

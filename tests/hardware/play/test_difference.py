@@ -29,7 +29,7 @@ def test_delay_and_sampling_explain_most_of_the_difference(run: Callable[..., Re
     assert run(*options, "--record", "direct.mcap", record=False).status == 0
     direct_run, tries = read_policy_run(folder / "direct.mcap"), []
     for _ in range(TRIES):
-        assert run("--hardware", "virtual:lite", "--allow-script", *SCRIPT).status == 0
+        assert run("--hardware", "virtual:lite", "--policy", "lite_tracking", "--allow-script", *SCRIPT).status == 0
         bus = read_policy_run(folder / "r.mcap")
         age = round(float(bus.joint_age.mean()) / 0.0005) * 0.0005  # as the bus shows it, in physics steps
         delays = ("--command-delay", "0.0015", "--state-delay", f"{age:.4f}", "--overwrite")

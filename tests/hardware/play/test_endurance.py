@@ -21,7 +21,8 @@ from humanoid_sim.session.pace import Pace
 
 pytestmark = pytest.mark.slow
 
-SCRIPT = ("--allow-script", "--script", "hold 0.5; damp; hold 1; load_a; wait; start_locomotion; hold 100")
+WALK = "hold 0.5; damp; hold 1; load_a; wait; start_locomotion; hold 100"
+SCRIPT = ("--policy", "lite_tracking", "--allow-script", "--script", WALK)
 
 
 def report(figures: dict[str, Any], what: str) -> None:

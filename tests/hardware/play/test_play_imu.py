@@ -31,7 +31,7 @@ def test_what_it_feels_is_the_robots_state(run: Play, quick: str, device: Emulat
     assert result.status == 0
     for tick in result.ticks:
         assert tick.input.state.imu_angular_velocity == pytest.approx([0.1, -0.2, -0.3])
-        assert [status.source for status in tick.input.safety] == ["virtual:imu", "imu"]
+        assert [status.source for status in tick.input.safety] == ["humanoid_devices_robstride/virtual:imu", "imu"]
 
 
 @pytest.mark.slow
