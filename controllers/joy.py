@@ -5,23 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from humanoid_sim.errors import FieldError
-from humanoid_sim.messages import Intent
+
+if TYPE_CHECKING:
+    from humanoid_sim.messages import Intent
 
 __all__ = ["JoyBindings", "pressed_intents"]
 
-_FIELDS: Mapping[Intent, str] = MappingProxyType(
+_FIELDS: Mapping[str, str] = MappingProxyType(
     {
-        Intent.DAMP: "damp_button",
-        Intent.QUIT: "quit_button",
-        Intent.LOAD_A: "load_combo_a",
-        Intent.LOAD_B: "load_combo_b",
-        Intent.START_LOCOMOTION: "start_combo_locomotion",
-        Intent.START_REMOTE: "start_combo_remote",
+        "DAMP": "damp_button",
+        "QUIT": "quit_button",
+        "LOAD_A": "load_combo_a",
+        "LOAD_B": "load_combo_b",
+        "START_LOCOMOTION": "start_combo_locomotion",
+        "START_REMOTE": "start_combo_remote",
     }
 )
-"""Of `JoyBindings`."""
+"""Field of `JoyBindings` for each intent, by its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +32,17 @@ class JoyBindings:
     """Button indices as in `sensor_msgs/Joy`: A 0, B 1, X 2, Y 3, L1 4, R1 5, BACK 6, START 7."""
 
     damp_button: int = 2
+    """DAMP."""
     quit_button: int = 6
+    """QUIT."""
     load_combo_a: tuple[int, ...] = (4, 0)
+    """LOAD_A, all buttons down."""
     load_combo_b: tuple[int, ...] = (4, 1)
+    """LOAD_B."""
     start_combo_locomotion: tuple[int, ...] = (5, 0)
+    """START_LOCOMOTION."""
     start_combo_remote: tuple[int, ...] = (5, 1)
+    """START_REMOTE."""
 
     def __post_init__(self) -> None:
         for field in ("load_combo_a", "load_combo_b", "start_combo_locomotion", "start_combo_remote"):
@@ -41,7 +50,7 @@ class JoyBindings:
             if isinstance(value, str) or not isinstance(value, Sequence):
                 raise FieldError(f"JoyBindings.{field}: is {value!r}, expected a list of button indices")
             object.__setattr__(self, field, tuple(value))
-        combos = self.combos()
+        combos = self._by_name()
         for name, combo in combos.items():
             if not combo or any(isinstance(b, bool) or not isinstance(b, int) or b < 0 for b in combo):
                 raise FieldError(f"JoyBindings.{_FIELDS[name]}: is {combo}, expected button indices >= 0")
@@ -55,7 +64,12 @@ class JoyBindings:
                 )
 
     def combos(self) -> dict[Intent, tuple[int, ...]]:
-        """The buttons of each intent, all of which must be down."""
+        """Return the buttons of each intent, all of which must be down."""
+        from humanoid_sim.messages import Intent  # noqa: PLC0415 - NumPy stays out of `play --help`
+
+        return {Intent[name]: combo for name, combo in self._by_name().items()}
+
+    def _by_name(self) -> dict[str, tuple[int, ...]]:
         values = {intent: getattr(self, name) for intent, name in _FIELDS.items()}
         return {intent: value if isinstance(value, tuple) else (value,) for intent, value in values.items()}
 
@@ -68,7 +82,7 @@ class JoyBindings:
         known = f"buttons 0 to {button_count - 1}" if button_count > 0 else "no buttons"
         for intent, combo in self.combos().items():
             if max(combo) >= button_count:
-                raise FieldError(f"JoyBindings.{_FIELDS[intent]}: is {combo}, but the gamepad has {known}")
+                raise FieldError(f"JoyBindings.{_FIELDS[intent.name]}: is {combo}, but the gamepad has {known}")
 
 
 def pressed_intents(
@@ -85,6 +99,6 @@ def pressed_intents(
     for intent, combo in bindings.combos().items():
         held = set(combo) <= now
         was_held = set(combo) <= then
-        if held and not was_held and (len(before) > 0 or intent is Intent.DAMP):
+        if held and not was_held and (len(before) > 0 or intent.name == "DAMP"):
             intents.append(intent)
     return tuple(intents)

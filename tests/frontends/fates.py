@@ -23,6 +23,7 @@ import onnx
 import pytest
 from dds_bridge import free_domain
 from models import linear_model
+from play_fixtures import quick_robot
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
@@ -82,6 +83,13 @@ PATIENCE = 60.0
 def script(mode: Mode, lead: float = 0.3) -> str:
     """Into a mode, `lead` s after the begin, and out of it through DAMPING."""
     return f"hold {lead:g}; {WALK[mode]}hold {STAY:g}; damp; hold 0.5"
+
+
+def on_motors(folder: Path, mode: Mode, *options: str, lead: float = 0.3) -> tuple[str, ...]:
+    """Options of `play` for a run through that mode on emulated motors."""
+    hardware = ("--hardware", f"virtual:{folder.name}", "--yes", "--allow-script")
+    given = ("--robot", quick_robot(folder), "--policy", "placeholder", "--script", script(mode, lead))
+    return *hardware, *given, *options
 
 
 def available(names: Sequence[str]) -> list[str]:

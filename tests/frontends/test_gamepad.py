@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,9 @@ from virtual_pads import VirtualPad
 from humanoid_sim.controllers.joy import JoyBindings
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.gamepad.device import Pads
+from humanoid_sim.frontends.gamepad.layout import PadLayout, chosen_layout
 from humanoid_sim.frontends.gamepad.program import Driver, GamepadConfig
+from humanoid_sim.frontends.gamepad.program import _list as listed
 from humanoid_sim.frontends.gamepad.sticks import Sticks, speed_range
 from humanoid_sim.messages import Intent, Mode
 from humanoid_sim.session.device_watch import DeviceWatch
@@ -170,6 +173,32 @@ def test_a_foreign_layout_is_bound_by_its_own_numbers_or_not_used(local: LocalSe
         odd.unplug()
 
 
+def test_a_layout_file_swaps_the_buttons(local: LocalSession, pads: Pads, pad: VirtualPad, tmp_path: Path) -> None:
+    file = tmp_path / "pad.yaml"
+    file.write_text(
+        "mode_manager: {ros__parameters: {joy: {damp_button: 3, load_combo_a: [4, 1], load_combo_b: [4, 0]}}}"
+    )
+    layout = chosen_layout(file, PadLayout(), "--mapping")
+    desk = Desk(local, pads, GamepadConfig(joy=layout.joy, sticks=layout.sticks))
+    assert desk.press(pad, "X") is Mode.ZERO_TORQUE
+    assert desk.press(pad, "Y") is Mode.DAMPING
+    assert desk.press(pad, "L1", "B") is Mode.STANDBY
+    assert local.tick().output.control_mode.controller_name == "standby_controller_a"
+
+
+def test_the_list_says_which_pad_cannot_be_used(capsys: pytest.CaptureFixture[str], pads: Pads) -> None:
+    odd = VirtualPad("Odd Pad", known=False, buttons=8, axes=2)
+    try:
+        pads.look()
+        assert listed(pads, JoyBindings()) == 0
+        assert capsys.readouterr().out.startswith("Odd Pad (8 buttons, unknown layout); down: none; its buttons have")
+        assert listed(pads, JoyBindings(damp_button=12)) == 1
+        assert "cannot be used: JoyBindings.damp_button: is (12,), but the gamepad has" in capsys.readouterr().out
+    finally:
+        odd.unplug()
+        pads.look()
+
+
 def test_buttons_can_be_bound_anew(local: LocalSession, pads: Pads) -> None:
     odd = VirtualPad("Odd Pad", known=False, buttons=8, axes=2)
     joy = JoyBindings(damp_button=7, quit_button=6, load_combo_a=(0, 1), load_combo_b=(0, 2))
@@ -177,7 +206,7 @@ def test_buttons_can_be_bound_anew(local: LocalSession, pads: Pads) -> None:
         desk = Desk(local, pads, GamepadConfig(joy=joy))
         assert desk.look() == [
             "Odd Pad (8 buttons, unknown layout) drives",
-            "its buttons have their driver's numbers; see --list, and --joy.* to bind them",
+            "its buttons have their driver's numbers: see them with gamepad --list, bind them by --joy.*",
         ]
         for button, mode in ((7, Mode.DAMPING), (0, Mode.DAMPING), (1, Mode.STANDBY)):
             odd.press(button)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from time import sleep
 from typing import ClassVar
 
@@ -17,7 +18,8 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import attached, ready
 from humanoid_sim.frontends.gamepad.device import Pad, Pads
-from humanoid_sim.frontends.gamepad.sticks import SpeedRange, Sticks, speed_range
+from humanoid_sim.frontends.gamepad.layout import PadLayout, chosen_layout
+from humanoid_sim.frontends.gamepad.sticks import SpeedRange, Sticks, policy_speeds
 from humanoid_sim.messages import Intent
 from humanoid_sim.session.realtime import punctual_threads
 
@@ -31,6 +33,7 @@ _ANSWER_WITHIN = 0.05
 """s for which an answer of the session is waited for; on a session's own machine it comes within a tick."""
 _BEHIND = 30
 """Priorities behind the control loop, and behind all its threads."""
+_UNKNOWN = "its buttons have their driver's numbers: see them with gamepad --list, bind them by --joy.*"
 _MOVED = 0.02
 """m/s or rad/s by which a stick must move to say that somebody moved it."""
 
@@ -49,12 +52,17 @@ class GamepadConfig:
     """Part of the gamepad's name. Default: the first one that is plugged in."""
     list: bool = False
     """Show the gamepads that are plugged in, with the buttons that are down, and end; 1 if there is none."""
+    mapping: Path | None = None
+    """Layout (.yaml): joy: with the names below, and sticks:, or a ROS 2 parameter file with joy.* of mode_manager."""
     raw: bool = False
     """Number buttons and axes as the driver does, not in the order of an Xbox pad."""
     joy: JoyBindings = field(default_factory=JoyBindings)
     sticks: Sticks = field(default_factory=Sticks)
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--list", "which gamepads are plugged in?"),)
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("--list", "which gamepads are plugged in?"),
+        ("--mapping my_pad.yaml", "another layout"),
+    )
 
 
 class Driver:
@@ -69,7 +77,7 @@ class Driver:
             speeds: shape (3, 2), what full sticks command; None: the policy takes no velocity.
             is_hardware: the loss of the gamepad damps.
         """
-        self._intake, self._config, self._speeds, self._is_hardware = intake, config, speeds, is_hardware
+        self._intake, self._config, self.speeds, self._is_hardware = intake, config, speeds, is_hardware
         self._pad: Pad | None = None
         self._before: dict[int, tuple[bool, ...]] = {}
         self._velocity = np.zeros(3)
@@ -113,15 +121,14 @@ class Driver:
             if self._is_hardware:
                 lines.append(self._ask(Intent.DAMP))
         for pad in fitting:
-            try:
-                self._config.joy.check(len(pad.buttons))
-            except FieldError as error:
-                lines.append(f"{pad} is not used: {error}" if pad.identity not in self._before else "")
+            problem = _problem(pad, self._config.joy)
+            if problem:
+                lines.append(f"{pad} is not used: {problem}" if pad.identity not in self._before else "")
                 continue
             self._pad = pad
             lines.append(f"{pad} drives")
             if not pad.is_known:
-                lines.append("its buttons have their driver's numbers; see --list, and --joy.* to bind them")
+                lines.append(_UNKNOWN)
             break
         return [line for line in lines if line]
 
@@ -133,9 +140,9 @@ class Driver:
             return f"{intent.name} requested"
 
     def _steer(self, pad: Pad) -> None:
-        if self._speeds is None:
+        if self.speeds is None:
             return
-        velocity = self._config.sticks.velocity(pad.axes, self._speeds)
+        velocity = self._config.sticks.velocity(pad.axes, self.speeds)
         moved = bool(np.abs(velocity - self._velocity).max() > _MOVED)
         if moved:
             self._velocity = velocity
@@ -146,36 +153,50 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends; returns the exit status."""
     config = parse(GamepadConfig, "gamepad", arguments)
     require_packages("gamepad")
+    layout = chosen_layout(config.mapping, PadLayout(config.joy, config.sticks), "--mapping")
+    config = replace(config, joy=layout.joy, sticks=layout.sticks)
     pads = Pads(raw=config.raw)
     try:
         if config.list:
-            return _list(pads)
+            return _list(pads, config.joy)
         return _drive(pads, config)
     finally:
         pads.close()
 
 
-def _list(pads: Pads) -> int:
+def _list(pads: Pads, joy: JoyBindings) -> int:
+    """Print each gamepad, with what an operator should know before it drives; 1 if none can be used."""
     found = pads.look()
-    for pad in found:
+    problems = [_problem(pad, joy) for pad in found]
+    for pad, problem in zip(found, problems, strict=True):
         down = [str(index) for index, is_down in enumerate(pad.buttons) if is_down]
-        print(f"{pad}; down: {', '.join(down) or 'none'}")
+        note = f"; cannot be used: {problem}" if problem else "" if pad.is_known else f"; {_UNKNOWN}"
+        print(f"{pad}; down: {', '.join(down) or 'none'}{note}")
     if not found:
         print("no gamepad is plugged in")
-    return 0 if found else 1
+    return 0 if "" in problems else 1
+
+
+def _problem(pad: Pad, joy: JoyBindings) -> str:
+    """Return why a gamepad cannot be used with these bindings; empty if it can."""
+    try:
+        joy.check(len(pad.buttons))
+    except FieldError as error:
+        return str(error)
+    return ""
 
 
 def _drive(pads: Pads, config: GamepadConfig) -> int:
     with attached(config.session, "gamepad") as attachment:
-        contract, is_hardware = attachment.contract, bool(attachment.session.hardware)
-        walks = contract is not None and contract.takes_velocity_command
-        speeds = speed_range(contract.command_ranges) if walks and contract is not None else None
-        driver = Driver(attachment.intake, config, speeds=speeds, is_hardware=is_hardware)
+        is_hardware = bool(attachment.session.hardware)
+        driver = Driver(attachment.intake, config, speeds=policy_speeds(attachment.contract), is_hardware=is_hardware)
         found = pads.look()
         ready(f"{found[0] if found else 'waits for a gamepad to be plugged in'}")
         # No other program may keep a DAMP waiting, or let the device look lost.
         with punctual_threads(behind=_BEHIND) if is_hardware else nullcontext():
             while attachment.feed.is_running():
+                if attachment.follow():
+                    driver.speeds = policy_speeds(attachment.contract)
                 try:
                     for line in driver.step(pads.look()):
                         print(line, flush=True)

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["SpeedRange", "Sticks", "speed_range"]
+__all__ = ["SpeedRange", "Sticks", "policy_speeds", "speed_range"]
 
 SpeedRange = npt.NDArray[np.float64]
 """Shape (3, 2): lowest and highest vx, vy (m/s) and yaw rate (rad/s), zero among them."""
@@ -53,6 +54,12 @@ class Sticks:
         beyond = np.clip((np.abs(pushed) - self.dead_zone) / (1.0 - self.dead_zone), 0.0, 1.0)
         velocity: FloatArray = np.where(pushed > 0.0, speeds[:, 1], -speeds[:, 0]) * np.sign(pushed) * beyond
         return velocity
+
+
+def policy_speeds(contract: PolicyContract | None) -> SpeedRange | None:
+    """Give what full sticks command of a policy; None where it takes no velocity."""
+    walks = contract is not None and contract.takes_velocity_command
+    return speed_range(contract.command_ranges) if walks and contract is not None else None
 
 
 def speed_range(ranges: FloatArray | None) -> SpeedRange:

@@ -129,7 +129,7 @@ def simulated(driver: Any, folder: Path, pictures: Path) -> None:
 
 def on_motors(driver: Any, folder: Path, pictures: Path) -> None:
     """REMOTE, a fault while the policy drives, and sliders."""
-    given = ("--hardware", f"virtual:{folder.name}", "--yes", "--no-gamepad")
+    given = ("--hardware", f"virtual:{folder.name}", "--policy", "lite_tracking", "--yes", "--no-gamepad")
     with desk(driver, folder, *given, "--remote", "gravity") as at:
         at.damp()
         at.ask("load_b")
@@ -156,7 +156,17 @@ def damped(driver: Any, folder: Path, pictures: Path) -> None:
     emulate = [sys.executable, "-m", "humanoid_sim.hardware", "emulate", "--channel", channel, "--fault", FAULT]
     with subprocess.Popen([*emulate, "--quiet"], stdout=subprocess.DEVNULL) as motors:
         try:
-            with desk(driver, folder, "--hardware", channel, "--calibration", "none", "--yes", "--no-gamepad") as at:
+            given = (
+                "--hardware",
+                channel,
+                "--policy",
+                "lite_tracking",
+                "--calibration",
+                "none",
+                "--yes",
+                "--no-gamepad",
+            )
+            with desk(driver, folder, *given) as at:
                 at.damp()
                 at.ask("load_a")
                 at.ask("start_locomotion")

@@ -292,6 +292,36 @@ def test_the_figures_in_the_view_are_switched_for_all_pages_by_an_operator_alone
         until(other, lambda told: told.get("figures", {"command": {"on": True}})["command"]["on"] is False)
 
 
+def test_a_page_loads_a_policy_and_every_page_begins_anew_with_it(played: Any) -> None:
+    """From here on the session has another motion."""
+    with socket(played.control) as page, socket(played.read_only) as other:
+        page.send(json.dumps({"load": {"policy": "nothing.onnx"}}))
+        refused = until(page, lambda told: told.get("answers"))["answers"][-1]
+        assert not refused["granted"]
+        assert refused["text"].startswith("load refused: ")
+        for message, reason in (
+            ({"load": 3}, "load not understood"),
+            ({"load": {"robot": "x"}}, "load not understood"),
+        ):
+            assert answers_to(page, json.dumps(message)).startswith(reason)
+        assert (
+            answers_to(other, json.dumps({"load": {"policy": "lite_tracking"}})) == "this address is for watching only"
+        )
+        ask(page, "damp")
+        page.send(json.dumps({"load": {"policy": "lite_tracking", "motion": "circle", "command": ""}}))
+        told: dict[str, Any] = {}
+        deadline = time.monotonic() + 120.0
+        while not told.get("answers") or "page" not in told:
+            assert time.monotonic() < deadline
+            message = page.recv(timeout=30.0)
+            told |= {} if isinstance(message, bytes) else {k: v for k, v in json.loads(message).items() if v}
+        answers = told["answers"]
+        assert answers[0]["granted"], answers
+        assert "motion circle.mcap" in answers[0]["text"]
+        assert told["policy"].endswith("lite_tracking.onnx")
+        assert until(other, lambda told: "page" in told)["policy"] == told["policy"]
+
+
 def test_a_marked_moment_is_an_event_of_the_recording_which_replays(played: Any) -> None:
     """The last test of this run: it ends here."""
     with socket(played.control) as page:
