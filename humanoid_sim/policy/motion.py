@@ -11,11 +11,11 @@ read that it was made with.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -24,10 +24,11 @@ from mcap.writer import CompressionType, Writer
 
 from humanoid_sim.bounds import MOTION_VALUES
 from humanoid_sim.controllers.rotation import rotation_6d, rotation_from_6d
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.files import regular_file, whole_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.readers.values import names
+from humanoid_sim.policy.rosbag2 import Database, bag_streams, is_bag
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
@@ -53,6 +54,7 @@ MOTION_ATTACHMENT = "motion.mcap"
 _TOPIC = "/motion"
 _LIBRARY = "humanoid_sim"
 _NANOSECONDS = 1e9
+_SEVERAL = "; `play --motion-topic` takes one of several"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,16 +128,23 @@ def body_poses(frames: npt.NDArray[np.floating], count: int) -> tuple[FloatArray
     return values[:, : 3 * count].reshape(-1, count, 3), rotation
 
 
-def read_motion(path: str | os.PathLike[str]) -> Motion:
-    """Read and check a motion file.
+def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motion:
+    """Read and check a motion file, or a folder of rosbag2.
+
+    Args:
+        path: of the file or the folder.
+        topic: of the motion, where there are others; None: it has to be the only one.
 
     Raises:
         InputError: one line with the file and what is wrong with it.
     """
-    path = regular_file(path, "a motion file (.mcap)")
+    path = Path(path)
     try:
+        if is_bag(path):
+            return _motion(path, _read_rows(path, bag_streams(path), topic))
+        path = regular_file(path, "a motion file (.mcap) or a folder of rosbag2")
         with path.open("rb") as file:
-            return _parse(path, file)
+            return _motion(path, _read_rows(path, [(path, McapStream(file))], topic))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
 
@@ -146,11 +155,15 @@ def parse_motion(data: bytes, name: str) -> Motion:
     Raises:
         InputError: as `read_motion`.
     """
-    return _parse(Path(name), BytesIO(data))
+    return _motion(Path(name), _read_rows(Path(name), [(Path(name), McapStream(BytesIO(data)))]))
 
 
-def _parse(path: Path, file: IO[bytes]) -> Motion:
-    rows, times, metadata = _read_rows(path, McapStream(file))
+_Rows = tuple[list[npt.NDArray[np.float32]], list[int], Mapping[str, str]]
+"""Frames in file order, their log times in ns, and the metadata record `motion`."""
+
+
+def _motion(path: Path, found: _Rows) -> Motion:
+    rows, times, metadata = found
     layout = metadata.get("layout", "bodies_b")
     try:
         return Motion(
@@ -166,39 +179,61 @@ def _parse(path: Path, file: IO[bytes]) -> Motion:
         raise InputError(f"{path}: {error}") from None
 
 
+def _last_attached(first: Attachment, stream: Iterable[object]) -> bytes:
+    """Give the motion of the policy that was loaded last in a recording."""
+    *_, last = first, *(one for one in stream if isinstance(one, Attachment) and one.name == MOTION_ATTACHMENT)
+    return last.data
+
+
 def _read_rows(
-    path: Path, stream: McapStream, *, is_inner: bool = False
-) -> tuple[list[npt.NDArray[np.float32]], list[int], Mapping[str, str]]:
-    """The frames in file order, their log times in ns, and the metadata record `motion`."""
-    schemas: dict[int, str] = {}
-    channels: dict[int, Channel] = {}
+    path: Path,
+    streams: Iterable[tuple[Path, McapStream | Database]],
+    topic: str | None = None,
+    *,
+    is_inner: bool = False,
+) -> _Rows:
     metadata: dict[str, str] = {}
     rows: list[npt.NDArray[np.float32]] = []
     times: list[int] = []
-    for record in stream:
-        if isinstance(record, Attachment) and record.name == MOTION_ATTACHMENT:
-            if is_inner:
-                raise InputError(f"{path}: its motion holds a motion of its own, expected one episode")
-            return _read_rows(path, McapStream(BytesIO(record.data)), is_inner=True)
-        if isinstance(record, Schema):
-            schemas[record.id] = record.name
-        elif isinstance(record, Channel):
-            _check_channel(path, record, schemas, channels)
-            channels[record.id] = record
-        elif isinstance(record, Metadata) and record.name == "motion":
-            metadata = record.metadata
-        elif isinstance(record, Message):
-            if record.channel_id not in channels:
-                raise InputError(f"{path}: frame {len(rows)} is on a channel that the file does not define")
-            if times and record.log_time < times[-1]:
-                raise InputError(f"{path}: time goes back at frame {len(rows)}; a motion file holds one episode")
-            rows.append(_row(path, record, rows))
-            times.append(record.log_time)
-    if stream.damage:
-        raise InputError(f"{path}: {stream.damage}")
+    kinds: dict[str, str] = {}
+    """Type of each topic."""
+    for file, stream in streams:
+        schemas: dict[int, str] = {}
+        channels: dict[int, Channel] = {}
+        for record in stream:
+            if isinstance(record, Attachment) and record.name == MOTION_ATTACHMENT and topic is None:
+                if is_inner:
+                    raise InputError(f"{path}: its motion holds a motion of its own, expected one episode")
+                return _read_rows(path, [(file, McapStream(BytesIO(_last_attached(record, stream))))], is_inner=True)
+            if isinstance(record, Schema):
+                schemas[record.id] = record.name
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+                kinds[record.topic] = schemas.get(record.schema_id, "no schema")
+                _check_channel(path, record, kinds, topic)
+            elif isinstance(record, Metadata) and record.name == "motion":
+                metadata = record.metadata
+            elif isinstance(record, Message) and _is_frame(path, record, channels, topic, rows):
+                if times and record.log_time < times[-1]:
+                    raise InputError(f"{path}: time goes back at frame {len(rows)}; a motion file holds one episode")
+                rows.append(_row(path, record, rows))
+                times.append(record.log_time)
+        if stream.damage:
+            raise InputError(f"{file}: {stream.damage}")
     if not rows:
+        if topic is not None and topic not in kinds:
+            raise InputError(f"{path}: {known_names('topic', topic, kinds)}")
         raise InputError(f"{path}: holds no frames, expected one topic of {FLOAT32_MULTI_ARRAY}")
     return rows, times, metadata
+
+
+def _is_frame(
+    path: Path, message: Message, channels: Mapping[int, Channel], topic: str | None, rows: Sequence[object]
+) -> bool:
+    """Return whether a message is on the motion's topic."""
+    if message.channel_id not in channels:
+        raise InputError(f"{path}: frame {len(rows)} is on a channel that the file does not define")
+    return topic in (None, channels[message.channel_id].topic)
 
 
 def _row(path: Path, record: Message, before: list[npt.NDArray[np.float32]]) -> npt.NDArray[np.float32]:
@@ -215,17 +250,19 @@ def _row(path: Path, record: Message, before: list[npt.NDArray[np.float32]]) -> 
     return values
 
 
-def _check_channel(path: Path, channel: Channel, schemas: Mapping[int, str], known: Mapping[int, Channel]) -> None:
-    """A motion file has exactly one topic, of the one type."""
-    schema = schemas.get(channel.schema_id, "no schema")
-    if schema != FLOAT32_MULTI_ARRAY or channel.message_encoding != "cdr":
+def _check_channel(path: Path, channel: Channel, kinds: Mapping[str, str], topic: str | None) -> None:
+    """Refuse a topic of another type, and one that is not the only one where none is named."""
+    kind = kinds[channel.topic]
+    if topic not in (None, channel.topic):
+        return
+    if kind != FLOAT32_MULTI_ARRAY or channel.message_encoding != "cdr":
         raise InputError(
-            f"{path}: topic '{channel.topic}' is {schema} ({channel.message_encoding}), "
-            f"expected one topic of {FLOAT32_MULTI_ARRAY} (cdr)"
+            f"{path}: topic '{channel.topic}' is {kind} ({channel.message_encoding}), "
+            f"expected one topic of {FLOAT32_MULTI_ARRAY} (cdr){_SEVERAL}"
         )
-    for other in known.values():
-        if other.topic != channel.topic:
-            raise InputError(f"{path}: has the topics '{other.topic}' and '{channel.topic}', expected exactly one")
+    for other in kinds if topic is None else ():
+        if other != channel.topic:
+            raise InputError(f"{path}: has the topics '{other}' and '{channel.topic}', expected exactly one{_SEVERAL}")
 
 
 def _policy_dt(metadata: Mapping[str, str], times: list[int]) -> float:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, TypeAlias
 
@@ -12,7 +14,7 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
-from humanoid_sim.messages import Event, SessionHeader, TickRecord
+from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import decode_event, decode_tick
 from humanoid_sim.recording.earlier import decode_earlier_event, decode_earlier_tick
 from humanoid_sim.recording.header import DOCUMENTS, EARLIER_FORMAT, SESSION, HeaderError, parse_header
@@ -41,6 +43,7 @@ class Recording:
     def __init__(self, path: Path, header: SessionHeader, *, is_earlier: bool = False) -> None:
         """Made by `open_recording`; `is_earlier` for one of the earlier format."""
         self._decoders = _EARLIER_DECODERS if is_earlier else _DECODERS
+        self._loads = 0
         self.path = path
         self.header = header
         self.size = path.stat().st_size
@@ -73,8 +76,11 @@ class Recording:
             stream = McapStream(file, past_damage=past_damage)
             schemas: dict[int, str] = {}
             channels: dict[int, str] = {}
+            headers = _HeaderParts()
             for record in stream:
                 self.position = file.tell()
+                with suppress(HeaderError):  # then the event that follows has none
+                    headers.look(record)
                 if isinstance(record, Message):
                     topic = channels.get(record.channel_id, "")
                     if topic not in topics and stream.damages:
@@ -84,7 +90,12 @@ class Recording:
                     topics[topic].messages += 1
                     sound_to = len(stream.damages) if topic == TICK_TOPIC else sound_to
                     if topic in self._decoders:
-                        yield self._decode(topic, record)
+                        entry = self._decode(topic, record)
+                        if isinstance(entry, TickRecord):
+                            headers.take()  # that of the whole run
+                        elif entry.kind is EventKind.POLICY:
+                            entry = replace(entry, header=headers.take())
+                        yield entry
                 elif isinstance(record, Schema):
                     schemas[record.id] = record.name
                 elif isinstance(record, Channel):
@@ -96,8 +107,40 @@ class Recording:
         self.topics = topics
 
     def ticks(self) -> Iterator[TickRecord]:
-        """The ticks alone. Raises as `entries` does."""
-        return (entry for entry in self.entries() if isinstance(entry, TickRecord))
+        """The ticks alone, without the steps of other policies than the header's. Raises as `entries` does."""
+        loads = 0
+        for entry in self.entries():
+            if isinstance(entry, Event):
+                loads += entry.kind is EventKind.POLICY
+            elif loads == self._loads or entry.output.policy_step is None:
+                yield entry
+            else:
+                yield replace(entry, output=replace(entry.output, policy_step=None))
+
+    def of_last_policy(self, before: float = math.inf) -> Recording:
+        """Give the recording with the header of the policy that was loaded last; itself where none was.
+
+        Args:
+            before: s on the robot's clock; what was loaded later does not count.
+
+        Raises:
+            InputError: as `entries`, and if that policy cannot be read.
+        """
+        found, loads = self.header, 0
+        for entry in self.entries():
+            if isinstance(entry, Event) and entry.kind is EventKind.POLICY and entry.time < before:
+                found, loads = self.loaded(entry), loads + 1
+        if not loads:
+            return self
+        last = Recording(self.path, found)
+        last._loads = loads
+        return last
+
+    def loaded(self, event: Event) -> SessionHeader:
+        """Give the header from a `POLICY` event on. Raises `InputError` if it cannot be read."""
+        if event.header is None:
+            raise InputError(f"{self.path}: the policy that was loaded at {event.time:g} s cannot be read: damaged")
+        return event.header
 
     def _decode(self, topic: str, message: Message) -> Entry:
         try:
@@ -117,25 +160,49 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
         InputError: one line with the file and what is wrong with it.
     """
     path = Path(path)
-    documents: dict[str, str] = {}
-    attachments: dict[str, bytes] = {}
+    parts = _HeaderParts()
     with _open(path) as file:
         stream = McapStream(file)
         for record in stream:
-            if isinstance(record, Attachment):
-                attachments[record.name] = record.data
-            elif isinstance(record, Metadata) and record.name == DOCUMENTS:
-                documents = record.metadata
-            elif isinstance(record, Metadata) and record.name == SESSION:
-                try:
-                    header = parse_header(record.metadata, documents, attachments)
-                except HeaderError as error:
-                    raise InputError(f"{path}: {error}") from None
-                return Recording(path, header, is_earlier=record.metadata["format"] == EARLIER_FORMAT)
-            elif isinstance(record, Message):
+            try:
+                parts.look(record)
+            except HeaderError as error:
+                raise InputError(f"{path}: {error}") from None
+            header = parts.take()
+            if header is not None:
+                return Recording(path, header, is_earlier=parts.is_earlier)
+            if isinstance(record, Message):
                 break
     reason = stream.damage or f"an MCAP file, but no recording of this program: it has no metadata record '{SESSION}'"
     raise InputError(f"{path}: {reason}")
+
+
+class _HeaderParts:
+    """Puts a header together from its records: it stands at the front, and another before each `POLICY` event."""
+
+    def __init__(self) -> None:
+        self._documents: dict[str, str] = {}
+        self._attachments: dict[str, bytes] = {}
+        self._header: SessionHeader | None = None
+        self.is_earlier = False
+        """True if the header is of the earlier format."""
+
+    def look(self, record: object) -> None:
+        """Take a record of the file. Raises `HeaderError` if it completes a header that is damaged."""
+        if isinstance(record, Attachment):
+            self._attachments[record.name] = record.data
+        elif isinstance(record, Metadata) and record.name == DOCUMENTS:
+            self._documents = record.metadata
+        elif isinstance(record, Metadata) and record.name == SESSION:
+            self.is_earlier = record.metadata.get("format") == EARLIER_FORMAT
+            documents, attachments = self._documents, self._attachments
+            self._documents, self._attachments = {}, {}
+            self._header = parse_header(record.metadata, documents, attachments)
+
+    def take(self) -> SessionHeader | None:
+        """Give the header that is complete since the last call; None without one."""
+        header, self._header = self._header, None
+        return header
 
 
 def messages_of(path: str | os.PathLike[str], topic: str) -> Iterator[bytes]:

@@ -272,7 +272,11 @@ class _RunWriter:
             self._add(shown, time_ns, record.index)
 
     def event(self, event: Event) -> None:
-        """Encode one event."""
+        """Encode one event, behind the header that it brings."""
+        if event.header is not None:
+            self._writer.flush()
+            write_header(self._writer, event.header)
+            self._topics.follow(event.header)
         self._add(TopicMessage(EVENT_TOPIC, EVENT, encode_event(event)), self._log_time(event.time), self._index)
 
     def beside(self, item: _Beside) -> None:

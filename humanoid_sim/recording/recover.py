@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import IO
 
 from mcap.records import Attachment, Channel, Header, Metadata, Schema
-from mcap.writer import CompressionType, Writer
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file, regular_file, whole_file
 from humanoid_sim.recording.recorder import TICK_TOPIC
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
+from humanoid_sim.ros2.mcap_writer import ChunkedWriter
 
 __all__ = ["Recovery", "default_output", "recover"]
 
@@ -110,7 +110,7 @@ class _Copied:
 
 def _copy(path: Path, stream: McapStream, target: IO[bytes]) -> _Copied:
     """Copy every record."""
-    writer = Writer(target, compression=CompressionType.LZ4)
+    writer = ChunkedWriter(target)
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}
     copied = _Copied()
@@ -134,8 +134,10 @@ def _copy(path: Path, stream: McapStream, target: IO[bytes]) -> _Copied:
                 writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
             copied.add(record, channel is not None, len(stream.damages))
         elif isinstance(record, Attachment):
+            writer.flush()  # it stays behind the messages that come before it
             writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
         elif isinstance(record, Metadata):
+            writer.flush()
             writer.add_metadata(record.name, record.metadata)
     if not copied.messages:
         raise InputError(f"{path}: nothing to recover: {stream.damage or 'it holds no messages'}")

@@ -281,7 +281,8 @@ def repeat_run(
 ) -> RepeatReport:
     """Repeat a run up to its end or the first difference; ticks behind a gap are only counted.
 
-    Where an operator had the robot reactivated, the control stack begins again as it did then.
+    Where an operator had the robot reactivated, the control stack begins again as it did then. Where another policy was
+    loaded, it goes on with that one.
 
     Args:
         recording: the run.
@@ -293,7 +294,8 @@ def repeat_run(
         InputError: if the recording cannot be read, or its header does not describe a control stack.
     """
     policy = RecordedPolicy()
-    stack = build(recording.header, policy)
+    header = recording.header
+    stack = build(header, policy)
     start = start_memory(recording.header)
     memory = stack.initial() if start is None else start
     report = RepeatReport()
@@ -302,6 +304,9 @@ def repeat_run(
     for record in recording.entries(past_damage=True) if entries is None else entries:
         if not isinstance(record, TickRecord):
             is_fresh = is_fresh or (report.can_continue and record.kind is EventKind.FRESH_START)
+            if report.can_continue and record.kind is EventKind.POLICY:
+                header = recording.loaded(record)
+                stack = build(header, policy)
             continue
         if is_fresh:
             memory, is_fresh = stack.initial(start_reason(record.output.control_mode.status_message)), False
@@ -312,9 +317,9 @@ def repeat_run(
         elif report.can_continue:
             policy.expect(record.output)
             memory, output = stack.step(memory, record.input)
-            report.difference = first_difference(recording.header, record.output, output)
+            report.difference = first_difference(header, record.output, output)
             if report.difference is not None:
-                report.correction = shown_correction(recording.header, record.input, record.output, output)
+                report.correction = shown_correction(header, record.input, record.output, output)
         if not report.can_continue and report.tick is None:
             report.tick, report.time = record.index, float(record.input.state.time)
         if report.difference is not None:

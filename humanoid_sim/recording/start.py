@@ -23,6 +23,7 @@ from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.controllers.reference import Alignment
 from humanoid_sim.controllers.remote_policy import RemoteMemory
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
+from humanoid_sim.controllers.signs import SignMemory
 from humanoid_sim.controllers.standby import StandbyMemory
 from humanoid_sim.controllers.supervisor import SupervisorMemory
 from humanoid_sim.errors import InputError, known_names
@@ -47,6 +48,7 @@ _TYPES: Mapping[str, type[Any]] = MappingProxyType(
             PolicyStep,
             RLPolicyMemory,
             RemoteMemory,
+            SignMemory,
             StandbyMemory,
             StandbyState,
             SupervisorMemory,

@@ -15,6 +15,7 @@ from humanoid_sim.messages import (
     ControlMode,
     PolicyStep,
     RemoteCommand,
+    SafetyLevel,
     SafetyStatus,
     SessionHeader,
     StandbyState,
@@ -142,15 +143,21 @@ class ViewerTopics:
         self._control_mode: ControlMode | None = None
         self._standby: tuple[str, StandbyState | None] = ("", None)
         self._safety: dict[str, SafetyStatus] = {}
+        self._failed: dict[str, SafetyStatus] = {}
+        self._second = max(1, round(1.0 / header.control_period))
         self._remote: RemoteCommand | None = None
         self._keys: Extern | None = None
-        self._policy = PolicyTopics("/rl_policy_controller", header.observation_terms, read_labels(header))
+        self.follow(header)
         self._body = RecordedBody.of(header)
         self._is_described = self._body is None
         if self._body is not None:
             moving = (*self._body.hinged, *self._body.floating)
             self._transforms = TransformEncoder([(joint.parent, joint.child) for joint in moving])
             self._poses = np.empty((len(moving), 7))
+
+    def follow(self, header: SessionHeader) -> None:
+        """Name what a policy that was loaded since observes and answers."""
+        self._policy = PolicyTopics("/rl_policy_controller", header.observation_terms, read_labels(header))
 
     def messages(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """The messages of one tick, stamped `time_ns`."""
@@ -169,7 +176,7 @@ class ViewerTopics:
             yield TopicMessage(CONTROL_MODE_TOPIC, CONTROL_MODE, encode_control_mode(time_ns, output.control_mode))
         if output.standby is not None:
             yield from self._standby_state(output.control_mode.controller_name, output.standby, time_ns, is_due)
-        yield from self._safety_statuses(record.input.safety, time_ns)
+        yield from self._safety_statuses(record, time_ns)
         remote = record.input.remote
         if remote is not None and remote is not self._remote:
             self._remote = remote
@@ -197,12 +204,23 @@ class ViewerTopics:
             self._standby = key
             yield TopicMessage(standby_topic(controller), STANDBY_STATE, encode_standby_state(time_ns, standby))
 
-    def _safety_statuses(self, statuses: tuple[SafetyStatus, ...], time_ns: int) -> Iterator[TopicMessage]:
-        """Those that changed. A source that is not heard of any more is well: its last word would stand otherwise."""
-        heard = {status.source: status for status in statuses}
+    def _safety_statuses(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
+        """Yield those that changed, and all once a second: a volatile subscriber that comes late sees them too.
+
+        A controller that failed is a source as well, until it drives again. A source that does not report any more is
+        well: its last word would stand otherwise.
+        """
+        driving = record.output.control_mode.controller_name
+        self._failed.pop(driving, None)
+        for fault in record.output.faults:
+            self._failed[fault.controller] = SafetyStatus(
+                SafetyLevel.FAULT, source=fault.controller, message=fault.message
+            )
+        heard = {**{status.source: status for status in record.input.safety}, **self._failed}
         gone = {source: SafetyStatus(source=source) for source in self._safety if source not in heard}
+        is_due = record.index % self._second == 0
         for source, status in (heard | gone).items():
-            if self._safety.get(source) != status:
+            if is_due or self._safety.get(source) != status:
                 self._safety[source] = status
                 yield TopicMessage(SAFETY_TOPIC, SAFETY_STATUS, encode_safety_status(time_ns, status), source)
 

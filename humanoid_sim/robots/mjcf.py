@@ -8,6 +8,7 @@ come from the policy's contract, see `humanoid_sim.robots.description`.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -23,14 +24,13 @@ from humanoid_sim.robots.schema import (
     BaseSettings,
     DampingSettings,
     JointDescription,
-    RemoteSettings,
     RobotDescription,
     SimulationSettings,
     StandbySettings,
 )
 from humanoid_sim.robots.silence import mujoco_silenced
 
-__all__ = ["bare_model", "compile_spec", "describe_mjcf", "own_joint_damping", "read_spec"]
+__all__ = ["bare_model", "compile_spec", "describe_mjcf", "own_joint_damping", "prefix_line", "read_spec"]
 
 _UNNAMED = "MuJoCo Model"
 """The name that MuJoCo gives to a model that has none."""
@@ -46,15 +46,41 @@ _FINITE = (
     *("geom_pos", "geom_quat", "geom_size", "site_pos", "jnt_pos", "jnt_axis"),
 )
 """Arrays of a model in which MuJoCo lets NaN and infinity pass."""
+_ATTRIBUTE = re.compile(r"""(\s(?!class\b|childclass\b|file\b)\w+=["'])([^"']*)""")
+"""An attribute that may hold names. Classes keep a prefix: `main` is one that every model has."""
 _OWNER = {"body": "body", "geom": "geom", "site": "site", "jnt": "joint"}
 
 
 def read_spec(path: Path) -> mujoco.MjSpec:
-    """The editable model of an MJCF file, its includes resolved.
+    """Read the editable model of an MJCF file, its includes resolved, its names without a prefix common to all.
+
+    mjlab's `export_scene` begins every name with `robot/`; its policies name the joints without it.
 
     Raises:
         InputError: there is no such file, or it is not an MJCF.
     """
+    spec = _read(path)
+    prefix = _common_prefix(spec, path)
+    if not prefix:
+        return spec
+    word = re.compile(rf"(?<!\S){re.escape(prefix)}")
+    text = _ATTRIBUTE.sub(lambda found: found[1] + word.sub("", found[2]), path.read_text(encoding="utf-8"))
+    try:
+        with mujoco_silenced:
+            renamed = mujoco.MjSpec.from_string(text)
+    except (ValueError, *_NO_ROOM) as error:
+        raise InputError(f"{path}: not a valid MJCF model without the prefix {prefix!r}: {reason_of(error)}") from None
+    renamed.modelfiledir = spec.modelfiledir
+    return renamed
+
+
+def prefix_line(path: Path) -> str:
+    """Return the note on a prefix that `read_spec` removes, '' if there is none."""
+    prefix = _common_prefix(_read(path), path)
+    return f"all names in {path.name} begin with '{prefix}', which is left out" if prefix else ""
+
+
+def _read(path: Path) -> mujoco.MjSpec:
     regular_file(path, "the robot's MJCF model")
     check_mjcf_bounds(path)
     try:
@@ -62,6 +88,16 @@ def read_spec(path: Path) -> mujoco.MjSpec:
             return mujoco.MjSpec.from_file(str(path))
     except (ValueError, *_NO_ROOM) as error:
         raise InputError(f"{path}: not a valid {kind_of_model(path)}: {reason_of(error)}") from None
+
+
+def _common_prefix(spec: mujoco.MjSpec, path: Path) -> str:
+    """Return what the names of all joints, and of the bodies that have them, begin with up to a slash; '' mostly.
+
+    A file that includes others keeps its names: they are in several texts.
+    """
+    parts = {name[: name.find("/") + 1] for joint in spec.joints for name in (joint.name, joint.parent.name) if name}
+    prefix = parts.pop() if len(parts) == 1 else ""
+    return prefix if prefix and path.suffix == ".xml" and "<include" not in path.read_text(encoding="utf-8") else ""
 
 
 def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
@@ -138,7 +174,6 @@ def describe_mjcf(path: Path) -> RobotDescription:
         damping_controller=DampingSettings(damping_scalar=0.0),
         standby_controller_a=standby,
         standby_controller_b=standby,
-        remote_policy_controller=RemoteSettings(damping_scalar=0.0),
     )
 
 

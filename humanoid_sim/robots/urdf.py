@@ -17,7 +17,7 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.links import Link, links_of
 from humanoid_sim.robots.mjcf import bare_model
 
-__all__ = ["body_documents", "urdf_of"]
+__all__ = ["body_documents", "qpos_addresses", "urdf_of"]
 
 _Element = ElementTree.Element
 _SHOWN_GROUPS = 3
@@ -28,9 +28,13 @@ _GIMBAL = 1e-12
 def body_documents(description: RobotDescription) -> dict[str, str]:
     """What a recording's header says of the robot's body, for `humanoid_sim.recording.body`."""
     model = bare_model(description)
-    links = links_of(model)
-    addresses = {link.joint: int(model.jnt_qposadr[link.joint_id]) for link in links if link.joint_id >= 0}
-    return {URDF_DOCUMENT: urdf_of(model, description), QPOS_DOCUMENT: json.dumps(addresses)}
+    return {URDF_DOCUMENT: urdf_of(model, description), QPOS_DOCUMENT: qpos_addresses(model)}
+
+
+def qpos_addresses(model: mujoco.MjModel) -> str:
+    """Return where the value of each joint begins in `qpos`, by the joint's name in the URDF, as JSON."""
+    joints = [link for link in links_of(model) if link.joint_id >= 0]
+    return json.dumps({link.joint: int(model.jnt_qposadr[link.joint_id]) for link in joints})
 
 
 def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
