@@ -24,7 +24,7 @@ from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.session.feed import MODEL_BLOB
 from humanoid_sim.stack import no_policy, recorded_contract, recorded_policy
 
-__all__ = ["Attachment", "attached", "behind", "ready"]
+__all__ = ["Attachment", "RobotElsewhere", "attached", "behind", "ready"]
 
 _LATE = 0.2
 """s after which a tick is the past; at least `_LATE_TICKS` control periods."""
@@ -58,6 +58,14 @@ class Attachment:
     def contract(self) -> PolicyContract | None:
         """The policy's; None without one."""
         return recorded_contract(self.header)
+
+    def follow(self) -> bool:
+        """Take over `header` and `contract` of a policy that was loaded since; True if there was one."""
+        if not self.feed.follow():
+            return False
+        for name in ("header", "contract"):
+            self.__dict__.pop(name, None)
+        return True
 
     def reference_ghost(self) -> ReferenceGhost | None:
         """The motion that the policy follows, as poses of the robot; None where there is none that holds poses.
@@ -100,6 +108,31 @@ class Attachment:
         """Numbers and events of the ring `event` after that number, oldest first; 0 for all that are still there."""
         for sample in self.feed.since(number, "event"):
             yield sample.number, decode_event(sample.data)
+
+
+@dataclass(frozen=True)
+class RobotElsewhere:
+    """Options of a front end that can also show a robot on another machine, for watching only."""
+
+    session: int | None = None
+    """Process id of the session. Default: the only one that runs."""
+    dds: bool = False
+    """Show a robot on another machine, from its DDS topics alone, for watching only."""
+    interface: str = ""
+    """With --dds: the network interface at which the robot is, such as eth1."""
+    prefix: str = "lite"
+    """With --dds: what the robot's joint states are under."""
+
+    def refuse_conflicts(self) -> None:
+        """Raise `InputError` for options that exclude each other."""
+        if not self.dds:
+            if self.interface:
+                raise InputError(f"--interface: is {self.interface}, which means nothing without --dds")
+            return
+        if self.session is not None:
+            raise InputError(f"--session: is {self.session}, which means nothing with --dds, whose robot is elsewhere")
+        if not self.interface:
+            raise InputError("--interface: is needed with --dds: the one at which the robot is, such as eth1")
 
 
 @contextmanager

@@ -126,6 +126,8 @@ class _Server:
         while True:
             for sample in feed.since(tick):
                 tick, newest = sample.number, sample
+                if self._attachment.follow():
+                    self._topics.follow(self._attachment.header)
                 record = self._attachment.record(sample)
                 time_ns = self._attachment.time_ns(float(record.input.state.time))
                 self._publish(TopicMessage(TICK_TOPIC, TICK, sample.data), time_ns)

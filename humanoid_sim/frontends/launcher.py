@@ -18,7 +18,7 @@ from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.sinks import Sink
 
-__all__ = ["FrontEnds"]
+__all__ = ["FrontEnds", "ordinary_scheduling"]
 
 _PERIOD = 0.1
 """s between two looks at the children."""
@@ -182,7 +182,7 @@ class FrontEnds(Sink):
 
 def _launched(wanted: Wanted) -> _Child:
     command = [sys.executable, "-m", f"humanoid_sim.{wanted.name}", "--session", str(os.getpid()), *wanted.options]
-    with _ordinary_scheduling():
+    with ordinary_scheduling():
         # A session of its own: Ctrl-C and Ctrl-Z at the terminal are for the robot's process alone.
         process = subprocess.Popen(
             command,
@@ -196,7 +196,7 @@ def _launched(wanted: Wanted) -> _Child:
 
 
 @contextlib.contextmanager
-def _ordinary_scheduling() -> Iterator[None]:
+def ordinary_scheduling() -> Iterator[None]:
     """No SCHED_FIFO for what is started meanwhile: children inherit it, and must not compete with the loop."""
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     if before[0] != os.SCHED_OTHER:

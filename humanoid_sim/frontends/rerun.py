@@ -24,7 +24,7 @@ from humanoid_sim.client import Sample
 from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import require_packages
-from humanoid_sim.frontends.attach import Attachment, attached, behind, ready
+from humanoid_sim.frontends.attach import Attachment, RobotElsewhere, attached, behind, ready
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.recording.body import BodyError, RecordedBody
@@ -51,15 +51,16 @@ _PR_SET_PDEATHSIG = 1
 
 
 @dataclass(frozen=True)
-class RerunConfig:
+class RerunConfig(RobotElsewhere):
     """Watch a running session in rerun's viewer: the robot, and plots of its joints."""
 
-    session: int | None = None
-    """Process id of the session. Default: the only one that runs."""
     web: bool = False
     """A page for browsers on this machine, in place of a window; also where there is no display."""
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--web", "in a browser on this machine"),)
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("--web", "in a browser on this machine"),
+        ("--dds --interface eth1", "a robot on another machine"),
+    )
 
 
 def status_text(record: TickRecord | None, late: str, clock: str) -> str:
@@ -79,29 +80,48 @@ def status_text(record: TickRecord | None, late: str, clock: str) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends or the viewer is closed; returns the exit status."""
     config = parse(RerunConfig, "rerun", arguments)
+    config.refuse_conflicts()
     require_packages("rerun")
-    with attached(config.session, "rerun", niceness=10) as attachment:
-        try:
-            body = RecordedBody.of(attachment.header)
-        except BodyError as error:
-            raise InputError(f"{attachment.session}: {error}") from None
-        if body is None:
-            raise InputError(f"{attachment.session}: does not describe its robot's body")
-        with _viewer(is_page=config.web or not has_display()) as viewer:
-            os.environ["RUST_LOG"] = "off"  # what the library has to say of a viewer that was closed is no news
-            library = rerun_module("the rerun viewer")
-            stream = library.RecordingStream("humanoid_sim")
-            stream.connect_grpc(viewer.source)
-            stream.send_blueprint(_blueprint(has_keys=_has_keys(attachment)))
-            contract = attachment.contract
-            action = () if contract is None else contract.action_joint_names
-            log = RerunLog(library, stream, attachment.header, body, action, period=_PERIOD)
-            ready(f"{viewer.told}, for {attachment.session}")
-            _watch(attachment, viewer, log, _Teller(library, stream))
-            if viewer.process.poll():
-                raise InputError(f"rerun: its viewer ended: {viewer.complaint()}")
-            stream.disconnect()
+    if not config.dds:
+        with attached(config.session, "rerun", niceness=10) as attachment:
+            _show(attachment, is_page=config.web)
+        return 0
+    require_packages("dds")
+    from humanoid_sim.frontends.dds.mirror import watched  # noqa: PLC0415
+
+    with watched(config) as found:
+        if found is not None:
+            attachment, refresh, ended = found
+            _show(attachment, refresh, ended, is_page=config.web)
     return 0
+
+
+def _show(
+    attachment: Attachment,
+    refresh: Callable[[], None] = lambda: None,
+    ended: Callable[[], bool] = lambda: False,
+    *,
+    is_page: bool,
+) -> None:
+    """Show ticks until the session or the viewer has ended; `refresh` is called before each look at the feed."""
+    try:
+        body = RecordedBody.of(attachment.header)
+    except BodyError as error:
+        raise InputError(f"{attachment.session}: {error}") from None
+    if body is None:
+        raise InputError(f"{attachment.session}: does not describe its robot's body")
+    with _viewer(is_page=is_page or not has_display()) as viewer:
+        os.environ["RUST_LOG"] = "off"  # what the library has to say of a viewer that was closed is no news
+        library = rerun_module("the rerun viewer")
+        stream = library.RecordingStream("humanoid_sim")
+        stream.connect_grpc(viewer.source)
+        stream.send_blueprint(_blueprint(has_keys=_has_keys(attachment)))
+        log = RerunLog(library, stream, attachment.header, body, _action_names(attachment), period=_PERIOD)
+        ready(f"{viewer.told}, for {attachment.session}")
+        _watch(attachment, viewer, log, _Teller(library, stream), refresh, ended)
+        if viewer.process.poll():
+            raise InputError(f"rerun: its viewer ended: {viewer.complaint()}")
+        stream.disconnect()
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,16 +163,26 @@ class _Teller:
             self.keeps_up = False
 
 
-def _watch(attachment: Attachment, viewer: _Viewer, log: RerunLog, teller: _Teller) -> None:
+def _watch(
+    attachment: Attachment,
+    viewer: _Viewer,
+    log: RerunLog,
+    teller: _Teller,
+    refresh: Callable[[], None],
+    ended: Callable[[], bool],
+) -> None:
     """Until the session or the viewer ends. Of ticks that come while the viewer is stopped, only the newest counts."""
     feed = attachment.feed
     newest: Sample | None = feed.latest()
     record: TickRecord | None = None
     number = 0 if newest is None else newest.number - 1  # a session that is under way begins with its present
     told = 0.0
-    while viewer.process.poll() is None:
+    while viewer.process.poll() is None and not ended():
+        refresh()
         for sample in feed.since(number):
             number, newest, record = sample.number, sample, attachment.record(sample)
+            if attachment.follow():
+                log.follow(_action_names(attachment))
             if teller.keeps_up:
                 log.tick(record)
         if time.monotonic() - told > _TOLD_EVERY:
@@ -162,6 +192,12 @@ def _watch(attachment: Attachment, viewer: _Viewer, log: RerunLog, teller: _Tell
             teller.tell(status_text(record, late, time.strftime("%H:%M:%S")))
             told = time.monotonic()
         time.sleep(_PAUSE)
+
+
+def _action_names(attachment: Attachment) -> tuple[str, ...]:
+    """The joints that the policy drives."""
+    contract = attachment.contract
+    return () if contract is None else contract.action_joint_names
 
 
 def _has_keys(attachment: Attachment) -> bool:
