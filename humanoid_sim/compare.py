@@ -116,7 +116,7 @@ def read_policy_run(path: Path) -> PolicyRun:
     Raises:
         InputError: if it cannot be read, or no policy ran.
     """
-    recording = open_recording(path)
+    recording = open_recording(path).of_last_policy()
     frames: dict[int, int] = {}
     rows: list[tuple[npt.NDArray[Any], ...]] = []
     for tick in recording.ticks():

@@ -264,6 +264,8 @@ class EventKind(IntEnum):
     """The run is about to end."""
     FALL = 6
     """The robot fell, or lost the motion that it follows."""
+    POLICY = 7
+    """The policy was replaced between two ticks; the recording holds the new one before this event."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,3 +277,5 @@ class Event:
     text: str
     """One line."""
     kind: EventKind = EventKind.NOTE
+    header: SessionHeader | None = None
+    """Header of the run from a `POLICY` event on; None where it could not be read, and of other events."""

@@ -23,6 +23,8 @@ __all__ = [
     "BASE_LINEAR_VELOCITY",
     "COMMAND_FIELDS",
     "EXTERN_WIDTHS",
+    "GRAVITY_LEVERS",
+    "HEIGHT_SCAN",
     "IMU",
     "KEY_PRESSED",
     "VELOCITY_COMMAND",
@@ -122,6 +124,10 @@ ANCHOR_POSE = "anchor_pose"
 """Extern: x, y, z in m and w, x, y, z of the contract's anchor body, world frame."""
 KEY_PRESSED = "key_pressed"
 """Extern: 1 for each of a piano's keys that is down, else 0, the lowest key first."""
+HEIGHT_SCAN = "height_scan"
+"""Extern: m, height of a body of the robot above the ground at each point of a grid, as the policy's term has it."""
+GRAVITY_LEVERS = "gravity_levers"
+"""Extern: what gravity asks of each joint at the measured pose, as `controllers.signs` has it; not for policies."""
 
 EXTERN_WIDTHS: Mapping[str, int] = MappingProxyType({VELOCITY_COMMAND: 3, BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7})
 

@@ -17,7 +17,7 @@ from humanoid_sim.cli import ExitStatus, run_program
 from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
-from humanoid_sim.messages import PolicyStep, TickRecord
+from humanoid_sim.messages import Event, PolicyStep, SessionHeader, TickRecord
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
 from humanoid_sim.recording.reader import Entry, Recording, open_recording
 from humanoid_sim.recording.repeat import InferenceReport, RepeatReport, StackBuilder, repeat_run
@@ -82,7 +82,7 @@ def replay(config: ReplayConfig, build: StackBuilder | None = None) -> int:
 
         build = rebuild_supervisor
     inference = _Inference(recording, config.policy, tolerance) if infers else None
-    report = repeat_run(recording, build, inference, _with_progress(recording))
+    report = repeat_run(recording, build, inference, _with_progress(recording, inference))
     if config.json:
         print(json.dumps(_as_json(recording, report, inference), indent=2))
     else:
@@ -105,11 +105,18 @@ class _Inference:
     """Runs the model on every recorded observation."""
 
     def __init__(self, recording: Recording, policy: str | None, tolerance: float) -> None:
-        settings = recorded_settings(recording.path, recording.header)
-        self.checkpoint = _load(recording, settings, policy)
-        recorded = settings.get("policy_sha256")
-        self.is_same_file = recorded == self.checkpoint.sha256 if recorded else None
+        self._recording, self._given = recording, policy
         self.report = InferenceReport(tolerance)
+        self.is_same_file: bool | None = None
+        self.follow(recording.header if "contract" in recording.header.documents else recording.of_last_policy().header)
+
+    def follow(self, header: SessionHeader) -> None:
+        """Infer with the policy of this header from here on. Raises `InputError` if it cannot be used."""
+        settings = recorded_settings(self._recording.path, header)
+        self.checkpoint = _load(self._recording.path, header, settings, self._given)
+        recorded = settings.get("policy_sha256")
+        if recorded and self.is_same_file is not False:
+            self.is_same_file = recorded == self.checkpoint.sha256
 
     def __call__(self, record: TickRecord, step: PolicyStep) -> None:
         width = self.checkpoint.observation_width
@@ -141,7 +148,7 @@ class _Inference:
         )
 
 
-def _load(recording: Recording, settings: dict[str, Any], given: str | None) -> Checkpoint:
+def _load(recording: Path, header: SessionHeader, settings: dict[str, Any], given: str | None) -> Checkpoint:
     """The model to run: the given one, or the one that the recording names."""
     from humanoid_sim.policy.checkpoint import load_checkpoint  # noqa: PLC0415 - ONNX Runtime is heavy
     from humanoid_sim.policy.onnx_policy import OnnxPolicy  # noqa: PLC0415 - ONNX Runtime is heavy
@@ -152,20 +159,20 @@ def _load(recording: Recording, settings: dict[str, Any], given: str | None) -> 
     else:
         named = settings.get("policy")
         if not isinstance(named, str) or named in ("", _PLACEHOLDER):
-            raise InputError(f"{recording.path}: ran {named or 'no policy'}, which is no model to infer with")
+            raise InputError(f"{recording}: ran {named or 'no policy'}, which is no model to infer with")
         path = Path(named)
         if not is_file(path):
-            raise InputError(f"{recording.path}: ran {path}, which is not there; name the file with --policy")
+            raise InputError(f"{recording}: ran {path}, which is not there; name the file with --policy")
     # The contract is the recorded one: the file may need a contract.yaml that is not here, and only its network runs.
-    contract = recorded_contract(recording.header)
+    contract = recorded_contract(header)
     if contract is None:
         return load_checkpoint(path)
     policy = OnnxPolicy(path, contract.tensors)
     return Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width)
 
 
-def _with_progress(recording: Recording) -> Iterator[Entry]:
-    """The entries, with a bar on stderr while they pass if a person is watching."""
+def _with_progress(recording: Recording, inference: _Inference | None) -> Iterator[Entry]:
+    """The entries, with a bar on stderr while they pass if a person is watching; `inference` follows their policies."""
     from rich.console import Console  # noqa: PLC0415
 
     console = Console(stderr=True)
@@ -173,6 +180,8 @@ def _with_progress(recording: Recording) -> Iterator[Entry]:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("", total=recording.size)
         for count, entry in enumerate(recording.entries(past_damage=True)):
+            if inference is not None and isinstance(entry, Event) and entry.header is not None:
+                inference.follow(entry.header)
             yield entry
             if count % 256 == 0:
                 progress.update(task, completed=recording.position)

@@ -68,6 +68,7 @@ def test_event_kinds():
         "LOSS": 4,
         "ENDING": 5,
         "FALL": 6,
+        "POLICY": 7,
     }
 
 
@@ -91,7 +92,7 @@ def test_intents_are_the_service_names():
         (RemoteCommand, ["command", "arrival_time"]),
         (PolicyStep, ["frame", "observation", "action"]),
         (FaultReport, ["controller", "fallback", "message", "is_bug"]),
-        (Event, ["time", "text", "kind"]),
+        (Event, ["time", "text", "kind", "header"]),
         (TickInput, ["state", "safety", "intents", "remote"]),
         (
             TickOutput,

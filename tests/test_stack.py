@@ -84,6 +84,13 @@ def test_a_piano_policy_hears_as_many_keys_as_it_has_goals() -> None:
     assert dict(loaded.taken({"key_pressed": 88})) == {}, "a simulated piano's are known"
 
 
+def test_a_height_scan_is_taken_from_outside_where_the_robot_makes_none() -> None:
+    contract = lite_contract(task_type="locomotion", observation=("joint_pos", "height_scan"), body_names=())
+    loaded = load_policy(contract, zero_policy(14), None, 14 + 187)
+    assert dict(loaded.taken({})) == {"height_scan": 187}
+    assert dict(loaded.taken({"height_scan": 187})) == {}
+
+
 @pytest.mark.parametrize(
     ("contract", "followed", "width", "expected"),
     [

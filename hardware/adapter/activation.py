@@ -106,14 +106,13 @@ def _find_positions(wiring: Wiring, motors: RobotMotors, joints: Sequence[int], 
 
 def gain_warnings(description: RobotDescription, wiring: Wiring) -> Iterator[tuple[str, str]]:
     """Joint and what is cut off there: a controller's gain beyond its motor's range. A policy's are checked with it."""
-    n = wiring.count
     standby = (
         ("standby_controller_a", description.standby_controller_a),
         ("standby_controller_b", description.standby_controller_b),
     )
     passive = (
-        ("damping_controller", description.damping_controller),
-        ("remote_policy_controller", description.remote_policy_controller),
+        ("damping_controller", description.mode_damping),
+        ("remote_policy_controller", description.passive_damping),
     )
     stiffness = [model.stiffness for model in wiring.model]
     damping = [model.damping for model in wiring.model]
@@ -121,7 +120,7 @@ def gain_warnings(description: RobotDescription, wiring: Wiring) -> Iterator[tup
         yield from _beyond(wiring, f"{name}.target_stiffness", settings.target_stiffness, stiffness)
         yield from _beyond(wiring, f"{name}.target_damping", settings.target_damping, damping)
     for name, values in passive:
-        yield from _beyond(wiring, f"{name}'s damping", values.damping or (values.damping_scalar,) * n, damping)
+        yield from _beyond(wiring, f"{name}'s damping", values.tolist(), damping)
 
 
 def _beyond(wiring: Wiring, what: str, gains: Sequence[float], limits: Sequence[float]) -> Iterator[tuple[str, str]]:

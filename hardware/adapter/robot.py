@@ -287,9 +287,7 @@ class HardwareRobot:
 
     def _not_enabled(self) -> tuple[SafetyStatus, ...]:
         flags = SafetyFlag.BUS_OFF if self._motors is None else SafetyFlag.MOTOR_FAULT
-        return tuple(
-            SafetyStatus(SafetyLevel.FAULT, flags, str(address), self._why_not) for address in self._settings.addresses
-        )
+        return tuple(SafetyStatus(SafetyLevel.FAULT, flags, source, self._why_not) for source in self._settings.sources)
 
     def write(self, command: MITCommand) -> None:
         """Hand a command, shape (n,), to every motor; returns at once. While the motors are not enabled, none is sent.

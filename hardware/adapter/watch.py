@@ -50,7 +50,7 @@ class SafetyWatch:
         self._joints = tuple(wiring.on_channel(index) for index in range(len(channels)))
         self._rx_timeout = settings.rx_timeout
         self._since = since
-        self._ok = tuple(SafetyStatus(source=str(channel.address)) for channel in channels)
+        self._ok = tuple(SafetyStatus(source=source) for source in settings.sources)
         self.faults: Mapping[str, tuple[str, ...]] = {}
         """By joint, what the latest statuses say of its motor. A new one each time: other threads may look."""
 

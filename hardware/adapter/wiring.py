@@ -131,6 +131,17 @@ class AdapterSettings:
     damping: FloatArray
     """Shape (n,), N·m·s/rad, of the command that stands in for a bad one and that closing sends."""
 
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Names of the channels' safety statuses: the family of the motors there, then the channel."""
+        families: list[dict[str, None]] = [{} for _ in self.addresses]
+        for channel, model in zip(self.wiring.channel, self.wiring.model, strict=True):
+            families[channel][model.family] = None
+        return tuple(
+            f"humanoid_devices_{'_'.join(names)}/{address}"
+            for names, address in zip(families, self.addresses, strict=True)
+        )
+
 
 def make_settings(
     description: RobotDescription,
@@ -167,9 +178,6 @@ def make_settings(
             f"{description.name}: motors that execute their last command for ever when this program or its computer "
             f"dies, for no timeout of theirs is known: {endless}; --allow-no-timeout accepts that"
         )
-    damping = description.damping_controller
-    values = np.array(damping.damping or (damping.damping_scalar,) * description.joint_count)
-    values.setflags(write=False)
     return AdapterSettings(
         name=name,
         addresses=addresses,
@@ -178,5 +186,5 @@ def make_settings(
         control_period=period,
         can_timeout=can_timeout,
         rx_timeout=description.hardware.rx_timeout_ms / 1000.0,
-        damping=values,
+        damping=description.mode_damping,
     )

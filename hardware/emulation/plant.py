@@ -13,6 +13,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.schema import JointDescription
 from humanoid_sim.robots.silence import mujoco_silenced
+from humanoid_sim.simulation import DROP
 from humanoid_sim.simulation.floating_base import FloatingBase, move_support
 from humanoid_sim.simulation.plant import make_plant
 from humanoid_sim.simulation.sensors import BodySensors, ImuSample
@@ -86,9 +87,15 @@ class MotorPlant:
         self._direction = np.array([float(joint.motor.direction) for joint in self.joints if joint.motor is not None])
         self._offset = np.array([offsets.get(name, 0.0) for name in names])
         self._base: FloatingBase | None = None
+        self._is_lifted = False
         if description.is_floating:
             self._base = FloatingBase(
-                plant.model, description, plant.data.qpos, yaw=settings.base_yaw, height=settings.base_height
+                plant.model,
+                description,
+                plant.data.qpos,
+                yaw=settings.base_yaw,
+                height=settings.base_height,
+                drop=DROP if settings.support else 0.0,
             )
             self._base.place(plant.data)
             if settings.support:
@@ -115,6 +122,8 @@ class MotorPlant:
         if self._hand is not None:
             joint_torque += self._hand_torque(self._hand)
         data.qfrc_applied[self._dof_index] = joint_torque
+        if self._is_lifted and self._base is not None:
+            self._base.lift(data, self.timestep)
         with mujoco_silenced:  # `fault` tells of a bad state
             self._plant.physics_step()
         self._sense()
@@ -145,13 +154,18 @@ class MotorPlant:
             hand[names.index(name)] = position
         self._hand = hand
 
-    def set_support(self, held: bool) -> None:
+    def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Let the support take a floating base where it now is, or let the base go.
+
+        Args:
+            held: whether it holds the base.
+            lifts: whether it then raises the base, slowly, to the height of its start.
 
         Raises:
             RobotError: the base is fixed.
         """
         move_support(self._base, self._plant.data, held, self.description.name)
+        self._is_lifted = lifts
 
     @property
     def supported(self) -> bool:

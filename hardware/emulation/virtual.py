@@ -87,13 +87,17 @@ class VirtualMotors(EmulatorHost):
         """
         self.call(lambda emulator: emulator.motors.plant.lead(positions))
 
-    def set_support(self, held: bool) -> None:
+    def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Let the support take a floating base where it now is, or let the base go.
+
+        Args:
+            held: whether it holds the base.
+            lifts: whether it then raises the base, slowly, to the height of its start.
 
         Raises:
             RobotError: the base is fixed.
         """
-        self.call(lambda emulator: emulator.motors.plant.set_support(held))
+        self.call(lambda emulator: emulator.motors.plant.set_support(held, lifts=lifts))
 
     @property
     def supported(self) -> bool:

@@ -41,9 +41,16 @@ from humanoid_sim.policy.robot_check import (
 from humanoid_sim.policy.suspicious import suspicious_findings
 from humanoid_sim.policy_tools import Check
 from humanoid_sim.policy_tools.show import make_console
-from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_imu
+from humanoid_sim.robots.description import (
+    RobotDescription,
+    load_robot,
+    with_contract,
+    with_contract_physics,
+    with_imu,
+)
+from humanoid_sim.robots.guards import describe_unwatched
 from humanoid_sim.robots.imu import imu_line
-from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
+from humanoid_sim.robots.mjcf import bare_model, own_joint_damping, prefix_line
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.stability import REFUSED_ABOVE, WARNED_ABOVE, DampingStability
 
@@ -137,11 +144,17 @@ def _findings(
     yield from effort_findings(contract, description)
     if not joints:
         yield from _stability(contract, description, physics_timestep)
+        unwatched = describe_unwatched(with_contract_physics(description, contract))
+        if unwatched:
+            yield Finding("info", "guards", unwatched.removeprefix("guards: "))
     model = bare_model(description)
     sites = [model.site(i).name for i in range(model.nsite) if model.site(i).name]
-    yield from point_findings(contract, sites, description.name)
+    bodies = [model.body(i).name for i in range(1, model.nbody)]
+    yield from point_findings(contract, sites, bodies, description.name)
     own_damping = own_joint_damping(model, description)
     yield from model_damping_findings(contract, own_damping)
+    if prefix := prefix_line(description.mjcf_path):
+        yield Finding("info", "robot", prefix)
     if description.is_floating:
         yield Finding("info", "imu", imu_line(model, description))
     yield from suspicious_findings(contract, description, own_damping)

@@ -13,6 +13,7 @@ import numpy as np
 from rich.markup import escape
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.mit import FloatArray
@@ -151,7 +152,7 @@ def _samples(
         contract = checkpoint.contract
         bodies = None
         if description is not None:
-            bodies = body_reader(description, contract.anchor_body, contract.velocity_points)
+            bodies = body_reader(description, contract.anchor_body, contract.velocity_points, contract.height_scan)
         return trainer_samples(checkpoint, read_trace(trace, checkpoint.contract, bodies), motion)
     if GOLDEN_KEY in checkpoint.metadata:
         samples = decode_samples(checkpoint.metadata[GOLDEN_KEY], checkpoint.source)
@@ -212,15 +213,22 @@ def stamp_copy(options: Stamp) -> int:
     return 0
 
 
-def body_reader(description: RobotDescription, anchor_body: str, velocity_at: Sequence[str] = ()) -> BodyReader:
-    """Reads traces of this robot: the anchor body and velocities as far as the policy observes them.
+def body_reader(
+    description: RobotDescription,
+    anchor_body: str,
+    velocity_at: Sequence[str] = (),
+    height_scan: HeightScan | None = None,
+) -> BodyReader:
+    """Return a reader of this robot's traces: anchor body, velocities and ground as far as the policy observes them.
+
+    The ground is what the robot's MJCF brings, or a level floor.
 
     Raises:
-        InputError: the robot's model lacks the anchor body, or a site.
+        InputError: the robot's model lacks the anchor body, a site, or the middle of the scan.
     """
-    model = build_model(description, scene=False)
+    model = build_model(description, scene=False if height_scan is None else "floor")
     data = mujoco.MjData(model)
-    sensors = BodySensors(model, description, anchor_body, velocity_at)
+    sensors = BodySensors(model, description, anchor_body, velocity_at, height_scan)
 
     def read(qpos: FloatArray, qvel: FloatArray, joint_names: tuple[str, ...]) -> Mapping[str, FloatArray]:
         addresses = joint_addresses(model, joint_names)

@@ -14,7 +14,7 @@ import pickle
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
@@ -36,7 +36,7 @@ from humanoid_sim.rendering.key_lights import KeyLights
 from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.rendering.piano_sound import RATE, PianoSound, Samples, Stroke, write_wav
 
-__all__ = ["Job", "Moment", "draw_video"]
+__all__ = ["Following", "Job", "Moment", "draw_video"]
 
 _H264 = ("libx264", "libopenh264")
 _AAC, _AAC_BITS = "aac", 128_000
@@ -65,6 +65,15 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Following:
+    """Motion and song that a policy follows."""
+
+    ghost: ReferenceGhost | None
+    goals: npt.NDArray[np.bool_] | None
+    """As of `Job`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Moment:
     """One frame."""
 
@@ -79,6 +88,8 @@ class Moment:
     """Pose (7,), m and w x y z, of the anchor body when the policy was shown frame 0; None where there is none."""
     strokes: tuple[Stroke, ...] = ()
     """Of a piano's keys since the moment before, at their times as `time`."""
+    following: Following | None = None
+    """Reference of a policy that was loaded since the moment before; None for the same as before."""
 
 
 def draw_video(job: Job, moments: Iterator[Moment], progress: Callable[[int], None]) -> tuple[str, bool]:
@@ -107,6 +118,9 @@ def draw_video(job: Job, moments: Iterator[Moment], progress: Callable[[int], No
         sound = _Sound(container, job) if job.wav else None
         lights = KeyLights(job.model, job.goals) if job.wav else None
         for count, moment in enumerate(chain([first], moments), start=1):
+            if moment.following is not None:
+                job = replace(job, ghost=moment.following.ghost, goals=moment.following.goals)
+                lights = KeyLights(job.model, job.goals) if job.wav else None
             if lights is not None:
                 lights.show(moment.strokes, moment.frame)
             frame = av.VideoFrame.from_ndarray(_picture(job, pictures, moment), format="rgb24")

@@ -49,7 +49,7 @@ class RerunLog:
             action: the joints that its policy drives.
             period: s of the robot's time between two poses.
         """
-        self._library, self._stream, self._body, self._action = library, stream, body, action
+        self._library, self._stream, self._body = library, stream, body
         self._period, self._due = period, -math.inf
         self.count = 0
         """Poses."""
@@ -57,10 +57,15 @@ class RerunLog:
             description = Path(folder, "robot.urdf")
             description.write_text(body.urdf, encoding="utf-8")
             library.urdf.UrdfTree.from_file_path(description).log_urdf_to_recording(stream)
-        names = dict.fromkeys(("position", "velocity", "effort", "command"), header.joint_names) | {"action": action}
-        for plot, series in names.items():
-            if series:
-                stream.log(f"plots/{plot}", library.SeriesLines(names=list(series)), static=True)
+        for plot in ("position", "velocity", "effort", "command"):
+            stream.log(f"plots/{plot}", library.SeriesLines(names=list(header.joint_names)), static=True)
+        self.follow(action)
+
+    def follow(self, action: tuple[str, ...]) -> None:
+        """Write the actions of a policy that drives these joints from here on."""
+        self._action = action
+        if action:
+            self._stream.log("plots/action", self._library.SeriesLines(names=list(action)), static=True)
 
     def tick(self, tick: TickRecord) -> None:
         """Write a tick, if it is time for a pose."""

@@ -26,7 +26,7 @@ from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED, FloatArray
 from humanoid_sim.rendering.caption import Caption, draw_caption
-from humanoid_sim.rendering.drawing import Job, Moment
+from humanoid_sim.rendering.drawing import Following, Job, Moment
 from humanoid_sim.rendering.ghost import ReferenceGhost, ShownReference
 from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.rendering.piano_sound import Stroke, strokes_between
@@ -112,6 +112,13 @@ class VideoSink(Sink):
         self._drawing: _Drawing | None = None
         self._keys: npt.NDArray[np.bool_] | None = None
         self._strokes: list[Stroke] = []
+        self._following: Following | None = None
+
+    def follow(self, ghost: ReferenceGhost | None, goals: npt.NDArray[np.floating] | None) -> None:
+        """Show the motion and the song of another policy from here on; arguments as for the constructor."""
+        self._ghost, self._goals = ghost, None if goals is None else np.asarray(goals) > 0.5
+        self._shown = ShownReference()
+        self._following = Following(self._ghost, self._goals)
 
     def tick(self, record: TickRecord) -> None:
         """Hand over the pose, if a frame is due."""
@@ -129,8 +136,11 @@ class VideoSink(Sink):
             self._drawing = _Drawing(self.path, self._job)
         shown, strokes = self._shown, tuple(self._strokes)
         self._strokes.clear()
-        self._drawing.add(Moment(self._clock, record.qpos, Caption.of(record), shown.frame, shown.anchor, strokes))
-        shown.anchor = None  # said once
+        caption = Caption.of(record)
+        self._drawing.add(
+            Moment(self._clock, record.qpos, caption, shown.frame, shown.anchor, strokes, self._following)
+        )
+        shown.anchor = self._following = None  # said once
         self.frame_count += 1
         self._duration = self._clock
         if self.frame_count >= self._thin_at:

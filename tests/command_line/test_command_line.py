@@ -88,7 +88,7 @@ HELP = "--help' says what is accepted"
         (
             ("play", "--policy", "lite_pino"),
             "--policy: unknown policy 'lite_pino' (did you mean 'lite_piano'?); known: lite_biped_velocity, "
-            "lite_piano, lite_tracking, placeholder; or a file that exists (.onnx)\n",
+            "lite_piano, lite_tracking, placeholder, none; or a file that exists (.onnx)\n",
         ),
         (("play", "--shadow", "lite_pino"), "--shadow: unknown policy 'lite_pino' (did you mean 'lite_piano'?); "),
         (("plants", "--policy", "lite_pino"), "--policy: unknown policy 'lite_pino' (did you mean 'lite_piano'?); "),

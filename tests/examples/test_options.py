@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -30,3 +31,13 @@ def test_help_and_a_mistyped_option(name: str, package: str, option: str) -> Non
     assert refused.stderr.startswith("error: unknown option '--xyz'; known: --")
     assert f" {option.split(maxsplit=1)[0]}" in refused.stderr
     assert refused.stderr.endswith(f"; '{typed} --help' says what they do\n")
+
+
+def test_the_recorder_of_mjlab_needs_nothing_but_mjlab_and_numpy() -> None:
+    """It is copied to where mjlab is, and this package is not."""
+    needed = set()
+    for node in ast.walk(ast.parse((EXAMPLES / "mjlab_trace.py").read_text(encoding="utf-8"))):
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        names += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
+        needed |= {name.partition(".")[0] for name in names}
+    assert needed - sys.stdlib_module_names == {"mjlab", "numpy"}

@@ -32,8 +32,8 @@ class _ParsedError(Exception):
 
 
 def test_every_command_of_the_page_is_looked_at() -> None:
-    assert len(_STEPS) == 23
-    assert len(_COMMANDS) == _PAGE.count("python -m") == 15
+    assert len(_STEPS) == 25
+    assert len(_COMMANDS) == _PAGE.count("python -m") == 16
 
 
 @pytest.mark.parametrize(("verb", "words"), _COMMANDS, ids=[f"{verb} {words}" for verb, words in _COMMANDS])

@@ -425,7 +425,7 @@ def _baseline(folder: Path) -> bytes:
             seed=seed,
             steps=50,
             duration=1.0,
-            metrics={"joint_error": 0.1 + 0.01 * seed, "faults": 0.0},
+            metrics={"joint_error": 0.1 + 0.01 * seed, "losses": 0.0, "faults": 0.0},
             trace_times=(0.0, 0.5),
             traces={"joint_error": (0.1, None)},
         )
@@ -447,11 +447,14 @@ def _read_baseline(path: Path) -> None:
     from humanoid_sim.regress.compare import compare_runs  # noqa: PLC0415
     from humanoid_sim.regress.files import matching_baseline, read_baseline  # noqa: PLC0415
     from humanoid_sim.regress.options import RegressConfig  # noqa: PLC0415
+    from humanoid_sim.regress.preparation import PreparedSuite  # noqa: PLC0415
+    from humanoid_sim.robots.description import load_robot  # noqa: PLC0415
 
     run = read_baseline(path)
     config = RegressConfig(policies=("p.onnx",), suite="lite_tracking", baseline=str(path))
-    kept = matching_baseline({"wave": "0" * 64}, run, config)
     suite, metrics = _suite_and_metrics()
+    prepared = PreparedSuite(suite, "lite", load_robot("lite"), {}, {"wave": "0" * 64})
+    kept = matching_baseline(prepared, run, config)
     compare_runs(suite, metrics, kept, kept)
 
 

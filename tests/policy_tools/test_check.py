@@ -11,7 +11,8 @@ import numpy as np
 import onnx
 from findings import errors, found, lite_contract
 from models import linear_model
-from published import HOLOSOMA_REST, POLICIES, needs_policies
+from msgspec.structs import replace as change
+from published import HOLOSOMA_REST, MJLAB, POLICIES, needs_policies
 from trainer import contract, network, save_checkpoint, terms
 
 from humanoid_sim.controllers.contract import PolicyContract
@@ -154,6 +155,14 @@ def test_joints_whose_torque_nothing_limits_are_named(robot: RobotDescription) -
     assert list(effort_findings(contract(effort_limit=25.0), robot)) == []
 
 
+def test_guards_that_are_off_are_named(walker: Path, robot: RobotDescription) -> None:
+    message = found(check_checkpoint(walker, robot), "info", "guards").message
+    assert message.startswith("following is off for 4 of 4 joints, which lack an effort limit of the robot's own")
+    joints = tuple(change(joint, effort_limit=50.0, lower=-2.0, upper=2.0) for joint in robot.joints)
+    watched = check_checkpoint(walker, change(robot, joints=joints))
+    assert "guards" not in [finding.field for finding in watched]
+
+
 def test_gravity_that_points_up_stands_first(robot: RobotDescription) -> None:
     terms = contract().terms
     upside_down = contract(
@@ -232,6 +241,7 @@ def test_published_policies(cli, tmp_path: Path) -> None:
     for model, *extra in (
         ("unitree_g1_velocity_v0/exported/policy.onnx",),
         ("beyondmimic_g1/Waltz.onnx",),
+        (MJLAB[0],),
         ("holosoma_g1_loco/ppo_g1_29dof.onnx", "--contract", rest),
     ):
         status, out, error = cli("check", POLICIES / model, "--robot", G1, *extra)

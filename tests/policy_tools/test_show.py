@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import onnx
 import pytest
-from published import HOLOSOMA_REST, POLICIES, needs_policies
+from published import HOLOSOMA_REST, MJLAB, POLICIES, needs_policies
 from trainer import JOINTS, contract, save_checkpoint, terms
 
 from humanoid_sim.doctor import DoctorConfig
@@ -130,6 +130,10 @@ def test_published_policies(cli, tmp_path: Path) -> None:
         (
             ("beyondmimic_g1/Waltz.onnx",),
             ("assumed (mjlab)", "in the model: 945 frames", "torso_link", "policy_dt 0.02 s (50 Hz)"),
+        ),
+        (
+            (MJLAB[0],),
+            ("assumed (mjlab)", "at imu", "no source states it: policy_dt 0.02 s (50 Hz); terms' at of base_lin"),
         ),
         (("holosoma_g1_loco/ppo_g1_29dof.onnx", "--contract", rest), ("holosoma metadata", "rest.yaml")),
     ):

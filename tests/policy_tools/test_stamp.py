@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from published import HOLOSOMA_REST, POLICIES, needs_policies
+from published import HOLOSOMA_REST, MJLAB, POLICIES, needs_policies
 from trainer import Run, contract, save_checkpoint, save_trace
 
 from humanoid_sim.assets import asset_path
@@ -30,6 +30,7 @@ PUBLISHED = {
     "unitree": ("unitree_g1_velocity_v0/exported/policy.onnx", "unitree_g1_velocity_v0/trace.npz", ""),
     "waltz": ("beyondmimic_g1/Waltz.onnx", "beyondmimic_g1/trace_Waltz.npz", ""),
     "holosoma": ("holosoma_g1_loco/ppo_g1_29dof.onnx", "holosoma_g1_loco/trace_ppo.npz", HOLOSOMA_REST),
+    "mjlab": (*MJLAB, ""),
 }
 
 
@@ -72,6 +73,17 @@ def test_published_policy(cli, tmp_path: Path, name: str) -> None:
     assert status == 0, error
     assert read_header(again)[0][GOLDEN_KEY] == read_header(output)[0][GOLDEN_KEY]
     assert load_checkpoint(again).golden == copy.golden
+
+
+@needs_policies
+def test_mjlabs_velocity_is_not_that_of_the_bases_origin(cli, tmp_path: Path) -> None:
+    model, trace = (POLICIES / name for name in MJLAB)
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text("terms: {base_lin_vel: {at: base}}", encoding="utf-8")
+    wiring = ("--robot", G1, "--trace", trace, "--contract", wrong)
+    status, _, error = cli("stamp", model, *wiring, "-o", tmp_path / "x.onnx")
+    assert status == 2
+    assert "observation base_lin_vel[" in error
 
 
 def test_writes_the_thirteen_keys_the_contract_and_the_samples(stamped: Path) -> None:

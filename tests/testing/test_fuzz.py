@@ -150,16 +150,16 @@ def test_a_mistake_in_a_controller_is_found_inside_a_stack(kind, message):
     assert message in str(caught.value)
 
 
-def without_safety(current, safety, intent, standby_finished, available):
-    return transition(current, OK, intent, standby_finished, available)
+def without_safety(current, safety, intent, standby_finished, *rest):
+    return transition(current, OK, intent, standby_finished, *rest)
 
 
-def impatient(current, safety, intent, standby_finished, available):
-    return transition(current, safety, intent, True, available)
+def impatient(current, safety, intent, standby_finished, *rest):
+    return transition(current, safety, intent, True, *rest)
 
 
-def recovers(current, safety, intent, standby_finished, available):
-    decision = transition(current, safety, intent, standby_finished, available)
+def recovers(current, safety, intent, standby_finished, *rest):
+    decision = transition(current, safety, intent, standby_finished, *rest)
     healthy = safety.is_ok and intent is None and current == "damping_controller"
     return Decision("standby_controller_a", message="recovered") if healthy else decision
 

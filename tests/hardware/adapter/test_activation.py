@@ -89,7 +89,8 @@ def test_sound_motors_are_configured_and_enabled_without_torque(
             assert command.position == pytest.approx(motor.position, abs=4e-4)
     state, statuses = robot.read()
     assert state.joint_position.tolist() == pytest.approx([-0.25, 0.5], abs=4e-4)
-    assert [status.source for status in statuses] == [str(address) for address in robot._settings.addresses]
+    channels = [str(address) for address in robot._settings.addresses]
+    assert [status.source for status in statuses] == [f"humanoid_devices_robstride/{name}" for name in channels]
     assert all(status.is_ok for status in statuses)
 
 
