@@ -37,7 +37,7 @@ test-train: $(VENV)/test.done $(VENV)/train.done  ## the tests of training, whic
 test-lerobot: $(LEROBOT)/test.done  ## the tests with LeRobot datasets; installs about 9 GB at the first time
 	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python -m pytest -m lerobot $(ARGS)
 
-test-ros: $(VENV)/test.done $(VENV)/dds.done $(ROS)/test.done  ## with ROS 2's rclpy, in network namespaces; needs cmake, ninja and g++
+test-ros: $(VENV)/test.done $(VENV)/dds.done $(ROS)/interfaces.done  ## with ROS 2's rclpy, in network namespaces; needs cmake, ninja and g++
 	$(BIN)/python -m pytest -m ros tests/ros2_live $(ARGS)
 
 test-peers: $(VENV)/test.done $(PEERS)/exports.done  ## with what mjlab and rsl_rl really export; installs about 2 GB at the first time
@@ -128,6 +128,12 @@ $(VENV)/docs.done: $(VENV)/play.done
 $(ROS)/test.done: constraints-ros.txt
 	$(PYTHON) -m venv $(ROS)
 	$(ROS)/bin/pip install $(PIP) -r constraints-ros.txt
+	touch $@
+
+# The compiler takes minutes where it is slow: not the time of a test.
+$(ROS)/interfaces.done: $(ROS)/test.done $(wildcard examples/ros2/humanoid_control_msgs/*/*) tests/ros2_live/interface_package.py
+	@echo "Compiling the message types of ROS 2: a minute or two."
+	$(BIN)/python tests/ros2_live/interface_package.py
 	touch $@
 
 $(PEERS)/test.done: constraints-peers.txt

@@ -1,6 +1,7 @@
 """Builds interface packages with the wheels of ROS 2, as colcon would with an installation.
 
-`examples/ros2/humanoid_control_msgs` is the one under test; there is no wheel of `tf2_msgs`.
+`examples/ros2/humanoid_control_msgs` is the one under test; there is no wheel of `tf2_msgs`. As a program it builds both,
+so that no test waits for the compiler.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import hashlib
 import os
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -86,3 +88,11 @@ def _version() -> tuple[int, int]:
     )
     major, minor = map(int, asked.stdout.split())
     return major, minor
+
+
+if __name__ == "__main__":
+    if missing_tools():
+        raise SystemExit(f"needs {', '.join(missing_tools())}")
+    build()
+    with tempfile.TemporaryDirectory() as folder:
+        build_tf2_msgs(Path(folder))
