@@ -366,9 +366,9 @@ def rules(robot: RobotDescription) -> dict[str, Guards]:
         "any command, 1 s": before,
         "within limits, 1 s": within,
         "within limits, 0.3 s": replace(within, following_time=0.3),
-        "own effort limit, 0.3 s": replace(guards, following_time=0.3),
         "own effort limit, 0.5 s": replace(guards, following_time=0.5),
-        "own effort limit, 0.4 s": guards,
+        "own effort limit, 0.4 s": replace(guards, following_time=0.4),
+        "own effort limit, 0.3 s": guards,
     }
 
 

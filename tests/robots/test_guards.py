@@ -53,7 +53,7 @@ def test_a_speed_that_a_motor_cannot_report_is_too_fast() -> None:
 
 def test_legs_are_given_more_time() -> None:
     legs = of(BIPED)
-    assert (legs.following_time, legs.following_within) == (0.4, True)
+    assert (legs.following_time, legs.following_within) == (0.3, True)
     assert (of(LITE).following_time, of(LITE).following_within) == (0.15, False)
     assert legs.speed_limit[BIPED.joint_names.index("left_knee_pitch")] == pytest.approx(2.35619 / 0.05)
     assert legs.speed_limit[BIPED.joint_names.index("left_ankle_roll")] == 15.0
