@@ -39,6 +39,8 @@ _RIVALS = 2
 _PAIRS = 6000
 _GLANCE, _LOOK = 0.125, 0.25
 """Shares of a brief trial's time for which pairs, and edits of one joint, are tried first."""
+_PAST_THE_FALL = 1.3
+"""Times what the robot stays up with the contract as it is: a cure shows when it does not fall there."""
 _PROMOTED_GLANCES = 150
 """Pairs that are tried briefly."""
 _PROMOTED_PAIRS = 8
@@ -151,7 +153,7 @@ class _Search:
         self._plan = replace(self._plan, brief=self._fitting(self._plan.brief, len(coarse), _BRIEFLY))
         rest = self._stage("single changes", coarse, self._plan.brief, ranking, _BRIEFLY)
         glanced = Ranking()
-        look = _shortened(self._plan.brief, _LOOK)
+        look = _shortened(self._plan.brief, _long_enough(ranking))
         rest += self._stage("changes of one joint", details, look, glanced, _GLANCED)
         seen = [verdict.hypothesis for verdict in sorted(glanced.verdicts.values(), key=lambda verdict: verdict.order)]
         best = seen[:_PROMOTED_DETAILS]
@@ -259,6 +261,12 @@ class _Search:
             smaller = tuple(spared(self._contract, verdict.hypothesis))
             if len(smaller) <= _MOST_PARTS:
                 self._stage("parts of the best", smaller, self._plan.thorough, self._ranking, 1.0)
+
+
+def _long_enough(ranking: Ranking) -> float:
+    """Return the share of a brief trial's time in which a change of one joint shows what it does."""
+    fall = 0.0 if ranking.present is None or ranking.present.stays_up else ranking.present.time_up
+    return float(np.clip(_PAST_THE_FALL * fall, _LOOK, 1.0))
 
 
 def _with_rivals(promising: Sequence[Hypothesis], ranking: Ranking) -> list[Hypothesis]:
