@@ -17,8 +17,6 @@ from humanoid_sim.doctor.search import Plan, make_plan, search
 
 pytestmark = needs_policies
 
-POLICIES = ("unitree", "waltz", "holosoma")
-"""Whose READMEs list mistakes."""
 PAIRS = 1200
 """About as many as the default budget has time for on a busy machine; by number, so that time decides nothing."""
 SHARE = 0.8
@@ -73,18 +71,16 @@ def test_even_a_hasty_search_finds_what_makes_a_robot_fall(
 def test_the_cause_is_among_the_first_three(
     subjects: dict[str, ExaminedPolicy], request: pytest.FixtureRequest
 ) -> None:
-    """Of all mistakes with `--complete`; else of one of each policy's."""
+    """Of all mistakes with `--complete`; else of one."""
     complete = request.config.getoption("--complete")
     ranks = {}
-    sample = [next(one for one in MISTAKES if one.policy == policy and one.loses) for policy in POLICIES]
-    for chosen in MISTAKES if complete else sample:
+    for chosen in MISTAKES if complete else [mistake("holosoma", "obs scales all 1")]:
         examined = subjects[chosen.policy]
         found = rank(diagnosed(examined, chosen.edit(examined.contract)), chosen.cause)
         ranks[chosen] = found
         print(f"{chosen.policy:10}{chosen.name:50}{found}")
     losing = [found for chosen, found in ranks.items() if chosen.loses]
-    assert {chosen.policy for chosen in ranks} == set(POLICIES)
-    assert len(losing) == 19 if complete else len(losing) >= 3
+    assert len(losing) == (19 if complete else 1)
     assert sum(found <= 3 for found in losing) >= SHARE * len(losing)
     if complete:  # faults that do not fall: only the quality tells
         for policy, name in (("unitree", "joint_vel zero"), ("unitree", "last_action scaled")):
@@ -96,8 +92,8 @@ def test_the_cause_is_among_the_first_three(
 def test_nothing_is_wrong_with_the_right_contract(
     subjects: dict[str, ExaminedPolicy], request: pytest.FixtureRequest
 ) -> None:
-    """Of all policies with `--complete`; else of those whose READMEs list mistakes."""
-    policies = (*CHECKPOINTS, *SHIPPED) if request.config.getoption("--complete") else POLICIES
+    """Of all policies with `--complete`; else of one on legs, and one on arms."""
+    policies = (*CHECKPOINTS, *SHIPPED) if request.config.getoption("--complete") else ("unitree", "arms")
     accused = [policy for policy in policies if not diagnosed(subjects[policy], subjects[policy].contract).is_healthy]
     assert accused == []
 
@@ -113,9 +109,9 @@ def explains(ranking: Ranking, right: PolicyContract, cause: tuple[str, ...]) ->
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
 def test_single_mistakes_on_five_robots(subjects: dict[str, ExaminedPolicy], request: pytest.FixtureRequest) -> None:
-    """All of them with `--complete`; else two."""
+    """All of them with `--complete`; else one."""
     missed = []
-    for chosen in SINGLES if request.config.getoption("--complete") else SINGLES[9:11]:
+    for chosen in SINGLES if request.config.getoption("--complete") else SINGLES[10:11]:
         right = subjects[chosen.policy].contract
         if not explains(diagnosed(subjects[chosen.policy], chosen.edit(right)), right, (chosen.cause,)):
             missed.append((chosen.policy, chosen.name))
