@@ -20,9 +20,8 @@ from humanoid_sim.files import output_file
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.motion import Motion, write_motion
 from humanoid_sim.policy_tools.stamp import stamp
-from humanoid_sim.training.export_check import require_same_answers
 from humanoid_sim.training.ppo.actor import actor_of
-from humanoid_sim.training.ppo.network import Network, write_network
+from humanoid_sim.training.ppo.network import Network, require_same_answers, write_network
 from humanoid_sim.training.ppo.trace import training_run
 
 __all__ = ["export"]

@@ -1,4 +1,4 @@
-"""A trained network of linear layers as plain arrays, and as an ONNX file."""
+"""A trained network of linear layers as plain arrays, and as an ONNX file, written operator by operator."""
 
 from __future__ import annotations
 
@@ -11,17 +11,24 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import onnx
+from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.controllers.contract import PolicyContract, TensorNames
+from humanoid_sim.errors import HumanoidSimError
+from humanoid_sim.files import whole_file
+from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.metadata import write_metadata
-from humanoid_sim.training.graph import Graph, write_model
 
-__all__ = ["ACTIVATIONS", "Network", "network_graph", "write_network"]
+__all__ = ["ACTIVATIONS", "Graph", "Network", "network_graph", "require_same_answers", "write_model", "write_network"]
 
 Float32Array = npt.NDArray[np.float32]
 
 _LAYERS = "network"
+_OPSET = 17
+_IR_VERSION = 8  # of the time of opset 17: runtimes from 2022 on read it
+_TOLERANCE = 1e-4
+"""Difference of an action, absolute up to 1 and relative beyond: ONNX Runtime adds up in another order than PyTorch."""
 
 ACTIVATIONS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
     {
@@ -64,6 +71,71 @@ class Network:
         return (value if self.bounds is None else np.clip(value, *self.bounds)).astype(np.float32)
 
 
+def write_model(path: Path, graph: onnx.GraphProto, metadata: Mapping[str, str]) -> None:
+    """Write a graph with its metadata; an existing file is replaced only by a whole one.
+
+    Raises:
+        InputError: if the file cannot be written.
+    """
+    model = helper.make_model(
+        graph,
+        opset_imports=[helper.make_opsetid("", _OPSET)],
+        ir_version=_IR_VERSION,
+        producer_name="humanoid_sim.training",
+    )
+    helper.set_model_props(model, dict(metadata))
+    onnx.checker.check_model(model, full_check=True)
+    with whole_file(path) as file:
+        file.write(model.SerializeToString())
+
+
+class Graph:
+    """Collects nodes and constants; every method returns the name of a value."""
+
+    def __init__(self, weights: Mapping[str, npt.NDArray[np.float32]]) -> None:
+        """Begin.
+
+        Args:
+            weights: of the network, by the names of its parameters.
+        """
+        self._weights = weights
+        self._nodes: list[onnx.NodeProto] = []
+        self._constants: dict[str, npt.NDArray[np.generic]] = {}
+
+    def __call__(self, operator: str, *inputs: str, name: str = "", **attributes: Any) -> str:
+        """A node's output."""
+        output = name or f"{operator.lower()}_{len(self._nodes)}"
+        self._nodes.append(helper.make_node(operator, list(inputs), [output], name=output, **attributes))
+        return output
+
+    def constant(self, value: npt.ArrayLike, name: str = "", dtype: type = np.float32) -> str:
+        """An array that is stored in the graph."""
+        name = name or f"constant_{len(self._constants)}"
+        self._constants[name] = np.asarray(value, dtype=dtype)
+        return name
+
+    def perceptron(self, name: str, value: str, activation: str = "SiLU") -> str:
+        """Linear layers with an activation between them: SiLU, or an operator's name."""
+        layers = sorted({int(key.split(".")[1]) for key in self._weights if key.startswith(f"{name}.")})
+        for layer in layers:
+            kernel, bias = (
+                self.constant(self._weights[f"{name}.{layer}.{kind}"], f"{name}.{layer}.{kind}")
+                for kind in ("weight", "bias")
+            )
+            value = self("Gemm", value, kernel, bias, name=f"{name}.{layer}", transB=1)
+            if layer != layers[-1]:
+                value = self("Mul", value, self("Sigmoid", value)) if activation == "SiLU" else self(activation, value)
+        return value
+
+    def build(self, name: str, **ends: int) -> onnx.GraphProto:
+        """The graph; `ends` are its input and its output, with their widths. How many rows there are is left open."""
+        (source, sink) = (
+            helper.make_tensor_value_info(name, TensorProto.FLOAT, ("batch", width)) for name, width in ends.items()
+        )
+        constants = [numpy_helper.from_array(value, name) for name, value in self._constants.items()]
+        return helper.make_graph(self._nodes, name, [source], [sink], constants)
+
+
 def network_graph(network: Network, name: str) -> onnx.GraphProto:
     """The network as a graph from `obs` (B, N) to `actions` (B, m)."""
     weights = {}
@@ -91,3 +163,17 @@ def write_network(path: Path, network: Network, contract: PolicyContract, name: 
     contract = replace(contract, tensors=TensorNames())  # of the model that the contract was taken from
     metadata = {**write_metadata(contract), STAMP_KEY: encode(contract)}
     write_model(path, network_graph(network, name), metadata)
+
+
+def require_same_answers(
+    checkpoint: Checkpoint, observations: npt.NDArray[np.float32], expected: npt.NDArray[np.float32]
+) -> None:
+    """Compare the checkpoint's actions on observations (k, N) with those of the network, (k, m).
+
+    Raises:
+        HumanoidSimError: they differ: a defect of the export.
+    """
+    actual = np.array([checkpoint.policy(observation, 0) for observation in observations])
+    worst = float((np.abs(actual - expected) / np.maximum(np.abs(expected), 1.0)).max())
+    if not worst <= _TOLERANCE:
+        raise HumanoidSimError(f"{checkpoint.source}: its actions differ from the network's by up to {worst:g}")

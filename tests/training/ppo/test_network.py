@@ -9,8 +9,7 @@ import pytest
 from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import HumanoidSimError, InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
-from humanoid_sim.training.export_check import require_same_answers
-from humanoid_sim.training.ppo.network import Network, write_network
+from humanoid_sim.training.ppo.network import Network, require_same_answers, write_network
 from humanoid_sim.training.ppo.options import TrainConfig
 from humanoid_sim.training.ppo.subject import subject_of
 
