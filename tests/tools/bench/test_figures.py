@@ -168,3 +168,4 @@ def test_what_the_parser_refuses_names_the_option(options: tuple[str, ...], run:
     status, out, err = run(*options)
     assert (status, out) == (2, "")
     assert options[0] in err
+    assert "'python -m tools.bench --help'" in err
