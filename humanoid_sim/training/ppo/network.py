@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,21 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.controllers.contract import PolicyContract, TensorNames
-from humanoid_sim.errors import HumanoidSimError
+from humanoid_sim.errors import HumanoidSimError, InputError
 from humanoid_sim.files import whole_file
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.metadata import write_metadata
 
-__all__ = ["ACTIVATIONS", "Graph", "Network", "network_graph", "require_same_answers", "write_model", "write_network"]
+__all__ = [
+    "Graph",
+    "Network",
+    "as_array",
+    "linear_layers",
+    "require_same_answers",
+    "write_model",
+    "write_network",
+]
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -30,16 +37,8 @@ _IR_VERSION = 8  # of the time of opset 17: runtimes from 2022 on read it
 _TOLERANCE = 1e-4
 """Difference of an action, absolute up to 1 and relative beyond: ONNX Runtime adds up in another order than PyTorch."""
 
-ACTIVATIONS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
-    {
-        "Elu": lambda value: np.where(value > 0.0, value, np.expm1(np.minimum(value, 0.0))),
-        "Relu": lambda value: np.maximum(value, 0.0),
-        "SiLU": lambda value: value / (1.0 + np.exp(-value)),
-        "Sigmoid": lambda value: 1.0 / (1.0 + np.exp(-value)),
-        "Tanh": np.tanh,
-    }
-)
-"""What may be between linear layers, by the name that `Graph.perceptron` takes."""
+_OPERATORS = {"ELU": "Elu", "ReLU": "Relu", "SiLU": "SiLU", "Sigmoid": "Sigmoid", "Tanh": "Tanh"}
+"""What may be between linear layers: PyTorch's names, and those that `Graph.perceptron` takes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,20 +54,52 @@ class Network:
     bounds: tuple[Float32Array, Float32Array] | None = None
     """Least and greatest raw action, shape (m,) each, that the library let pass; None: any."""
     activation: str = "Elu"
-    """One of `ACTIVATIONS`."""
+    """As `Graph.perceptron` takes it."""
     largest: float | None = None
     """Magnitude to which normalised observations are clipped; None: not at all."""
 
-    def __call__(self, observation: Float32Array) -> Float32Array:
-        """Raw actions (..., m) for observations (..., N)."""
-        value = (observation - self.mean) / self.deviation
-        if self.largest is not None:
-            value = np.clip(value, -self.largest, self.largest)
-        for i, (weight, bias) in enumerate(self.layers):
-            value = value @ weight.T + bias
-            if i < len(self.layers) - 1:
-                value = ACTIVATIONS[self.activation](value)
-        return (value if self.bounds is None else np.clip(value, *self.bounds)).astype(np.float32)
+
+def as_array(values: Any) -> Float32Array:
+    """Copy a tensor of PyTorch, wherever it is."""
+    array: Float32Array = values.detach().cpu().float().numpy().copy()
+    return array
+
+
+def linear_layers(modules: Iterable[Any]) -> dict[str, Any]:
+    """Return the fields `layers` and `activation` of `Network` for modules of PyTorch.
+
+    Args:
+        modules: one after the other: linear layers, and one kind of activation between them.
+
+    Raises:
+        InputError: they are something else.
+    """
+    from torch import nn  # noqa: PLC0415 - whoever has such modules has it
+
+    operators = {getattr(nn, name): operator for name, operator in _OPERATORS.items()}
+    linear: list[Any] = []
+    activations: list[str] = []
+    for module in modules:
+        if isinstance(module, nn.Linear):
+            linear.append(module)
+        elif type(module) in operators and getattr(module, "alpha", 1.0) == 1.0:
+            activations.append(operators[type(module)])
+        else:
+            known = ", ".join(sorted(_OPERATORS))
+            raise InputError(
+                f"model: its actor has a {module}, expected linear layers with one of {known} between them"
+            )
+    if len(set(activations)) > 1 or len(linear) != len(activations) + 1:
+        found = f"{len(linear)} linear layers with {', '.join(activations) or 'nothing'} between them"
+        raise InputError(f"model: its actor has {found}, expected one activation between every two")
+    return {
+        "layers": tuple((as_array(layer.weight), _bias(layer)) for layer in linear),
+        "activation": activations[0] if activations else "Elu",
+    }
+
+
+def _bias(layer: Any) -> Float32Array:
+    return as_array(layer.weight.new_zeros(layer.out_features) if layer.bias is None else layer.bias)
 
 
 def write_model(path: Path, graph: onnx.GraphProto, metadata: Mapping[str, str]) -> None:

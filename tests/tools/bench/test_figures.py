@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -169,3 +171,10 @@ def test_what_the_parser_refuses_names_the_option(options: tuple[str, ...], run:
     assert (status, out) == (2, "")
     assert options[0] in err
     assert "'python -m tools.bench --help'" in err
+
+
+def test_the_package_says_where_it_is_now() -> None:
+    command = [sys.executable, "-m", "humanoid_sim.bench", "--json"]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stdout) == (2, "")
+    assert run.stderr == "error: bench is not part of the package any more; in a checkout: make bench\n"
