@@ -32,7 +32,7 @@ test-slow: $(VENV)/slow.done  ## the tests that take longer, or need a cluster, 
 	$(BIN)/python -m pytest -m slow $(ARGS)
 
 test-train: $(VENV)/test.done $(VENV)/train.done  ## the tests of training, which need PyTorch
-	$(BIN)/python -m pytest tests/training $(ARGS)
+	$(BIN)/python -m pytest tests/training tests/tools/samples $(ARGS)
 
 test-lerobot: $(LEROBOT)/test.done  ## the tests with LeRobot datasets; installs about 9 GB at the first time
 	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python -m pytest -m lerobot $(ARGS)
@@ -53,7 +53,7 @@ notebooks: $(VENV)/slow.done  ## run the notebooks, and store what they show in 
 	$(BIN)/python notebooks/store.py $(ARGS)
 
 bench: $(VENV)/play.done  ## this machine's figures
-	$(BIN)/python -m humanoid_sim.bench $(ARGS)
+	$(BIN)/python -m tools.bench $(ARGS)
 
 lint: $(VENV)/test.done
 	$(BIN)/ruff check .
@@ -68,23 +68,23 @@ types: $(VENV)/test.done
 	$(BIN)/mypy
 
 train: $(VENV)/train.done  ## make the sample motions and train the sample policy again
-	$(BIN)/python -m humanoid_sim.training motions --output assets/motions
-	$(BIN)/python -m humanoid_sim.training train-sample --output $(VENV)/lite_tracking.onnx $(ARGS)
-	$(BIN)/python -m humanoid_sim.training trace --policy $(VENV)/lite_tracking.onnx --output $(VENV)/lite_tracking.npz
+	$(BIN)/python -m tools.samples motions --output assets/motions
+	$(BIN)/python -m tools.samples train-sample --output $(VENV)/lite_tracking.onnx $(ARGS)
+	$(BIN)/python -m tools.samples trace --policy $(VENV)/lite_tracking.onnx --output $(VENV)/lite_tracking.npz
 	$(BIN)/python -m humanoid_sim.policy stamp $(VENV)/lite_tracking.onnx --trace $(VENV)/lite_tracking.npz \
 	    --motion assets/motions/wave.mcap --overwrite --output assets/policies/lite_tracking.onnx
 
 train-walking: $(VENV)/slow.done  ## train the policy that walks again; resumed where it was left
-	$(BIN)/python -m humanoid_sim.training train-walking --resume --output $(VENV)/lite_biped_velocity.onnx $(ARGS)
-	$(BIN)/python -m humanoid_sim.training trace-walking --policy $(VENV)/lite_biped_velocity.onnx \
+	$(BIN)/python -m tools.samples train-walking --resume --output $(VENV)/lite_biped_velocity.onnx $(ARGS)
+	$(BIN)/python -m tools.samples trace-walking --policy $(VENV)/lite_biped_velocity.onnx \
 	    --output $(VENV)/lite_biped_velocity.npz
 	$(BIN)/python -m humanoid_sim.policy stamp $(VENV)/lite_biped_velocity.onnx --robot lite_biped \
 	    --contract assets/policies/lite_biped_velocity.contract.yaml --trace $(VENV)/lite_biped_velocity.npz \
 	    --overwrite --output assets/policies/lite_biped_velocity.onnx
 
 train-piano: $(VENV)/train.done  ## train the policy that plays the piano again
-	$(BIN)/python -m humanoid_sim.training train-piano --output $(VENV)/lite_piano.onnx $(ARGS)
-	$(BIN)/python -m humanoid_sim.training trace-piano --policy $(VENV)/lite_piano.onnx --output $(VENV)/lite_piano.npz
+	$(BIN)/python -m tools.samples train-piano --output $(VENV)/lite_piano.onnx $(ARGS)
+	$(BIN)/python -m tools.samples trace-piano --policy $(VENV)/lite_piano.onnx --output $(VENV)/lite_piano.npz
 	$(BIN)/python -m humanoid_sim.prepare --song ode_to_joy --fps 50 --output $(VENV)/song --overwrite
 	$(BIN)/python -m humanoid_sim.policy stamp $(VENV)/lite_piano.onnx --trace $(VENV)/lite_piano.npz \
 	    --motion $(VENV)/song/ode_to_joy.mcap --overwrite --output assets/policies/lite_piano.onnx

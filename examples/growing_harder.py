@@ -4,8 +4,8 @@
     python examples/growing_harder.py --steps 5000000
 
 It shows where the environments' `progress` is set. `python -m humanoid_sim.training train --robot lite_biped --terrain
-mixed --curriculum examples/growing_harder.py:harder` sets it for you. Neither is claimed to walk: `python -m
-humanoid_sim.training train-walking` makes the policy that does.
+mixed --curriculum examples/growing_harder.py:harder` sets it for you. Neither is claimed to walk:
+`make train-walking` makes the policy that does.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ VERBS = {
     "piano": "how well a recorded run played its song; which keys a robot reaches",
     "regress": "compare policies over a suite, with confidence intervals; exit 1 on a regression",
     "hardware": "find, test and calibrate motors on a CAN bus, or emulate them",
-    "training": "train a policy for any task; make the sample policies and motions again",
+    "training": "train a policy for any task",
     "gamepad": "drive a running session with a gamepad",
     "midi": "tell a running session which keys of a MIDI keyboard are down",
     "gravity": "compensate gravity in REMOTE, on a running session",
@@ -41,7 +41,6 @@ VERBS = {
     "foxglove": "serve a running session to Foxglove",
     "ros2_services": "serve the modes of a running session as ROS 2 services, with ROS 2's Python",
     "rerun": "watch a running session in rerun's viewer",
-    "bench": "measure this machine's figures",
 }
 _MODULES = {"policy": "policy_tools"}
 """Verbs whose program lies beside the library that they are named after."""

@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-FOLDERS = ("humanoid_sim", "controllers", "envs", "hardware", "examples", "tests", "notebooks")
+FOLDERS = ("humanoid_sim", "controllers", "envs", "hardware", "tools", "examples", "tests", "notebooks")
 
 MODULES = {
     "cyclonedds": "cyclonedds",

@@ -104,11 +104,11 @@ class Command:
 
     @property
     def invocation(self) -> str:
-        """As one types it: `python -m humanoid_sim.play`, or for a script of one's own `python examples/mine.py`."""
+        """Words to type: `python -m humanoid_sim.play`, `python -m tools.bench`, or `python examples/mine.py`."""
         first = self.words[0]
-        return " ".join(
-            ["python", *([first] if first.endswith(".py") else ["-m", f"humanoid_sim.{first}"]), *self.words[1:]]
-        )
+        if not first.endswith(".py"):
+            first = f"-m {first}" if first.startswith("tools.") else f"-m humanoid_sim.{first}"
+        return " ".join(["python", first, *self.words[1:]])
 
 
 def describe(specification: Specification, words: tuple[str, ...], *, positional: bool = False) -> Command:

@@ -14,7 +14,7 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.play import main as play
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.prepare import main
-from humanoid_sim.training.motions import BODIES, joint_frames
+from tools.samples.motions import BODIES, joint_frames
 
 # The deprecation warnings of lerobot and of what it imports are not ours.
 pytestmark = [pytest.mark.lerobot, pytest.mark.filterwarnings("ignore")]

@@ -14,7 +14,7 @@ from two_keys import two_key_policy
 
 from humanoid_sim import piano
 from humanoid_sim.cli import run_program
-from humanoid_sim.training.songs import Tune, song_bytes
+from tools.samples.songs import Tune, song_bytes
 
 Run = Callable[..., Result]
 

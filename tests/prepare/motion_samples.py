@@ -11,7 +11,7 @@ from humanoid_sim.controllers.rotation import quaternion_from_matrix
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
-from humanoid_sim.training.motions import pose_a
+from tools.samples.motions import pose_a
 
 FPS = 50.0
 FRAMES = 40

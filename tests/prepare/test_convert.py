@@ -13,7 +13,7 @@ from humanoid_sim.prepare.convert import FROM_KINEMATICS, FROM_SOURCE, convert, 
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.training.motions import BODIES, joint_frames
+from tools.samples.motions import BODIES, joint_frames
 
 SKELETON = Skeleton(lite())
 BASE_TERMS = ("motion_body_pos_b", "motion_body_ori_b", "joint_pos")

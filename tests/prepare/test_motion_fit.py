@@ -17,7 +17,7 @@ from humanoid_sim.prepare.motion_fit import (
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.training.motions import BODIES
+from tools.samples.motions import BODIES
 
 TOLERANCE = Tolerance(0.01, np.radians(2.0))
 

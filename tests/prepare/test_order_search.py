@@ -11,7 +11,7 @@ from humanoid_sim.prepare.motion_fit import Tolerance
 from humanoid_sim.prepare.order_search import search_joint_order, what_would_fit
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
-from humanoid_sim.training.motions import BODIES
+from tools.samples.motions import BODIES
 
 SKELETON = Skeleton(lite())
 TOLERANCE = Tolerance(0.01, np.radians(2.0))

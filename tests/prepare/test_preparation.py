@@ -14,7 +14,7 @@ from humanoid_sim.play import main as play
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.prepare import main
 from humanoid_sim.prepare.skeleton import Skeleton
-from humanoid_sim.training.motions import BODIES, joint_frames
+from tools.samples.motions import BODIES, joint_frames
 
 POLICY = asset_path("policies", "lite_tracking.onnx")
 

@@ -11,7 +11,7 @@ from motion_samples import FPS, joint_path, lite
 from humanoid_sim.errors import InputError
 from humanoid_sim.prepare.velocities import VelocityCheck, check_rate, check_velocities, refuse_velocities
 from humanoid_sim.recording.reader import open_recording
-from humanoid_sim.training.motions import SAMPLES, sample_motion
+from tools.samples.motions import SAMPLES, sample_motion
 
 JOINTS = lite().joint_names
 ELBOW = 3

@@ -4,7 +4,7 @@ from humanoid_sim.controllers.rotation import rotation_angle
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
 from humanoid_sim.simulation.kinematics import ForwardKinematics
-from humanoid_sim.training.motions import BODIES, pose_a, sample_motion
+from tools.samples.motions import BODIES, pose_a, sample_motion
 
 
 def test_the_joints_of_a_sample_motion_are_found_from_its_bodies():

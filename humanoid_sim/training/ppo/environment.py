@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
 import inspect
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 from typing import Any, NamedTuple
 
 from humanoid_sim.envs.curriculum import Curriculum, amounts_at, scheduled
 from humanoid_sim.envs.registration import ENVIRONMENTS
 from humanoid_sim.envs.tasks import TASKS, Task
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, known_names, reason_of
+from humanoid_sim.files import is_file
 from humanoid_sim.simulation.batch import Randomisation
 from humanoid_sim.simulation.terrain import Terrain
 from humanoid_sim.strict_yaml import read_yaml
 from humanoid_sim.training.ppo.options import TrainConfig
-from humanoid_sim.training.ppo.own_code import FORM, is_own, own_object
 
-__all__ = ["ARGUMENTS", "ONLY_TRAINED", "Argument", "arguments_of", "as_options"]
+__all__ = ["ARGUMENTS", "ONLY_TRAINED", "Argument", "arguments_of", "as_options", "own_object"]
 
 _YAML = (".yaml", ".yml")
+_FORM = "FILE.py:NAME or MODULE:NAME"
 
 
 class Argument(NamedTuple):
@@ -54,9 +58,9 @@ def _as_given(name: str) -> Callable[[TrainConfig], Argument]:
 
 def _task(config: TrainConfig) -> Argument:
     text = config.task
-    if not is_own(text):
+    if ":" not in text:
         if text not in ("auto", *TASKS):
-            raise InputError(f"--task: {known_names('task', text, ('auto', *TASKS))}; or a class of your own, {FORM}")
+            raise InputError(f"--task: {known_names('task', text, ('auto', *TASKS))}; or a class of your own, {_FORM}")
         return Argument(text, None)  # told by what it comes to
     task = own_object("--task", text)
     if not (inspect.isclass(task) and issubclass(task, Task)):
@@ -112,8 +116,8 @@ def _curriculum(config: TrainConfig) -> Argument:
     if text.endswith(_YAML):
         points = _fields("--curriculum", text)
         return Argument(_named(text, points, scheduled), points)
-    if not is_own(text):
-        raise InputError(f"--curriculum: is '{text}', expected a YAML file, or a function: {FORM}")
+    if ":" not in text:
+        raise InputError(f"--curriculum: is '{text}', expected a YAML file, or a function: {_FORM}")
     function = own_object("--curriculum", text)
     if not callable(function):
         raise InputError(f"--curriculum: '{text}' is no function, expected one of the progress, 0 to 1")
@@ -152,6 +156,52 @@ def _named(text: str, values: Any, make: Callable[[Any], Any]) -> Any:
 
 def _privileged(config: TrainConfig) -> Argument:
     return Argument(config.privileged, list(config.privileged))
+
+
+def own_object(option: str, text: str) -> Any:
+    """What `text` names: `examples/own_task.py:HoldTask`, or `my_package.tasks:HoldTask`.
+
+    Args:
+        option: which says so, for messages.
+        text: a file or a module that can be imported, a colon, and a name in it.
+
+    Raises:
+        InputError: there is no such file, module or name, or it fails as it is imported.
+    """
+    place, _, name = text.rpartition(":")
+    if not place or not name.isidentifier():
+        raise InputError(f"{option}: is '{text}', expected {_FORM}")
+    try:
+        module = _from_file(option, Path(place)) if place.endswith(".py") else importlib.import_module(place)
+    except InputError:
+        raise
+    except ModuleNotFoundError as error:
+        raise InputError(f"{option}: '{place}' cannot be imported: no module '{error.name}'") from None
+    except (Exception, SystemExit) as error:  # whatever somebody's code does
+        raise InputError(
+            f"{option}: '{place}' cannot be imported: {type(error).__name__}: {reason_of(error)}"
+        ) from None
+    if not hasattr(module, name):
+        names = [each for each in vars(module) if not each.startswith("_")]
+        raise InputError(f"{option}: {known_names('name', name, names, listed=False)} in '{place}'")
+    return getattr(module, name)
+
+
+def _from_file(option: str, path: Path) -> ModuleType:
+    if not is_file(path):
+        raise InputError(f"{option}: '{path}': no such file")
+    name = f"humanoid_sim_own_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
 
 
 ARGUMENTS: Mapping[str, Callable[[TrainConfig], Argument]] = MappingProxyType(

@@ -4,33 +4,72 @@ from __future__ import annotations
 
 import os
 import tempfile
+from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import gymnasium
 import numpy as np
+import numpy.typing as npt
 from gymnasium.vector import VectorActionWrapper, VectorObservationWrapper
 
 from humanoid_sim.assets import motion_path
 from humanoid_sim.envs.policy_env import PolicyEnv
-from humanoid_sim.envs.scenario import Motions
+from humanoid_sim.envs.scenario import Motions, Scenario
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.files import output_file
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.motion import Motion, write_motion
 from humanoid_sim.policy_tools.stamp import stamp
-from humanoid_sim.training.export_check import require_same_answers
-from humanoid_sim.training.ppo.actor import actor_of
-from humanoid_sim.training.ppo.network import Network, write_network
-from humanoid_sim.training.ppo.trace import training_run
+from humanoid_sim.simulation.batch import BatchSimulation
+from humanoid_sim.training.ppo.network import Float32Array, Network, require_same_answers, write_network
 
-__all__ = ["export"]
+__all__ = ["Actor", "actor_of", "export", "motion_file"]
 
 _CHANGING = (gymnasium.ObservationWrapper, gymnasium.ActionWrapper, VectorObservationWrapper, VectorActionWrapper)
 _INSIDE = ("env", "venv", "envs")
 """Where wrappers of Gymnasium and of the libraries keep what they wrap."""
 _PROBES = 64
+_STEPS = 100
+"""Policy steps of the run that golden vectors are taken from, at most."""
+
+
+class Actor(Protocol):
+    """The part of a model that is exported."""
+
+    def network(self) -> Network:
+        """As it is exported.
+
+        Raises:
+            InputError: it is none of linear layers.
+        """
+
+    def answer(self, observations: Float32Array) -> Float32Array:
+        """Raw actions (k, m) for observations (k, N), as the library computes them."""
+
+
+def actor_of(model: Any, envs: Any = None) -> Actor:
+    """The actor of a model.
+
+    Args:
+        model: of stable-baselines3, or a runner of rsl_rl.
+        envs: around which it was trained; those of stable-baselines3 may normalise observations.
+
+    Raises:
+        InputError: it is no such model.
+    """
+    library = {kind.__module__.partition(".")[0] for kind in type(model).__mro__}
+    if "stable_baselines3" in library:
+        from humanoid_sim.training.ppo.sb3 import StableBaselinesActor  # noqa: PLC0415 - one of them is enough
+
+        return StableBaselinesActor(model, envs)
+    if "rsl_rl" in library:
+        from humanoid_sim.training.ppo.rsl import RslRlActor  # noqa: PLC0415
+
+        return RslRlActor(model)
+    raise InputError(f"model: is a {type(model).__name__}, expected a model of stable-baselines3 or a runner of rsl_rl")
 
 
 def export(model: Any, envs: Any, output: str | os.PathLike[str]) -> Path:
@@ -52,7 +91,7 @@ def export(model: Any, envs: Any, output: str | os.PathLike[str]) -> Path:
         if contract.live_inputs:  # nobody here can make them: no golden vectors
             stamp(plain, path, overwrite=True)
             return path
-        np.savez_compressed(trace, **training_run(scenario, actor, seed=0))  # type: ignore[arg-type]
+        np.savez_compressed(trace, **_training_run(scenario, actor, seed=0))  # type: ignore[arg-type]
         motion = motion_file(scenario.motion, Path(folder))
         stamp(plain, path, description=scenario.description, trace=trace, motion=motion, overwrite=True)
     return path
@@ -106,3 +145,64 @@ def _check_widths(network: Network, env: PolicyEnv | PolicyVectorEnv) -> None:
         raise InputError(
             f"model: takes {widths[0]} values and gives {widths[1]}, expected {seen} and {made} of these environments"
         )
+
+
+def _training_run(scenario: Scenario, actor: Actor, seed: int) -> dict[str, npt.NDArray[Any]]:
+    """The arrays of a trace, as `docs/golden-vectors.md` lists them, one row per policy step.
+
+    The actions are the library's own, not those of the exported file. The run ends early where the robot is no longer
+    sound.
+
+    Raises:
+        InputError: the policy's first action would be refused on any robot.
+    """
+    simulation = BatchSimulation(
+        scenario.description,
+        1,
+        control_period=scenario.contract.policy_dt,
+        physics_timestep=scenario.physics_timestep,
+        actuation="implicit" if scenario.actuation == "implicit" else "affine",
+        threads=1,
+        anchor_body=scenario.contract.anchor_body,
+        velocity_at=scenario.velocity_points,
+        height_scan=scenario.contract.height_scan,
+        bodies=scenario.bodies,
+    )
+    start = scenario.task.start(np.random.default_rng(seed).random((1, scenario.task.draws)))
+    moving = np.linalg.norm(start.commands[0], axis=1)
+    command = start.commands[:, int(np.argmax(moving))]  # of a policy that walks, one that is not to stand
+    rows: list[dict[str, npt.NDArray[Any]]] = []
+    with closing(simulation):
+        simulation.reset(
+            [0],
+            joint_position=start.joint_position,
+            joint_velocity=start.joint_velocity,
+            base_yaw=start.base_yaw,
+        )
+        loop = ClosedLoop(simulation, scenario.wiring, command, scenario.live)
+        for _ in range(min(_STEPS, scenario.task.episode_steps)):
+            observation, state = loop.observation.copy(), loop.state
+            action = actor.answer(observation)
+            if not (np.isfinite(observation).all() and loop.wiring.accepts(action).all()):
+                break
+            row: dict[str, Any] = {
+                "observation": observation,
+                "action": action,
+                "joint_position": state.joint_position,
+                "joint_velocity": state.joint_velocity,
+                "imu_quaternion": state.imu_quaternion,
+                "imu_angular_velocity": state.imu_angular_velocity,
+                "imu_linear_acceleration": state.imu_linear_acceleration,
+                **{name: extern.value for name, extern in state.extern.items()},
+            }
+            row["target"] = loop.act(action).position
+            rows.append({name: np.array(value[0]) for name, value in row.items()})
+            if simulation.fault.any():
+                break
+    if not rows:
+        raise InputError(
+            "the policy's first action is one that no controller accepts; train on, or with another --seed"
+        )
+    return {name: np.stack([row[name] for row in rows]) for name in rows[0]} | {
+        "joint_names": np.array(scenario.description.joint_names)
+    }

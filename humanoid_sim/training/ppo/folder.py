@@ -12,8 +12,8 @@ from typing import Any
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file, whole_file
 from humanoid_sim.strict_json import parse_json
+from humanoid_sim.training.ppo.learner import PPOSettings
 from humanoid_sim.training.ppo.options import TrainConfig
-from humanoid_sim.training.ppo.settings import PPOSettings
 
 __all__ = ["RunFolder", "replace_file"]
 
@@ -24,8 +24,6 @@ _MAY_DIFFER = (
 _KEPT = ("curriculum_steps",)
 """Options that a run goes on with as they were, unless others are given, which are refused."""
 _PPO = "ppo"
-_USUAL = {**asdict(TrainConfig()), "terrain": None}
-"""What an option came to that a folder does not know yet: terrain is told by its figures."""
 
 
 class RunFolder:
@@ -94,7 +92,7 @@ class RunFolder:
         except (OSError, ValueError) as error:
             raise InputError(f"{self._place}: cannot be read: {error}") from None
         for name, value in self._run.items():
-            before = known.get(name, _USUAL.get(name)) if isinstance(known, dict) else None
+            before = known.get(name) if isinstance(known, dict) else None
             if name in _KEPT and value is None:
                 self._run[name] = before
             elif before != value:

@@ -19,15 +19,10 @@ from torch import nn
 from humanoid_sim.envs.rsl_rl import RslRlVecEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.training.ppo.journal import Update
-from humanoid_sim.training.ppo.layers import as_array, linear_layers
-from humanoid_sim.training.ppo.network import Float32Array, Network
-from humanoid_sim.training.ppo.settings import PPOSettings
+from humanoid_sim.training.ppo.learner import EndedError, PPOSettings
+from humanoid_sim.training.ppo.network import Float32Array, Network, as_array, linear_layers
 
 __all__ = ["RslRlActor", "RslRlLearner"]
-
-
-class _EndedError(Exception):
-    """The run is to end after this update."""
 
 
 class _Reporter:
@@ -52,7 +47,7 @@ class _Reporter:
         """After an update."""
         losses = {**{name: float(value) for name, value in loss_dict.items()}, "learning_rate": float(learning_rate)}
         if not self._report(float(action_std.detach().mean()), losses):
-            raise _EndedError
+            raise EndedError
 
 
 class RslRlActor:
@@ -145,7 +140,7 @@ class RslRlLearner:
             return after_update(Update(self.steps, spread, losses))
 
         self.model.logger = _Reporter(report)
-        with contextlib.suppress(_EndedError):
+        with contextlib.suppress(EndedError):
             self.model.learn(max(-(-(steps - self.steps) // self._per_update), 0))
 
     def save(self, path: Path) -> None:

@@ -2,29 +2,34 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import signal
 import sys
 import time
 from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any, Self
 
 import numpy as np
 
 from humanoid_sim.cli import ExitStatus
-from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
+from humanoid_sim.regress.options import RegressConfig
+from humanoid_sim.regress.run import regress
+from humanoid_sim.regress.suite_file import SUITE_OF, load_suite
 from humanoid_sim.training.ppo.export import export
-from humanoid_sim.training.ppo.finish import measure
 from humanoid_sim.training.ppo.folder import RunFolder
-from humanoid_sim.training.ppo.interruption import Interruption
-from humanoid_sim.training.ppo.journal import PROGRESS, Journal, Update, read_progress
-from humanoid_sim.training.ppo.learner import Learner, learner_class
-from humanoid_sim.training.ppo.meter import EpisodeMeter
+from humanoid_sim.training.ppo.journal import PROGRESS, EpisodeMeter, Journal, Update, read_progress
+from humanoid_sim.training.ppo.learner import SETTINGS, Learner, first_spread, learner_class
 from humanoid_sim.training.ppo.options import TrainConfig
-from humanoid_sim.training.ppo.settings import SETTINGS, first_spread
 from humanoid_sim.training.ppo.subject import Subject, subject_of
 from humanoid_sim.training.ppo.videos import Videos
 
-__all__ = ["seed_of", "train"]
+__all__ = ["Interruption", "measure", "seed_of", "train"]
+
+_CTRL_C = b"Ctrl-C: ends after this update, with a checkpoint; once more ends at once\n"
 
 
 def train(config: TrainConfig) -> int:
@@ -131,10 +136,33 @@ def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[
     journal = Journal(folder.path, config.steps, meter, _show, done=done, limit=limit, tensorboard=tensorboard)
     videos = Videos(subject, folder.path, config.video_minutes)
     interruption = Interruption()
-    after_update = _AfterUpdate(config, folder, learner, envs, journal, videos, interruption)
+    saved = time.monotonic()
+
+    def set_progress(steps: int) -> None:
+        """Tell the environments how far the curriculum has come, for the episodes that begin from then on."""
+        if folder.curriculum_steps is not None:
+            envs.progress = min(steps / folder.curriculum_steps, 1.0)
+
+    def after_update(update: Update) -> bool:
+        """Write down, save and show; returns whether to go on."""
+        nonlocal saved
+        journal.record(update)
+        set_progress(update.steps)
+        if not np.isfinite(update.spread):
+            raise InputError(
+                f"the network is no longer finite after {update.steps} steps; the checkpoint before still is"
+            )
+        if interruption.is_asked_for:
+            return False
+        if time.monotonic() - saved >= config.checkpoint_seconds:
+            folder.save(learner.save)
+            saved = time.monotonic()
+        videos.show(learner, update.steps)
+        return journal.seconds < limit
+
     try:
-        if done < config.steps and _used(folder)[0] < _limit(config):
-            after_update.set_progress(done)
+        if done < config.steps and _used(folder)[0] < limit:
+            set_progress(done)
             with interruption:
                 learner.learn(config.steps, after_update)
                 folder.save(learner.save)
@@ -148,40 +176,54 @@ def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[
     return learner, interruption.is_asked_for
 
 
-class _AfterUpdate:
-    """Writes down, saves and shows, and says whether to go on."""
+def measure(subject: Subject, policy: Path, folder: Path) -> bool:
+    """Run the suite for the task, and leave its figures in `regress.json`; False where Ctrl-C left that out."""
+    name = SUITE_OF.get(subject.task)
+    if name is None:
+        _show(f"regress: no suite ships for the task {subject.task}")
+        return True
+    suite, _ = load_suite(name)
+    episodes = len(suite.cases) * len(suite.seed_numbers)
+    _show(f"measuring with the suite {name}: {episodes} episodes; Ctrl-C leaves it out")
+    config = RegressConfig(
+        policies=(str(policy),), suite=name, robot=subject.robot, json=folder / "regress.json", overwrite=True
+    )
+    try:
+        regress(config)
+    except InputError as error:  # the policy is there; a suite of another robot does not undo it
+        _show(f"regress: the suite {name} does not fit: {error}")
+    except KeyboardInterrupt:
+        _show(f"regress: left out; {policy} is whole")
+        return False
+    return True
 
-    def __init__(
-        self,
-        config: TrainConfig,
-        folder: RunFolder,
-        learner: Learner,
-        envs: PolicyVectorEnv,
-        journal: Journal,
-        videos: Videos,
-        interruption: Interruption,
+
+class Interruption:
+    """Within it the first SIGINT is only noted, and gives way to the handler that was there before.
+
+    Only the main thread may enter it.
+    """
+
+    def __init__(self) -> None:
+        self._before: Any = None
+        self.is_asked_for = False
+        """Whether somebody has asked for the training's end."""
+
+    def __enter__(self) -> Self:
+        """Begin to note, unless the process is to ignore SIGINT, as one in a shell's background is."""
+        self._before = signal.getsignal(signal.SIGINT)
+        if self._before is not signal.SIG_IGN:
+            signal.signal(signal.SIGINT, self._note)
+        return self
+
+    def _note(self, _: int, __: FrameType | None) -> None:
+        self.is_asked_for = True
+        signal.signal(signal.SIGINT, self._before)
+        with contextlib.suppress(OSError):
+            os.write(2, _CTRL_C)  # not print, which may be in the middle of another line
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._config, self._folder, self._learner, self._envs = config, folder, learner, envs
-        self._journal, self._videos, self._interruption = journal, videos, interruption
-        self._saved = time.monotonic()
-
-    def set_progress(self, steps: int) -> None:
-        """Tell the environments how far the curriculum has come, for the episodes that begin from then on."""
-        horizon = self._folder.curriculum_steps
-        if horizon is not None:
-            self._envs.progress = min(steps / horizon, 1.0)
-
-    def __call__(self, update: Update) -> bool:
-        self._journal.record(update)
-        self.set_progress(update.steps)
-        if not np.isfinite(update.spread):
-            raise InputError(
-                f"the network is no longer finite after {update.steps} steps; the checkpoint before still is"
-            )
-        if self._interruption.is_asked_for:
-            return False
-        if time.monotonic() - self._saved >= self._config.checkpoint_seconds:
-            self._folder.save(self._learner.save)
-            self._saved = time.monotonic()
-        self._videos.show(self._learner, update.steps)
-        return self._journal.seconds < _limit(self._config)
+        """Leave the handler as it was."""
+        signal.signal(signal.SIGINT, self._before)

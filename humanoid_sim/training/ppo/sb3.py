@@ -20,9 +20,8 @@ from torch import Tensor, nn
 from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.training.ppo.journal import Update
-from humanoid_sim.training.ppo.layers import as_array, linear_layers
-from humanoid_sim.training.ppo.network import Float32Array, Network
-from humanoid_sim.training.ppo.settings import PPOSettings
+from humanoid_sim.training.ppo.learner import EndedError, PPOSettings
+from humanoid_sim.training.ppo.network import Float32Array, Network, as_array, linear_layers
 
 __all__ = ["NormalisedObservation", "StableBaselinesActor", "StableBaselinesLearner"]
 
@@ -167,7 +166,7 @@ class StableBaselinesLearner:
     def learn(self, steps: int, after_update: Callable[[Update], bool]) -> None:
         """See `Learner.learn`."""
         self.model.after_update = after_update
-        with contextlib.suppress(_EndedError):
+        with contextlib.suppress(EndedError):
             self.model.learn(steps - self.steps, reset_num_timesteps=False)
 
     def save(self, path: Path) -> None:
@@ -181,10 +180,6 @@ class StableBaselinesLearner:
     def close(self) -> None:
         """See `Learner.close`."""
         self.envs.close()
-
-
-class _EndedError(Exception):
-    """The run is to end after this update."""
 
 
 class _PPO(PPO):
@@ -201,7 +196,7 @@ class _PPO(PPO):
         losses = {name.removeprefix("train/"): float(value) for name, value in values if name.startswith("train/")}
         spread = float(self.policy.log_std.detach().exp().mean())
         if self.after_update is not None and not self.after_update(Update(self.num_timesteps, spread, losses)):
-            raise _EndedError
+            raise EndedError
 
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "after_update"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,7 +59,8 @@ def subject_of(config: TrainConfig) -> Subject:
     Raises:
         InputError: one line with the option, its value and what is accepted.
     """
-    _known("--algorithm", "algorithm", config.algorithm, ALGORITHMS)
+    if config.algorithm not in ALGORITHMS:
+        raise InputError(f"--algorithm: {known_names('algorithm', config.algorithm, ALGORITHMS)}")
     if config.privileged and config.algorithm == "ppo-sb3":
         raise InputError("--privileged: stable-baselines3's critic sees what the policy sees; give ppo-rsl_rl")
     read = arguments_of(config)
@@ -78,10 +79,3 @@ def subject_of(config: TrainConfig) -> Subject:
     task = next((name for name, kind in TASKS.items() if type(scenario.task) is kind), type(scenario.task).__name__)
     told = {name: argument.told for name, argument in read.items()}
     return Subject(scenario, checkpoint.contract, task, arguments, told | {"task": told["task"] or task})
-
-
-def _known(option: str, what: str, name: str, known: Iterable[str]) -> None:
-    """Refuse a name that is not known, and suggest the nearest."""
-    names = tuple(known)
-    if name not in names:
-        raise InputError(f"{option}: {known_names(what, name, names)}")

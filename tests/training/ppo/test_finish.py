@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from humanoid_sim.regress.options import RegressConfig
-from humanoid_sim.training.ppo import finish
-from humanoid_sim.training.ppo.finish import measure
+from humanoid_sim.training.ppo import run
 from humanoid_sim.training.ppo.options import TrainConfig
+from humanoid_sim.training.ppo.run import measure
 from humanoid_sim.training.ppo.subject import subject_of
 
 
@@ -25,7 +25,7 @@ def test_measuring_is_announced_and_may_be_left_out(
             raise KeyboardInterrupt
         return 0
 
-    monkeypatch.setattr(finish, "regress", regress)
+    monkeypatch.setattr(run, "regress", regress)
     subject, policy = subject_of(TrainConfig(robot="lite_biped")), tmp_path / "policy.onnx"
     assert measure(subject, policy, tmp_path)
     line = "measuring with the suite velocity: 96 episodes; Ctrl-C leaves it out\n"

@@ -8,8 +8,8 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.training.ppo.folder import RunFolder, replace_file
+from humanoid_sim.training.ppo.learner import SETTINGS
 from humanoid_sim.training.ppo.options import TrainConfig
-from humanoid_sim.training.ppo.settings import SETTINGS
 
 SUBJECT = {"task": "tracking", "contract": "lite_tracking", "motion": "wave"}
 
@@ -54,19 +54,6 @@ def test_a_curriculum_goes_on_as_it_was(tmp_path: Path) -> None:
     assert RunFolder(tmp_path, again, {**SUBJECT, "curriculum_steps": None}, SETTINGS, ".zip").curriculum_steps == 5000
     with pytest.raises(InputError, match=r"--curriculum-steps: is 6000, but the run in '.*' has 5000; --resume keeps"):
         RunFolder(tmp_path, again, {**SUBJECT, "curriculum_steps": 6000}, SETTINGS, ".zip")
-
-
-def test_a_run_from_before_an_option_existed_had_what_is_usual(tmp_path: Path) -> None:
-    folder(tmp_path)
-    place = tmp_path / "run.json"
-    known = json.loads(place.read_text())
-    for name in ("terrain", "reference_start", "curriculum", "curriculum_steps"):
-        del known[name]
-    place.write_text(json.dumps(known))
-    flat = {**SUBJECT, "terrain": None, "reference_start": 0.0, "curriculum": None, "curriculum_steps": None}
-    assert RunFolder(tmp_path, TrainConfig(resume=True), flat, SETTINGS, ".zip").curriculum_steps is None
-    with pytest.raises(InputError, match=r"--reference-start: is 0.5, but the run in '.*' has 0.0"):
-        RunFolder(tmp_path, TrainConfig(resume=True), {**flat, "reference_start": 0.5}, SETTINGS, ".zip")
 
 
 def test_nothing_to_resume_leaves_no_folder(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from humanoid_sim.training.ppo.interruption import Interruption
+from humanoid_sim.training.ppo.run import Interruption
 
 
 @pytest.fixture(autouse=True)

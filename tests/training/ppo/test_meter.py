@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 import humanoid_sim  # noqa: F401 - registers the environments
-from humanoid_sim.training.ppo.meter import EpisodeMeter
+from humanoid_sim.training.ppo.journal import EpisodeMeter
 
 
 def test_returns_and_lengths_are_those_of_the_episodes() -> None:

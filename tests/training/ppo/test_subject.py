@@ -8,8 +8,8 @@ from humanoid_sim.assets import motion_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.training.ppo.export import motion_file
+from humanoid_sim.training.ppo.learner import first_spread
 from humanoid_sim.training.ppo.options import TrainConfig
-from humanoid_sim.training.ppo.settings import first_spread
 from humanoid_sim.training.ppo.subject import subject_of
 
 
