@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -67,6 +68,11 @@ class Verdict:
         count = len(self.outcomes)
         names = dict.fromkeys(name for outcome in self.outcomes for name in outcome.quality.parts)
         return {name: sum(outcome.quality.parts.get(name, 0.0) for outcome in self.outcomes) / count for name in names}
+
+    @property
+    def worst(self) -> float:
+        """The largest part of the cost, or what an onlooker does not notice."""
+        return max((_NOTICED, *self.parts.values()))
 
     def worsens(self, other: Verdict) -> tuple[str, ...]:
         """The parts in which it is clearly worse than `other`, of the same trials."""
@@ -188,6 +194,10 @@ class Ranking:
         return list(found.values())
 
     def _pays(self, pair: Verdict) -> bool:
+        """Tell whether two changes are worth it: standing still pays off in all other parts, and is not walking."""
+        up = (v for v in self.verdicts.values() if len(v.hypothesis.edits) < 2 and v.is_thorough and v.stays_up)
+        if pair.worst > min((single.worst for single in up), default=math.inf) + _WORSENED:
+            return False
         halves = [self.verdicts[edit.name] for edit in pair.hypothesis.edits if edit.name in self.verdicts]
         return all(_beats(pair, half) for half in halves)
 

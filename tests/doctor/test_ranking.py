@@ -76,6 +76,15 @@ def quiet(*edits: tuple[str, str], is_thorough: bool = True, **parts: float) -> 
     return Verdict(Hypothesis(made, tracker()), (Outcome(4.0, 4.0, Quality(parts)),), is_thorough)
 
 
+def test_two_changes_with_which_a_robot_stands_still_are_not_worth_it() -> None:
+    walks = quiet(("a", "A"), velocity=0.2, tilt=1.0, shaking=1.0)
+    stands = quiet(("b", "B"), ("c", "C"), velocity=2.0, tilt=0.1, shaking=0.0)
+    assert stands.cost < walks.cost
+    assert names(ranking(walks, stands, verdict(up=0.2))) == ["a", "as it is"]
+    rocks = quiet(("a", "A"), velocity=0.2, tilt=2.1, shaking=1.0)
+    assert names(ranking(rocks, stands, verdict(up=0.2)))[0] == "b + c"
+
+
 @pytest.mark.parametrize(
     ("present", "changed", "is_finding"),
     [
