@@ -151,7 +151,7 @@ def _live(request: Request) -> tuple[int, Source]:
     name, width = request.kind.name, request.term.width
     if width is not None:
         if name not in request.extern:
-            raise request.missing(f"the live input '{name}' of width {width}, which other programs send")
+            raise request.missing(f"the live input '{name}' of width {width} (fed through `live` from Python)")
         return values.declared(request)
     if name not in request.extern:
         unknown = known_names("observation term", request.term.name, sorted({*TERM_NAMES, *request.extern}))

@@ -72,8 +72,8 @@ def test_a_policy_whose_live_input_nothing_feeds_is_refused() -> None:
     with pytest.raises(FieldError) as caught:
         wiring(extern={})
     assert str(caught.value) == (
-        "observation term 'foot_contact' needs the live input 'foot_contact' of width 2, "
-        "which other programs send, and there is none"
+        "observation term 'foot_contact' needs the live input 'foot_contact' of width 2 "
+        "(fed through `live` from Python), and there is none"
     )
 
 

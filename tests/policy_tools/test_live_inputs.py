@@ -28,7 +28,7 @@ def live(tmp_path: Path) -> Path:
 def test_check_accepts_it_and_names_it(cli, live: Path, robot: RobotDescription) -> None:
     status, out, error = cli("check", live, "--robot", robot.mjcf_path)
     assert status == 0, error
-    assert "observation term foot_contact: is a live input of width 2: `live` of an environment or a session" in out
+    assert "observation term foot_contact: is a live input of width 2: programs send it by /foot_contact, or" in out
     assert "a policy with live inputs has none" in out
 
 
