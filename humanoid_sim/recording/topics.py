@@ -98,9 +98,8 @@ def _live_topics(header: SessionHeader) -> Mapping[str, str]:
         contract = None
     terms = contract.get("observation", ()) if isinstance(contract, dict) else ()
     for term in terms:
-        if isinstance(term, dict) and ("width" in term or "topic" in term):
-            name = term["kind"]
-            topics[name] = term.get("topic") or live_kind(name).topic
+        if isinstance(term, dict) and "kind" in term and ("width" in term or "topic" in term):
+            topics[term["kind"]] = term.get("topic") or live_kind(term["kind"]).topic
     return topics
 
 

@@ -38,7 +38,7 @@ def wanted_inputs(attachment: Attachment) -> dict[str, Wanted]:
 
 
 class LiveForwarder:
-    """Hands values on as they arrive. For one thread, but for `wanted`."""
+    """Hands values on as they arrive. For one thread."""
 
     def __init__(self, participant: Participant, intake: Intake, refuse: Callable[[str, str], None]) -> None:
         """Subscribe to nothing yet.
