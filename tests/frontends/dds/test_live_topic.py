@@ -96,7 +96,7 @@ def repeated(sensor: DataWriter, *values: float) -> Iterator[None]:
 
 
 def test_a_topic_of_its_own_feeds_the_policy_while_it_is_fresh(folder: Path) -> None:
-    options = sensing(folder, "/feet/contact", "0.4")
+    options = sensing(folder, "/feet/contact", "1.0")
     options += ("--script", "hold 600", "--dds", "--actuation", "affine")
     with playing(folder, *options) as play, client(play.domain) as ros:
         stand_by(play)
@@ -119,7 +119,7 @@ def test_a_topic_of_its_own_feeds_the_policy_while_it_is_fresh(folder: Path) -> 
         until(lambda: play.mode() is Mode.DAMPING)
         stand_by(play)
         assert "START_LOCOMOTION refused: the live input 'foot_contact' (/feet/contact) is " in start(play)
-        assert "s old, expected at most 0.4 s" in start(play)
+        assert "s old, expected at most 1 s" in start(play)
         for word in ("damp", "quit"):
             play.operator.ask(word)
         log = play.finish()
@@ -128,8 +128,8 @@ def test_a_topic_of_its_own_feeds_the_policy_while_it_is_fresh(folder: Path) -> 
     stale = "is nan, expected a finite number: no value has come, or the last one is too old"
     assert fault.output.faults[0].message == f"observation contact[0] {stale}"
     last = fault.input.state.extern["foot_contact"]
-    assert (last.value.tolist(), last.timeout) == ([0.25, 1.0], 0.4)
-    assert 0.4 < float(fault.input.state.time) - last.arrival_time < 0.45, "found in the policy's next step"
+    assert (last.value.tolist(), last.timeout) == ([0.25, 1.0], 1.0)
+    assert 1.0 < float(fault.input.state.time) - last.arrival_time < 1.05, "found in the policy's next step"
     assert [mode for mode, _ in log.course if mode is Mode.LOCOMOTION] == [Mode.LOCOMOTION]
     steps = [tick.output.policy_step for tick in log.ticks if tick.output.policy_step is not None]
     assert len(steps) > 20
