@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
 from humanoid_sim.controllers.parameters import joint_tuple, number, per_joint
-from humanoid_sim.controllers.term_kinds import TermKind, live_kind, term_kind
+from humanoid_sim.controllers.term_kinds import TERM_KINDS, TermKind, live_kind, term_kind
 from humanoid_sim.controllers.terms import HeightScan, QuaternionOrder, Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import (
@@ -32,12 +32,14 @@ __all__ = [
     "JOINT_LIMITS",
     "Form",
     "HistoryLayout",
+    "LiveTopic",
     "ModelDamping",
     "PhaseRule",
     "PolicyContract",
     "Speed",
     "TaskType",
     "TensorNames",
+    "live_topic",
 ]
 
 TaskType = Literal["tracking", "piano", "locomotion"]
@@ -80,6 +82,14 @@ def _choice(choices: Any, *, in_metadata: bool = False) -> Form:
 
 def _stated_values(joints: str, minimum: float = -np.inf) -> Form:
     return Form("values", joints, minimum, in_metadata=True, is_required=True)
+
+
+class LiveTopic(NamedTuple):
+    """Topic on which other programs publish a live input, as `std_msgs/msg/Float32MultiArray`."""
+
+    name: str
+    timeout: float | None = None
+    """s after its arrival from which a value is stale, also infinite; None: not stated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,6 +279,16 @@ class PolicyContract:
         return {term.kind: term.width for term in self.terms if term.width is not None}
 
     @property
+    def live_topics(self) -> Mapping[str, LiveTopic]:
+        """Topics of the live inputs that are observed and that other programs may publish, by name."""
+        return _live_topics(self.terms)
+
+    @property
+    def live_timeouts(self) -> Mapping[str, float]:
+        """Timeouts that terms state, s, by the name of the live input."""
+        return {name: topic.timeout for name, topic in self.live_topics.items() if topic.timeout is not None}
+
+    @property
     def takes_velocity_command(self) -> bool:
         """Whether what the policy observes depends on the velocity command: as a term, or through the gait clock."""
         return self.phase is not None or any(self.kind(term).reads == VELOCITY_COMMAND for term in self.terms)
@@ -354,15 +374,39 @@ class PolicyContract:
                 both = f"'{scans[0].name}' and '{other.name}'"
                 raise FieldError(f"{_OWNER}.observation: terms {both} have different height scans, expected one")
         for term in terms:
-            same = [other.width for other in terms if other.kind == term.kind]
-            if term.width is not None and same.count(term.width) < len(same):
-                raise FieldError(f"{_OWNER}.observation: live input '{term.kind}' has widths {same}, expected one")
+            for option in ("width", "topic", "timeout"):
+                same = [getattr(other, option) for other in terms if other.kind == term.kind]
+                if same.count(same[0]) < len(same):
+                    raise FieldError(
+                        f"{_OWNER}.observation: live input '{term.kind}' has {option}s {same}, expected one"
+                    )
             strangers = [joint for joint in term.joints or () if joint not in self.joint_names]
             if strangers:
                 raise FieldError(
                     f"{_OWNER}.observation: term '{term.name}' shows {', '.join(strangers)}, not in joint_names"
                 )
+        owners: dict[str, str] = {}
+        for name, topic in _live_topics(terms).items():
+            if owners.setdefault(topic.name, name) != name:
+                both = f"'{owners[topic.name]}' and '{name}'"
+                raise FieldError(f"{_OWNER}.observation: live inputs {both} have the topic {topic.name}, expected two")
         return terms
+
+
+def _live_topics(terms: Iterable[Term]) -> dict[str, LiveTopic]:
+    kinds = ((term, live_kind(term.kind) if term.width is not None else TERM_KINDS.get(term.kind)) for term in terms)
+    return {
+        kind.reads: LiveTopic(term.topic or kind.topic, term.timeout)
+        for term, kind in kinds
+        if kind is not None and kind.topic
+    }
+
+
+def live_topic(contract: PolicyContract | None, name: str) -> LiveTopic | None:
+    """Return the topic of a live input, observed or not; None for one that no other program publishes."""
+    usual = TERM_KINDS.get(name)
+    default = LiveTopic(usual.topic) if usual is not None and usual.topic else None
+    return default if contract is None else contract.live_topics.get(name, default)
 
 
 def _is_scan(term: Term) -> bool:

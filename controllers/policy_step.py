@@ -143,7 +143,7 @@ class PolicyWiring:
             return ""
         i = int(np.argmin(finite))
         kind = self.contract.kind(self.layout.term_at(i).term)
-        why = f": {kind.silent}" if kind.silent else ""
+        why = f": {kind.silent}" if kind.silent and np.isnan(observation[i]) else ""
         return f"observation {self.layout.locate(i)} is {observation[i]}, expected a finite number{why}"
 
     def accepts(self, action: Float32Array) -> npt.NDArray[np.bool_]:

@@ -18,7 +18,7 @@ from humanoid_sim.controllers.policy_step import Policy, PolicyMemory, PolicyWir
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep, TickInput
-from humanoid_sim.mit import MITCommand
+from humanoid_sim.mit import MITCommand, MITState
 
 __all__ = ["RLPolicyController", "RLPolicyMemory", "infer", "ticks_per_step"]
 
@@ -86,6 +86,19 @@ class RLPolicyController:
         set_field(self, "decimation", decimation)
         wiring = PolicyWiring(self.joints, self.contract, self.reference, self.extern, self.action_limit)
         set_field(self, "wiring", wiring)
+
+    def unready(self, state: MITState) -> str:
+        """Return which live input the policy would miss if it started now, and why; '' for none."""
+        for name, topic in self.contract.live_topics.items():
+            heard = state.extern.get(name)
+            if heard is None:
+                return f"the live input '{name}' ({topic.name}) has not come yet"
+            if not heard.is_fresh(state.time).all():
+                age = float(np.max(np.subtract(state.time, heard.arrival_time)))
+                return (
+                    f"the live input '{name}' ({topic.name}) is {age:.3g} s old, expected at most {heard.timeout:g} s"
+                )
+        return ""
 
     def activate(self, tick_input: TickInput) -> RLPolicyMemory | Fault:
         """A fresh memory, and an inference due at once."""

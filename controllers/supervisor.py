@@ -11,10 +11,11 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
-from humanoid_sim.controllers.base import DAMPING, ZERO_TORQUE, Controller, Fault, Memory
+from humanoid_sim.controllers.base import DAMPING, RL_POLICY, ZERO_TORQUE, Controller, Fault, Memory
 from humanoid_sim.controllers.fsm import MODES, MOVING, choose_intent, merge_safety, transition
 from humanoid_sim.controllers.guards import GuardMemory, Guards
 from humanoid_sim.controllers.parameters import command_problem, joint_tuple
+from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.signs import SignMemory, Signs
 from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.messages import (
@@ -147,7 +148,7 @@ class Supervisor:
         intent, superseded = choose_intent(tick_input.intents)
         judged = memory.signs
         finished = _has_finished(memory.controller_memory) and (judged is None or judged.is_ready)
-        contradiction = "" if judged is None else judged.refusal
+        contradiction = ("" if judged is None else judged.refusal) or self._unready(intent, tick_input)
         decision = transition(
             memory.controller, safety, intent, finished, self.controllers, contradiction, self.missing
         )
@@ -175,6 +176,11 @@ class Supervisor:
             policy_error=outcome.policy_error,
         )
         return SupervisorMemory(outcome.controller, outcome.memory, status, outcome.guards, signs), output
+
+    def _unready(self, intent: Intent | None, tick_input: TickInput) -> str:
+        """Return why the policy cannot start yet, if that is the intent; '' if it can."""
+        controller = self.controllers.get(RL_POLICY) if intent is Intent.START_LOCOMOTION else None
+        return controller.unready(tick_input.state) if isinstance(controller, RLPolicyController) else ""
 
     def _judge_signs(
         self, signs: SignMemory | None, outcome: _Outcome, tick_input: TickInput

@@ -7,7 +7,7 @@ says what a name stands for.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
@@ -70,6 +70,8 @@ class TermKind:
     """Seen in the wild."""
     silent: str = ""
     """What it means that values are no numbers; empty: nothing that is known."""
+    topic: str = ""
+    """Topic on which other programs publish it, where the term names none; empty: none does."""
     value_names: Callable[[Term, PolicyContract], tuple[str, ...]] = _unnamed
     """Joint of each value, where each has one."""
 
@@ -120,12 +122,19 @@ def term_kind(name: str, command_names: tuple[str, ...] = ()) -> TermKind:
     """
     if name == _COMMAND:
         name = "motion_command" if "motion" in command_names else "velocity_command"
-    return TERM_KINDS.get(TERM_NAMES.get(name, name)) or live_kind(name)
+    known = TERM_KINDS.get(TERM_NAMES.get(name, name))
+    return known or TermKind(name, "live input", _live, bounds=_live_bounds, reads=name)
 
 
 def live_kind(name: str) -> TermKind:
-    """Return the kind of a live input of that name."""
-    return TermKind(name, "live input", _live, bounds=_live_bounds, reads=name)
+    """Return the kind of a live input of that name, whose width a term declares."""
+    usual = TERM_KINDS.get(name)
+    if usual is not None and usual.topic:
+        return replace(usual, resolve=_live, bounds=_live_bounds)
+    plain = "".join(letter if f"_{letter}".isidentifier() and letter.isascii() else "_" for letter in name)
+    topic = f"/{plain}" if plain.isidentifier() else f"/_{plain}"
+    silent = "no value has come, or the last one is too old"
+    return TermKind(name, "live input", _live, bounds=_live_bounds, reads=name, silent=silent, topic=topic)
 
 
 def is_known(name: str) -> bool:
@@ -157,7 +166,7 @@ def _live_bounds(request: Request, _limits: Limits) -> tuple[npt.ArrayLike, npt.
 
 def _keys(request: Request) -> tuple[int, Source]:
     if request.kind.name not in request.extern:
-        raise request.missing("a source of live key states")
+        raise request.missing("a source of live key states: a piano, or a width of its own")
     return values.heard(request)
 
 
@@ -334,6 +343,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         _keys,
         reads=KEY_PRESSED,
         silent="no key state has come, or the last one is too old",
+        topic="/piano/key_state",
     ),
     TermKind(
         HEIGHT_SCAN,
@@ -344,6 +354,7 @@ _KINDS = (  # in the order of the legged_gym and Isaac Lab task configurations t
         reads=HEIGHT_SCAN,
         scales=(1.0, 0.2),
         silent="no height scan has come, or the last one is too old",
+        topic="/height_scan",
     ),
 )
 

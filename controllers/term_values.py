@@ -291,8 +291,7 @@ def _nan_when_stale(state: MITState, name: str, width: int) -> FloatArray:
     heard = _live_input(state, name, width)
     if heard is None:
         return np.full(width, np.nan)
-    fresh = np.asarray(state.time) - heard.arrival_time <= heard.timeout
-    return np.where(fresh[..., None], heard.value, np.nan)
+    return np.where(heard.is_fresh(state.time)[..., None], heard.value, np.nan)
 
 
 # --- the motion ---

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.parameters import joint_tuple, number
-from humanoid_sim.controllers.term_kinds import TERM_NAMES, is_known
+from humanoid_sim.controllers.term_kinds import TERM_KINDS, TERM_NAMES, is_known
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import BASE, HEIGHT_SCAN, IMU, FloatArray, frozen_array
 
@@ -136,6 +136,11 @@ class HeightScan:
         return np.column_stack([np.repeat(x, len(y)), np.tile(y, len(x))])
 
 
+def _is_topic(name: object) -> bool:
+    root, *parts = name.split("/") if isinstance(name, str) and name.isascii() else ("none",)
+    return not root and bool(parts) and all(part.isidentifier() for part in parts)
+
+
 SCAN_OPTIONS = tuple(field.name for field in fields(HeightScan) if field.name != "at")
 """Options of a term that only a height scan has."""
 
@@ -176,6 +181,10 @@ class Term:
     """For joint positions and velocities: the joints shown, in this order; None: all, in the policy's order."""
     width: int | None = None
     """Of a live input that no kind of term expresses: its number of values; None: the kind says."""
+    topic: str | None = None
+    """Topic on which other programs publish a live input; None: the kind's."""
+    timeout: float | None = None
+    """s after its arrival from which a live input is stale, also infinite; None: 0.5, or what comes with the sample."""
     grid: tuple[float, float] | None = None
     """For a height scan, as the six options below: see `HeightScan`, whose default stands for None."""
     resolution: float | None = None
@@ -213,6 +222,7 @@ class Term:
         set_field(self, "axes", " ".join(axes))
         if self.width is not None:
             self._check_width(where)
+        self._check_topic(where)
         self._check_scan(where)
         for name, accepted in _CHOICES.items():
             if getattr(self, name) not in accepted:
@@ -221,9 +231,28 @@ class Term:
     def _check_width(self, where: str) -> None:
         if isinstance(self.width, bool) or not isinstance(self.width, int) or self.width < 1:
             raise FieldError(f"{where}: width is {self.width!r}, expected a whole number >= 1")
-        # Programs sent height scans before simulations made them.
-        if is_known(self.kind) and TERM_NAMES.get(self.kind, self.kind) != HEIGHT_SCAN:
+        usual = TERM_KINDS.get(TERM_NAMES.get(self.kind, self.kind))
+        if is_known(self.kind) and (usual is None or not usual.topic):
             raise FieldError(f"{where}: width is {self.width}, expected none: only a live input has one of its own")
+
+    def _check_topic(self, where: str) -> None:
+        for name in ("topic", "timeout"):
+            value = getattr(self, name)
+            if value is None or self.width is not None:
+                continue
+            if not is_known(self.kind):
+                declared = f"{{name: {self.name}, width: 2}}"
+                raise FieldError(f"{where}: {name} is {value!r}, but no width declares a live input: {declared}")
+            usual = TERM_KINDS.get(self.kind)
+            if usual is None or not usual.topic:
+                raise FieldError(f"{where}: {name} is {value!r}, expected none: only a live input has one")
+        if self.topic is not None and not _is_topic(self.topic):
+            raise FieldError(f"{where}: topic is {self.topic!r}, expected a ROS 2 name such as '/foot_contact'")
+        if self.timeout is not None:
+            is_number = isinstance(self.timeout, int | float | np.floating) and not isinstance(self.timeout, bool)
+            if not is_number or not self.timeout > 0.0:
+                raise FieldError(f"{where}: timeout is {self.timeout!r}, expected seconds > 0, or .inf")
+            object.__setattr__(self, "timeout", float(self.timeout))
 
     def _check_scan(self, where: str) -> None:
         if self.kind == HEIGHT_SCAN and self.width is None:

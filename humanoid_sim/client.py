@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import math
 import mmap
 import os
 import queue
@@ -707,10 +708,17 @@ class Intake:
         return self._send(VELOCITY, "", (vx, vy, wz, float(deliberate)), stamp)
 
     def live(
-        self, name: str, values: Sequence[float], *, timeout: float = LIVE_TIMEOUT, stamp: int | None = None
+        self, name: str, values: Sequence[float], *, timeout: float | None = None, stamp: int | None = None
     ) -> bool:
-        """Send a live input that the policy observes, such as `key_pressed`; `timeout` s later it is zero."""
-        return self._send(LIVE, name, (timeout, *values), stamp)
+        """Send a live input that the policy observes, such as `key_pressed`.
+
+        Args:
+            name: of the input.
+            values: as many as the contract says.
+            timeout: s after which it is stale, at most the contract's; None: the contract's, or `LIVE_TIMEOUT`.
+            stamp: see `remote`, as for returns and raises.
+        """
+        return self._send(LIVE, name, (math.nan if timeout is None else timeout, *values), stamp)
 
     def heartbeat(self, *, stamp: int | None = None) -> bool:
         """Say that this producer and its device are there; a session that watches it damps 200 ms after the last."""

@@ -109,9 +109,12 @@ class Extern:
         Returns:
             Shape (k,), or (..., k) for such a batch.
         """
+        return np.where(self.is_fresh(time)[..., None], self.value, 0.0)
+
+    def is_fresh(self, time: float | FloatArray) -> npt.NDArray[np.bool_]:
+        """Return whether the value still counts at `time`, in s as for `at`; shape () or (...)."""
         with np.errstate(invalid="ignore"):  # infinity - infinity is no number, and so is that age
-            fresh = np.maximum(np.subtract(time, self.arrival_time), 0.0) <= self.timeout
-        return np.where(fresh[..., None], self.value, 0.0)
+            return np.asarray(np.maximum(np.subtract(time, self.arrival_time), 0.0) <= self.timeout)
 
 
 VELOCITY_COMMAND = "velocity_command"

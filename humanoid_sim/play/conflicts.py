@@ -150,15 +150,20 @@ def refuse_without_effect(config: PlayConfig, contract: PolicyContract | None, d
             raise InputError(f"--{name.replace('_', '-')}: means nothing for {why}")
 
 
-def refuse_unheard_keys(config: PlayConfig, contract: PolicyContract | None, taken: Container[str]) -> None:
-    """Refuse a MIDI keyboard whose keys the run does not take; `taken`: names of the live inputs that it takes.
+def refuse_unheard_keys(config: PlayConfig, taken: Container[str], reported: Container[str]) -> None:
+    """Refuse a MIDI keyboard whose keys the run does not take.
+
+    Args:
+        config: of the run.
+        taken: names of the live inputs that come from other programs.
+        reported: names of those that the robot reports itself.
 
     Raises:
         InputError: saying why.
     """
     if config.midi is not None and KEY_PRESSED not in taken:
-        is_piano = contract is not None and contract.task_type == "piano"
-        why = "this robot, which has a piano and knows its keys" if is_piano else "this policy, which plays no piano"
+        knows = KEY_PRESSED in reported
+        why = "this robot, which has a piano and knows its keys" if knows else "this policy, which plays no piano"
         raise InputError(f"--midi: means nothing for {why}")
 
 

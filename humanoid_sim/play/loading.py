@@ -107,7 +107,7 @@ class PolicyLoader:
             self._header = proof.header
             measure()
             plan.velocity.begin(proof.command, contract.command_ranges, is_observed=policy.walks)
-            run.ends.data.follow(plan.velocity if policy.walks else None, proof.taken)
+            run.ends.data.follow(plan.velocity if policy.walks else None, proof.taken, contract.live_timeouts)
             run.ends.feed.follow(described)
             run.follow(policy, proof.config, judged)
 

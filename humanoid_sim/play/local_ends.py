@@ -69,6 +69,7 @@ class LocalEnds:
                 clock=plan.clock,
                 velocity=plan.velocity if policy.walks else None,
                 live=plan.taken,
+                timeouts=None if policy.contract is None else policy.contract.live_timeouts,
                 tell=note,
             )
             stack.callback(self.data.close)

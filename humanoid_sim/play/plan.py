@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from humanoid_sim.assets import sample_policy, shipped
-from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.contract import PolicyContract, live_topic
 from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.controllers.rl_policy import RLPolicyController, ticks_per_step
 from humanoid_sim.controllers.supervisor import Supervisor
@@ -133,7 +133,7 @@ def make_plan(config: PlayConfig) -> Plan:
     setup = _robot(config, description, control_period, contract)
     try:
         taken: Mapping[str, int] = {} if policy.loaded is None else policy.loaded.taken(setup.live)
-        refuse_unheard_keys(config, contract, taken)
+        refuse_unheard_keys(config, taken, setup.live)
         live = {**taken, **setup.live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
         limit, shadow = config.action_limit, None
         signs = _allowed_signs(config, setup)
@@ -166,7 +166,7 @@ def make_plan(config: PlayConfig) -> Plan:
         velocity.is_observed = policy.walks
         if branch is not None:
             branch.inputs.velocity = velocity
-        drivers = (*_who_drives(config, steps, walks=policy.walks), *_who_feeds(config, steps, taken))
+        drivers = (*_who_drives(config, steps, walks=policy.walks), *_who_feeds(config, steps, taken, contract))
         drivers = drivers if branch is None or config.manual else ()
         texts = (
             *(() if branch is None else branch.notices),
@@ -330,12 +330,15 @@ def _who_drives(config: PlayConfig, steps: Sequence[ScriptStep] | None, *, walks
     return ("waits for an operator in another terminal: python -m humanoid_sim.mode damp, load_a, start_locomotion",)
 
 
-def _who_feeds(config: PlayConfig, steps: Sequence[ScriptStep] | None, taken: Iterable[str]) -> tuple[str, ...]:
+def _who_feeds(
+    config: PlayConfig, steps: Sequence[ScriptStep] | None, taken: Iterable[str], contract: PolicyContract | None
+) -> tuple[str, ...]:
     """What has to come from other programs, and does not come from one that this run starts."""
     notices = []
     if config.remote == "none" and any(step.intent is Intent.START_REMOTE for step in steps or ()):
         notices.append("nothing that this run starts sends commands for REMOTE: it damps until a producer attaches")
-    names = ", ".join(name for name in taken if name != KEY_PRESSED)
+    topics = {name: live_topic(contract, name) for name in taken if name != KEY_PRESSED}
+    names = ", ".join(f"{name} ({topic.name})" for name, topic in topics.items() if topic is not None)
     if names:
         notices.append(f"the policy observes {names}, which a program has to send: docs/front-ends.md says how")
     if KEY_PRESSED in taken and config.midi is None:

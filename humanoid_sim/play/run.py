@@ -24,6 +24,7 @@ from humanoid_sim.play.signals import handled_signals
 from humanoid_sim.rendering.video import VideoSink, save_snapshot
 from humanoid_sim.rendering.video_progress import finish_video
 from humanoid_sim.session.reactivation import flattened
+from humanoid_sim.session.script import Script
 from humanoid_sim.session.session import SessionResult
 
 __all__ = [
@@ -110,6 +111,8 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
     if touch is not None and touch["force"] > touch["limit"]:
         hit = f"{touch['key']} was touched with {touch['force']:.2f} N at {touch['time']:.3f} s"
         found.append(f"piano: {hit}, the limit is {touch['limit']:g} N")
+    if run.plan.config.script is None and isinstance(run.script, Script):  # of a given one they are part of the plan
+        found += [f"the automatic script: {refusal}" for refusal in run.script.refusals]
     if run.recorder is not None and run.recorder.lost:
         found.append(f"recording: {run.recorder.lost} ticks left out, the disk was too slow")
     for part, sink in (("final table", run.monitor), ("console", run.console)):

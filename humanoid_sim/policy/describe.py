@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from humanoid_sim.client import LIVE_TIMEOUT
 from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.term_kinds import TermKind
@@ -80,6 +81,10 @@ def term_lines(contract: PolicyContract, layout: ObservationLayout) -> list[Term
 
 
 def _meaning(kind: TermKind, term: Term) -> str:
+    if kind.topic:
+        timeout = LIVE_TIMEOUT if term.timeout is None else term.timeout
+        stale = "never stale" if math.isinf(timeout) else f"stale after {timeout:g} s"
+        return f"{kind.meaning}; from other programs by {term.topic or kind.topic}, {stale}"
     if "relative" not in kind.conventions:
         return kind.meaning
     if kind.is_relative(term):

@@ -14,6 +14,7 @@ from humanoid_sim.controllers.reference import MotionReference, build_reference,
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.motion import Motion
+from humanoid_sim.ros2.topics import is_used
 
 __all__ = ["LoadedPolicy", "contract_layout", "load_policy"]
 
@@ -75,6 +76,7 @@ def load_policy(
         InputError: if the motion does not fit the policy, or the terms do not add up to the model's input.
     """
     try:
+        _refuse_used_topics(contract)
         loaded = LoadedPolicy(contract, _reference(contract, motion, source, motion_source), policy)
         layout = loaded.layout
     except FieldError as error:
@@ -85,6 +87,12 @@ def load_policy(
             f"{source}: its terms are {layout.width} wide ({terms}), its model's input is {observation_width}"
         )
     return loaded
+
+
+def _refuse_used_topics(contract: PolicyContract) -> None:
+    for name, topic in contract.live_topics.items():
+        if is_used(topic.name):
+            raise FieldError(f"live input '{name}': its topic is {topic.name}, which a session uses itself")
 
 
 def _reference(contract: PolicyContract, motion: Motion | None, source: str, motion_source: str) -> MotionReference:
@@ -122,14 +130,14 @@ def contract_layout(contract: PolicyContract, observation_width: int | None = No
 
     Args:
         contract: of the policy.
-        observation_width: N as the model declares it. It tells how many keys a piano policy sees, which no contract
-            says; None: one key.
+        observation_width: N as the model declares it. It tells how many keys a policy sees where the contract does not
+            say; None: one key.
 
     Raises:
         FieldError: for an unknown term, or one that the contract does not say enough about.
     """
     one = _layout(contract, keys=1)
-    if contract.task_type != "piano" or observation_width is None:
+    if observation_width is None:
         return one
     per_key = _layout(contract, keys=2).width - one.width
     keys, rest = divmod(observation_width - (one.width - per_key), per_key) if per_key else (1, 0)
@@ -149,5 +157,5 @@ def _layout(contract: PolicyContract, keys: int) -> ObservationLayout:
         "target_keys_future": keys * len(contract.lookahead_steps),
     }
     reference = MotionReference(1, {name: np.zeros((1, width), dtype=np.float32) for name, width in widths.items()})
-    extern = {**contract.extern_widths, KEY_PRESSED: keys}
+    extern = {KEY_PRESSED: keys, **contract.extern_widths}
     return resolve_observation(contract, contract.joint_names, reference, extern)

@@ -305,11 +305,12 @@ def live_findings(contract: PolicyContract) -> Iterator[Finding]:
     for term in contract.terms:
         if term.width is None and contract.kind(term).reads == HEIGHT_SCAN:
             scan = term.height_scan
-            message = f"a simulation scans {scan.count} points; on a robot a program sends them, or the policy stops"
+            message = f"a simulation scans {scan.count} points; on a robot a program sends them, or it does not start"
             yield Finding("info", f"observation term {term.name}", message)
         if term.width is not None:
-            message = f"is a live input of width {term.width}: `live` of an environment or a session feeds it"
-            yield Finding("info", f"observation term {term.name}", f"{message}; play, doctor and regress cannot")
+            topic = term.topic or contract.kind(term).topic
+            message = f"is a live input of width {term.width}: programs send it by {topic}, or `live` feeds it"
+            yield Finding("info", f"observation term {term.name}", f"{message}; doctor and regress cannot")
 
 
 def rate_finding(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY
+from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY
 from humanoid_sim.controllers.parameters import LARGEST_COMMAND
-from humanoid_sim.messages import SessionHeader, TickInput, TickOutput
+from humanoid_sim.messages import Intent, SessionHeader, TickInput, TickOutput
 from humanoid_sim.strict_json import parse_json
 
 __all__ = ["CORRECTIONS", "Correction", "shown_correction"]
@@ -38,12 +38,23 @@ def _absurd_reading(given: TickInput, recorded: TickOutput, replayed: TickOutput
     return is_absurd and bool((failed - fails) & {DAMPING, REMOTE_POLICY})
 
 
+def _started_unfed(given: TickInput, recorded: TickOutput, replayed: TickOutput) -> bool:
+    failed = any(fault.controller == RL_POLICY for fault in recorded.faults)
+    return failed and Intent.START_LOCOMOTION in given.intents and not replayed.faults and bool(replayed.refusals)
+
+
 CORRECTIONS = (
     Correction(
         "damping_on_absurd_readings",
         f"a joint position beyond {LARGEST_COMMAND:g} rad made DAMPING, and REMOTE's passive hold, give way to "
         "ZERO_TORQUE; now they damp, because at K_p 0 the position does not matter",
         _absurd_reading,
+    ),
+    Correction(
+        "start_waits_for_live_inputs",
+        "START_LOCOMOTION without a fresh value of a live input that the policy observes was granted, and ended in "
+        "DAMPING in the same tick; now it is refused",
+        _started_unfed,
     ),
 )
 

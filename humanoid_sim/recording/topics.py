@@ -5,12 +5,13 @@ Replay does not need them; everything exact is in the tick messages.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.controllers.term_kinds import TERM_KINDS, live_kind
 from humanoid_sim.messages import (
     ControlMode,
     PolicyStep,
@@ -21,7 +22,7 @@ from humanoid_sim.messages import (
     StandbyState,
     TickRecord,
 )
-from humanoid_sim.mit import KEY_PRESSED, Extern, MITState
+from humanoid_sim.mit import Extern, MITState
 from humanoid_sim.recording.body import RecordedBody
 from humanoid_sim.recording.labels import Labels, read_labels
 from humanoid_sim.ros2.definitions import (
@@ -54,7 +55,6 @@ from humanoid_sim.ros2.topics import (
     CONTROL_MODE_TOPIC,
     DESCRIPTION_TOPIC,
     IMU_TOPIC,
-    KEY_STATE_TOPIC,
     SAFETY_TOPIC,
     TF_STATIC_TOPIC,
     TF_TOPIC,
@@ -87,6 +87,20 @@ def topic_prefix(header: SessionHeader) -> str:
         robot = None
     prefix = robot.get("topic_prefix") if isinstance(robot, dict) else None
     return prefix if isinstance(prefix, str) and prefix else header.robot
+
+
+def _live_topics(header: SessionHeader) -> Mapping[str, str]:
+    """Return the topics of live inputs, by name: the usual ones, and those of the recorded contract's terms."""
+    topics = {kind.reads: kind.topic for kind in TERM_KINDS.values() if kind.topic}
+    try:
+        contract = parse_json(header.documents.get("contract", "{}"))
+    except ValueError:
+        contract = None
+    terms = contract.get("observation", ()) if isinstance(contract, dict) else ()
+    for term in terms:
+        if isinstance(term, dict) and "kind" in term and ("width" in term or "topic" in term):
+            topics[term["kind"]] = term.get("topic") or live_kind(term["kind"]).topic
+    return topics
 
 
 class PolicyTopics:
@@ -146,7 +160,9 @@ class ViewerTopics:
         self._failed: dict[str, SafetyStatus] = {}
         self._second = max(1, round(1.0 / header.control_period))
         self._remote: RemoteCommand | None = None
-        self._keys: Extern | None = None
+        self._heard: dict[str, Extern] = {}
+        self.live: Mapping[str, str] = {}
+        """Topics of live inputs, by name."""
         self.follow(header)
         self._body = RecordedBody.of(header)
         self._is_described = self._body is None
@@ -158,6 +174,7 @@ class ViewerTopics:
     def follow(self, header: SessionHeader) -> None:
         """Name what a policy that was loaded since observes and answers."""
         self._policy = PolicyTopics("/rl_policy_controller", header.observation_terms, read_labels(header))
+        self.live = _live_topics(header)
 
     def messages(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """The messages of one tick, stamped `time_ns`."""
@@ -187,7 +204,7 @@ class ViewerTopics:
         if output.policy_step is not None:
             yield from self._policy.messages(output.policy_step, time_ns)
         if state.extern:
-            yield from self._key_state(state, is_due)
+            yield from self._live_inputs(state, is_due)
 
     def _standby_state(
         self, controller: str, standby: StandbyState, time_ns: int, is_due: bool
@@ -245,15 +262,14 @@ class ViewerTopics:
         if body.floating and body.knows_base(record):
             yield TopicMessage("/base_pose", POSE_STAMPED, encode_pose(time_ns, "world", self._poses[count]))
 
-    def _key_state(self, state: MITState, is_due: bool) -> Iterator[TopicMessage]:
+    def _live_inputs(self, state: MITState, is_due: bool) -> Iterator[TopicMessage]:
         """On change at once; else at most 50 a second, as long as new ones arrive."""
-        keys, last = state.extern.get(KEY_PRESSED), self._keys
-        if keys is None:
-            return
-        is_news = last is None or not np.array_equal(keys.value, last.value)
-        is_new = last is None or keys.arrival_time != last.arrival_time
-        if is_news or (is_due and is_new):
-            self._keys = keys
-            yield TopicMessage(
-                KEY_STATE_TOPIC, FLOAT32_MULTI_ARRAY, encode_float32_array(keys.value.astype(np.float32))
-            )
+        for name, topic in self.live.items():
+            heard, last = state.extern.get(name), self._heard.get(name)
+            if heard is None:
+                continue
+            is_news = last is None or not np.array_equal(heard.value, last.value)
+            is_new = last is None or heard.arrival_time != last.arrival_time
+            if is_news or (is_due and is_new):
+                self._heard[name] = heard
+                yield TopicMessage(topic, FLOAT32_MULTI_ARRAY, encode_float32_array(heard.value.astype(np.float32)))

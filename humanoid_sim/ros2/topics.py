@@ -28,7 +28,7 @@ __all__ = [
     "CONTROL_MODE_TOPIC",
     "DESCRIPTION_TOPIC",
     "IMU_TOPIC",
-    "KEY_STATE_TOPIC",
+    "LIVE_INPUT",
     "SAFETY_TOPIC",
     "STANDBY_TOPIC",
     "STANDBY_TOPICS",
@@ -36,6 +36,7 @@ __all__ = [
     "TF_TOPIC",
     "TOPICS",
     "Topic",
+    "is_used",
     "joint_states_topic",
     "kind_of",
     "standby_topic",
@@ -59,7 +60,6 @@ SAFETY_TOPIC = "/safety_status"
 DESCRIPTION_TOPIC = "/robot_description"
 TF_TOPIC, TF_STATIC_TOPIC = "/tf", "/tf_static"
 CLOCK_TOPIC = "/clock"
-KEY_STATE_TOPIC = "/piano/key_state"
 COMMAND_TOPIC = "/remote_policy_controller/command"
 STANDBY_TOPIC = "/standby_controller/state"
 """Of the time when there was one pose; carries the state of either."""
@@ -75,7 +75,6 @@ TOPICS: Mapping[str, Topic] = MappingProxyType(
         TF_TOPIC: Topic(TF_MESSAGE, 100),
         TF_STATIC_TOPIC: Topic(TF_MESSAGE, 1, True),
         CLOCK_TOPIC: Topic(CLOCK),
-        KEY_STATE_TOPIC: Topic(FLOAT32_MULTI_ARRAY, 1),
         COMMAND_TOPIC: Topic(MIT_COMMAND, 4),
         STANDBY_TOPIC: _LATCHED_STATE,
         **dict.fromkeys(STANDBY_TOPICS, _LATCHED_STATE),
@@ -83,6 +82,8 @@ TOPICS: Mapping[str, Topic] = MappingProxyType(
 )
 """By name. Joint states are under a robot's prefix; see `kind_of`."""
 
+LIVE_INPUT = Topic(FLOAT32_MULTI_ARRAY, 1)
+"""Topic of a live input, which a policy's contract names."""
 _JOINT_STATES = "/joint_states"
 _NO_NAME = re.compile(r"[^A-Za-z0-9_]")
 
@@ -91,6 +92,11 @@ def joint_states_topic(prefix: str) -> str:
     """The topic of the joint states of robots with that prefix; what ROS 2 allows in no name becomes `_`."""
     name = _NO_NAME.sub("_", prefix)
     return f"/{'_' if name[:1].isdigit() else ''}{name}{_JOINT_STATES}"
+
+
+def is_used(topic: str) -> bool:
+    """Return whether a session has another use for a topic: no live input may come on it."""
+    return topic in TOPICS or topic.endswith(_JOINT_STATES) or topic in ("/mit_command", "/base_pose")
 
 
 def standby_topic(controller: str) -> str:

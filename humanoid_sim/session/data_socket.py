@@ -21,6 +21,7 @@ from humanoid_sim.client import (
     DATA_MAGIC,
     HEARTBEAT,
     LIVE,
+    LIVE_TIMEOUT,
     REFUSED,
     REMOTE,
     VELOCITY,
@@ -77,6 +78,7 @@ class DataSocket(ExternSource, Sink):
         clock: Callable[[], float],
         velocity: VelocityCommand | None = None,
         live: Mapping[str, int] | None = None,
+        timeouts: Mapping[str, float] | None = None,
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
         """Open the socket.
@@ -88,6 +90,7 @@ class DataSocket(ExternSource, Sink):
             clock: the robot's clock, s, as of the latest reading.
             velocity: gets velocity commands; None: nothing observes one.
             live: name and width of the live inputs that are observed.
+            timeouts: of those that state one, s, also infinite; a producer may only shorten it.
             tell: records a line: owners and refusals as they change.
 
         Raises:
@@ -99,7 +102,7 @@ class DataSocket(ExternSource, Sink):
         self._inbox = inbox
         self._clock = clock
         self._velocity = velocity
-        self._widths = dict(live or {})
+        self._widths, self._timeouts = dict(live or {}), dict(timeouts or {})
         self._say = BoundedTelling(tell, clock)  # two producers may quarrel in every tick
         self._turn = Turn(stale_timeout)
         self._live_turns = {name: Turn(math.inf) for name in self._widths}
@@ -117,11 +120,18 @@ class DataSocket(ExternSource, Sink):
         self.discarded = 0
         """Samples that nobody looked into, because newer ones of their producers came with them."""
 
-    def follow(self, velocity: VelocityCommand | None, live: Mapping[str, int]) -> None:
+    def follow(
+        self, velocity: VelocityCommand | None, live: Mapping[str, int], timeouts: Mapping[str, float] | None = None
+    ) -> None:
         """Take what another policy observes from here on; arguments as for the constructor. For the control thread."""
+        before, self._timeouts = self._timeouts, dict(timeouts or {})
         self._velocity, self._widths = velocity, dict(live)
         self._live_turns = {name: self._live_turns.get(name, Turn(math.inf)) for name in self._widths}
-        self._live = {name: value for name, value in self._live.items() if self._widths.get(name) == len(value.value)}
+        self._live = {
+            name: value
+            for name, value in self._live.items()
+            if self._widths.get(name) == len(value.value) and self._timeouts.get(name) == before.get(name)
+        }
 
     @property
     def owners(self) -> Mapping[str, str]:
@@ -161,7 +171,8 @@ class DataSocket(ExternSource, Sink):
         self._turn.expire(time)
         for name, turn in self._live_turns.items():
             heard = self._live.get(name)
-            turn.timeout = math.inf if heard is None else heard.timeout
+            # A value may count for ever; its producer owns the input only while it may still be there.
+            turn.timeout = LIVE_TIMEOUT if heard is None or math.isinf(heard.timeout) else heard.timeout
             turn.expire(time)
         if self._velocity is not None:
             self._velocity.expire(time)
@@ -273,16 +284,19 @@ class DataSocket(ExternSource, Sink):
         if width is None:
             known = ", ".join(self._widths) or "none"
             raise _RefusedError(f"live input '{sample.topic[:40]}' is not observed; the policy observes: {known}")
-        if len(sample.values) != width + 1 or not np.isfinite(sample.values).all():
-            raise _RefusedError(f"live input '{sample.topic}': expected its timeout and {width} finite values")
-        timeout = float(sample.values[0])
-        if not 0.0 < timeout <= _LONGEST_TIMEOUT:
-            raise _RefusedError(
-                f"live input '{sample.topic}': timeout is {timeout:g} s, expected 0 to {_LONGEST_TIMEOUT:g} s"
-            )
+        given, values = sample.values[:1], sample.values[1:]
+        if len(values) != width or not np.isfinite(values).all():
+            raise _RefusedError(f"live input '{sample.topic}': has {len(values)} values, expected {width}, all finite")
+        timeout = self._timeouts.get(sample.topic, LIVE_TIMEOUT)
+        if not np.isnan(given).all():  # its producer says
+            if not 0.0 < given <= _LONGEST_TIMEOUT:
+                raise _RefusedError(
+                    f"live input '{sample.topic}': timeout is {given[0]:g} s, expected 0 to {_LONGEST_TIMEOUT:g} s"
+                )
+            timeout = min(float(given[0]), self._timeouts.get(sample.topic, math.inf))
         if not self._live_turns[sample.topic].admit(sample.producer, sample.arrival_time):
             raise _RefusedError(f"live input '{sample.topic}': belongs to {self._live_turns[sample.topic].owner}")
-        self._live = {**self._live, sample.topic: Extern(sample.values[1:], sample.arrival_time, timeout)}
+        self._live = {**self._live, sample.topic: Extern(values, sample.arrival_time, timeout)}
 
     def _accept_report(self, sample: _Sample) -> None:
         """Take over what a producer has refused itself: the latest reason, and how many samples in all."""

@@ -87,6 +87,9 @@ class Script:
         self._motion_over = False
         self._was_moving = False
         self._asked_to_damp = False
+        self._has_asked = False
+        self.refusals: list[str] = []
+        """Refusals of its own intents."""
 
     @property
     def finished(self) -> bool:
@@ -104,11 +107,15 @@ class Script:
             self._motion_over = output.policy_step.frame >= self.motion_frames - 1
         if output is not None and (output.faults or self._fell(output.control_mode.mode)):
             self.cancel()
+        if output is not None and self._has_asked:
+            self.refusals += output.refusals
+        self._has_asked = False
         if not self._steps:
             return ()
         step = self._steps[0]
         if step.intent is not None:
             self._steps.pop(0)
+            self._has_asked = True
             self._motion_over = False
             self._asked_to_damp = step.intent is Intent.DAMP
             return (step.intent,)

@@ -55,7 +55,11 @@ def test_one_that_is_missing_or_too_old_is_not_a_number() -> None:
     assert np.isnan(observed(state(time=2.0, extern=old))).all()
     assert observed(state(time=1.4, extern=old)) == [2.0, 2.0]
     problem = wiring().observation_problem(np.array([np.nan, np.nan, 0.0, 0.0, 0.0], dtype=np.float32))
-    assert problem == "observation foot_contact[0] is nan, expected a finite number"
+    assert problem == (
+        "observation foot_contact[0] is nan, expected a finite number: no value has come, or the last one is too old"
+    )
+    problem = wiring().observation_problem(np.array([np.inf, 0.0, 0.0, 0.0, 0.0], dtype=np.float32))
+    assert problem == "observation foot_contact[0] is inf, expected a finite number"
 
 
 def test_another_shape_is_refused_by_name() -> None:
@@ -99,6 +103,59 @@ def test_terms_may_share_a_live_input_of_one_width() -> None:
             FieldError, match=r"observation: live input 'foot' has widths \[2, (3|None)\], expected one"
         ):
             live_contract(left, other)
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        ({"width": None, "topic": "/feet"}, "topic is '/feet', but no width declares a live input: {name: foot"),
+        ({"width": None, "timeout": 1.0}, "timeout is 1.0, but no width declares a live input: {name: foot, width: 2}"),
+        ({"topic": "feet"}, "topic is 'feet', expected a ROS 2 name such as '/foot_contact'"),
+        ({"topic": "/feet/"}, "topic is '/feet/', expected a ROS 2 name"),
+        ({"topic": "/1st"}, "topic is '/1st', expected a ROS 2 name"),
+        ({"topic": ""}, "topic is '', expected a ROS 2 name"),
+        ({"timeout": -0.1}, "timeout is -0.1, expected seconds > 0, or .inf"),
+        ({"timeout": 0}, "timeout is 0, expected seconds > 0, or .inf"),
+        ({"timeout": np.nan}, "timeout is nan, expected seconds > 0, or .inf"),
+    ],
+)
+def test_topics_and_timeouts_that_are_refused(options: dict[str, Any], problem: str) -> None:
+    with pytest.raises(FieldError) as caught:
+        Term("foot", **{"width": 2, **options})
+    assert str(caught.value).startswith(f"observation term 'foot': {problem}")
+
+
+def test_other_terms_have_no_topic() -> None:
+    with pytest.raises(FieldError, match=r"'dof_pos': timeout is 1.0, expected none: only a live input has one$"):
+        Term("dof_pos", timeout=1.0)
+
+
+def test_topics_are_named_after_their_inputs_unless_the_contract_says_otherwise() -> None:
+    fed = live_contract(
+        FOOT,
+        Term("left-hand 2", width=1, timeout=np.inf),
+        Term("keys", "key_pressed", width=12),
+        Term("height_scan", topic="/elevation", timeout=0.1),
+    )
+    assert dict(fed.live_topics) == {
+        "foot_contact": ("/foot_contact", None),
+        "left-hand 2": ("/left_hand_2", np.inf),
+        "key_pressed": ("/piano/key_state", None),
+        "height_scan": ("/elevation", 0.1),
+    }
+    assert dict(fed.live_timeouts) == {"left-hand 2": np.inf, "height_scan": 0.1}
+    assert decode(encode(fed), "here").live_topics == fed.live_topics
+    observed = PolicyWiring(JOINTS, fed, no_reference(), fed.sent_inputs).layout
+    assert [term.width for term in observed.terms] == [2, 1, 12, 187, 3]
+
+
+def test_two_live_inputs_have_two_topics_and_one_has_one() -> None:
+    with pytest.raises(FieldError, match="live inputs 'foot_contact' and 'other' have the topic /foot_contact, expec"):
+        live_contract(FOOT, Term("other", width=1, topic="/foot_contact"))
+    left, right = (Term(name, "foot", width=2, timeout=1.0) for name in ("left", "right"))
+    assert dict(live_contract(left, right).live_topics) == {"foot": ("/foot", 1.0)}
+    with pytest.raises(FieldError, match=r"live input 'foot' has timeouts \[1.0, 2.0\], expected one"):
+        live_contract(left, Term("right", "foot", width=2, timeout=2.0))
 
 
 @pytest.mark.parametrize(

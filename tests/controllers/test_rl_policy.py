@@ -330,7 +330,7 @@ def test_a_state_of_another_width_is_a_fault_at_any_tick():
         ({"reference": no_reference()}, "observation term 'motion_body_pos_b' needs a tracking motion, and there is"),
         (
             {"contract": contract(observation=("key_pressed",))},
-            "observation term 'key_pressed' needs a source of live key states, and there is none",
+            "observation term 'key_pressed' needs a source of live key states: a piano, or a width of its own, and",
         ),
         ({"extern": {}}, "unknown observation term 'velocity'; known: actions"),
     ],

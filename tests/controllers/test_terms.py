@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rig import JOINTS, contract, state
 
+from humanoid_sim.controllers.contract import LiveTopic
 from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.terms import HeightScan, Term
@@ -110,4 +111,4 @@ def test_one_that_declares_its_width_is_a_live_input_like_any_other(name: str) -
     made = contract(task_type="locomotion", body_names=(), observation=(Term(name, width=4),))
     assert made.height_scan is None
     assert dict(made.live_inputs) == dict(made.sent_inputs) == {name: 4}
-    assert made.kind(made.terms[0]).meaning == "live input"
+    assert dict(made.live_topics) == {name: LiveTopic(f"/{name}")}

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import msgspec
+
 from humanoid_sim.robots.description import load_robot
 
 ROOT = Path(__file__).parents[2]
@@ -53,5 +55,7 @@ def test_the_lite_is_the_original_s() -> None:
     for standby in (lite.standby_controller_a, lite.standby_controller_b):
         assert standby.segment_durations == (2.0, 2.0)
         assert standby.pose_segments[0] == (0.0,) * 14
+    a, b = (msgspec.structs.asdict(one) for one in (lite.standby_controller_a, lite.standby_controller_b))
+    assert {name for name in a if a[name] != b[name]} == {"pose_segments"}
     ready = (0.3, -1.0, 0.0, -1.7, -1.2, 0.0, 0.3, 0.3, 1.0, 0.0, -1.7, 1.2, 0.0, -0.3)
     assert lite.standby_controller_a.pose_segments[1] == ready

@@ -55,15 +55,15 @@ def test_play_makes_it_records_it_and_replays_it(run: Callable[..., Result], qui
 
 
 @pytest.mark.slow
-def test_on_a_robot_the_policy_stops_where_no_program_sends_it(
+def test_on_a_robot_the_policy_does_not_start_where_no_program_sends_it(
     run: Callable[..., Result], quick: str, folder: Path
 ) -> None:
     policy = seeing(folder / "seeing.onnx")
     script = "damp; load_a; wait; start_locomotion; hold 0.2"
     options = ("--script", script, "--hardware", "virtual:scan", "--yes", "--allow-script")
     result = run("--robot", quick, "--policy", str(policy), *options)
-    assert "the policy observes height_scan, which a program has to send: docs/front-ends.md" in result.out + result.err
-    last = result.ticks[-1]
-    assert last.output.control_mode.mode is Mode.DAMPING
-    faults = [fault.message for tick in result.ticks for fault in tick.output.faults]
-    assert any("no height scan has come, or the last one is too old" in message for message in faults)
+    told = "the policy observes height_scan (/height_scan), which a program has to send: docs/front-ends.md"
+    assert told in result.out + result.err
+    assert Mode.LOCOMOTION not in {tick.output.control_mode.mode for tick in result.ticks}
+    refusals = [refusal for tick in result.ticks for refusal in tick.output.refusals]
+    assert refusals == ["START_LOCOMOTION refused: the live input 'height_scan' (/height_scan) has not come yet"]

@@ -63,4 +63,9 @@ def test_the_schema_has_every_option_of_a_term() -> None:
 
 def test_the_example_of_a_live_input_declares_one() -> None:
     (partial,) = parse_contract(yaml.safe_load(EXAMPLES[1]), "docs/contract.md", "contract.yaml")
-    assert {name: given.value for name, given in partial.terms["foot_contact"].items()} == {"width": 2, "scale": 0.5}
+    assert {name: given.value for name, given in partial.terms["foot_contact"].items()} == {
+        "width": 2,
+        "scale": 0.5,
+        "topic": "/feet/contact",
+        "timeout": 0.2,
+    }

@@ -94,5 +94,5 @@ def test_a_height_scan_lies_around_a_site_or_a_body_and_is_sent_on_a_robot() -> 
     ).message
     assert message == "at is 'torso_link', neither base nor imu nor a site or body of 'g', which has 'torso-link'"
     assert found(live_findings(wiring), "info", "observation term height_scan").message == (
-        "a simulation scans 6 points; on a robot a program sends them, or the policy stops"
+        "a simulation scans 6 points; on a robot a program sends them, or it does not start"
     )

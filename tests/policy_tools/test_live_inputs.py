@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -27,7 +28,7 @@ def live(tmp_path: Path) -> Path:
 def test_check_accepts_it_and_names_it(cli, live: Path, robot: RobotDescription) -> None:
     status, out, error = cli("check", live, "--robot", robot.mjcf_path)
     assert status == 0, error
-    assert "observation term foot_contact: is a live input of width 2: `live` of an environment or a session" in out
+    assert "observation term foot_contact: is a live input of width 2: programs send it by /foot_contact, or" in out
     assert "a policy with live inputs has none" in out
 
 
@@ -36,6 +37,43 @@ def test_show_shows_it(cli, live: Path) -> None:
     assert status == 0, error
     (line,) = [line for line in out.splitlines() if "foot_contact" in line and "live input" in line]
     assert "2" in line
+
+
+def test_show_says_by_which_topic_it_comes_and_when_it_is_stale(cli, live: Path, tmp_path: Path) -> None:
+    file = tmp_path / "live.yaml"
+    for options, told in (
+        ("", "from other programs by /foot_contact, stale after 0.5 s"),
+        ("topic: /feet, timeout: 0.2", "from other programs by /feet, stale after 0.2 s"),
+        ("timeout: .inf", "from other programs by /foot_contact, never stale"),
+    ):
+        file.write_text(f"terms:\n  foot_contact: {{{options}}}\n", encoding="utf-8")
+        status, out, error = cli("show", live, "--contract", file, "--json")
+        assert status == 0, error
+        (term,) = [term for term in json.loads(out)["contract"]["observation"] if term["name"] == "foot_contact"]
+        assert term["meaning"] == f"live input; {told}"
+        assert ("timeout" in term) == ("timeout" in options)
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        ("topic: /tf", "live input 'foot_contact': its topic is /tf, which a session uses itself"),
+        ("topic: /lite/joint_states", "its topic is /lite/joint_states, which a session uses itself"),
+        ("topic: feet", "observation term 'foot_contact': topic is 'feet', expected a ROS 2 name such as"),
+        ("topic: 3", "terms.foot_contact.topic: is 3, expected a text or null"),
+        ("timeout: -1", "observation term 'foot_contact': timeout is -1.0, expected seconds > 0, or .inf"),
+    ],
+)
+def test_declarations_that_are_refused(
+    live: Path, tmp_path: Path, options: str, problem: str, capsys: pytest.CaptureFixture[str], robot: RobotDescription
+) -> None:
+    file = tmp_path / "live.yaml"
+    file.write_text(f"terms:\n  foot_contact: {{{options}}}\n", encoding="utf-8")
+    given = ["--policy", str(live), "--robot", str(robot.mjcf_path), "--contract", str(file)]
+    assert run_program(play, given) == 2
+    error = capsys.readouterr().err
+    assert problem in error
+    assert error.count("\n") == 1
 
 
 def test_the_width_may_come_from_a_contract_file(cli, walker: Path, tmp_path: Path, robot: RobotDescription) -> None:
@@ -78,11 +116,13 @@ def test_doctor_refuses_it(cli, live: Path, robot: RobotDescription) -> None:
     assert error == f"error: {live}: needs the live input 'foot_contact' of width 2, and doctor has none\n"
 
 
-def test_play_says_who_must_feed_it_and_damps_where_nobody_does(
+def test_play_says_who_must_feed_it_and_refuses_to_start_where_nobody_does(
     live: Path, robot: RobotDescription, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = ["--policy", str(live), "--robot", str(robot.mjcf_path), "--video", "none", "--record", "none"]
     assert run_program(play, options) == 1
     printed = capsys.readouterr().out
-    assert "the policy observes foot_contact, which a program has to send" in printed
-    assert "START_LOCOMOTION requested; rl_policy_controller failed: observation foot_contact[0] is nan" in printed
+    assert "the policy observes foot_contact (/foot_contact), which a program has to send" in printed
+    refusal = "START_LOCOMOTION refused: the live input 'foot_contact' (/foot_contact) has not come yet"
+    assert f"failed: the automatic script: {refusal}" in " ".join(printed.split())
+    assert "LOCOMOTION │" not in printed

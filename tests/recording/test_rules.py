@@ -11,9 +11,9 @@ import pytest
 from recording_samples import write_recording
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.messages import ControlMode, FaultReport, Intent, Mode, TickInput, TickRecord
+from humanoid_sim.messages import ControlMode, FaultReport, Intent, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand
-from humanoid_sim.recording.rules import CORRECTIONS
+from humanoid_sim.recording.rules import CORRECTIONS, shown_correction
 from humanoid_sim.replay import main as replay_main
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.stack import build_supervisor, run_header
@@ -89,6 +89,20 @@ def test_the_correction_is_named(recorded, capsys):
 def test_a_difference_of_another_cause_is_not_blamed_on_it(recorded, capsys, corrections, reading):
     assert replay([str(recorded(header(corrections=corrections), run(reading)))]) == 1
     assert "corrected" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("known", "named"), [((), "start_waits_for_live_inputs"), (("start_waits_for_live_inputs",), "")]
+)
+def test_a_start_without_its_live_input_is_named(known, named):
+    given = TickInput(healthy_state(LITE.initial_position, 0.0), (), (Intent.START_LOCOMOTION,))
+    fault = FaultReport("rl_policy_controller", "damping_controller", "observation key_pressed[0] is nan")
+    zeros = MITCommand.zeros(14)
+    before = TickOutput(zeros, ControlMode(Mode.DAMPING, "damping_controller", "failed"), faults=(fault,))
+    standby = ControlMode(Mode.STANDBY, "standby_controller_a", "refused")
+    now = TickOutput(zeros, standby, refusals=("START_LOCOMOTION refused: it has not come yet",))
+    found = shown_correction(header(corrections=["damping_on_absurd_readings", *known]), given, before, now)
+    assert ("" if found is None else found.name) == named
 
 
 def test_a_new_recording_names_the_corrections_and_is_repeated(recorded, capsys):

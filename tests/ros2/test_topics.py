@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from humanoid_sim.ros2.definitions import message_fields
-from humanoid_sim.ros2.topics import TOPICS, Topic, joint_states_topic, kind_of
+from humanoid_sim.ros2.topics import LIVE_INPUT, TOPICS, Topic, joint_states_topic, kind_of
 
 
 def test_quality_of_service_is_the_stacks() -> None:
@@ -17,8 +17,8 @@ def test_quality_of_service_is_the_stacks() -> None:
         "/standby_controller_a/state",
         "/standby_controller_b/state",
     }
-    depths = {name: TOPICS[name].depth for name in ("/remote_policy_controller/command", "/piano/key_state")}
-    assert depths == {"/remote_policy_controller/command": 4, "/piano/key_state": 1}
+    assert TOPICS["/remote_policy_controller/command"].depth == 4
+    assert Topic("std_msgs/msg/Float32MultiArray", 1) == LIVE_INPUT
     assert kind_of("/control_mode", "") == Topic("humanoid_control_msgs/msg/ControlMode", 10, False)
     assert kind_of("/lite/joint_states", "sensor_msgs/msg/JointState") == Topic("sensor_msgs/msg/JointState", 10, False)
 

@@ -50,8 +50,9 @@ def listened(
 def test_every_topic_is_there_by_its_name_and_type(listened: tuple[dict[str, Any], Any]) -> None:
     told, _ = listened
     there = {topic: kinds for topic, kinds in told["there"].items() if topic not in ("/rosout", "/parameter_events")}
-    others = {COMMAND: "humanoid_control_msgs/msg/MITCommand", "/piano/key_state": "std_msgs/msg/Float32MultiArray"}
-    assert there == {topic: [kind] for topic, kind in {**TYPES, **others}.items()}
+    assert there == {
+        topic: [kind] for topic, kind in {**TYPES, COMMAND: "humanoid_control_msgs/msg/MITCommand"}.items()
+    }
 
 
 def test_each_is_heard_and_latched_ones_by_a_late_subscriber(listened: tuple[dict[str, Any], Any]) -> None:

@@ -38,6 +38,8 @@ class LocalSession:
     safety: tuple[SafetyStatus, ...] = ()
     takes: Mapping[str, int] = field(default_factory=lambda: {"keys": 2})
     """Live inputs from outside."""
+    timeouts: Mapping[str, float] = field(default_factory=dict)
+    """Of those that state one, s."""
     makes: dict[str, Extern] = field(default_factory=dict)
     """Live inputs of its own."""
     watchdogs: Mapping[str, float] = field(default_factory=dict)
@@ -60,6 +62,7 @@ class LocalSession:
             clock=lambda: self.time,
             velocity=self.velocity,
             live=self.takes,
+            timeouts=self.timeouts,
             tell=self.told.append,
         )
         self.stack.callback(self.data.close)

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import math
 import os
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -151,7 +153,7 @@ def test_what_is_no_command_is_refused_by_name(local: LocalSession) -> None:
         "remote command's position of elbow is nan, expected a finite number from -1e+06 to 1e+06",
         "remote command: joint_names are shoulder, elbow, expected shoulder, elbow, wrist in this order",
         "live input 'pedals' is not observed; the policy observes: keys",
-        "live input 'keys': expected its timeout and 2 finite values",
+        "live input 'keys': has 1 values, expected 2, all finite",
         "live input 'keys': timeout is 60 s, expected 0 to 5 s",
     ]
     assert local.data.owners["REMOTE"] == ""
@@ -240,6 +242,44 @@ def test_live_inputs_reach_the_state_and_expire(local: LocalSession) -> None:
     second.live("keys", [0.0, 1.0])
     state = local.tick().input.state
     assert state.extern["keys"].at(state.time).tolist() == [0.0, 1.0]
+
+
+def test_the_contract_says_when_a_live_input_is_stale_and_its_producer_may_shorten_it(runtime: Path) -> None:
+    local = LocalSession(takes={"keys": 2, "feet": 1, "mood": 1}, timeouts={"keys": 0.2, "mood": math.inf})
+    with local.stack:
+        intake = local.intake()
+
+        def timeouts(**given: float) -> list[float]:
+            for name, width in local.takes.items():
+                intake.live(name, [1.0] * width, **given)
+            extern = local.tick().input.state.extern
+            return [extern[name].timeout for name in local.takes]
+
+        assert timeouts() == [0.2, 0.5, math.inf]
+        assert timeouts(timeout=0.1) == [0.1, 0.1, 0.1]
+        assert timeouts(timeout=2.0) == [0.2, 2.0, 2.0]
+        assert timeouts() == [0.2, 0.5, math.inf]
+        local.data.follow(local.velocity, {"mood": 1, "feet": 1}, {"mood": 3.0})
+        extern = local.tick().input.state.extern
+        assert "feet" in extern
+        assert "mood" not in extern, "another contract let it count for ever"
+
+
+def test_a_live_input_that_never_gets_stale_has_a_new_producer_once_its_first_is_silent(runtime: Path) -> None:
+    local = LocalSession(timeouts={"keys": math.inf})
+    with local.stack:
+        first, second = local.intake("first"), local.intake("second")
+        first.live("keys", [1.0, 0.0])
+        local.tick()
+        second.live("keys", [0.0, 1.0])
+        assert local.tick().input.state.extern["keys"].value.tolist() == [1.0, 0.0]
+        for _ in range(26):
+            local.tick()
+        assert local.data.owners["keys"] == ""
+        state = local.tick().input.state
+        assert state.extern["keys"].at(state.time).tolist() == [1.0, 0.0]
+        second.live("keys", [0.0, 1.0])
+        assert local.tick().input.state.extern["keys"].value.tolist() == [0.0, 1.0]
 
 
 def test_heartbeats_are_kept_by_name(local: LocalSession) -> None:

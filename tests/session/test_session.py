@@ -124,27 +124,34 @@ def test_a_callable_feeds_a_live_input_and_its_values_are_in_the_ticks() -> None
 @pytest.mark.parametrize(
     ("live", "reason"),
     [
-        (None, "observation foot_contact[0] is nan, expected a finite number"),
         (lambda _: [1.0, np.inf], "observation foot_contact[1] is inf, expected a finite number"),
         (lambda _: np.ones(3), "MITState.extern['foot_contact']: has shape (3,), expected (2,)"),
     ],
-    ids=["none", "not finite", "another shape"],
+    ids=["not finite", "another shape"],
 )
-def test_a_live_input_that_is_not_there_is_a_fault_and_never_zeros(
-    live: Callable[[MITState], Any] | None, reason: str
-) -> None:
+def test_a_live_input_that_is_wrong_is_a_fault_and_never_zeros(live: Callable[[MITState], Any], reason: str) -> None:
     sink = FakeSink()
     session(
         FakeRobot(),
         supervisor=live_supervisor(),
         duration=0.4,
         intents=[FakeSource(TO_LOCOMOTION)],
-        live=None if live is None else live_inputs(live),
+        live=live_inputs(live),
         sinks=[sink],
     ).run()
     modes = [record.output.control_mode for record in sink.records]
     assert not any(record.output.policy_step for record in sink.records)
     assert any(mode.mode is Mode.DAMPING and reason in mode.status_message for mode in modes)
+
+
+def test_without_its_live_input_the_policy_does_not_start() -> None:
+    sink = FakeSink()
+    intents = [FakeSource(TO_LOCOMOTION)]
+    session(FakeRobot(), supervisor=live_supervisor(), duration=0.4, intents=intents, sinks=[sink]).run()
+    refused = {text for record in sink.records for text in record.output.refusals}
+    assert refused == {"START_LOCOMOTION refused: the live input 'foot_contact' (/foot_contact) has not come yet"}
+    assert Mode.LOCOMOTION not in {record.output.control_mode.mode for record in sink.records}
+    assert not any(record.output.faults for record in sink.records)
 
 
 def test_the_safety_filter_decides_what_the_supervisor_sees() -> None:

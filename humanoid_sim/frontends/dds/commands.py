@@ -1,4 +1,4 @@
-"""From DDS to the intake: commands for REMOTE, safety statuses and the piano's keys, on a thread of their own.
+"""From DDS to the intake: commands for REMOTE, safety statuses and live inputs, on a thread of their own.
 
 What lay in a socket while this process stood still is old when it goes on, although nobody saw it come: see
 `ArrivalClock`.
@@ -10,17 +10,19 @@ import math
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 
 from humanoid_sim.client import Intake, SessionError, SessionInfo, monotonic_ns
 from humanoid_sim.errors import FieldError
+from humanoid_sim.frontends.dds.live import LiveForwarder, Wanted
 from humanoid_sim.frontends.dds.safety import StatusForwarder
-from humanoid_sim.mit import KEY_PRESSED, MITCommand
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.ros2.cdr import CdrError
+from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.dds.endpoints import Reader, Received
-from humanoid_sim.ros2.messages import decode_float32_array, decode_mit_command
-from humanoid_sim.ros2.topics import COMMAND_TOPIC, KEY_STATE_TOPIC, SAFETY_TOPIC
+from humanoid_sim.ros2.messages import decode_mit_command
+from humanoid_sim.ros2.topics import COMMAND_TOPIC, SAFETY_TOPIC
 from humanoid_sim.session.sources import remote_problem
 
 __all__ = ["DEPTH", "ArrivalClock", "CommandReader", "read_command"]
@@ -106,8 +108,8 @@ class CommandReader:
         self,
         session: SessionInfo,
         joints: tuple[str, ...],
+        participant: Participant,
         commands: Reader,
-        keys: Reader | None,
         statuses: Sequence[Reader] = (),
     ) -> None:
         """Start nothing yet.
@@ -115,12 +117,14 @@ class CommandReader:
         Args:
             session: that is told.
             joints: the robot's.
+            participant: joins the domain.
             commands: of `/remote_policy_controller/command`.
-            keys: of `/piano/key_state`, where the session takes them from outside.
             statuses: of `/safety_status`, where other programs may damp: latched, and of any quality of service.
         """
         self._session, self._joints = session, joints
-        self._commands, self._keys, self._statuses = commands, keys, statuses
+        self._participant, self._commands, self._statuses = participant, commands, statuses
+        self.wanted: Mapping[str, Wanted] = {}
+        """Live inputs to take; may be replaced from any thread."""
         self._stack = ExitStack()
         self._intakes: OrderedDict[int, Intake] = OrderedDict()
         self._stop = threading.Event()
@@ -145,18 +149,22 @@ class CommandReader:
 
     def _run(self) -> None:
         clock = ArrivalClock(monotonic_ns())
+
+        def stamp(one: Received) -> int:
+            return clock.stamp(one.writer, one.source_ns)
+
         try:
             own = self._stack.enter_context(Intake(self._session, "dds"))
             safety = StatusForwarder(own, lambda problem: self._refuse(SAFETY_TOPIC, problem))
+            live = LiveForwarder(self._participant, own, self._refuse)
             while not self._stop.is_set():
                 self._commands.wait(_WAIT)
                 clock.look(monotonic_ns())
                 taken = [sample for statuses in self._statuses for sample in statuses.take()]
-                safety.take(taken, lambda one: clock.stamp(one.writer, one.source_ns), time.monotonic())
+                safety.take(taken, stamp, time.monotonic())
                 self._take_commands(clock)
-                if self._keys is not None:
-                    for sample in self._keys.take()[-1:]:
-                        self._key_state(sample, own, clock.stamp(sample.writer, sample.source_ns))
+                live.follow(self.wanted)
+                live.take(stamp)
                 self._report(own)
         except SessionError:  # it has ended, as the feed says too
             return
@@ -176,14 +184,6 @@ class CommandReader:
         for writer, (command, stamp) in newest.items():
             fields = (command.position, command.velocity, command.effort, command.stiffness, command.damping)
             self._intake(writer).remote(self._joints, *map(list, fields), stamp=stamp)
-
-    def _key_state(self, sample: Received, own: Intake, stamp: int) -> None:
-        try:
-            keys = decode_float32_array(sample.data)
-        except CdrError as error:
-            self._refuse(KEY_STATE_TOPIC, str(error))
-            return
-        own.live(KEY_PRESSED, keys.tolist(), stamp=stamp)
 
     def _refuse(self, topic: str, problem: str) -> None:
         self._refused += 1

@@ -12,10 +12,11 @@ from humanoid_sim.command_line import parse
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, ready
 from humanoid_sim.frontends.dds.commands import DEPTH, CommandReader
+from humanoid_sim.frontends.dds.live import wanted_inputs
 from humanoid_sim.frontends.dds.telemetry import Telemetry, local_topics, network_topics
 from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant, is_wireless
 from humanoid_sim.ros2.dds.endpoints import Reader
-from humanoid_sim.ros2.topics import COMMAND_TOPIC, KEY_STATE_TOPIC, SAFETY_TOPIC, TOPICS
+from humanoid_sim.ros2.topics import COMMAND_TOPIC, SAFETY_TOPIC, TOPICS
 
 __all__ = ["DdsConfig", "main"]
 
@@ -56,10 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         participant = stack.enter_context(Participant(interface=config.interface))
         topics = local_topics(attachment) if is_local else network_topics(attachment)
         refusals = _Refusals(attachment)
-        telemetry = Telemetry(attachment, participant, topics, news=refusals.news)
-        keys: Reader | None = None
-        if is_local and KEY_STATE_TOPIC not in topics:
-            keys = Reader(participant, KEY_STATE_TOPIC, TOPICS[KEY_STATE_TOPIC])
+        telemetry = Telemetry(attachment, participant, topics, live=is_local, news=refusals.news)
         commands = Reader(participant, COMMAND_TOPIC, TOPICS[COMMAND_TOPIC], depth=DEPTH)
         # A latched fault from before this program began counts, and so does one that its writer does not latch.
         statuses = [
@@ -67,7 +65,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for any_writer in (False, True)
             if is_local or config.safety
         ]
-        reader = CommandReader(attachment.session, attachment.header.joint_names, commands, keys, statuses)
+        reader = CommandReader(attachment.session, attachment.header.joint_names, participant, commands, statuses)
+        if is_local:
+            reader.wanted = wanted_inputs(attachment)
         stack.callback(reader.close)
         reader.start()
         newest = attachment.feed.latest()
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             ready(f"warning: whoever is on the network at {config.interface} can command the robot in REMOTE")
         if is_wireless(config.interface):
             ready(f"warning: {config.interface} is wireless, expected a cable: REMOTE may stop at any moment")
-        _serve(attachment, telemetry, reader, number)
+        _serve(attachment, telemetry, reader, number, is_local=is_local)
     return 0
 
 
@@ -102,7 +102,7 @@ class _Refusals:
         return self._text
 
 
-def _serve(attachment: Attachment, telemetry: Telemetry, reader: CommandReader, number: int) -> None:
+def _serve(attachment: Attachment, telemetry: Telemetry, reader: CommandReader, number: int, *, is_local: bool) -> None:
     """Publish the ticks after that number until the session ends."""
     feed = attachment.feed
     looked = time.monotonic()
@@ -110,6 +110,9 @@ def _serve(attachment: Attachment, telemetry: Telemetry, reader: CommandReader, 
     while True:
         for sample in feed.since(number):
             number = sample.number
+            if attachment.follow():
+                telemetry.follow()
+                reader.wanted = wanted_inputs(attachment) if is_local else {}
             telemetry.publish(sample)
         if time.monotonic() - looked > _LOOK_PERIOD:
             looked = time.monotonic()

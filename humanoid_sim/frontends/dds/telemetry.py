@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from humanoid_sim.client import Sample
 from humanoid_sim.frontends.attach import Attachment
+from humanoid_sim.frontends.dds.live import wanted_inputs
 from humanoid_sim.messages import TickRecord
-from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.recording.topics import TopicMessage, ViewerTopics, topic_prefix
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.dds.endpoints import Writer
@@ -19,7 +19,7 @@ from humanoid_sim.ros2.topics import (
     CONTROL_MODE_TOPIC,
     DESCRIPTION_TOPIC,
     IMU_TOPIC,
-    KEY_STATE_TOPIC,
+    LIVE_INPUT,
     SAFETY_TOPIC,
     STANDBY_TOPIC,
     STANDBY_TOPICS,
@@ -39,8 +39,7 @@ _ACROSS = (IMU_TOPIC, CONTROL_MODE_TOPIC, DESCRIPTION_TOPIC, TF_TOPIC, TF_STATIC
 def local_topics(attachment: Attachment) -> dict[str, Topic]:
     """The topics that a session has on its own machine, by name.
 
-    The clock is a simulation's. The piano's keys are published where the session makes them itself; where it takes
-    them from outside, the bridge subscribes to that topic.
+    The clock is a simulation's. Topics of live inputs are not among them: see `Telemetry`.
     """
     names = [
         IMU_TOPIC,
@@ -54,8 +53,6 @@ def local_topics(attachment: Attachment) -> dict[str, Topic]:
     ]
     if not attachment.session.hardware:
         names.append(CLOCK_TOPIC)
-    if KEY_PRESSED not in attachment.feed.live_inputs:
-        names.append(KEY_STATE_TOPIC)
     return _with_joint_states(attachment, names)
 
 
@@ -78,6 +75,7 @@ class Telemetry:
         participant: Participant,
         topics: Mapping[str, Topic],
         *,
+        live: bool = False,
         news: Callable[[], str] = lambda: "",
     ) -> None:
         """Announce the topics.
@@ -86,20 +84,30 @@ class Telemetry:
             attachment: the session.
             participant: joins the domain.
             topics: those that are published, and what they are.
+            live: whether live inputs that the session makes itself, such as a simulated piano's keys, are published as
+                well, each on its topic as of its first value. Those that it takes from outside are not: the bridge
+                subscribes to their topics.
             news: what to say in `/control_mode` beside the session's own status message; empty for nothing.
         """
         self._attachment, self._participant, self._news = attachment, participant, news
-        self._topics = dict(topics)
+        self._fixed, self._has_live = dict(topics), live
         self._messages = ViewerTopics(attachment.header, every_state=True)
         self._writers: dict[tuple[str, str], Writer] = {}
-        for topic in self._topics:
+        self._topics: dict[str, Topic] = {}
+        self.follow()
+        for topic in self._fixed:
             if topic != SAFETY_TOPIC:  # announced by its sources
                 self._writer(topic, "")
 
+    def follow(self) -> None:
+        """Publish what a policy that was loaded since has."""
+        self._messages.follow(self._attachment.header)
+        taken = {one.topic for one in wanted_inputs(self._attachment).values()}
+        made = set(self._messages.live.values()) - taken if self._has_live else ()
+        self._topics = {**self._fixed, **dict.fromkeys(made, LIVE_INPUT)}
+
     def publish(self, sample: Sample) -> None:
         """Publish a tick."""
-        if self._attachment.follow():
-            self._messages.follow(self._attachment.header)
         record = self._attachment.record(sample)
         time_ns = self._attachment.time_ns(float(record.input.state.time))
         if CLOCK_TOPIC in self._topics:

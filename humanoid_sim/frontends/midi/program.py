@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
 
-from humanoid_sim.client import Intake, SessionError
+from humanoid_sim.client import LIVE_TIMEOUT, Intake, SessionError
 from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import require_packages
@@ -72,7 +72,9 @@ class Teller:
         lines = self._keyboard.look(seconds)
         is_known = self._keyboard.is_known
         if is_known or self._was_known:
-            self._intake.live(KEY_PRESSED, self._keyboard.pressed.tolist(), stamp=self._keyboard.stamp)
+            keys = self._keyboard.pressed.tolist()
+            # Repeated all the time, so silence means a lost keyboard, whatever the policy's contract allows.
+            self._intake.live(KEY_PRESSED, keys, timeout=LIVE_TIMEOUT, stamp=self._keyboard.stamp)
         self._was_known = is_known
         return lines
 

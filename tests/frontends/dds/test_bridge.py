@@ -232,9 +232,12 @@ def test_keys_that_the_session_makes_itself_are_published_and_not_taken(robot: R
     robot.writer()
     assert robot.client.writer(KEYS).get_matched_subscriptions() == []
     reader = robot.client.reader(KEYS, depth=1)
-    until(reader.get_matched_publications, "the bridge's publication")
-    robot.local.makes["key_pressed"] = Extern(np.array([0.0, 1.0]), robot.local.time)
-    assert newest(reader).data == [0.0, 1.0]
+
+    def pressed() -> list[float]:
+        robot.local.makes["key_pressed"] = Extern(np.array([0.0, 1.0]), robot.local.time)
+        return [one.data for one in reader.take(1)]
+
+    assert until(pressed, "the keys") == [[0.0, 1.0]]
 
 
 def test_a_subscriber_that_stands_still_holds_nobody_up(robot: Robot) -> None:

@@ -82,7 +82,7 @@ def test_keys_from_outside_reach_the_session_where_it_takes_them(domain: int, ru
         newest(cyclone.reader("rt/clock"))
         assert reader.get_matched_publications() == [], "never both"
         writer = cyclone.writer("rt/piano/key_state", depth=1)
-        until(lambda: len(writer.get_matched_subscriptions()) == 2, "the bridge's subscription beside our own")
+        until(lambda: len(writer.get_matched_subscriptions()) == 3, "the bridge's subscriptions beside our own")
         keys = Float32MultiArray(MultiArrayLayout([], 0), [1.0, 0.0, 1.0])
 
         def pressed() -> list[float]:
@@ -95,6 +95,6 @@ def test_keys_from_outside_reach_the_session_where_it_takes_them(domain: int, ru
 
         until(lambda: play() == [1.0, 0.0, 1.0], "the keys")
         keys.data = [1.0] * 88
-        told = "live input 'key_pressed': expected its timeout and 3 finite values"
+        told = "/piano/key_state: has 88 values, expected 3 for the live input 'key_pressed'"
         until(lambda: play() and told in local.data.refusals.latest, "a refusal")
         until(lambda: pressed() == [0.0] * 3, "the timeout of what was not repeated")
