@@ -4,6 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 # LeRobot bounds NumPy, PyAV and others lower than the rest needs, and brings PyTorch with CUDA: an environment of its own.
 LEROBOT := .venv-lerobot
+LEROBOT_EXTRAS := .[lerobot,wandb,test,test-video]
 # ROS 2's wheels restart every Python of the environment that they are in: one of their own, whose nodes the tests start.
 ROS := .venv-ros
 # mjlab has a MuJoCo and a PyTorch of its own choice: in their own environment they export and record, once, and the tests
@@ -11,6 +12,8 @@ ROS := .venv-ros
 PEERS := .venv-peers
 # What pip downloads is shown, and how far it is. Where nobody watches (CI), a line for each package.
 PIP := --disable-pip-version-check --progress-bar $(if $(CI),off,on)
+# A download of gigabytes that is cut short goes on at the second try, from what pip has kept of the first.
+twice = $(1) || $(1)
 
 .PHONY: play test test-slow test-train test-lerobot test-ros test-peers docs picture notebooks bench lint format types train train-walking train-piano clean
 .DEFAULT_GOAL := play
@@ -114,7 +117,7 @@ $(VENV)/slow.done: $(VENV)/test.done $(VENV)/train.done
 
 $(LEROBOT)/test.done: pyproject.toml constraints-lerobot.txt
 	$(PYTHON) -m venv $(LEROBOT)
-	$(LEROBOT)/bin/pip install $(PIP) -c constraints-lerobot.txt -e '.[lerobot,wandb,test,test-video]'
+	$(call twice,$(LEROBOT)/bin/pip install $(PIP) -c constraints-lerobot.txt -e '$(LEROBOT_EXTRAS)')
 	touch $@
 
 $(VENV)/dds.done: $(VENV)/play.done
@@ -127,18 +130,18 @@ $(VENV)/docs.done: $(VENV)/play.done
 
 $(ROS)/test.done: constraints-ros.txt
 	$(PYTHON) -m venv $(ROS)
-	$(ROS)/bin/pip install $(PIP) -r constraints-ros.txt
+	$(call twice,$(ROS)/bin/pip install $(PIP) -r constraints-ros.txt)
 	touch $@
 
 # The compiler takes minutes where it is slow: not the time of a test.
 $(ROS)/interfaces.done: $(ROS)/test.done $(wildcard examples/ros2/humanoid_control_msgs/*/*) tests/ros2_live/interface_package.py
 	@echo "Compiling the message types of ROS 2: a minute or two."
-	$(BIN)/python tests/ros2_live/interface_package.py
+	$(PYTHON) tests/ros2_live/interface_package.py
 	touch $@
 
 $(PEERS)/test.done: constraints-peers.txt
 	$(PYTHON) -m venv $(PEERS)
-	$(PEERS)/bin/pip install $(PIP) -r constraints-peers.txt
+	$(call twice,$(PEERS)/bin/pip install $(PIP) -r constraints-peers.txt)
 	touch $@
 
 # Warp compiles its kernels the first time, for minutes, and finds them in its cache after that.
