@@ -34,11 +34,6 @@ def test_a_pickled_contract_is_the_same_and_read_only():
     assert not copy.joint_stiffness.flags.writeable
 
 
-@pytest.mark.parametrize("task_type", ["tracking", "piano", "locomotion"])
-def test_task_types(task_type):
-    assert contract(task_type=task_type).task_type == task_type
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -48,14 +48,6 @@ def run(rl, count, start=0.0, **inputs):
     return results
 
 
-def test_defaults():
-    rl = controller()
-    assert rl.action_limit == 100.0
-    assert rl.decimation == 2
-    assert rl.fallback == "damping_controller"
-    assert rl.wiring.layout.width == 3 + 3 + 3 + 2 + 1 + 3
-
-
 # --- observation and action ---
 
 
@@ -79,12 +71,6 @@ def test_the_action_drives_its_own_joints():
     assert command.stiffness.tolist() == [33.0, 32.0, 31.0]
     assert command.damping.tolist() == [3.3, 3.2, 3.1]
     assert command.velocity.tolist() == command.effort.tolist() == [0.0, 0.0, 0.0]
-
-
-def test_joints_without_an_action_are_pinned_to_zero_not_to_their_default():
-    for answer in ([0.0, 0.0], [50.0, -50.0]):
-        ((_, command),) = run(controller(lambda *_, answer=answer: answer), 1)
-        assert command.position[JOINTS.index("wrist")] == 0.0
 
 
 @pytest.mark.parametrize("order", list(permutations(JOINTS)))
