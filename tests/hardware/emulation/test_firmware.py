@@ -27,7 +27,6 @@ from humanoid_sim.hardware.robstride.messages import (
     SaveParameters,
     SetActiveReport,
     SetBaudRate,
-    SetDeviceId,
     SetProtocol,
     SetZero,
     Status,
@@ -260,14 +259,6 @@ def test_position_feedback_runs_cyclically_and_mechpos_does_not() -> None:
     reaction = firmware.receive(old.identity, old.state, Frame(0x017FFF0B, bytes(8)), old.sensed, 0.0)
     raw = int.from_bytes(reaction.frames[0].data[:2], "big")
     assert (raw / 32767 - 1) * 12.5 == pytest.approx(12.55 - 25.0, abs=4e-4)
-
-
-def test_a_new_id_holds_at_once_and_without_power() -> None:
-    motor = Motor()
-    assert motor.tell(SetDeviceId(ID, 33)) == [DeviceId(33, bytes(range(8)))]
-    assert motor.tell(GetDeviceId(ID)) == []
-    motor.cycle_power()
-    assert motor.tell(GetDeviceId(33)) == [DeviceId(33, bytes(range(8)))]
 
 
 @pytest.mark.parametrize("command", [SetProtocol(ID, Protocol.MIT), SetBaudRate(ID, BaudRate.KBIT_500)])

@@ -149,14 +149,6 @@ def packet(attitude: object = (1, 0, 0, 0), rate: object = (0, 0, 0), force: obj
     )
 
 
-def test_a_level_device_at_rest_is_upright_at_rest() -> None:
-    reading = reading_of(packet(), UP)
-    assert reading is not None
-    assert reading.quaternion == pytest.approx([1.0, 0.0, 0.0, 0.0])
-    assert reading.linear_acceleration == pytest.approx([0.0, 0.0, 9.80665])
-    assert reading.status.is_ok
-
-
 @pytest.mark.parametrize(
     ("attitude", "force", "gravity"),
     [

@@ -81,10 +81,6 @@ def _is_unheard(table: MotorTable) -> bool:
     return all(bool(np.isnan(array).all()) for array in arrays)
 
 
-def test_nothing_heard_is_nan_everywhere(table: MotorTable) -> None:
-    assert _is_unheard(table)
-
-
 @pytest.mark.parametrize("is_report", [False, True])
 def test_a_status_is_decoded_in_the_motors_frame(table: MotorTable, is_report: bool) -> None:
     _tell(table, _status(is_report=is_report), 4.25)
@@ -182,12 +178,6 @@ def test_another_master_is_noticed_by_its_commands(table: MotorTable, command: C
     assert _is_unheard(table)
 
 
-def test_another_master_is_noticed_by_the_answers_to_it(table: MotorTable) -> None:
-    _tell(table, _status(host=0xFF), 3.0)
-    assert table.channels[0].intruder == (3.0, "motor 11 answers host 0xFF, not 0xFD")
-    assert _is_unheard(table)
-
-
 def test_a_motor_of_the_other_channel_is_a_stranger(table: MotorTable) -> None:
     _tell(table, _status(motor_id=11), channel=1)
     _tell(table, _status(motor_id=21), channel=0)
@@ -203,11 +193,6 @@ def test_a_fault_between_two_readings_is_kept(table: MotorTable) -> None:
     assert slot.sample.status.faults == 0
     assert slot.alarm is not None
     assert (slot.alarm.time, slot.alarm.status.faults) == (1.0, StatusFault.UNDERVOLTAGE)
-
-
-def test_a_mode_other_than_run_is_an_alarm(table: MotorTable) -> None:
-    _tell(table, _status(mode=MotorMode.RESET), 1.0)
-    assert table.slots[0].alarm is table.slots[0].sample
 
 
 @pytest.mark.parametrize("host", [HOST, 0xFF, 0xFE])
