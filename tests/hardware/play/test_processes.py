@@ -58,14 +58,9 @@ def robot(make_robot: Callable[..., str]) -> str:
 
 
 @pytest.fixture
-def channel(folder: Path) -> str:
+def channel(calibrate: Callable[[], None]) -> str:
     """A multicast group that no other test uses, and a calibration beside it."""
-    lines = [
-        f"{joint.name}: {{id: {joint.motor.can_id}, direction: {joint.motor.direction}, homing_offset: 0.0}}"
-        for joint in load_robot("lite").joints
-        if joint.motor is not None
-    ]
-    (folder / "calibration.yaml").write_text("\n".join(lines), encoding="utf-8")
+    calibrate()
     return f"udp_multicast:239.74.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
 
 
