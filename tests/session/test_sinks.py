@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import contextlib
 import threading
 import time
 from collections.abc import Iterator
@@ -10,7 +9,6 @@ import pytest
 import rig
 from fakes import HEADER, BrokenError, FakeRobot, FakeSink, session
 
-from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.session import sinks
 from humanoid_sim.session.sinks import SinkGroup, WorkerSink
@@ -210,30 +208,6 @@ def test_what_a_stuck_worker_keeps_is_bounded_and_the_rest_is_counted(stuck: Stu
 
 def broken(*_: Any) -> None:
     raise BrokenError("deliberate")
-
-
-def test_only_sinks_that_started_are_closed() -> None:
-    log: list[str] = []
-    first, second, third = (FakeSink(log, name=name) for name in "abc")
-    second.start = lambda _: (_ for _ in ()).throw(InputError("b: cannot be written"))  # type: ignore[method-assign]
-    group = SinkGroup([first, second, third], lambda: 0.0)
-    with pytest.raises(InputError, match="b: cannot"), contextlib.ExitStack() as stack:
-        group.start(HEADER, stack)
-    assert log == ["start a", "close a"]
-
-
-def test_a_sink_that_raises_is_left_out_and_the_others_hear_of_it() -> None:
-    bad, good = FakeSink(), FakeSink()
-    bad.tick = broken  # type: ignore[method-assign]
-    group = SinkGroup([bad, good], lambda: 1.5)
-    record: Any = object()
-    group.tick(record)
-    group.tick(record)
-    group.event("later")
-    assert good.records == [record, record]
-    assert group.failures == ["FakeSink: BrokenError: deliberate"]
-    assert good.events == [f"left out from here on: {group.failures[0]}", "later"]
-    assert bad.events == []
 
 
 def test_sinks_that_fail_at_the_news_of_a_failure_are_left_out_as_well() -> None:

@@ -110,18 +110,6 @@ def test_beyond_the_ranges_is_refused(text: str, name: str) -> None:
         parse_velocity(text, RANGES)
 
 
-def test_keys_add_up_within_the_ranges() -> None:
-    velocity = VelocityCommand(np.zeros(3), RANGES)
-    for _ in range(12):
-        velocity.press("w")
-    velocity.press("j")
-    velocity.press("x")
-    assert velocity.command.tolist() == [1.0, 0.0, 0.1]
-    assert velocity.latest()[VELOCITY_COMMAND].value.tolist() == [1.0, 0.0, 0.1]
-    velocity.press("0")
-    assert velocity.command.tolist() == [0.0, 0.0, 0.0]
-
-
 def test_every_direction_has_its_keys() -> None:
     keys: dict[tuple[float, ...], list[str]] = {}
     for key, change in VELOCITY_KEYS.items():
