@@ -11,6 +11,7 @@ import cloudpickle
 import gymnasium
 import numpy as np
 import pytest
+from alike import same
 
 import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.envs import dm
@@ -54,19 +55,6 @@ def environments() -> dict[str, Any]:
         "dm": dm.load("lite_tracking", seed=2, robot=LITE, rewards=local_terms()),
         "lerobot": hub.envs[0],
     }
-
-
-def same(one: Any, other: Any) -> None:
-    if isinstance(one, dict):
-        assert one.keys() == other.keys()
-        for name in one:
-            same(one[name], other[name])
-    elif isinstance(one, tuple | list):
-        assert len(one) == len(other)
-        for a, b in zip(one, other, strict=True):
-            same(a, b)
-    else:
-        np.testing.assert_array_equal(one, other)
 
 
 def test_another_process_goes_on_alike(tmp_path: Path) -> None:

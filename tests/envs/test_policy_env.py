@@ -9,7 +9,6 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from humanoid_sim.controllers.observation import stack
 from humanoid_sim.envs.episode_robot import PlantState
@@ -38,12 +37,6 @@ def legs() -> Iterator[PolicyEnv]:
     env = PolicyEnv(**LEGS, episode_seconds=1.0)  # type: ignore[arg-type]
     yield env
     env.close()
-
-
-@pytest.mark.parametrize("name", ["LiteTracking-v0", "BipedVelocity-v0"])
-def test_gymnasium_s_checker_has_nothing_to_say(name: str) -> None:
-    env = gymnasium.make(f"humanoid_sim/{name}")
-    check_env(env.unwrapped, skip_render_check=True)
 
 
 def test_the_sample_policy_follows_its_motion_to_the_end(arms: PolicyEnv) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from alike import following
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import humanoid_sim  # noqa: F401 - registers the environments
@@ -82,33 +83,12 @@ def memory_policy() -> PolicyContract:
 def anchored() -> dict[str, Any]:
     """A contract that follows the pelvis and the joints of a short motion, which starts somewhere else."""
     robot = ROBOTS["lite_biped"]
-    names = robot.joint_names
-    contract = PolicyContract(
-        task_type="tracking",
-        joint_names=names,
-        action_joint_names=names,
-        joint_stiffness=robot.stiffness,
-        joint_damping=robot.damping,
-        default_joint_pos=robot.initial_position,
-        observation=[
-            Term("command"),
-            Term("motion_anchor_pos_b"),
-            Term("motion_anchor_ori_b"),
-            Term("joint_pos"),
-            Term("last_action"),
-        ],
-        command_names=("motion",),
-        action_scale=np.full(14, 0.25),
-        policy_dt=0.02,
-        body_names=("pelvis",),
-        anchor_body="pelvis",
-    )
     frames = np.zeros((8, 2 * 14 + 7))
     frames[:, :14] = robot.initial_position
     frames[:, 28:31] = np.linspace([1.0, 2.0, 0.77], [1.1, 2.2, 0.77], 8)
     frames[:, [31, 34]] = np.sqrt(0.5)  # turned left by 90°
-    motion = Motion(frames, ("pelvis",), 0.02, layout="joints_bodies_w", joint_names=names)
-    return {"contract": contract, "robot": robot, "motion": motion, "max_episode_steps": 6}
+    motion = Motion(frames, ("pelvis",), 0.02, layout="joints_bodies_w", joint_names=robot.joint_names)
+    return {"contract": following(robot), "robot": robot, "motion": motion, "max_episode_steps": 6}
 
 
 def assert_same(ours: Any, theirs: Any, where: str = "") -> None:
