@@ -82,7 +82,6 @@ def test_another_process_goes_on_alike(tmp_path: Path) -> None:
         expected = [env.step(action) for action in following[name]]
         for a, b in zip(results[name], expected, strict=True):
             same(tuple(a), tuple(b))
-        env.close()
     assert results["vector"][0][4]["terms"]["quiet"].max() < 0.0
     assert results["vector"][0][4]["privileged"].shape == (3, 1)
 

@@ -95,8 +95,6 @@ def test_many_robots_go_on_alike(how: str, randomisation: dict[str, Any] | None)
     assert sum(step[3].sum() for step in expected) >= 5
     same(twin.reset(), envs.reset())
     assert twin.unwrapped.fault_count == 1
-    for one in (envs, twin):
-        one.close()
 
 
 @copies

@@ -67,7 +67,6 @@ def test_episodes_are_those_of_the_gymnasium_environment(name: str, options: dic
             assert step.first()
             assert step.reward is None
             np.testing.assert_array_equal(flat(step), observation)
-    theirs.close()
 
 
 def test_a_term_is_an_entry_in_the_policy_s_order() -> None:

@@ -45,8 +45,6 @@ def test_every_step_is_that_of_single_environments(contract: PolicyContract) -> 
     assert np.ptp(scans, axis=1).max() > 0.005, "the ground is not level"
     base = native.simulation.base.position[:, 2]
     assert np.abs(2.0 * scans.mean(axis=1) - base).max() < 0.5
-    native.close()
-    sync.close()
 
 
 def test_dm_control_sees_what_gymnasium_sees(contract: PolicyContract) -> None:
@@ -72,4 +70,3 @@ def test_the_state_machines_environment_takes_the_scan_with_the_policy(
     assert modes.robot.extern["height_scan"] == RAYS
     modes.reset(seed=0)
     assert np.ptp(modes.robot.read()[0].extern["height_scan"].value) < 0.01, "it stands on a level floor"
-    modes.close()

@@ -80,7 +80,6 @@ def test_single_and_vector_environments_observe_the_same_bits(contract: Path) ->
     rest, _ = vector.reset(seed=[None, 30, None], options={"reset_mask": chosen})
     np.testing.assert_array_equal(rest[1], ones[0].reset(seed=30)[0])
     np.testing.assert_array_equal(rest[[0, 2]], alone[[0, 2]])
-    vector.close()
 
 
 def test_a_copy_goes_on_with_the_same_live_input(contract: Path) -> None:

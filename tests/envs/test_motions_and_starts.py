@@ -52,8 +52,6 @@ def test_each_episode_has_one_of_several_motions_to_its_own_end() -> None:
         assert re.fullmatch("(0123|456789a)+(0|01|012|4|45|456|4567|45678|456789)?", text), text
     assert "0123" in "".join(shown)
     assert "456789a" in "".join(shown)
-    native.close()
-    sync.close()
 
 
 def test_a_motion_among_others_is_rewarded_as_it_is_alone() -> None:
@@ -68,8 +66,6 @@ def test_a_motion_among_others_is_rewarded_as_it_is_alone() -> None:
         assert ours[1:4] == theirs[1:4]
         assert (ours[4]["frame"], theirs[4]["frame"]) == (i, i + 4)
     assert ours[3]
-    alone.close()
-    among.close()
 
 
 def test_episodes_begin_anywhere_in_the_motion_with_the_hands_where_it_has_them() -> None:
@@ -87,7 +83,6 @@ def test_episodes_begin_anywhere_in_the_motion_with_the_hands_where_it_has_them(
     assert 0.8 * last < frames.max() < last
     speed = np.abs(native.simulation.qvel).max(axis=1)
     assert np.median(speed) > 0.1
-    native.close()
 
 
 @pytest.mark.parametrize("options", [{}, {"randomisation": {"mass": (0.9, 1.1), "command_delay": (0.0, 0.02)}}])
@@ -97,8 +92,6 @@ def test_single_and_many_begin_alike_in_the_middle_of_several_motions(options: d
     )
     frames = walk_along(native, sync, 12)
     assert not set(frames[0].tolist()) <= {0, 4}
-    native.close()
-    sync.close()
 
 
 def test_a_base_that_floats_is_where_the_motion_has_it_and_moves_along() -> None:
@@ -121,8 +114,6 @@ def test_a_base_that_floats_is_where_the_motion_has_it_and_moves_along() -> None
     anchor = next(term for term in terms if term.name == "motion_anchor_pos_b")
     np.testing.assert_allclose(native._observation[:, anchor.start : anchor.stop], 0.0, rtol=0, atol=1e-5)
     assert len(np.unique(base.yaw.round(3))) == 6
-    native.close()
-    sync.close()
 
 
 def test_feet_in_the_floor_are_lifted_onto_it() -> None:

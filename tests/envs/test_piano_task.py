@@ -62,7 +62,6 @@ def test_one_robot_and_a_batch_play_alike() -> None:
         assert infos["terms"]["reach"][0] == pytest.approx(info["terms"]["reach"], abs=1e-9)
         touched = touched or single.unwrapped.robot.data.ncon > 0
     assert touched
-    vector.close()
 
 
 def test_what_is_rewarded() -> None:

@@ -45,8 +45,6 @@ def test_every_step_of_every_episode_is_that_of_single_environments(name: str, o
         speeds.append(np.abs(native._commands).max())
     assert masses[0][0] == pytest.approx(masses[0][1])  # at the progress 0 nothing differs
     assert len({*masses[1], *masses[2]}) == 4
-    native.close()
-    sync.close()
 
 
 def test_a_single_environment_draws_every_episode_anew_and_its_seed_repeats_them() -> None:
@@ -58,7 +56,6 @@ def test_a_single_environment_draws_every_episode_anew_and_its_seed_repeats_them
         seen.append(robot.model.body_mass.sum())
     assert len(set(seen[:3])) == 3
     assert seen[3:] == seen[:2]
-    env.close()
 
 
 def test_without_a_seed_two_environments_differ_and_each_episode_too() -> None:
@@ -68,7 +65,6 @@ def test_without_a_seed_two_environments_differ_and_each_episode_too() -> None:
         for _ in range(2):
             env.reset()
             masses.add(env.unwrapped.robot.model.body_mass.sum())  # type: ignore[attr-defined]
-        env.close()
     assert len(masses) == 4
 
 
@@ -80,7 +76,6 @@ def test_commands_grow_with_the_progress() -> None:
     envs.reset(seed=0)
     np.testing.assert_allclose(small, 0.2 * envs.unwrapped._commands, rtol=1e-12)
     assert np.abs(small).max() > 0.1
-    envs.close()
 
 
 def beyond(progress: float) -> dict[str, float]:
@@ -114,4 +109,3 @@ def test_bad_progress_and_amounts_are_named_when_they_are_met() -> None:
     env.unwrapped.progress = 0.5
     with pytest.raises(InputError, match=r"curriculum: mass is 1.5 at the progress 0.5, expected a number from 0 to 1"):
         env.reset(seed=0)
-    env.close()

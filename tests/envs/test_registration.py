@@ -108,7 +108,6 @@ def test_specs_say_how_long_an_episode_may_be(name: str, options: dict[str, Any]
         envs = gymnasium.make_vec(f"humanoid_sim/{name}", num_envs=2, threads=1, **options)
         assert envs.spec is not None
         assert envs.spec.max_episode_steps == steps
-        envs.close()
 
 
 @pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")  # raw actions have the bounds of joints

@@ -27,8 +27,6 @@ def test_every_step_is_that_of_single_environments(options: dict[str, Any]) -> N
     walk_along(native, sync, 12, 0.5)
     native.reset(seed=3)
     assert len({tuple(start) for start in native.simulation.base.position[:, :2].tolist()}) > 1
-    native.close()
-    sync.close()
 
 
 @pytest.mark.parametrize("kind", ["rough", "slopes", "steps"])
@@ -49,8 +47,6 @@ def test_it_begins_with_its_feet_on_the_ground_wherever_that_is(kind: str) -> No
         flat.step(np.zeros(flat.action_space.shape, dtype=np.float32))
     assert not terminated.any()
     np.testing.assert_allclose(hilly.simulation.base.height, flat.simulation.base.height, rtol=0, atol=2e-3)
-    flat.close()
-    hilly.close()
 
 
 def harder(progress: float) -> dict[str, float]:
@@ -67,7 +63,6 @@ def test_a_curriculum_lets_it_onto_harder_tiles() -> None:
         envs.reset(seed=0)
         columns.append(len(set(envs.simulation.qpos[:, 0])))
     assert columns == [1, 2, 3]
-    envs.close()
 
 
 @pytest.mark.slow
