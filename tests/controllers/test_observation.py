@@ -93,9 +93,7 @@ def test_orientation_and_key_terms():
     assert packed.tolist() == [12.0, 13.0, 14.0, 15.0, 16.0, 17.0, 9.0, 10.0, 11.0]
 
     piano = contract(
-        task_type="piano",
-        observation=("target_keys", "target_keys_future", "key_pressed"),
-        lookahead_steps=(1, 5),
+        task_type="piano", observation=("target_keys", "target_keys_future", "key_pressed"), lookahead_steps=(1, 5)
     )
     song = build_reference(piano, [[0, 1], [1, 0], [1, 1]])
     resolved = resolve_observation(piano, JOINTS, song, {"key_pressed": 2})

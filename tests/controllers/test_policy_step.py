@@ -72,10 +72,7 @@ def states(rng: np.random.Generator, batch: tuple[int, ...]) -> MITState:
     """Robots whose joints are anywhere; some of them are told to stand."""
     pose = rng.normal(size=(*batch, 7))
     pose[..., 3:] /= np.sqrt((pose[..., 3:] ** 2).sum(axis=-1, keepdims=True))
-    live = {
-        ANCHOR_POSE: Extern(pose, 0.0),
-        VELOCITY_COMMAND: Extern(rng.uniform(-0.4, 0.4, (*batch, 3)), 0.0),
-    }
+    live = {ANCHOR_POSE: Extern(pose, 0.0), VELOCITY_COMMAND: Extern(rng.uniform(-0.4, 0.4, (*batch, 3)), 0.0)}
     joints, vectors = rng.normal(size=(3, *batch, 3)), rng.normal(size=(2, *batch, 3))
     return MITState(0.0, *joints, np.zeros((*batch, 3)), pose[..., 3:], *vectors, live)
 
@@ -308,14 +305,8 @@ def test_clocks_of_another_pace_each_have_the_bits_of_one_alone():
         ({"standing_value": np.inf}, "standing_value: is inf"),
         ({"period": None}, "period: neither is given, expected a period, or a frequency for each speed"),
         ({"frequency": [[0.0, 1.0]]}, "period: both are given"),
-        (
-            {"period": None, "frequency": [[1.0, 1.0], [0.5, 2.0]]},
-            r"frequency: is \[\[1.0, 1.0\], \[0.5",
-        ),
-        (
-            {"period": None, "frequency": [[0.0, 0.0]]},
-            r"frequency: is \[\[0.0, 0.0\]\], expected \[speed, Hz\]",
-        ),
+        ({"period": None, "frequency": [[1.0, 1.0], [0.5, 2.0]]}, r"frequency: is \[\[1.0, 1.0\], \[0.5"),
+        ({"period": None, "frequency": [[0.0, 0.0]]}, r"frequency: is \[\[0.0, 0.0\]\], expected \[speed, Hz\]"),
         ({"speed": "backward"}, "speed: is 'backward', expected one of command, planar, forward"),
     ],
 )

@@ -9,18 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from rig import (
-    BAD_ANSWERS,
-    DAMPING_KD,
-    JOINTS,
-    KNOWN,
-    PATHS,
-    Run,
-    command,
-    good_answer,
-    supervisor,
-    tick,
-)
+from rig import BAD_ANSWERS, DAMPING_KD, JOINTS, KNOWN, PATHS, Run, command, good_answer, supervisor, tick
 from safety_properties import RigProperties
 
 from humanoid_sim.controllers.base import Fault, Memory

@@ -103,6 +103,23 @@ def available(names: Sequence[str]) -> list[str]:
     ]
 
 
+def watchers(alone: str, mode: Mode, names: Sequence[str]) -> list[str]:
+    """Those who only look on in a mode, as far as they are installed; or the one that is there in place of a window."""
+    if alone:
+        if not available([alone]):
+            pytest.skip(f"the packages of {alone} are not installed")
+        return [alone]
+    rows = {name: ROWS[name] for name in available(names)}
+    return [
+        name for name, row in rows.items() if not (row.instead or row.feeds or (row.remote and mode is Mode.REMOTE))
+    ]
+
+
+def skip_unless(is_sampled: bool, request: pytest.FixtureRequest) -> None:
+    if not is_sampled and not request.config.getoption("--complete"):
+        pytest.skip("a sample without --complete")
+
+
 @pytest.fixture
 def rows(table_of: Callable[[str, tuple[str, ...]], list[tuple[str, ...]]]) -> list[tuple[str, ...]]:
     return table_of("front ends lost", ("front end", "fate", "mode", "where", "what became of the robot"))

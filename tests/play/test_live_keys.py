@@ -44,10 +44,7 @@ def test_a_key_that_a_finger_presses_is_told_everywhere(
 
 @pytest.mark.parametrize(
     ("task", "why"),
-    [
-        ("piano", "this robot, which has a piano and knows its keys"),
-        ("tracking", "this policy, which plays no piano"),
-    ],
+    [("piano", "this robot, which has a piano and knows its keys"), ("tracking", "this policy, which plays no piano")],
 )
 def test_a_keyboard_that_nobody_listens_to_is_refused(task: str, why: str) -> None:
     contract = models.contract(task_type=task)

@@ -209,10 +209,7 @@ def test_options_that_cannot_be(suite: str, tmp_path: Path, capsys: pytest.Captu
     policy, short = str(SAMPLE), ("--suite", suite)
     for arguments, expected in (
         (short, "POLICIES: is empty, expected one or more ONNX checkpoints"),
-        (
-            (policy, "--suite", "nowhere"),
-            "--suite: unknown suite 'nowhere'; known: lite_piano, lite_tracking",
-        ),
+        ((policy, "--suite", "nowhere"), "--suite: unknown suite 'nowhere'; known: lite_piano, lite_tracking"),
         ((policy, *short, "--json", "out.txt"), "--json: is 'out.txt', expected a name that ends in .json"),
         ((policy, *short, "--json", str(there)), f"--json: '{there}' exists; choose another name, or add --overwrite"),
         ((policy, *short, "--junit", "no/where.xml"), "--junit: the folder 'no' does not exist"),

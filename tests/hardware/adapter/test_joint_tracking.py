@@ -11,13 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from humanoid_sim.hardware.adapter.joint_tracking import (
-    JointTracker,
-    find_turns,
-    has_jumped,
-    turn_problems,
-    unwrapped,
-)
+from humanoid_sim.hardware.adapter.joint_tracking import JointTracker, find_turns, has_jumped, turn_problems, unwrapped
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.motors import Readings
 from humanoid_sim.robots.description import load_robot

@@ -202,12 +202,7 @@ def test_a_fault_in_a_status_is_flagged_while_it_lasts(
     ],
 )
 def test_a_fault_report_holds_until_the_motor_reports_none(
-    faults: FaultBit,
-    warnings: WarningBit,
-    flags: SafetyFlag,
-    text: str,
-    enabled: HardwareRobot,
-    motors: ScriptedMotors,
+    faults: FaultBit, warnings: WarningBit, flags: SafetyFlag, text: str, enabled: HardwareRobot, motors: ScriptedMotors
 ) -> None:
     motors.send(motors.buses[0], fault_report(11, faults, warnings))
     status = _wait_for(enabled, flags)

@@ -246,8 +246,7 @@ def test_a_command_that_was_queued_before_the_process_stood_still_never_leaves(
 
 
 @pytest.mark.parametrize(
-    "error",
-    [can.CanOperationError("Transmit buffer full"), can.CanTimeoutError(), OSError(errno.EAGAIN, "try again")],
+    "error", [can.CanOperationError("Transmit buffer full"), can.CanTimeoutError(), OSError(errno.EAGAIN, "try again")]
 )
 def test_every_way_to_say_full_is_understood(error: Exception, bus: ScriptedBus, scripted: Channel) -> None:
     pending = [error]

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from fates import Log, Played, on_motors, playing, until
+from fates import Log, Played, on_motors, playing, skip_unless, until
 
 from humanoid_sim.client import Sample
 from humanoid_sim.messages import Mode
@@ -67,8 +67,7 @@ def first_with_fault(played: Played, after: int) -> Sample:
 def test_a_fault_of_another_process_damps_in_that_tick(
     rows: list[tuple[str, ...]], folder: Path, mode: Mode, request: pytest.FixtureRequest
 ) -> None:
-    if mode not in (Mode.STANDBY, Mode.LOCOMOTION) and not request.config.getoption("--complete"):
-        pytest.skip("a sample without --complete")
+    skip_unless(mode in (Mode.STANDBY, Mode.LOCOMOTION), request)
     with playing(folder, *on_motors(folder, mode, lead=3.0)) as played:
         assert played.reach(mode)
         with monitor(played) as lidar:

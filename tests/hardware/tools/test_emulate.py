@@ -73,10 +73,7 @@ def test_a_piano_s_keys_are_played_on_a_fifo(emulate: Callable[..., tuple[int, s
     assert found[0].count(b"\xfe") >= 2, "active sensing"
     assert not fifo.exists()
     status, _, err = emulate("--channel", CHANNEL, "--midi", str(fifo))
-    assert (status, err) == (
-        2,
-        f"error: --midi: is '{fifo}', but lite has no piano; lite_piano has one\n",
-    )
+    assert (status, err) == (2, f"error: --midi: is '{fifo}', but lite has no piano; lite_piano has one\n")
 
 
 def test_without_a_channel_there_is_nowhere_to_be(emulate: Callable[..., tuple[int, str, str]]) -> None:

@@ -60,8 +60,7 @@ def assert_reports(batch: MITState, i: int, alone: MITState, tolerance: float) -
 
 
 @pytest.mark.parametrize(
-    ("name", "anchor", "spread", "threads"),
-    [("lite", "", 0.8, 2), ("lite_biped", "pelvis", 0.3, 1)],
+    ("name", "anchor", "spread", "threads"), [("lite", "", 0.8, 2), ("lite_biped", "pelvis", 0.3, 1)]
 )
 def test_each_robot_moves_as_it_would_alone(name: str, anchor: str, spread: float, threads: int) -> None:
     robot = load_robot(name)

@@ -261,11 +261,7 @@ def test_gravity_that_is_tilted_is_felt_by_body_and_imu(robot: Any) -> None:
 
 def test_pushes_speed_a_robot_up_by_what_was_drawn_once_in_every_interval() -> None:
     pushed = BatchSimulation(
-        BIPED,
-        6,
-        control_period=PERIOD,
-        threads=1,
-        randomisation=Randomisation(push=(0.2, 0.4), push_interval=0.5),
+        BIPED, 6, control_period=PERIOD, threads=1, randomisation=Randomisation(push=(0.2, 0.4), push_interval=0.5)
     )
     mass = pushed.model(0).body_subtreemass[0]
     forces = []
