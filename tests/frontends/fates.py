@@ -24,6 +24,7 @@ import pytest
 from dds_bridge import free_domain
 from models import linear_model
 from play_fixtures import quick_robot
+from waiting import until
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
@@ -142,15 +143,6 @@ def display() -> Iterator[tuple[subprocess.Popen[bytes], str]]:
                 yield server, f":{stream.readline().strip()}"
         finally:
             server.kill()
-
-
-def until(condition: Callable[[], Any], seconds: float = PATIENCE) -> Any:
-    """What a condition gives as soon as it holds."""
-    deadline = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < deadline, "it never came"
-        time.sleep(0.002)
-    return found
 
 
 @dataclass

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fates import display, until
+from fates import display
 from PIL import ImageGrab
+from waiting import until
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import rig
 from fakes import HEADER, BrokenError, FakeRobot, FakeSink, session
+from waiting import until
 
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.session import sinks
@@ -52,13 +53,6 @@ def records(count: int) -> list[TickRecord]:
     return sink.records[:count]
 
 
-def wait_for(condition: Any) -> None:
-    deadline = time.monotonic() + 5.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.001)
-
-
 def test_ticks_and_events_are_dealt_with_in_order_on_its_own_thread() -> None:
     sink = Kept()
     sink.start(HEADER)
@@ -67,7 +61,7 @@ def test_ticks_and_events_are_dealt_with_in_order_on_its_own_thread() -> None:
     sink.tick(ticks[1])
     sink.event(Event(0.5, "half"))
     sink.tick(ticks[2])
-    wait_for(lambda: sink.backlog == 0)
+    until(lambda: sink.backlog == 0)
     sink.close()
     assert sink.calls == ["start", 0, 1, (0.5, "half"), 2, "close"]
     assert sink.threads == {"kept"}
@@ -99,7 +93,7 @@ def test_one_that_raises_keeps_the_exception_and_takes_no_more(where: str) -> No
     sink.tick(ticks[0])
     sink.event(Event(0.5, "half"))
     sink.tick(ticks[1])
-    wait_for(lambda: sink.error is not None)
+    until(lambda: sink.error is not None)
     for record in ticks:
         sink.tick(record)
     sink.event(Event(1.0, "late"))
@@ -198,9 +192,9 @@ def test_what_a_stuck_worker_keeps_is_bounded_and_the_rest_is_counted(stuck: Stu
     stuck.event(Event(1.0, "late"))
     assert stuck.backlog == sinks.QUEUE_LIMIT
     assert stuck.lost == 4
-    wait_for(lambda: stuck.backlog == 0)  # nobody waits for it any more
+    until(lambda: stuck.backlog == 0)  # nobody waits for it any more
     stuck.let_go.set()
-    wait_for(lambda: len(stuck.calls) == 2 + sinks.QUEUE_LIMIT)
+    until(lambda: len(stuck.calls) == 2 + sinks.QUEUE_LIMIT)
     stuck.close()
     assert stuck.error is None
     assert stuck.calls[-1] == "close"

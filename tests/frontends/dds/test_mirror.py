@@ -17,6 +17,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from waiting import until
 
 pytest.importorskip("cyclonedds", reason="needs the extra dds")
 
@@ -74,13 +75,6 @@ class Robot:
         self._writers["/lite/joint_states"].write(encode_joint_state(time_ns, names or self.names, state))
 
 
-def until_there(mirror: Mirror) -> None:
-    deadline = time.monotonic() + 20.0
-    while not mirror.is_there():
-        assert time.monotonic() < deadline
-        time.sleep(0.002)
-
-
 @pytest.fixture
 def participant(domain: int) -> Iterator[Participant]:
     with Participant(domain) as joined:
@@ -94,7 +88,7 @@ def test_ticks_are_what_the_topics_say(participant: Participant) -> None:
     robot.state(0.1, 0.0)
     assert not mirror.is_there()
     robot.describe()
-    until_there(mirror)
+    until(mirror.is_there)
     writer, image = mirror.begin()
     try:
         assert image.joint_names == description.joint_names
@@ -192,7 +186,7 @@ def test_a_description_that_is_none_is_one_line(participant: Participant, urdf: 
     robot, mirror = Robot(participant, load_robot("lite")), Mirror(participant, "lite")
     robot.describe(urdf)
     robot.state(0.0, 0.0)
-    until_there(mirror)
+    until(mirror.is_there)
     with pytest.raises(InputError, match=why):
         mirror.begin()
 
@@ -219,7 +213,7 @@ def test_its_header_describes_the_body_that_viewers_draw(participant: Participan
     robot, mirror = Robot(participant, description), Mirror(participant, "lite")
     robot.describe()
     robot.state(0.3, 0.0)
-    until_there(mirror)
+    until(mirror.is_there)
     writer, _ = mirror.begin()
     try:
         robot.state(0.3, 1.0)

@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from fates import Log, Played, on_motors, playing, skip_unless, until
+from fates import Log, Played, on_motors, playing, skip_unless
+from waiting import until
 
 from humanoid_sim.client import Sample
 from humanoid_sim.messages import Mode

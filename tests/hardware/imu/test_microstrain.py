@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from emulated_imu import EmulatedImu
+from waiting import until
 
 from humanoid_sim.controllers.rotation import gravity_direction, matrix
 from humanoid_sim.errors import RobotError
@@ -24,13 +25,6 @@ def imu(device: EmulatedImu) -> Iterator[MicrostrainImu]:
     driver = MicrostrainImu(device.port, rate=200.0)
     yield driver
     driver.close()
-
-
-def until(condition: object, seconds: float = 2.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():  # type: ignore[operator]
-        assert time.monotonic() < deadline
-        time.sleep(0.002)
 
 
 def test_a_device_is_configured_and_heard(device: EmulatedImu, imu: MicrostrainImu) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from result import Document
+from waiting import until
 
 from humanoid_sim import record, replay
 from humanoid_sim.cli import run_program
@@ -99,13 +100,6 @@ def wait_for(process: subprocess.Popen[str], text: str) -> None:
         if text in line:
             return
     raise AssertionError(f"{text!r} never came:\n{seen}")
-
-
-def until(condition: Callable[[], object], seconds: float) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.002)
 
 
 def test_motors_whose_host_is_killed_stop_by_themselves_and_the_arms_sink(
