@@ -97,11 +97,6 @@ def test_what_is_wrong_is_named(changes, message):
 def test_every_field_but_the_provenance_has_a_form():
     assert [*FORMS, "provenance"] == [field.name for field in fields(PolicyContract)]
     assert [name for name, form in FORMS.items() if form.is_required] == [
-        "joint_names",
-        "joint_stiffness",
-        "joint_damping",
-        "default_joint_pos",
-        "observation",
-        "action_scale",
+        "joint_names", "joint_stiffness", "joint_damping", "default_joint_pos", "observation", "action_scale",
         "policy_dt",
-    ]
+    ]  # fmt: skip

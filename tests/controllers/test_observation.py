@@ -20,16 +20,9 @@ from humanoid_sim.mit import Extern, MITState
 from humanoid_sim.testing import any_states
 
 ALL_TERMS = (
-    "progress",
-    "imu_quaternion",
-    "joint_vel",
-    "velocity",
-    "imu_angular_velocity",
-    "motion_body_pos_b",
-    "actions",
-    "imu_linear_acceleration",
-    "joint_pos",
-)
+    "progress", "imu_quaternion", "joint_vel", "velocity", "imu_angular_velocity", "motion_body_pos_b", "actions",
+    "imu_linear_acceleration", "joint_pos",
+)  # fmt: skip
 WIDTHS = (1, 4, 3, 2, 3, 3, 2, 3, 3)
 
 
@@ -142,14 +135,9 @@ def test_joint_indices():
 
 
 BATCH_ARRAYS = (
-    "joint_position",
-    "joint_velocity",
-    "joint_effort",
-    "joint_age",
-    "imu_quaternion",
-    "imu_angular_velocity",
+    "joint_position", "joint_velocity", "joint_effort", "joint_age", "imu_quaternion", "imu_angular_velocity",
     "imu_linear_acceleration",
-)
+)  # fmt: skip
 
 
 @given(st.data())

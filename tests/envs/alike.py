@@ -14,30 +14,14 @@ from humanoid_sim.controllers.terms import Term
 from humanoid_sim.robots.description import RobotDescription
 
 EVERYTHING: dict[str, Any] = {
-    "mass": (0.8, 1.2),
-    "centre_of_mass": 0.01,
-    "payload": (0.0, 0.5),
-    "friction": (0.5, 1.2),
-    "joint_friction": (0.5, 2.0),
-    "armature": (0.5, 2.0),
-    "gravity_tilt": 0.05,
-    "stiffness": (0.9, 1.1),
-    "damping": (0.9, 1.1),
-    "motor_strength": (0.8, 1.1),
-    "effort_limit": (0.8, 1.0),
-    "command_delay": (0.0, 0.03),
-    "command_jitter": 0.01,
-    "state_delay": (0.0, 0.03),
-    "joint_position_bias": 0.01,
-    "orientation_bias": 0.02,
-    "angular_velocity_bias": 0.02,
-    "linear_acceleration_bias": 0.1,
-    "joint_position_noise": 0.005,
-    "joint_velocity_noise": 0.05,
-    "orientation_noise": 0.01,
-    "angular_velocity_noise": 0.05,
-    "linear_acceleration_noise": 0.1,
-}
+    "mass": (0.8, 1.2), "centre_of_mass": 0.01, "payload": (0.0, 0.5), "friction": (0.5, 1.2),
+    "joint_friction": (0.5, 2.0), "armature": (0.5, 2.0), "gravity_tilt": 0.05,
+    "stiffness": (0.9, 1.1), "damping": (0.9, 1.1), "motor_strength": (0.8, 1.1), "effort_limit": (0.8, 1.0),
+    "command_delay": (0.0, 0.03), "command_jitter": 0.01, "state_delay": (0.0, 0.03), "joint_position_bias": 0.01,
+    "orientation_bias": 0.02, "angular_velocity_bias": 0.02, "linear_acceleration_bias": 0.1,
+    "joint_position_noise": 0.005, "joint_velocity_noise": 0.05, "orientation_noise": 0.01,
+    "angular_velocity_noise": 0.05, "linear_acceleration_noise": 0.1,
+}  # fmt: skip
 """Of the randomisation of any robot."""
 PUSHED = EVERYTHING | {"push": (0.1, 0.5), "push_interval": 0.2}
 """That of one whose base is free."""

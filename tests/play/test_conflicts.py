@@ -186,22 +186,13 @@ def test_a_bad_option_is_one_line_and_leaves_nothing(
     assert sorted(inputs.rglob("*")) == before
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        "--bogus",
-        "extra",
-        "--duration soon",
-        "--pose c",
-        "--viewer window",
-        "--actuation springs",
-        "--pace slow",
-        "--state-sampling later",
-        "--gravity-form full",
-        "--remote ros",
-        "--robot",
-    ],
-)
+UNPARSED = [
+    "--bogus", "extra", "--duration soon", "--pose c", "--viewer window", "--actuation springs", "--pace slow",
+    "--state-sampling later", "--gravity-form full", "--remote ros", "--robot",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("options", UNPARSED)
 def test_what_the_parser_refuses_names_the_option_and_leaves_nothing(
     options: str, folder: Path, run: Callable[..., Result]
 ) -> None:

@@ -147,13 +147,8 @@ def test_without_a_recording_nothing_changes() -> None:
 
 def test_what_was_recorded_takes_the_place_of_defaults(tmp_path: Path) -> None:
     options = {
-        "policy": "x.onnx",
-        "robot": "lite_neck",
-        "command": "1,0,0",
-        "yaw": 2,
-        "viewer": "native",
-        "record": "r",
-    }
+        "policy": "x.onnx", "robot": "lite_neck", "command": "1,0,0", "yaw": 2, "viewer": "native", "record": "r",
+    }  # fmt: skip
     path = recording(tmp_path, {"options": options})
     config = PlayConfig(again=path, robot="lite_biped")
     expected = replace(config, policy="x.onnx", command="1,0,0", yaw=2, motion=path)

@@ -108,15 +108,9 @@ def test_without_a_terminal_there_is_no_keyboard(monkeypatch: pytest.MonkeyPatch
 
 
 SEQUENCES = {
-    "F1": "\x1bOP",
-    "F2": "\x1bOQ",
-    "F3": "\x1bOR",
-    "shift up": "\x1b[1;2A",
-    "shift left": "\x1b[1;2D",
-    "alt a": "\x1ba",
-    "alt q": "\x1bq",
-    "delete": "\x1b[3~",
-}
+    "F1": "\x1bOP", "F2": "\x1bOQ", "F3": "\x1bOR", "shift up": "\x1b[1;2A", "shift left": "\x1b[1;2D",
+    "alt a": "\x1ba", "alt q": "\x1bq", "delete": "\x1b[3~",
+}  # fmt: skip
 ARROWS = {"up": "\x1b[A", "down": "\x1b[B", "right": "\x1b[C", "left": "\x1b[D"}
 
 

@@ -20,21 +20,16 @@ from humanoid_sim.mit import MITCommand
 from humanoid_sim.session.script import OverriddenScript, Script, ScriptStep, parse_script
 
 BAD_SCRIPTS = {
-    "": "is empty",
-    " ; ;": "is empty",
+    "": "is empty", " ; ;": "is empty",
     "dampen": "step 1 is 'dampen' (did you mean 'damp'?), expected one of damp, load_a, ",
     "damp; laod_a": "step 2 is 'laod_a' (did you mean 'load_a'?), expected one of damp, load_a, ",
-    "damp; ; jump": "step 3 is 'jump'",
-    "damp load_a": "step 1 is 'damp load_a'",
-    "damp; wait 3": "step 2 is 'wait 3'",
-    "motion 3": "step 1 is 'motion 3'",
-    "hold": "step 1 is 'hold'",
-    "hold 1 2": "step 1 is 'hold 1 2'",
+    "damp; ; jump": "step 3 is 'jump'", "damp load_a": "step 1 is 'damp load_a'", "damp; wait 3": "step 2 is 'wait 3'",
+    "motion 3": "step 1 is 'motion 3'", "hold": "step 1 is 'hold'", "hold 1 2": "step 1 is 'hold 1 2'",
     "hold long": "step 1 is 'hold long', expected hold with a number of seconds >= 0",
     "hold -1": "step 1 is 'hold -1', expected hold with a number of seconds >= 0",
     "hold nan": "step 1 is 'hold nan', expected hold with a number of seconds >= 0",
     "hold inf": "step 1 is 'hold inf', expected hold with a number of seconds >= 0",
-}
+}  # fmt: skip
 
 
 def test_the_grammar() -> None:

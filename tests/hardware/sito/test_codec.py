@@ -51,13 +51,8 @@ def told(row: Row) -> codec.HostMessage:
 
 def test_all_kinds_are_here() -> None:
     assert Counter(row["kind"] for row in rows()) == {
-        "command": 22,
-        "gains": 26,
-        "enable": 25,
-        "disable": 24,
-        "feedback_1": 27,
-        "feedback_2": 16,
-    }
+        "command": 22, "gains": 26, "enable": 25, "disable": 24, "feedback_1": 27, "feedback_2": 16,
+    }  # fmt: skip
 
 
 def test_what_a_host_says_is_encoded_bit_for_bit_and_read_back() -> None:
