@@ -210,7 +210,6 @@ def scaled_actions(factor: float) -> Edit:
 
 
 def other_foot(contract: PolicyContract) -> PolicyContract:
-    assert contract.phase is not None
     return replace(contract, phase=replace(contract.phase, offsets=contract.phase.offsets[::-1]))
 
 

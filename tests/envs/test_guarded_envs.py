@@ -74,5 +74,4 @@ def test_the_guards_are_those_of_the_description(robot: str) -> None:
     contract = {"lite": "lite_tracking", "lite_biped": "lite_biped_velocity"}[robot]
     motion = "wave" if robot == "lite" else None
     env = PolicyEnv(contract, robot, motion)
-    assert env.scenario.guards is not None
     assert env.scenario.guards.joints == load_robot(robot).joint_names

@@ -123,8 +123,6 @@ def test_feet_in_the_floor_are_lifted_onto_it() -> None:
     sunk = Motion(frames, motion.body_names, 0.02, layout="joints_bodies_w", joint_names=motion.joint_names)
     scenario = make_scenario(contract, BIPED, sunk)
     states = reference_states(scenario.description, scenario.contract, scenario.wiring.reference)
-    assert states is not None
-    assert states.base_pose is not None
     height = float(gymnasium.make(POLICY, contract=contract, robot=BIPED, motion=motion).unwrapped.robot.qpos[2])  # type: ignore[attr-defined]
     assert height - 0.1 < states.base_pose[0, 2] <= height + 0.01
 
@@ -133,7 +131,6 @@ def test_a_heading_turns_place_orientation_and_velocity() -> None:
     contract, motion = squat()
     scenario = make_scenario(contract, BIPED, motion)
     states = reference_states(scenario.description, scenario.contract, scenario.wiring.reference)
-    assert states is not None
     found = states.base_at(np.array(4), np.array(0.5 * np.pi))
     assert found is not None
     pose, velocity = found

@@ -104,7 +104,6 @@ def test_folding_legs_fall(legs: PolicyEnv) -> None:
     assert terminated
     assert "fault" not in info  # a failure at the task, not of the policy
     base = legs.robot.base_state
-    assert base is not None
     assert base.tilt > 1.0 or base.height < 0.5
 
 
@@ -305,8 +304,6 @@ def test_pictures_show_the_robot_as_it_is() -> None:
     for _ in range(20):
         env.step(np.full(14, 1.5, dtype=np.float32))
     after = env.render()
-    assert before is not None
-    assert after is not None
     assert before.shape == after.shape == (120, 160, 3)
     assert before.dtype == np.uint8
     assert (before != after).any(axis=-1).mean() > 0.005

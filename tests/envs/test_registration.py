@@ -70,12 +70,10 @@ def test_registering_twice_changes_nothing() -> None:
 )
 def test_specs_are_pickled_and_written_as_json(name: str, options: dict[str, Any]) -> None:
     env = gymnasium.make(f"humanoid_sim/{name}", **options)
-    assert env.spec is not None
     pickled = pickle.loads(pickle.dumps(env.spec))
     read = EnvSpec.from_json(env.spec.to_json())
     for spec in (pickled, read):
         again = gymnasium.make(spec)
-        assert again.spec is not None
         assert again.spec.kwargs == env.spec.kwargs
         expected, found = (one.reset(seed=3)[0] for one in (env, again))
         for key in expected if isinstance(expected, dict) else [...]:
@@ -102,11 +100,9 @@ def test_a_spec_with_a_contract_of_the_user_s_own_is_pickled() -> None:
 )
 def test_specs_say_how_long_an_episode_may_be(name: str, options: dict[str, Any], steps: int) -> None:
     env = gymnasium.make(f"humanoid_sim/{name}", **options)
-    assert env.spec is not None
     assert env.spec.max_episode_steps == steps
     if "Modes" not in name:
         envs = gymnasium.make_vec(f"humanoid_sim/{name}", num_envs=2, threads=1, **options)
-        assert envs.spec is not None
         assert envs.spec.max_episode_steps == steps
 
 

@@ -280,7 +280,6 @@ class Log:
         """
         in_force = [tick for tick in self.ticks if tick.output.command.effort.any()]
         assert in_force, "it commanded"
-        assert in_force[-1].input.remote is not None
         after = next(tick for tick in self.ticks if tick.index > in_force[-1].index)
         assert after.output.control_mode.mode is Mode.REMOTE, "it ended by the blow, not with the mode"
         assert not after.output.command.stiffness.any()

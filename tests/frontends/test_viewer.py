@@ -95,7 +95,6 @@ def test_a_robot_without_a_session_has_a_window_that_draws_it_and_ends_with_its_
         environment = {**os.environ, "DISPLAY": screen}
         with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as viewer:
             try:
-                assert viewer.stdout is not None
                 said = viewer.stdout.readline()
                 assert said == "window of lite: its joints are in the panel on the right, under Joint\n"
                 until(lambda: len(colours(screen)) > 100)  # a robot, a floor and a panel; an empty screen has one

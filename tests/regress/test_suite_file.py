@@ -31,7 +31,6 @@ def test_a_suite_of_ones_own(tmp_path: Path) -> None:
     assert suite.disturbance.randomisation.mass == (0.9, 1.1)
     assert suite.tolerance("joint_error", -2.0) == pytest.approx(0.1)
     assert suite.tolerance("losses", 0.5) == 0.01
-    assert suite.margins is not None
     assert [sweep.name for sweep in suite.margins.sweeps] == ["delay", "gains down"]
 
 

@@ -70,7 +70,6 @@ def test_the_policy_of_the_next_tick_is_the_one_that_was_loaded() -> None:
     loop.run()
     modes = [record.output.control_mode.mode for record in sink.records[7:11]]
     assert modes == [Mode.STANDBY, Mode.STANDBY, Mode.LOCOMOTION, Mode.LOCOMOTION]
-    assert sink.records[8].output.standby is not None
     assert sink.records[8].output.standby.is_finished
     assert sorted(sink.records[9].output.command.stiffness.tolist()) == [61.0, 62.0, 63.0]
     assert desk.done[:2] == ["prepare {}", "follow"]
@@ -98,7 +97,6 @@ def test_a_policy_that_is_ready_too_late_is_left(desk: Desk, loading: Loading, m
     assert loading.take(mode) is None
     until(lambda: loading.answer)
     assert desk.done == ["prepare {}", "discard"]
-    assert loading.answer is not None
     assert not loading.answer.granted
     assert loading.answer.text == load_refusal(mode)
     assert load_refusal(mode) == f"load refused: requires ZERO_TORQUE, DAMPING or STANDBY, mode is {mode.name}"
@@ -111,7 +109,6 @@ def test_one_policy_is_loaded_at_a_time(desk: Desk, loading: Loading) -> None:
     until(lambda: loading.is_ready)
     assert loading.take(Mode.DAMPING) is not None
     until(lambda: loading.answer)
-    assert loading.answer is not None
     assert loading.answer.granted
     assert desk.done == ["prepare first", "announce"]
     assert loading.request("third", Mode.DAMPING) == ""
@@ -130,7 +127,6 @@ def test_what_goes_wrong_is_answered_and_the_next_is_taken(
     desk.problem = problem
     assert loading.request("{}", Mode.ZERO_TORQUE) == ""
     until(lambda: loading.answer)
-    assert loading.answer is not None
     assert (loading.answer.granted, loading.answer.text) == (False, answer)
     assert not loading.is_ready
     desk.problem = None

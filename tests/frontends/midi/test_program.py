@@ -84,7 +84,6 @@ def running(session: LocalSession, *options: str, **streams: int) -> Iterator[su
     outputs = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, **streams}
     with subprocess.Popen(command, text=True, **outputs) as process:
         try:
-            assert process.stdout is not None
             line = process.stdout.readline()
             assert line.startswith("the keys of "), line
             yield process
@@ -121,8 +120,6 @@ def test_the_program_plays_stops_loses_and_finds_the_keyboard(
 
 def test_standard_input_ends_it(session: LocalSession) -> None:
     with ticking(session) as records, running(session, "--device", "-", stdin=subprocess.PIPE) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
         process.stdin.buffer.write(bytes((0x90, 60, 64)))
         process.stdin.flush()
         until(lambda: down(records[-1]) == [39])

@@ -62,7 +62,6 @@ def test_frames_go_both_ways(channel: Channel, heard: Heard, peer: can.BusABC) -
     assert heard.frames[0][0] == FRAME
     channel.send([("left", Frame(0x1FE, b"\1\2"))])
     message = peer.recv(1.0)
-    assert message is not None
     assert (message.arbitration_id, bytes(message.data), message.is_extended_id) == (0x1FE, b"\1\2", True)
     assert (channel.counters.sent, channel.counters.received) == (1, 1)
     assert channel.down == ""

@@ -79,7 +79,6 @@ def test_the_plant_is_that_of_play_fed_with_the_quantised_commands() -> None:
         quantised = np.zeros((5, 14))
         for i, joint in enumerate(LITE.joints):
             motor, model = joint.motor, MODELS_BY_ID[IDS[i]]
-            assert motor is not None
             turn = bench.turn(i)
             command = OperationControl(motor.can_id, motor.direction * wanted[i] + turn, 0.0, 0.0, 50.0, 2.0)
             frame = encode_command(command, model)
@@ -109,7 +108,6 @@ def test_offsets_and_directions_hide_nothing_but_the_motor_frame() -> None:
         assert isinstance(status, Status)
         i = IDS.index(status.motor_id)
         motor = LITE.joints[i].motor
-        assert motor is not None
         expected = motor.direction * LITE.initial_position[i] + offsets[LITE.joint_names[i]]
         assert (status.position - expected) / (2 * math.pi) == pytest.approx(
             round((status.position - expected) / (2 * math.pi)), abs=2e-3

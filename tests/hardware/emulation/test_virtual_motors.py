@@ -115,7 +115,6 @@ def test_the_computers_end_of_a_channel_fails_as_socketcan_does(motors: VirtualM
 
     motors.inject(Fault("bus_off"))
     message = bus.recv(1.0)
-    assert message is not None
     assert message.is_error_frame
     assert message.arbitration_id == 0x40
     with pytest.raises(can.CanOperationError) as caught:

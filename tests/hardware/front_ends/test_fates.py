@@ -116,7 +116,6 @@ def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(
 
 
 def unplug(pad: subprocess.Popen[str]) -> None:
-    assert pad.stdin is not None
     pad.stdin.write("unplug\n")
     pad.stdin.flush()
 

@@ -36,8 +36,6 @@ class Monitor:
         self.process = process
 
     def report(self, level: int) -> int:
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
         self.process.stdin.write(f"{level}\n")
         self.process.stdin.flush()
         return int(self.process.stdout.readline())
@@ -48,7 +46,6 @@ def monitor(played: Played) -> Iterator[Monitor]:
     command = [sys.executable, "-c", MONITOR, str(played.process.pid)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
-            assert process.stdout is not None
             assert process.stdout.readline() == "lidar is OK\n"
             yield Monitor(process)
         finally:

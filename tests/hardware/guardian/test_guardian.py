@@ -112,7 +112,6 @@ def test_a_killed_loop_is_damped_for_and_then_reset(channel: str, listener: List
         loop.process.kill()
         killed = time.monotonic()
         until(lambda: not _is_running(loop.guardian))
-        assert loop.process.stderr is not None
         told = loop.process.stderr.read().splitlines()
     assert listener.kinds(killed)[-1] == RESET
     first = listener.times(GAINS)[0] - killed
@@ -285,7 +284,6 @@ def test_a_dead_guardian_is_a_warning_by_its_own_source(guardian: Guardian, numb
     os.kill(guardian.pid, number)
     until(lambda: guardian.status() is not None, 3.0)
     status = guardian.status()
-    assert status is not None
     assert (status.level, status.source) == (SafetyLevel.WARNING, "guardian")
     assert status.message == (
         "the guardian does not answer: were this program to die, nobody would stop left_wrist_roll; reactivate"

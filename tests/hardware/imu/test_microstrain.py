@@ -152,14 +152,12 @@ def packet(attitude: object = (1, 0, 0, 0), rate: object = (0, 0, 0), force: obj
 )
 def test_gravity_is_where_the_force_at_rest_is_not(attitude: object, force: object, gravity: object) -> None:
     reading = reading_of(packet(attitude, force=force), UP)
-    assert reading is not None
     assert gravity_direction(reading.quaternion) == pytest.approx(gravity, abs=1e-6)
     assert reading.linear_acceleration == pytest.approx(-9.80665 * np.array(gravity), abs=1e-5)
 
 
 def test_a_turn_to_the_east_is_one_to_the_right() -> None:
     reading = reading_of(packet((HALF, 0.0, 0.0, HALF), rate=(0.1, 0.2, 0.3)), UP)
-    assert reading is not None
     assert matrix(reading.quaternion)[:, 0] == pytest.approx([0.0, -1.0, 0.0], abs=1e-6)  # north, west, up
     assert reading.angular_velocity == pytest.approx([0.1, -0.2, -0.3])
 
@@ -167,7 +165,6 @@ def test_a_turn_to_the_east_is_one_to_the_right() -> None:
 def test_a_device_mounted_upside_down_feels_what_one_mounted_label_up_feels() -> None:
     """Its own z axis then points up: it reads +1 g, and half a turn about its x axis as its attitude."""
     reading = reading_of(packet((0.0, 1.0, 0.0, 0.0), (0.1, 0.2, 0.3), (0.0, 0.0, 1.0)), np.array([1.0, 0.0, 0.0, 0.0]))
-    assert reading is not None
     assert np.abs(reading.quaternion) == pytest.approx([1.0, 0.0, 0.0, 0.0])
     assert reading.linear_acceleration == pytest.approx([0.0, 0.0, 9.80665])
     assert reading.angular_velocity == pytest.approx([0.1, 0.2, 0.3])

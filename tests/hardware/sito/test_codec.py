@@ -156,7 +156,6 @@ def test_commands_come_back_to_half_a_count(
 def test_no_frame_makes_it_raise(data: bytes, device_id: int, kind: int) -> None:
     found = codec.decode(Frame(0x05060000 | device_id << 8 | kind, data), TA50)
     if kind in tuple(codec.MessageType) and kind not in {codec.MessageType.FEEDBACK_0, codec.MessageType.FEEDBACK_3}:
-        assert found is not None
         assert found.device_id == device_id
         assert isinstance(found, codec.Malformed) or len(data) == 8
     else:

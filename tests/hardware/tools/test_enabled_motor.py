@@ -28,7 +28,6 @@ _ADDRESS = parse_address("virtual:bench-client")
 
 def test_a_motor_is_enabled_within_the_context_only(bench: RobstrideLink) -> None:
     with EnabledMotor(bench, torque=2.0) as motor:
-        assert motor.status is not None
         assert motor.status.mode is MotorMode.RUN
         position = motor.command(0.0, 0.0, 0.0, 0.0).position
         assert motor.command(position, 0.0, 5.0, 0.5).mode is MotorMode.RUN
@@ -46,12 +45,10 @@ def test_what_a_motor_is_told_stays_within_the_torque_that_was_allowed(
     """Also where its own torque limit were none, which no document rules out for these commands."""
     told: list[OperationControl | None] = []
     with EnabledMotor(bench, torque=0.5) as motor:
-        assert motor.status is not None
         here = motor.status.position
         motor.command(here + 1.0, 0.0, 10.0, 0.1)
         motors.call(lambda emulator: told.append(emulator.motors.states[4].command))
     command = told[0]
-    assert command is not None
     assert here < command.position < here + 0.07, "0.5 N·m at 10 N·m/rad"
 
 

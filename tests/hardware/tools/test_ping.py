@@ -44,7 +44,6 @@ def test_the_status_is_read_enabled_and_the_motor_left_stopped(run: Run, lite_mo
         assert read_value(channels, PARAMETERS["canTimeout"]) == 0  # as before
         write_value(channels, PARAMETERS["zero_sta"], 0)
         sample = channels.table.slots[0].sample
-        assert sample is not None
         assert sample.status.mode.name == "RESET"
 
 

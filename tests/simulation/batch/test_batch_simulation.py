@@ -308,7 +308,6 @@ def test_a_change_of_velocity_moves_the_whole_robot_at_once() -> None:
     np.testing.assert_array_equal(batch.qvel[0], qvel[0])
     np.testing.assert_allclose(batch.qvel[1, :3] - qvel[1, :3], [0.4, -0.1, 0.0], rtol=0, atol=1e-15)
     np.testing.assert_array_equal(batch.qvel[1, 3:], qvel[1, 3:])
-    assert batch.base is not None
     np.testing.assert_allclose(
         batch.base.linear_velocity[1] - batch.base.linear_velocity[0], [0.4, -0.1, 0.0], atol=1e-15
     )
