@@ -34,11 +34,6 @@ def test_a_pickled_contract_is_the_same_and_read_only():
     assert not copy.joint_stiffness.flags.writeable
 
 
-@pytest.mark.parametrize("task_type", ["tracking", "piano", "locomotion"])
-def test_task_types(task_type):
-    assert contract(task_type=task_type).task_type == task_type
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -102,11 +97,6 @@ def test_what_is_wrong_is_named(changes, message):
 def test_every_field_but_the_provenance_has_a_form():
     assert [*FORMS, "provenance"] == [field.name for field in fields(PolicyContract)]
     assert [name for name, form in FORMS.items() if form.is_required] == [
-        "joint_names",
-        "joint_stiffness",
-        "joint_damping",
-        "default_joint_pos",
-        "observation",
-        "action_scale",
+        "joint_names", "joint_stiffness", "joint_damping", "default_joint_pos", "observation", "action_scale",
         "policy_dt",
-    ]
+    ]  # fmt: skip

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from rig import JOINTS, tick
-from rig import command as remote_command
 
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
 from humanoid_sim.errors import FieldError
-from humanoid_sim.messages import RemoteCommand
 from humanoid_sim.mit import COMMAND_FIELDS
 from humanoid_sim.testing import any_tick_inputs, fingerprint
 
@@ -26,13 +24,6 @@ def run(controller, first, *later):
         memory, command = controller.update(memory, given_tick)
         commands.append(command)
     return commands
-
-
-def test_defaults():
-    controller = DampingController(JOINTS)
-    assert controller.damping_scalar == 1.0
-    assert controller.damping.tolist() == [1.0, 1.0, 1.0]
-    assert controller.fallback == "zero_torque_controller"
 
 
 @pytest.mark.parametrize(
@@ -153,18 +144,6 @@ def test_any_input(first, second):
 
 
 # --- ZERO_TORQUE ---
-
-
-def test_zero_torque_has_no_fallback():
-    assert ZERO.fallback is None
-    assert ZERO.joints == ("shoulder", "elbow", "wrist")
-
-
-def test_zero_torque_is_zeros_in_all_five_fields():
-    given_tick = tick(1.0, remote=RemoteCommand(remote_command(), 1.0))
-    _, zeros = ZERO.update(ZERO.activate(given_tick), given_tick)
-    for name in COMMAND_FIELDS:
-        assert getattr(zeros, name).tolist() == [0.0, 0.0, 0.0]
 
 
 @given(any_tick_inputs(3, np.nan), any_tick_inputs(5, np.inf))

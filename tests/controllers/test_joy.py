@@ -6,7 +6,6 @@ from itertools import combinations
 
 import pytest
 
-from humanoid_sim.controllers.fsm import choose_intent
 from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import Intent
@@ -30,23 +29,6 @@ def press(*down: int, held: tuple[int, ...] = ()) -> tuple[Intent, ...]:
     return pressed_intents(JoyBindings(), buttons(*down), buttons(*held))
 
 
-def test_defaults():
-    assert JoyBindings() == JoyBindings(
-        damp_button=2,
-        quit_button=6,
-        load_combo_a=(4, 0),
-        load_combo_b=(4, 1),
-        start_combo_locomotion=(5, 0),
-        start_combo_remote=(5, 1),
-    )
-    assert {intent: set(combo) for intent, combo in JoyBindings().combos().items()} == DEFAULTS
-
-
-@pytest.mark.parametrize("intent", Intent)
-def test_pressing_a_combination_gives_its_intent(intent):
-    assert press(*DEFAULTS[intent]) == (intent,)
-
-
 def test_every_step_between_two_readings():
     """All 256 x 256 readings: an intent comes exactly when its combination was completed."""
     readings = [set(down) for size in range(9) for down in combinations(range(8), size)]
@@ -58,46 +40,11 @@ def test_every_step_between_two_readings():
             assert set(pressed_intents(bindings, now_buttons, before_buttons)) == wanted
 
 
-def test_holding_does_not_repeat():
-    for intent in Intent:
-        combo = tuple(DEFAULTS[intent])
-        assert press(*combo, held=combo) == ()
-        assert press(held=combo) == ()
-
-
-def test_the_order_of_pressing_does_not_matter():
-    assert press(L1, A, held=(L1,)) == (Intent.LOAD_A,)
-    assert press(L1, A, held=(A,)) == (Intent.LOAD_A,)
-    assert press(L1, held=(L1, A)) == ()
-    assert press(L1, B, held=(L1, A)) == (Intent.LOAD_B,)
-
-
-def test_a_lone_shoulder_or_letter_is_nothing():
-    for down in ((A,), (B,), (L1,), (R1,), (Y,), (START,), (L1, R1), (A, B)):
-        assert press(*down) == ()
-
-
-@pytest.mark.parametrize("held", [(L1, A), (R1, B), (L1, R1, A, B), (BACK,), (L1,), (A, B, Y, L1, R1, BACK, START)])
-def test_damp_while_others_are_held(held):
-    assert press(X, *held, held=held) == (Intent.DAMP,)
-
-
-@pytest.mark.parametrize("combo", [(L1, A), (R1, A), (BACK,), (L1, R1, A, B, BACK)])
-def test_damp_wins_over_what_is_pressed_with_it(combo):
-    intents = press(X, *combo)
-    assert len(intents) >= 2
-    assert choose_intent(intents)[0] is Intent.DAMP
-
-
 def test_a_gamepad_that_connects_with_buttons_held_can_only_damp():
     bindings = JoyBindings()
     assert pressed_intents(bindings, buttons(L1, A, BACK, R1, B), ()) == ()
     assert pressed_intents(bindings, buttons(X, L1, A), ()) == (Intent.DAMP,)
     assert pressed_intents(bindings, (), buttons(X)) == ()
-
-
-def test_booleans_are_buttons_too():
-    assert pressed_intents(JoyBindings(), [False, False, True], [False] * 3) == (Intent.DAMP,)
 
 
 def test_remapping():

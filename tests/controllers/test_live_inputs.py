@@ -62,12 +62,6 @@ def test_one_that_is_missing_or_too_old_is_not_a_number() -> None:
     assert problem == "observation foot_contact[0] is inf, expected a finite number"
 
 
-def test_another_shape_is_refused_by_name() -> None:
-    heard = LiveInputs(live_contract(), {"foot_contact": lambda _: [1.0, 2.0, 3.0]}).heard(state())
-    with pytest.raises(FieldError, match=r"^MITState.extern\['foot_contact'\]: has shape \(3,\), expected \(2,\)$"):
-        observed(heard)
-
-
 def test_a_policy_whose_live_input_nothing_feeds_is_refused() -> None:
     with pytest.raises(FieldError) as caught:
         wiring(extern={})

@@ -23,30 +23,13 @@ PURE = [*sorted(PACKAGE.glob("**/*.py")), PACKAGE.parent / "mit.py"]
 """The functional core; a new file in `controllers/` belongs to it without being named here."""
 
 STANDARD_LIBRARY = {
-    "__future__",
-    "collections",
-    "dataclasses",
-    "enum",
-    "functools",
-    "itertools",
-    "math",
-    "types",
-    "typing",
-}
+    "__future__", "collections", "dataclasses", "enum", "functools", "itertools", "math", "types", "typing",
+}  # fmt: skip
 OURS = {"humanoid_sim.mit", "humanoid_sim.messages", "humanoid_sim.errors"}
 FORBIDDEN_CALLS = {"open", "print", "input", "exec", "eval", "compile", "__import__", "globals", "id", "hash", "vars"}
 FORBIDDEN_ATTRIBUTES = {
-    "random",
-    "linalg",
-    "environ",
-    "load",
-    "save",
-    "fromfile",
-    "tofile",
-    "memmap",
-    "seterr",
-    "einsum",
-}
+    "random", "linalg", "environ", "load", "save", "fromfile", "tofile", "memmap", "seterr", "einsum",
+}  # fmt: skip
 
 
 def tree(path: Path) -> ast.Module:
@@ -133,19 +116,8 @@ def test_importing_the_controllers_pulls_in_nothing_of_the_shell(tmp_path):
     names = {"humanoid_sim.envs", "humanoid_sim.envs.registration"}  # names for Gymnasium, should it be imported
     assert ours - names == {"humanoid_sim", "humanoid_sim.mit", "humanoid_sim.messages", "humanoid_sim.errors"}
     shell = (
-        "mujoco",
-        "can",
-        "onnxruntime",
-        "onnx",
-        "yaml",
-        "msgspec",
-        "mcap",
-        "rich",
-        "tyro",
-        "gymnasium",
-        "torch",
-        "av",
-    )
+        "mujoco", "can", "onnxruntime", "onnx", "yaml", "msgspec", "mcap", "rich", "tyro", "gymnasium", "torch", "av",
+    )  # fmt: skip
     assert not loaded & set(shell)
 
 

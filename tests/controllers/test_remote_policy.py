@@ -43,15 +43,6 @@ def cmd(value, arrival):
     return RemoteCommand(command(value), arrival)
 
 
-def test_defaults():
-    controller = remote_controller()
-    assert controller.stale_command_policy == "passive"
-    assert controller.stale_command_timeout_ms == 100.0
-    assert controller.damping_scalar == 6.0
-    assert controller.damping.tolist() == [6.0, 6.0, 6.0]
-    assert controller.fallback == "damping_controller"
-
-
 @pytest.mark.parametrize(
     ("parameters", "kd"),
     [
@@ -79,11 +70,6 @@ def test_a_fresh_command_is_applied_as_it_is():
     assert fingerprint(sent) == fingerprint(wanted)
 
 
-def test_the_newest_command_replaces_the_last():
-    a, b = cmd(0.7, 10.01), cmd(0.8, 10.03)
-    assert run(remote_controller(), (10.0, None), (10.02, a), (10.04, b), (10.06, b)) == [PASSIVE, 0.7, 0.8, 0.8]
-
-
 def test_two_commands_of_the_same_instant():
     """The second is applied, but it does not prolong the first."""
     a, b = cmd(0.7, 10.01), cmd(0.8, 10.01)
@@ -99,30 +85,12 @@ def test_staleness(policy, late):
     assert seen == [PASSIVE, 0.7, 0.7, 0.7, late, late, late]
 
 
-@pytest.mark.parametrize("policy", ["passive", "hold"])
-def test_hold_is_passive_until_the_first_command(policy):
-    old = cmd(0.7, 9.0)
-    steps = [(10.0, old), (10.02, old), (11.0, old), (12.0, None)]
-    assert run(remote_controller(stale_command_policy=policy), *steps) == [PASSIVE] * 4
-
-
-def test_a_sender_that_comes_back():
-    a, b = cmd(0.7, 10.01), cmd(0.8, 20.0)
-    steps = [(10.0, None), (10.02, a), (15.0, a), (20.0, b), (20.05, b), (20.2, b)]
-    assert run(remote_controller(), *steps) == [PASSIVE, 0.7, PASSIVE, 0.8, 0.8, PASSIVE]
-
-
 @pytest.mark.parametrize("timeout", [20, 500.0])
 def test_the_timeout_is_a_parameter(timeout):
     a = cmd(0.7, 10.01)
     edge = 10.01 + timeout / 1000
     steps = [(10.0, None), (10.01, a), (edge - 1e-6, a), (edge + 1e-6, a)]
     assert run(remote_controller(stale_command_timeout_ms=timeout), *steps) == [PASSIVE, 0.7, 0.7, PASSIVE]
-
-
-def test_a_command_that_is_already_old_when_first_seen():
-    assert run(remote_controller(), (10.0, None), (12.0, cmd(0.7, 11.0))) == [PASSIVE, PASSIVE]
-    assert run(remote_controller(), (10.0, None), (12.0, cmd(0.7, 11.95))) == [PASSIVE, 0.7]
 
 
 # --- commands from before activation ---
@@ -144,11 +112,6 @@ def test_a_future_stamp_does_not_make_an_old_command_new(arrival):
     for policy in ("passive", "hold"):
         steps = [(10.0, old), (10.02, old), (10.5, old), (10.52, old)]
         assert run(remote_controller(stale_command_policy=policy), *steps) == [PASSIVE] * 4
-
-
-def test_the_first_command_after_activation_counts():
-    old, new = cmd(0.7, 9.99), cmd(0.8, 10.01)
-    assert run(remote_controller(), (10.0, old), (10.02, new)) == [PASSIVE, 0.8]
 
 
 def test_each_activation_starts_anew():
@@ -175,8 +138,9 @@ def test_a_stamp_that_is_no_time_never_counts(arrival):
         assert run(remote_controller(stale_command_policy=policy), *steps) == [PASSIVE] * 3
 
 
-def test_a_nan_stamp_at_activation_does_not_block_later_commands():
-    assert run(remote_controller(), (10.0, cmd(0.7, NAN)), (10.02, cmd(0.8, 10.01))) == [PASSIVE, 0.8]
+@pytest.mark.parametrize("stamp", [9.99, NAN])
+def test_the_first_command_after_activation_counts_whatever_was_there_before(stamp):
+    assert run(remote_controller(), (10.0, cmd(0.7, stamp)), (10.02, cmd(0.8, 10.01))) == [PASSIVE, 0.8]
 
 
 def test_a_clock_that_jumps_back_does_not_revive_a_stale_command():
@@ -209,40 +173,20 @@ def test_time_must_be_a_number(time):
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("field", "values", "what", "least"),
     [
-        (
-            {"stiffness": [1.0, -1.0, 1.0]},
-            "remote command's stiffness of elbow is -1.0, expected a finite number from 0 to 1e+06",
-        ),
-        (
-            {"damping": [1.0, 1.0, -1e-9]},
-            "remote command's damping of wrist is -1e-09, expected a finite number from 0 to 1e+06",
-        ),
-        (
-            {"damping": [NAN, 1.0, 1.0]},
-            "remote command's damping of shoulder is nan, expected a finite number from 0 to 1e+06",
-        ),
-        (
-            {"position": [NAN, 0.0, 0.0]},
-            "remote command's position of shoulder is nan, expected a finite number from -1e+06 to 1e+06",
-        ),
-        (
-            {"velocity": [0.0, INF, 0.0]},
-            "remote command's velocity of elbow is inf, expected a finite number from -1e+06 to 1e+06",
-        ),
-        (
-            {"effort": [0.0, 2e6, 0.0]},
-            "remote command's effort of elbow is 2000000.0, expected a finite number from -1e+06 to 1e+06",
-        ),
-        (
-            {"effort": [0.0, 0.0, -INF]},
-            "remote command's effort of wrist is -inf, expected a finite number from -1e+06 to 1e+06",
-        ),
+        ("stiffness", [1.0, -1.0, 1.0], "elbow is -1.0", "0"),
+        ("damping", [1.0, 1.0, -1e-9], "wrist is -1e-09", "0"),
+        ("damping", [NAN, 1.0, 1.0], "shoulder is nan", "0"),
+        ("position", [NAN, 0.0, 0.0], "shoulder is nan", "-1e+06"),
+        ("velocity", [0.0, INF, 0.0], "elbow is inf", "-1e+06"),
+        ("effort", [0.0, 2e6, 0.0], "elbow is 2000000.0", "-1e+06"),
+        ("effort", [0.0, 0.0, -INF], "wrist is -inf", "-1e+06"),
     ],
 )
-def test_a_broken_command_is_a_fault(changes, message):
-    bad = RemoteCommand(command(0.7, **changes), 10.01)
+def test_a_broken_command_is_a_fault(field, values, what, least):
+    bad = RemoteCommand(command(0.7, **{field: values}), 10.01)
+    message = f"remote command's {field} of {what}, expected a finite number from {least} to 1e+06"
     assert run(remote_controller(), (10.0, None), (10.02, bad)) == [PASSIVE, message]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import permutations
 
@@ -48,14 +49,6 @@ def run(rl, count, start=0.0, **inputs):
     return results
 
 
-def test_defaults():
-    rl = controller()
-    assert rl.action_limit == 100.0
-    assert rl.decimation == 2
-    assert rl.fallback == "damping_controller"
-    assert rl.wiring.layout.width == 3 + 3 + 3 + 2 + 1 + 3
-
-
 # --- observation and action ---
 
 
@@ -79,12 +72,6 @@ def test_the_action_drives_its_own_joints():
     assert command.stiffness.tolist() == [33.0, 32.0, 31.0]
     assert command.damping.tolist() == [3.3, 3.2, 3.1]
     assert command.velocity.tolist() == command.effort.tolist() == [0.0, 0.0, 0.0]
-
-
-def test_joints_without_an_action_are_pinned_to_zero_not_to_their_default():
-    for answer in ([0.0, 0.0], [50.0, -50.0]):
-        ((_, command),) = run(controller(lambda *_, answer=answer: answer), 1)
-        assert command.position[JOINTS.index("wrist")] == 0.0
 
 
 @pytest.mark.parametrize("order", list(permutations(JOINTS)))
@@ -294,35 +281,28 @@ def test_a_state_of_another_width_is_a_fault_at_any_tick():
 
 # --- construction ---
 
+OWN, OTHERS = "RLPolicyController", "joint_names of the policy do not match the robot's joints"
+
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"joints": ()}, r"RLPolicyController\.joints: is empty"),
-        ({"control_period": 0.0}, r"RLPolicyController\.control_period: is 0.0, expected a finite number > 0"),
-        ({"control_period": NAN}, r"RLPolicyController\.control_period: is nan"),
-        ({"control_period": "fast"}, r"RLPolicyController\.control_period: is 'fast'"),
+        ({"joints": ()}, "RLPolicyController.joints: is empty"),
+        ({"control_period": 0.0}, f"{OWN}.control_period: is 0.0, expected a finite number > 0"),
+        ({"control_period": NAN}, f"{OWN}.control_period: is nan"),
+        ({"control_period": "fast"}, f"{OWN}.control_period: is 'fast'"),
         (
             {"control_period": 0.03},
-            r"RLPolicyController\.control_period: is 0.03 s, expected policy_dt \(0.04 s\) to be a whole multiple",
+            f"{OWN}.control_period: is 0.03 s, expected policy_dt (0.04 s) to be a whole multiple",
         ),
-        ({"control_period": 0.08}, r"RLPolicyController\.control_period: is 0.08 s, expected policy_dt"),
-        ({"control_period": 0.0201}, r"RLPolicyController\.control_period: is 0.0201 s, expected policy_dt"),
-        ({"control_period": 1e9}, r"RLPolicyController\.control_period: is 1e\+09 s, expected policy_dt"),
-        ({"action_limit": 0}, r"RLPolicyController\.action_limit: is 0, expected a finite number > 0"),
-        ({"action_limit": INF}, r"RLPolicyController\.action_limit: is inf"),
-        (
-            {"joints": ("shoulder", "elbow", "hand")},
-            "joint_names of the policy do not match the robot's joints: the robot lacks wrist; the policy lacks hand",
-        ),
-        (
-            {"joints": ("shoulder", "elbow")},
-            "joint_names of the policy do not match the robot's joints: the robot lacks wrist",
-        ),
-        (
-            {"joints": ("shoulder", "elbow", "wrist", "neck")},
-            "joint_names of the policy do not match the robot's joints: the policy lacks neck",
-        ),
+        ({"control_period": 0.08}, f"{OWN}.control_period: is 0.08 s, expected policy_dt"),
+        ({"control_period": 0.0201}, f"{OWN}.control_period: is 0.0201 s, expected policy_dt"),
+        ({"control_period": 1e9}, f"{OWN}.control_period: is 1e+09 s, expected policy_dt"),
+        ({"action_limit": 0}, f"{OWN}.action_limit: is 0, expected a finite number > 0"),
+        ({"action_limit": INF}, f"{OWN}.action_limit: is inf"),
+        ({"joints": ("shoulder", "elbow", "hand")}, f"{OTHERS}: the robot lacks wrist; the policy lacks hand"),
+        ({"joints": ("shoulder", "elbow")}, f"{OTHERS}: the robot lacks wrist"),
+        ({"joints": ("shoulder", "elbow", "wrist", "neck")}, f"{OTHERS}: the policy lacks neck"),
         (
             {"contract": contract(observation=("joint_pos", "joint_torque"))},
             "unknown observation term 'joint_torque'; known: actions, base_ang_vel, ",
@@ -336,7 +316,7 @@ def test_a_state_of_another_width_is_a_fault_at_any_tick():
     ],
 )
 def test_a_policy_that_does_not_fit_is_refused(changes, message):
-    with pytest.raises(FieldError, match=f"^{message}"):
+    with pytest.raises(FieldError, match=f"^{re.escape(message)}"):
         controller(**changes)
 
 

@@ -43,12 +43,6 @@ def at(seconds, **changes):
     return run(standby(**changes), [5.0 + 0.02 * i for i in range(round(seconds / 0.02) + 1)])[-1]
 
 
-def test_defaults():
-    controller = standby()
-    assert controller.max_time_step == 0.05
-    assert controller.fallback == "damping_controller"
-
-
 @pytest.mark.parametrize(
     ("seconds", "position", "ramp", "segment", "progress"),
     [

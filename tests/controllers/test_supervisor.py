@@ -9,18 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from rig import (
-    BAD_ANSWERS,
-    DAMPING_KD,
-    JOINTS,
-    KNOWN,
-    PATHS,
-    Run,
-    command,
-    good_answer,
-    supervisor,
-    tick,
-)
+from rig import BAD_ANSWERS, DAMPING_KD, JOINTS, KNOWN, PATHS, Run, command, good_answer, supervisor, tick
 from safety_properties import RigProperties
 
 from humanoid_sim.controllers.base import Fault, Memory
@@ -227,6 +216,10 @@ def explode_unprintably(*_):
     raise UnprintableError
 
 
+def gives(**values):
+    return lambda memory, *_: (memory, command(**values))
+
+
 @pytest.mark.parametrize(
     ("behaviour", "message", "is_bug"),
     [
@@ -244,21 +237,9 @@ def explode_unprintably(*_):
         (lambda *_: Fault("\ud800"), "\\ud800", False),
         (lambda memory, *_: (memory, MITCommand.zeros(2)), "command has shape (2,), expected (3,)", False),
         (lambda memory, *_: (memory, MITCommand.zeros(1, 3)), "command has shape (1, 3), expected (3,)", False),
-        (
-            lambda memory, *_: (memory, command(damping=[1.0, NAN, 1.0])),
-            "command's damping of elbow is nan, expected a finite number from 0 to 1e+06",
-            False,
-        ),
-        (
-            lambda memory, *_: (memory, command(stiffness=[1.0, 1.0, -2.0])),
-            "command's stiffness of wrist is -2.0, expected a finite number from 0 to 1e+06",
-            False,
-        ),
-        (
-            lambda memory, *_: (memory, command(position=[INF, 1.0, 1.0])),
-            "command's position of shoulder is inf, expected a finite number from -1e+06 to 1e+06",
-            False,
-        ),
+        (gives(damping=[1.0, NAN, 1.0]), "command's damping of elbow is nan, expected a finite number", False),
+        (gives(stiffness=[1.0, 1.0, -2.0]), "command's stiffness of wrist is -2.0, expected a finite number", False),
+        (gives(position=[INF, 1.0, 1.0]), "command's position of shoulder is inf, expected a finite number", False),
         (lambda *_: Fault("tired"), "tired", False),
     ],
 )
@@ -446,41 +427,18 @@ def explored():
     return nodes, edges, ticks
 
 
-def test_every_tick_of_the_state_space_is_safe(explored):
-    _, _, ticks = explored
+def test_the_states_and_transitions_that_are_reached(explored):
+    """Each tick that was explored was checked for safety."""
+    nodes, edges, ticks = explored
     assert ticks > 10_000
-
-
-def test_the_reachable_states(explored):
-    nodes, _, _ = explored
-    assert set(nodes) == {
-        (ZERO, ""),
-        (DAMPING, ""),
-        (A, "segment 0"),
-        (A, "segment 1"),
-        (A, "finished"),
-        (B, "segment 0"),
-        (B, "segment 1"),
-        (B, "finished"),
-        (RL, "holding"),
-        (RL, "inference due"),
-        (REMOTE, "passive"),
-        (REMOTE, "has a command"),
-    }
-
-
-def test_the_reachable_transitions(explored):
-    _, edges, _ = explored
-    between = {(source[0], target[0]) for source, target in edges if source[0] != target[0]}
-    assert between == {
+    progress = {ZERO: [""], DAMPING: [""], RL: ["holding", "inference due"], REMOTE: ["passive", "has a command"]}
+    progress |= {pose: ["segment 0", "segment 1", "finished"] for pose in (A, B)}
+    assert set(nodes) == {(name, word) for name, words in progress.items() for word in words}
+    assert {(source[0], target[0]) for source, target in edges if source[0] != target[0]} == {
         (ZERO, DAMPING),
-        (DAMPING, A),
-        (DAMPING, B),
-        (A, RL),
-        (A, REMOTE),
-        (B, RL),
-        (B, REMOTE),
-        *((name, fallback) for name in (A, B, RL, REMOTE) for fallback in (DAMPING, ZERO)),
+        *product((DAMPING,), (A, B)),
+        *product((A, B), (RL, REMOTE)),
+        *product((A, B, RL, REMOTE), (DAMPING, ZERO)),
     }
     for pose in (A, B):
         left = {(source[1], target[0]) for source, target in edges if source[0] == pose}

@@ -29,16 +29,9 @@ MJCF_JOINTS = tuple(
 """The G1's 29 joints in the order of its MJCF."""
 
 HOLOSOMA_LISTED = (
-    "base_ang_vel",
-    "projected_gravity",
-    "command_lin_vel",
-    "command_ang_vel",
-    "dof_pos",
-    "dof_vel",
-    "actions",
-    "sin_phase",
-    "cos_phase",
-)
+    "base_ang_vel", "projected_gravity", "command_lin_vel", "command_ang_vel", "dof_pos", "dof_vel", "actions",
+    "sin_phase", "cos_phase",
+)  # fmt: skip
 """Holosoma's observation terms as its configuration lists them."""
 
 Edit = Callable[[PolicyContract], PolicyContract]
@@ -217,7 +210,6 @@ def scaled_actions(factor: float) -> Edit:
 
 
 def other_foot(contract: PolicyContract) -> PolicyContract:
-    assert contract.phase is not None
     return replace(contract, phase=replace(contract.phase, offsets=contract.phase.offsets[::-1]))
 
 

@@ -39,7 +39,6 @@ def examined(tmp_path: Path, *, in_policy_order: bool) -> ExaminedPolicy:
 
 
 def quaternions(read: Motion | None) -> FloatArray:
-    assert read is not None
     return read.frames[0, 14:18].astype(np.float64)
 
 
@@ -82,7 +81,6 @@ def test_quaternions_of_the_graph_are_read_again_in_the_other_order(tmp_path: Pa
 def test_the_base_is_found_whatever_the_anchor_is(tmp_path: Path) -> None:
     found = examined(tmp_path, in_policy_order=True)
     reference = found.base_reference()
-    assert reference is not None
     assert reference.term("anchor_pos", 0).tolist() == [8.0, 9.0, 10.0]  # pelvis, though the contract says torso
 
 

@@ -63,33 +63,13 @@ def test_the_present_contract_is_a_hypothesis_without_edits() -> None:
 def test_what_the_issue_lists_is_in_the_space() -> None:
     causes = {cause for make in CONTRACTS.values() for h in singles(make(), FACTS) for cause in h.causes}
     assert causes >= {
-        "joint order",
-        "term order",
-        "projected_gravity sign",
-        "base_ang_vel frame",
-        "base_lin_vel frame",
-        "motion_anchor_pos_b frame",
-        "anchor body",
-        "motion_anchor_ori_b layout",
-        "motion_anchor_ori_b direction",
-        "joint_vel zeroed",
-        "actions zeroed",
-        "observation scales",
-        "imu_quaternion order",
-        "reference quaternion order",
-        "joint_pos relative",
-        "command relative",
-        "actions form",
-        "action scale",
-        "action offset",
-        "history order",
-        "history layout",
-        "reference alignment",
-        "rate",
-        "gains",
-        "gains of equal joints",
-        "default pose",
-    }
+        "joint order", "term order", "projected_gravity sign", "base_ang_vel frame", "base_lin_vel frame",
+        "motion_anchor_pos_b frame", "anchor body", "motion_anchor_ori_b layout", "motion_anchor_ori_b direction",
+        "joint_vel zeroed", "actions zeroed", "observation scales", "imu_quaternion order",
+        "reference quaternion order", "joint_pos relative", "command relative", "actions form", "action scale",
+        "action offset", "history order", "history layout", "reference alignment", "rate", "gains",
+        "gains of equal joints", "default pose",
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -205,8 +205,7 @@ def test_a_whole_reordering_is_one_line_and_a_default_says_so() -> None:
     moved = next(name for name in changed if name.startswith("joint order") and name.endswith("values move along"))
     assert change_lines(contract, changed[moved]) == ["all lists per joint reordered"]
     absolute = replace(
-        contract,
-        observation=tuple(replace(t, relative=False) if t.name == "joint_pos" else t for t in contract.terms),
+        contract, observation=tuple(replace(t, relative=False) if t.name == "joint_pos" else t for t in contract.terms)
     )
     assert change_lines(contract, absolute) == ["terms.joint_pos.relative: true (default) → false"]
 

@@ -112,7 +112,6 @@ def test_where_nothing_is_noticeable_a_change_must_be_clearly_better_and_nowhere
 
 def test_a_finding_keeps_the_robot_up_where_the_contract_as_it_is_does_not() -> None:
     fallen = ranking(verdict(up=0.5), verdict(("a", "A"), cost=9.0))
-    assert fallen.finding is not None
     assert fallen.finding.hypothesis.name == "a"
     assert ranking(verdict(up=0.5), verdict(("a", "A"), up=0.9)).finding is None
     assert not ranking(verdict(up=0.5), verdict(("a", "A"), up=0.9)).is_healthy

@@ -32,7 +32,6 @@ def test_a_plan_walks_with_commands_that_the_policy_knows() -> None:
     plan = make_plan(walker(), seconds=2.0)
     trials = [*plan.brief, *plan.thorough]
     ranges = walker().command_ranges
-    assert ranges is not None
     commands = np.array([trial.command for trial in trials])
     assert ((ranges[:, 0] <= commands) & (commands <= ranges[:, 1])).all()
     assert len({trial.command for trial in plan.thorough}) == 3
@@ -99,7 +98,6 @@ def test_one_mistake_is_found(examine: Callable[..., Ranking]) -> None:
     result = examine(wrong, right_only(right))
     assert names(result)[0] == "anchor body torso"
     assert result.is_complete
-    assert result.present is not None
     assert result.present.is_thorough
 
 
@@ -245,7 +243,6 @@ class Clocked(Invented):
 
     def run(self, contract: PolicyContract, trial: Trial, until: float = math.inf) -> Outcome | None:
         outcome = super().run(contract, trial)
-        assert outcome is not None
         over = self.now + self._pace * outcome.time_up > until
         self.now = max(self.now, until) if over else self.now + self._pace * outcome.time_up
         return None if over else outcome

@@ -1,4 +1,4 @@
-"""Helpers of other folders that these tests use."""
+"""Helpers of this folder and others that these tests use."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ import sys
 from pathlib import Path
 
 # importlib mode leaves sys.path alone.
-sys.path.append(str(Path(__file__).parents[1] / "policy"))
+sys.path += [str(Path(__file__).parent), str(Path(__file__).parents[1] / "policy")]

@@ -11,6 +11,7 @@ import cloudpickle
 import gymnasium
 import numpy as np
 import pytest
+from alike import same
 
 import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.envs import dm
@@ -56,19 +57,6 @@ def environments() -> dict[str, Any]:
     }
 
 
-def same(one: Any, other: Any) -> None:
-    if isinstance(one, dict):
-        assert one.keys() == other.keys()
-        for name in one:
-            same(one[name], other[name])
-    elif isinstance(one, tuple | list):
-        assert len(one) == len(other)
-        for a, b in zip(one, other, strict=True):
-            same(a, b)
-    else:
-        np.testing.assert_array_equal(one, other)
-
-
 def test_another_process_goes_on_alike(tmp_path: Path) -> None:
     pytest.importorskip("dm_control")
     envs, actions = environments(), {}
@@ -94,7 +82,6 @@ def test_another_process_goes_on_alike(tmp_path: Path) -> None:
         expected = [env.step(action) for action in following[name]]
         for a, b in zip(results[name], expected, strict=True):
             same(tuple(a), tuple(b))
-        env.close()
     assert results["vector"][0][4]["terms"]["quiet"].max() < 0.0
     assert results["vector"][0][4]["privileged"].shape == (3, 1)
 

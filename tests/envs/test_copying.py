@@ -10,6 +10,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from alike import EVERYTHING, FIELD, growing, same
 
 import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.envs import dm
@@ -22,29 +23,9 @@ COPIES: dict[str, Callable[[Any], Any]] = {
     "pickle": lambda env: pickle.loads(pickle.dumps(env)),
 }
 ROBOTS = {"LiteTracking": load_robot("lite"), "BipedVelocity": load_robot("lite_biped")}
-RANDOM = {
-    "mass": (0.8, 1.2),
-    "stiffness": (0.9, 1.1),
-    "command_delay": (0.0, 0.03),
-    "command_jitter": 0.01,
-    "joint_position_noise": 0.01,
-}
+
 
 copies = pytest.mark.parametrize("how", list(COPIES))
-
-
-def same(one: Any, other: Any) -> None:
-    """Everything that a step or a reset gave is the same to the bit."""
-    if isinstance(one, dict):
-        assert one.keys() == other.keys()
-        for name in one:
-            same(one[name], other[name])
-    elif isinstance(one, tuple):
-        assert len(one) == len(other)
-        for a, b in zip(one, other, strict=True):
-            same(a, b)
-    else:
-        np.testing.assert_array_equal(one, other)
 
 
 def actions(space: Any, count: int) -> list[Any]:
@@ -59,24 +40,29 @@ def actions(space: Any, count: int) -> list[Any]:
         ("LiteTracking", {}),
         ("LiteTracking", {"actuation": "qfrc_applied", "command_delay": 0.03, "state_delay": 0.01}),
         ("LiteTracking", {"command_delay": 0.005, "state_sampling": "on_command"}),
+        ("LiteTracking", {"motion": ["wave", "circle"], "reference_start": 0.7, "actuation": "implicit"}),
+        ("LiteTracking", {"randomisation": EVERYTHING, "curriculum": growing}),
         ("BipedVelocity", {}),
+        ("BipedVelocity", {"terrain": FIELD, "actuation": "implicit"}),
     ],
 )
 def test_one_robot_goes_on_alike(how: str, name: str, options: dict[str, Any]) -> None:
-    env = gymnasium.make(f"humanoid_sim/{name}-v0", robot=ROBOTS[name], **options)
+    env: Any = gymnasium.make(f"humanoid_sim/{name}-v0", robot=ROBOTS[name], **options)
+    env.unwrapped.progress = 0.7
     env.reset(seed=3)
     taken = actions(env.action_space, 16)
     for action in taken[:8]:
         env.step(action)
     twin = COPIES[how](env)
     assert twin.spec == env.spec
+    assert twin.unwrapped.progress == 0.7
     expected = [env.step(action) for action in taken[8:]]
     found = [twin.step(action) for action in taken[8:]]
     same(tuple(found), tuple(expected))
     same(twin.reset(), env.reset())  # of the next episode, from the same stream
     same(twin.action_space.sample(), env.action_space.sample())
     twin.step(taken[0])
-    assert not np.array_equal(twin.unwrapped.robot.qpos, env.unwrapped.robot.qpos)  # type: ignore[attr-defined]
+    assert not np.array_equal(twin.unwrapped.robot.qpos, env.unwrapped.robot.qpos)
 
 
 @copies
@@ -93,7 +79,7 @@ def test_before_the_first_reset_and_after_a_fault_it_is_as_the_first(how: str) -
 
 
 @copies
-@pytest.mark.parametrize("randomisation", [None, RANDOM])
+@pytest.mark.parametrize("randomisation", [None, EVERYTHING])
 def test_many_robots_go_on_alike(how: str, randomisation: dict[str, Any] | None) -> None:
     options: dict[str, Any] = {"robot": ROBOTS["LiteTracking"], "randomisation": randomisation, "max_episode_steps": 11}
     envs = gymnasium.make_vec("humanoid_sim/LiteTracking-v0", num_envs=5, threads=1, **options)
@@ -109,8 +95,6 @@ def test_many_robots_go_on_alike(how: str, randomisation: dict[str, Any] | None)
     assert sum(step[3].sum() for step in expected) >= 5
     same(twin.reset(), envs.reset())
     assert twin.unwrapped.fault_count == 1
-    for one in (envs, twin):
-        one.close()
 
 
 @copies

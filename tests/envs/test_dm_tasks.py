@@ -16,6 +16,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from alike import EVERYTHING
 
 import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.envs import dm
@@ -41,10 +42,12 @@ def flat(step: Any) -> Any:
     return np.concatenate(list(step.observation.values()))
 
 
-@pytest.mark.parametrize("name", list(ROBOTS))
-def test_episodes_are_those_of_the_gymnasium_environment(name: str) -> None:
-    ours = load(name, seed=3)
-    theirs = gymnasium.make(dm.NAMES[name], robot=ROBOTS[name])
+@pytest.mark.parametrize(
+    ("name", "options"), [*((name, {}) for name in ROBOTS), ("lite_tracking", {"randomisation": EVERYTHING})]
+)
+def test_episodes_are_those_of_the_gymnasium_environment(name: str, options: dict[str, Any]) -> None:
+    ours = load(name, seed=3, **options)
+    theirs = gymnasium.make(dm.NAMES[name], robot=ROBOTS[name], **options)
     single: Any = theirs.unwrapped
     assert isinstance(single, PolicyEnv)
     observation, _ = theirs.reset(seed=3)
@@ -64,7 +67,6 @@ def test_episodes_are_those_of_the_gymnasium_environment(name: str) -> None:
             assert step.first()
             assert step.reward is None
             np.testing.assert_array_equal(flat(step), observation)
-    theirs.close()
 
 
 def test_a_term_is_an_entry_in_the_policy_s_order() -> None:

@@ -43,7 +43,6 @@ def test_a_joint_that_is_pressed_into_its_stop_ends_the_episode() -> None:
     assert info["fault"].endswith(f"the command is beyond the limits of {ROLL}")
     assert 15 <= steps <= 30
     assert info["terms"] == {}
-    env.close()
 
 
 def test_without_guards_it_goes_on() -> None:
@@ -51,14 +50,12 @@ def test_without_guards_it_goes_on() -> None:
     steps, info = run(env, 40)
     assert steps == 40
     assert "fault" not in info
-    env.close()
 
 
 def test_many_robots_end_as_each_by_itself() -> None:
     """The second of three is pressed; the others stay, and it is watched afresh in its next episode."""
     one = PolicyEnv(**ARMS, **STILL)
     steps, info = run(one, 60)
-    one.close()
     many = PolicyVectorEnv(3, **ARMS, **STILL, threads=1)
     many.reset(seed=[1, 3, 5])
     actions = np.zeros((3, 14), dtype=np.float32)
@@ -70,7 +67,6 @@ def test_many_robots_end_as_each_by_itself() -> None:
         if ends:
             assert infos["fault"][1] == info["fault"]
             assert reward[1] == 0.0
-    many.close()
 
 
 @pytest.mark.parametrize("robot", ["lite", "lite_biped"])
@@ -78,6 +74,4 @@ def test_the_guards_are_those_of_the_description(robot: str) -> None:
     contract = {"lite": "lite_tracking", "lite_biped": "lite_biped_velocity"}[robot]
     motion = "wave" if robot == "lite" else None
     env = PolicyEnv(contract, robot, motion)
-    assert env.scenario.guards is not None
     assert env.scenario.guards.joints == load_robot(robot).joint_names
-    env.close()

@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from alike import both, walk_along
 from models import linear_model, saved
 
 import humanoid_sim  # noqa: F401 - registers the environments
@@ -38,25 +39,12 @@ def contract() -> PolicyContract:
 
 
 def test_every_step_is_that_of_single_environments(contract: PolicyContract) -> None:
-    given: dict[str, Any] = {"contract": contract, "robot": ROBOT, "terrain": FIELD, "actuation": "implicit"}
-    native: Any = gymnasium.make_vec(
-        POLICY, num_envs=COUNT, vectorization_mode="vector_entry_point", threads=2, **given
-    )
-    ones: list[Any] = [gymnasium.make(POLICY, **given).unwrapped for _ in range(COUNT)]
-    together, _ = native.reset(seed=3)
-    alone = np.stack([env.reset(seed=3 + i)[0] for i, env in enumerate(ones)])
-    generator = np.random.default_rng(0)
-    for _ in range(8):
-        np.testing.assert_allclose(together, alone, rtol=0.0, atol=1e-6)
-        assert native.observation_space.contains(together)
-        action = generator.uniform(-0.3, 0.3, native.action_space.shape).astype(np.float32)
-        together = native.step(action)[0]
-        alone = np.stack([env.step(row)[0] for env, row in zip(ones, action, strict=True)])
-    scans = together[:, -RAYS:]
+    native, sync = both(POLICY, COUNT, contract=contract, robot=ROBOT, terrain=FIELD, actuation="implicit", threads=2)
+    walk_along(native, sync, 8, 0.3)
+    scans = native._observation[:, -RAYS:]
     assert np.ptp(scans, axis=1).max() > 0.005, "the ground is not level"
     base = native.simulation.base.position[:, 2]
     assert np.abs(2.0 * scans.mean(axis=1) - base).max() < 0.5
-    native.close()
 
 
 def test_dm_control_sees_what_gymnasium_sees(contract: PolicyContract) -> None:
@@ -82,4 +70,3 @@ def test_the_state_machines_environment_takes_the_scan_with_the_policy(
     assert modes.robot.extern["height_scan"] == RAYS
     modes.reset(seed=0)
     assert np.ptp(modes.robot.read()[0].extern["height_scan"].value) < 0.01, "it stands on a level floor"
-    modes.close()

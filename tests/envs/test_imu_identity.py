@@ -166,8 +166,6 @@ def test_environments_agree(folder: Path, frame: str, actuation: Any) -> None:
         np.testing.assert_array_equal(np.concatenate(list(step.observation.values())), observation)
     assert np.all(turned > 0.05)  # about all three axes
     assert away > 0.05
-    vector.close()
-    single.close()
 
 
 @pytest.mark.parametrize("frame", FRAMES)
@@ -186,14 +184,12 @@ def test_play_is_the_single_environment(folder: Path, frame: str) -> None:
     observation, _ = env.reset(options={"recording": "r.mcap"})
     for tick in ticks:
         state, step = env.robot.read()[0], tick.output.policy_step
-        assert step is not None
         for name in ("imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration"):
             assert getattr(state, name).tobytes() == getattr(tick.input.state, name).tobytes(), name
         for name in POINTS:
             assert state.extern[name].value.tobytes() == tick.input.state.extern[name].value.tobytes(), name
         assert observation.tobytes() == step.observation.tobytes()
         observation, *_ = env.step(step.action)
-    env.close()
 
 
 @pytest.mark.parametrize(
@@ -212,8 +208,6 @@ def test_damping_of_the_model_is_what_the_contract_says(
     single, vector = PolicyEnv(path, robot), PolicyVectorEnv(2, path, robot, threads=1)
     for model in (single.robot.model, vector.simulation.model(1)):
         assert [model.dof_damping[model.joint(name).dofadr[0]] for name in JOINTS] == own
-    single.close()
-    vector.close()
     main(["--viewer", "none", "--record", "r.mcap", "--robot", robot, "--policy", path, "--script", "damp"])
     out = capsys.readouterr().out
     (note,) = (line for line in out.splitlines() if line.startswith("note: model_joint_damping: "))

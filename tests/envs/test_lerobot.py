@@ -21,8 +21,6 @@ EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "lerobot_hub" / "en
 
 def example() -> Any:
     spec = importlib.util.spec_from_file_location("hub_env", EXAMPLE)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import pickle
 import re
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import SyncVectorEnv
+from alike import both, following, walk_along
 
 import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.assets import motion_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import multiply
-from humanoid_sim.controllers.terms import Term
 from humanoid_sim.envs.reference_states import reference_states
 from humanoid_sim.envs.scenario import make_scenario
 from humanoid_sim.errors import InputError
@@ -35,55 +32,13 @@ LONGER = Motion(WAVE.frames[10:17], WAVE.body_names, WAVE.policy_dt)
 
 def squat() -> tuple[PolicyContract, Motion]:
     """A walk ahead of the legs' base at 0.5 m/s while it sinks, and the policy that sees it from where it is."""
-    names = BIPED.joint_names
-    contract = PolicyContract(
-        task_type="tracking",
-        joint_names=names,
-        action_joint_names=names,
-        joint_stiffness=BIPED.stiffness,
-        joint_damping=BIPED.damping,
-        default_joint_pos=BIPED.initial_position,
-        observation=[Term("command"), Term("motion_anchor_pos_b"), Term("motion_anchor_ori_b"), Term("joint_pos")],
-        command_names=("motion",),
-        action_scale=np.full(14, 0.25),
-        policy_dt=0.02,
-        body_names=("pelvis",),
-        anchor_body="pelvis",
-    )
     frames = np.zeros((9, 2 * 14 + 7))
     frames[:, :14] = BIPED.initial_position
     frames[:, [3, 10]] += 0.02 * np.arange(9)[:, None]
     frames[:, 28] = 1.0 + 0.01 * np.arange(9)
     frames[:, 30] = 0.9 - 0.004 * np.arange(9)
     frames[:, 31] = 1.0
-    return contract, Motion(frames, ("pelvis",), 0.02, layout="joints_bodies_w", joint_names=names)
-
-
-def both(name: str, count: int, **options: Any) -> tuple[Any, SyncVectorEnv]:
-    native = gymnasium.make_vec(name, num_envs=count, threads=1, **options)
-    return native, SyncVectorEnv([lambda: gymnasium.make(name, **options)] * count)
-
-
-def walk_along(native: Any, sync: SyncVectorEnv, steps: int) -> list[Any]:
-    """Steps of both, which must be the same; the frames that were shown."""
-    ours, theirs = native.reset(seed=3), sync.reset(seed=3)
-    np.testing.assert_array_equal(ours[0], theirs[0])
-    frames = [ours[1]["frame"]]
-    np.testing.assert_array_equal(frames[0], theirs[1]["frame"])
-    generator = np.random.default_rng(0)
-    for _ in range(steps):
-        action = generator.uniform(-0.05, 0.05, native.action_space.shape).astype(np.float32)
-        ours, theirs = native.step(action), sync.step(action)
-        np.testing.assert_allclose(ours[0], theirs[0], rtol=0, atol=1e-6)
-        np.testing.assert_allclose(ours[1], theirs[1], rtol=0, atol=1e-9)
-        for i in (2, 3):
-            np.testing.assert_array_equal(ours[i], theirs[i])
-        np.testing.assert_array_equal(ours[4]["frame"], theirs[4]["frame"])
-        for i, env in enumerate(sync.envs):
-            other = env.unwrapped.robot.qpos  # type: ignore[attr-defined]
-            np.testing.assert_allclose(native.simulation.qpos[i], other, rtol=0, atol=1e-9)
-        frames.append(ours[4]["frame"])
-    return frames
+    return following(BIPED), Motion(frames, ("pelvis",), 0.02, layout="joints_bodies_w", joint_names=BIPED.joint_names)
 
 
 def test_each_episode_has_one_of_several_motions_to_its_own_end() -> None:
@@ -97,8 +52,6 @@ def test_each_episode_has_one_of_several_motions_to_its_own_end() -> None:
         assert re.fullmatch("(0123|456789a)+(0|01|012|4|45|456|4567|45678|456789)?", text), text
     assert "0123" in "".join(shown)
     assert "456789a" in "".join(shown)
-    native.close()
-    sync.close()
 
 
 def test_a_motion_among_others_is_rewarded_as_it_is_alone() -> None:
@@ -113,8 +66,6 @@ def test_a_motion_among_others_is_rewarded_as_it_is_alone() -> None:
         assert ours[1:4] == theirs[1:4]
         assert (ours[4]["frame"], theirs[4]["frame"]) == (i, i + 4)
     assert ours[3]
-    alone.close()
-    among.close()
 
 
 def test_episodes_begin_anywhere_in_the_motion_with_the_hands_where_it_has_them() -> None:
@@ -132,7 +83,6 @@ def test_episodes_begin_anywhere_in_the_motion_with_the_hands_where_it_has_them(
     assert 0.8 * last < frames.max() < last
     speed = np.abs(native.simulation.qvel).max(axis=1)
     assert np.median(speed) > 0.1
-    native.close()
 
 
 @pytest.mark.parametrize("options", [{}, {"randomisation": {"mass": (0.9, 1.1), "command_delay": (0.0, 0.02)}}])
@@ -142,8 +92,6 @@ def test_single_and_many_begin_alike_in_the_middle_of_several_motions(options: d
     )
     frames = walk_along(native, sync, 12)
     assert not set(frames[0].tolist()) <= {0, 4}
-    native.close()
-    sync.close()
 
 
 def test_a_base_that_floats_is_where_the_motion_has_it_and_moves_along() -> None:
@@ -166,8 +114,6 @@ def test_a_base_that_floats_is_where_the_motion_has_it_and_moves_along() -> None
     anchor = next(term for term in terms if term.name == "motion_anchor_pos_b")
     np.testing.assert_allclose(native._observation[:, anchor.start : anchor.stop], 0.0, rtol=0, atol=1e-5)
     assert len(np.unique(base.yaw.round(3))) == 6
-    native.close()
-    sync.close()
 
 
 def test_feet_in_the_floor_are_lifted_onto_it() -> None:
@@ -177,8 +123,6 @@ def test_feet_in_the_floor_are_lifted_onto_it() -> None:
     sunk = Motion(frames, motion.body_names, 0.02, layout="joints_bodies_w", joint_names=motion.joint_names)
     scenario = make_scenario(contract, BIPED, sunk)
     states = reference_states(scenario.description, scenario.contract, scenario.wiring.reference)
-    assert states is not None
-    assert states.base_pose is not None
     height = float(gymnasium.make(POLICY, contract=contract, robot=BIPED, motion=motion).unwrapped.robot.qpos[2])  # type: ignore[attr-defined]
     assert height - 0.1 < states.base_pose[0, 2] <= height + 0.01
 
@@ -187,7 +131,6 @@ def test_a_heading_turns_place_orientation_and_velocity() -> None:
     contract, motion = squat()
     scenario = make_scenario(contract, BIPED, motion)
     states = reference_states(scenario.description, scenario.contract, scenario.wiring.reference)
-    assert states is not None
     found = states.base_at(np.array(4), np.array(0.5 * np.pi))
     assert found is not None
     pose, velocity = found
@@ -195,18 +138,6 @@ def test_a_heading_turns_place_orientation_and_velocity() -> None:
     quarter: FloatArray = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
     np.testing.assert_allclose(pose[3:], multiply(quarter, np.array([1.0, 0.0, 0.0, 0.0])), rtol=0, atol=1e-12)
     np.testing.assert_allclose(velocity, [0.0, 0.5, -0.2, 0.0, 0.0, 0.0], rtol=0, atol=1e-4)
-
-
-def test_gymnasium_finds_nothing_wrong_and_a_copy_goes_on_alike() -> None:
-    env = gymnasium.make(LITE, robot=ROBOT, motion=[SHORT, LONGER], reference_start=0.7, actuation="implicit")
-    check_env(env.unwrapped, skip_render_check=True)
-    env.reset(seed=1)
-    twin = pickle.loads(pickle.dumps(env))
-    action = np.zeros(14, dtype=np.float32)
-    np.testing.assert_array_equal(twin.step(action)[0], env.step(action)[0])
-    np.testing.assert_array_equal(twin.reset()[0], env.reset()[0])
-    env.close()
-    twin.close()
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,6 @@ def assert_same_trajectory(
     observation, info = env.reset(options=options)
     for tick in ticks:
         step = tick.output.policy_step
-        assert step is not None
         state, _ = env.robot.read()
         for name in ("joint_position", "joint_velocity", "joint_effort", "imu_quaternion", "imu_angular_velocity"):
             assert getattr(state, name).tobytes() == getattr(tick.input.state, name).tobytes(), name
@@ -101,13 +100,8 @@ def test_a_free_standing_robot_from_a_recording(folder: Path) -> None:
     onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), "walk.onnx")
     options = ("--viewer", "none", "--record", "r.mcap", "--robot", robot, "--policy", "walk.onnx")
     script = (
-        "--script",
-        "damp; load_a; wait; start_locomotion; hold 1.2; damp",
-        "--yaw",
-        "1",
-        "--command",
-        "0.3,0,0.2",
-    )
+        "--script", "damp; load_a; wait; start_locomotion; hold 1.2; damp", "--yaw", "1", "--command", "0.3,0,0.2",
+    )  # fmt: skip
     main([*options, *script, "--contract", str(BIPED_CONTRACT)])  # it may fall: nobody trained it
     ticks = policy_ticks(folder / "r.mcap")
     assert len(ticks) >= 50

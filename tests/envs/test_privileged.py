@@ -35,8 +35,6 @@ def test_a_vector_sees_what_its_environments_see_through_ends_and_starts() -> No
                 ends += over[i]
             np.testing.assert_allclose(info["privileged"][i], single_info["privileged"], atol=1e-6)
     assert ends == 3
-    for env in (vector, *singles):
-        env.close()
 
 
 def test_it_is_the_truth_of_a_step() -> None:
@@ -46,7 +44,6 @@ def test_it_is_the_truth_of_a_step() -> None:
     height, *gravity_and_command = info["privileged"].tolist()
     assert 0.3 < height < 1.2
     np.testing.assert_allclose(gravity_and_command, [0.0, 0.0, -1.0, 0.3, 0.0, -0.2], atol=1e-6)
-    env.close()
 
 
 def test_noise_is_in_the_observation_only() -> None:
@@ -58,8 +55,6 @@ def test_noise_is_in_the_observation_only() -> None:
     expected, truth = exact.reset(seed=1)
     np.testing.assert_array_equal(told["privileged"], truth["privileged"])
     assert np.abs(seen - expected).max() > 0.05
-    noisy.close()
-    exact.close()
 
 
 def test_functions_of_ones_own_and_the_last_of_an_episode() -> None:
@@ -76,7 +71,6 @@ def test_functions_of_ones_own_and_the_last_of_an_episode() -> None:
     assert seen[1]["privileged"].tolist() == [[2.0], [2.0]]
     assert seen[2]["final_info"]["privileged"].tolist() == [[3.0], [3.0]]
     assert seen[2]["privileged"].tolist() == [[0.0], [0.0]]
-    envs.close()
 
 
 @pytest.mark.parametrize(

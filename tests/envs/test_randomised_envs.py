@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import pickle
 from typing import Any
 
-import cloudpickle
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import SyncVectorEnv
+from alike import EVERYTHING, PUSHED, both, growing
 
 import humanoid_sim  # noqa: F401 - registers the environments
-from humanoid_sim.envs import dm
-from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot
 
@@ -22,48 +17,11 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*recommend using a symmetric an
 
 LITE, BIPED = "humanoid_sim/LiteTracking-v0", "humanoid_sim/BipedVelocity-v0"
 ROBOTS = {LITE: load_robot("lite"), BIPED: load_robot("lite_biped")}
-EVERYTHING: dict[str, Any] = {
-    "mass": (0.8, 1.2),
-    "centre_of_mass": 0.01,
-    "payload": (0.0, 0.5),
-    "friction": (0.5, 1.2),
-    "joint_friction": (0.5, 2.0),
-    "armature": (0.5, 2.0),
-    "gravity_tilt": 0.05,
-    "stiffness": (0.9, 1.1),
-    "damping": (0.9, 1.1),
-    "motor_strength": (0.8, 1.1),
-    "effort_limit": (0.8, 1.0),
-    "command_delay": (0.0, 0.03),
-    "command_jitter": 0.01,
-    "state_delay": (0.0, 0.03),
-    "joint_position_bias": 0.01,
-    "orientation_bias": 0.02,
-    "angular_velocity_bias": 0.02,
-    "linear_acceleration_bias": 0.1,
-    "joint_position_noise": 0.005,
-    "joint_velocity_noise": 0.05,
-    "orientation_noise": 0.01,
-    "angular_velocity_noise": 0.05,
-    "linear_acceleration_noise": 0.1,
-}
-PUSHED = EVERYTHING | {"push": (0.1, 0.5), "push_interval": 0.2}
-
-
-def growing(progress: float) -> dict[str, float]:
-    return {"randomisation": progress, "mass": 0.5 * progress, "commands": 0.2 + 0.8 * progress}
-
-
-def pair(name: str, count: int = 2, **options: Any) -> tuple[PolicyVectorEnv, SyncVectorEnv]:
-    given = {"robot": ROBOTS[name], **options}
-    native: Any = gymnasium.make_vec(name, num_envs=count, threads=1, **given)
-    sync = SyncVectorEnv([lambda: gymnasium.make(name, **given)] * count)
-    return native, sync
 
 
 @pytest.mark.parametrize(("name", "options"), [(LITE, EVERYTHING), (BIPED, PUSHED)])
 def test_every_step_of_every_episode_is_that_of_single_environments(name: str, options: dict[str, Any]) -> None:
-    native, sync = pair(name, randomisation=options, curriculum=growing, actuation="implicit")
+    native, sync = both(name, 2, robot=ROBOTS[name], randomisation=options, curriculum=growing, actuation="implicit")
     singles: list[Any] = [env.unwrapped for env in sync.envs]
     np.testing.assert_array_equal(native.reset(seed=5)[0], sync.reset(seed=5)[0])
     native.action_space.seed(0)
@@ -87,8 +45,6 @@ def test_every_step_of_every_episode_is_that_of_single_environments(name: str, o
         speeds.append(np.abs(native._commands).max())
     assert masses[0][0] == pytest.approx(masses[0][1])  # at the progress 0 nothing differs
     assert len({*masses[1], *masses[2]}) == 4
-    native.close()
-    sync.close()
 
 
 def test_a_single_environment_draws_every_episode_anew_and_its_seed_repeats_them() -> None:
@@ -100,7 +56,6 @@ def test_a_single_environment_draws_every_episode_anew_and_its_seed_repeats_them
         seen.append(robot.model.body_mass.sum())
     assert len(set(seen[:3])) == 3
     assert seen[3:] == seen[:2]
-    env.close()
 
 
 def test_without_a_seed_two_environments_differ_and_each_episode_too() -> None:
@@ -110,36 +65,7 @@ def test_without_a_seed_two_environments_differ_and_each_episode_too() -> None:
         for _ in range(2):
             env.reset()
             masses.add(env.unwrapped.robot.model.body_mass.sum())  # type: ignore[attr-defined]
-        env.close()
     assert len(masses) == 4
-
-
-@pytest.mark.parametrize(("name", "options"), [(LITE, EVERYTHING), (BIPED, PUSHED)])
-def test_gymnasium_finds_nothing_wrong(name: str, options: dict[str, Any]) -> None:
-    env = gymnasium.make(name, robot=ROBOTS[name], randomisation=options, actuation="implicit")
-    check_env(env.unwrapped, skip_render_check=True)
-    env.close()
-
-
-@pytest.mark.parametrize("packing", [pickle, cloudpickle], ids=lambda module: module.__name__)
-@pytest.mark.parametrize("many", [False, True])
-def test_a_copy_in_the_middle_of_an_episode_goes_on_alike(packing: Any, many: bool) -> None:
-    options: dict[str, Any] = {"robot": ROBOTS[LITE], "randomisation": EVERYTHING, "curriculum": growing}
-    env: Any = gymnasium.make_vec(LITE, num_envs=2, threads=1, **options) if many else gymnasium.make(LITE, **options)
-    env.unwrapped.progress = 0.7
-    env.reset(seed=1)
-    env.action_space.seed(2)
-    taken = [0.1 * env.action_space.sample() for _ in range(8)]
-    for action in taken[:4]:
-        env.step(action)
-    twin = pickle.loads(packing.dumps(env))
-    assert twin.unwrapped.progress == 0.7
-    for action in taken[4:]:
-        np.testing.assert_array_equal(env.step(action)[0], twin.step(action)[0])
-    np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
-    np.testing.assert_array_equal(env.step(taken[0])[0], twin.step(taken[0])[0])
-    env.close()
-    twin.close()
 
 
 def test_commands_grow_with_the_progress() -> None:
@@ -150,21 +76,6 @@ def test_commands_grow_with_the_progress() -> None:
     envs.reset(seed=0)
     np.testing.assert_allclose(small, 0.2 * envs.unwrapped._commands, rtol=1e-12)
     assert np.abs(small).max() > 0.1
-    envs.close()
-
-
-def test_dm_control_has_the_same_episodes() -> None:
-    pytest.importorskip("dm_control")
-    options = {"robot": ROBOTS[LITE], "randomisation": EVERYTHING}
-    theirs, ours = dm.load("lite_tracking", seed=4, flat_observation=True, **options), gymnasium.make(LITE, **options)
-    step = theirs.reset()
-    np.testing.assert_array_equal(step.observation["observations"], ours.reset(seed=4)[0])
-    for i in range(4):
-        action = np.full(14, 0.02 * i, dtype=np.float32)
-        step = theirs.step(action)
-        np.testing.assert_array_equal(step.observation["observations"], ours.step(action)[0])
-    np.testing.assert_array_equal(theirs.physics.data.qpos, ours.unwrapped.robot.qpos)  # type: ignore[attr-defined]
-    ours.close()
 
 
 def beyond(progress: float) -> dict[str, float]:
@@ -198,4 +109,3 @@ def test_bad_progress_and_amounts_are_named_when_they_are_met() -> None:
     env.unwrapped.progress = 0.5
     with pytest.raises(InputError, match=r"curriculum: mass is 1.5 at the progress 0.5, expected a number from 0 to 1"):
         env.reset(seed=0)
-    env.close()

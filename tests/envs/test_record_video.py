@@ -12,10 +12,7 @@ from gymnasium.wrappers import vector
 
 import humanoid_sim  # noqa: F401 - registers the environments
 
-pytestmark = [
-    pytest.mark.lerobot,
-    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::SyntaxWarning"),
-]
+pytestmark = [pytest.mark.lerobot, pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::SyntaxWarning")]
 NAME = "humanoid_sim/LiteTracking-v0"
 OPTIONS: dict[str, Any] = {"render_mode": "rgb_array", "width": 64, "height": 64, "max_episode_steps": 2}
 

@@ -28,12 +28,9 @@ def stepped(number: int | None, term: Any, steps: int = 1) -> dict[str, Any]:
         if number is None
         else gymnasium.make_vec(ID, num_envs=number, threads=1, rewards={"own": (2.0, term)})
     )
-    try:
-        env.reset(seed=0)
-        for _ in range(steps):
-            *_, info = env.step(REST[0] if number is None else REST[:number])
-    finally:
-        env.close()
+    env.reset(seed=0)
+    for _ in range(steps):
+        *_, info = env.step(REST[0] if number is None else REST[:number])
     terms: dict[str, Any] = info["terms"]
     return terms
 
@@ -112,4 +109,3 @@ def test_a_fault_is_no_error_whatever_the_terms_are_then() -> None:
     _, reward, terminated, _, info = env.step(action)
     assert (terminated.tolist(), reward[1]) == ([False, True], 0.0)
     assert info["fault"][1]
-    env.close()

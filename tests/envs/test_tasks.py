@@ -219,8 +219,6 @@ def test_a_user_s_terms_are_added_or_replace_the_task_s(lite: RobotDescription) 
     assert terms["effort"] < -0.02
     for name in ("elbow", "effort", "body_position"):
         assert batch[name][1] == pytest.approx(float(terms[name]), abs=1e-9)
-    single.close()
-    vector.close()
 
 
 def test_a_term_of_a_wrong_shape_is_refused(lite: RobotDescription) -> None:
@@ -230,7 +228,6 @@ def test_a_term_of_a_wrong_shape_is_refused(lite: RobotDescription) -> None:
     env.reset(seed=0)
     with pytest.raises(InputError, match=r"rewards: joints has shape \(14,\), expected \(\): one value for each robot"):
         env.step(np.zeros(14, dtype=np.float32))
-    env.close()
     with pytest.raises(InputError, match="weights: joints is inf"):
         gymnasium.make(
             "humanoid_sim/LiteTracking-v0", robot=lite, rewards={"joints": (np.inf, lambda sample: sample.torque)}

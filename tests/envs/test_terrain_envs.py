@@ -2,53 +2,31 @@
 
 from __future__ import annotations
 
-import pickle
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import SyncVectorEnv
+from alike import FIELD, both, walk_along
 
 import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.terrain import Terrain
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*recommend using a symmetric and normalized space")
 
 BIPED, LITE = "humanoid_sim/BipedVelocity-v0", "humanoid_sim/LiteTracking-v0"
 ROBOT = load_robot("lite_biped")
-FIELD: dict[str, Any] = {"kind": "mixed", "levels": 2, "variants": 3, "tile": 3.0, "platform": 1.2}
 
 
 @pytest.mark.parametrize(
     "options", [{}, {"randomisation": {"mass": (0.9, 1.1), "push": (0.1, 0.3), "state_delay": (0.0, 0.01)}}]
 )
 def test_every_step_is_that_of_single_environments(options: dict[str, Any]) -> None:
-    given = {"robot": ROBOT, "terrain": FIELD, "actuation": "implicit", **options}
-    native: Any = gymnasium.make_vec(BIPED, num_envs=3, threads=1, **given)
-    sync = SyncVectorEnv([lambda: gymnasium.make(BIPED, **given)] * 3)
-    np.testing.assert_array_equal(native.reset(seed=2)[0], sync.reset(seed=2)[0])
-    starts = native.simulation.base.position.copy()
-    generator = np.random.default_rng(0)
-    for _ in range(12):
-        action = generator.uniform(-0.5, 0.5, native.action_space.shape).astype(np.float32)
-        ours, theirs = native.step(action), sync.step(action)
-        np.testing.assert_allclose(ours[0], theirs[0], rtol=0, atol=1e-6)
-        np.testing.assert_allclose(ours[1], theirs[1], rtol=0, atol=1e-9)
-        np.testing.assert_array_equal(ours[2], theirs[2])
-        for i, env in enumerate(sync.envs):
-            np.testing.assert_allclose(
-                native.simulation.qpos[i],
-                env.unwrapped.robot.qpos,  # type: ignore[attr-defined]
-                rtol=0,
-                atol=1e-9,
-            )
-    assert len({tuple(start) for start in starts[:, :2].tolist()}) > 1
-    native.close()
-    sync.close()
+    native, sync = both(BIPED, 3, robot=ROBOT, terrain=FIELD, actuation="implicit", **options)
+    walk_along(native, sync, 12, 0.5)
+    native.reset(seed=3)
+    assert len({tuple(start) for start in native.simulation.base.position[:, :2].tolist()}) > 1
 
 
 @pytest.mark.parametrize("kind", ["rough", "slopes", "steps"])
@@ -69,8 +47,6 @@ def test_it_begins_with_its_feet_on_the_ground_wherever_that_is(kind: str) -> No
         flat.step(np.zeros(flat.action_space.shape, dtype=np.float32))
     assert not terminated.any()
     np.testing.assert_allclose(hilly.simulation.base.height, flat.simulation.base.height, rtol=0, atol=2e-3)
-    flat.close()
-    hilly.close()
 
 
 def harder(progress: float) -> dict[str, float]:
@@ -87,19 +63,6 @@ def test_a_curriculum_lets_it_onto_harder_tiles() -> None:
         envs.reset(seed=0)
         columns.append(len(set(envs.simulation.qpos[:, 0])))
     assert columns == [1, 2, 3]
-    envs.close()
-
-
-def test_gymnasium_finds_nothing_wrong_and_a_copy_goes_on_alike() -> None:
-    env = gymnasium.make(BIPED, robot=ROBOT, terrain=Terrain(**FIELD), actuation="implicit")
-    check_env(env.unwrapped, skip_render_check=True)
-    env.reset(seed=1)
-    twin = pickle.loads(pickle.dumps(env))
-    action = np.zeros(env.action_space.shape, dtype=np.float32)  # type: ignore[arg-type]
-    np.testing.assert_array_equal(twin.step(action)[0], env.step(action)[0])
-    np.testing.assert_array_equal(twin.reset()[0], env.reset()[0])
-    env.close()
-    twin.close()
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from alike import following
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import humanoid_sim  # noqa: F401 - registers the environments
@@ -82,33 +83,12 @@ def memory_policy() -> PolicyContract:
 def anchored() -> dict[str, Any]:
     """A contract that follows the pelvis and the joints of a short motion, which starts somewhere else."""
     robot = ROBOTS["lite_biped"]
-    names = robot.joint_names
-    contract = PolicyContract(
-        task_type="tracking",
-        joint_names=names,
-        action_joint_names=names,
-        joint_stiffness=robot.stiffness,
-        joint_damping=robot.damping,
-        default_joint_pos=robot.initial_position,
-        observation=[
-            Term("command"),
-            Term("motion_anchor_pos_b"),
-            Term("motion_anchor_ori_b"),
-            Term("joint_pos"),
-            Term("last_action"),
-        ],
-        command_names=("motion",),
-        action_scale=np.full(14, 0.25),
-        policy_dt=0.02,
-        body_names=("pelvis",),
-        anchor_body="pelvis",
-    )
     frames = np.zeros((8, 2 * 14 + 7))
     frames[:, :14] = robot.initial_position
     frames[:, 28:31] = np.linspace([1.0, 2.0, 0.77], [1.1, 2.2, 0.77], 8)
     frames[:, [31, 34]] = np.sqrt(0.5)  # turned left by 90°
-    motion = Motion(frames, ("pelvis",), 0.02, layout="joints_bodies_w", joint_names=names)
-    return {"contract": contract, "robot": robot, "motion": motion, "max_episode_steps": 6}
+    motion = Motion(frames, ("pelvis",), 0.02, layout="joints_bodies_w", joint_names=robot.joint_names)
+    return {"contract": following(robot), "robot": robot, "motion": motion, "max_episode_steps": 6}
 
 
 def assert_same(ours: Any, theirs: Any, where: str = "") -> None:
@@ -206,15 +186,12 @@ def test_seeds_make_starts() -> None:
     mixed, _ = native.reset(seed=[7, None, 9])
     np.testing.assert_array_equal(mixed[[0, 2]], first[[0, 2]])
     assert np.abs(mixed[1] - first[1]).max() > 1e-3
-    native.close()
 
 
 def test_starts_without_a_seed_differ() -> None:
     one, other = make(LITE), make(LITE)
     starts = np.concatenate([one.reset()[0], other.reset()[0]])
     assert len(np.unique(starts, axis=0)) == 2 * COUNT
-    one.close()
-    other.close()
 
 
 def test_the_number_of_environments_and_threads_does_not_matter() -> None:
@@ -228,8 +205,6 @@ def test_the_number_of_environments_and_threads_does_not_matter() -> None:
         ours, all_of_them = few.step(action[3:4]), many.step(action)
         np.testing.assert_array_equal(ours[0][0], all_of_them[0][3])
         np.testing.assert_array_equal(ours[1][0], all_of_them[1][3])
-    few.close()
-    many.close()
 
 
 def test_a_mask_resets_some() -> None:
@@ -253,8 +228,6 @@ def test_a_mask_resets_some() -> None:
         native.step(action)
     native.reset(options={"reset_mask": ~mask})
     native.step(action)
-    native.close()
-    fresh.close()
 
 
 def test_commands_of_the_caller_hold() -> None:
@@ -271,7 +244,6 @@ def test_commands_of_the_caller_hold() -> None:
     rows = np.array([[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [0.3, 0.0, 0.0]])
     observation, _ = native.reset(options={"command": rows})
     np.testing.assert_allclose(commanded(observation), rows, rtol=1e-6)
-    native.close()
 
 
 def test_a_simulation_that_breaks_ends_its_episode_only() -> None:
@@ -290,7 +262,6 @@ def test_a_simulation_that_breaks_ends_its_episode_only() -> None:
     native.step(np.zeros(native.action_space.shape, dtype=np.float32))
     assert np.isfinite(native.step(np.zeros(native.action_space.shape, dtype=np.float32))[0]).all()
     assert native.fault_count == 1
-    native.close()
 
 
 def test_an_observation_beyond_its_bounds_is_a_fault() -> None:
@@ -302,7 +273,6 @@ def test_an_observation_beyond_its_bounds_is_a_fault() -> None:
     *_, terminated, _, info = native.step(np.zeros(native.action_space.shape, dtype=np.float32))
     assert terminated.tolist() == [True, False, False]
     assert "beyond any robot's" in info["fault"][0]
-    native.close()
 
 
 def test_randomised_environments_differ_and_are_seeded() -> None:
@@ -317,7 +287,6 @@ def test_randomised_environments_differ_and_are_seeded() -> None:
     assert [native.simulation.model(i).body_mass.sum() for i in range(3)] == masses[1:]
     native.reset()
     assert [native.simulation.model(i).body_mass.sum() for i in range(3)] == following[1:]
-    native.close()
 
 
 def test_rewards_are_of_the_true_state() -> None:
@@ -329,8 +298,6 @@ def test_rewards_are_of_the_true_state() -> None:
     ours, truth = noisy.step(action), quiet.step(action)
     np.testing.assert_array_equal(ours[1], truth[1])
     assert np.abs(ours[0] - truth[0]).max() > 0.1
-    noisy.close()
-    quiet.close()
 
 
 def test_what_is_returned_belongs_to_the_caller() -> None:
@@ -340,7 +307,6 @@ def test_what_is_returned_belongs_to_the_caller() -> None:
     action = np.full(native.action_space.shape, np.nan, dtype=np.float32)
     observation[:] = 7.0
     np.testing.assert_array_equal(native.step(action)[0], kept)
-    native.close()
 
 
 def test_a_wrench_pushes_as_long_as_it_is_set() -> None:
@@ -357,7 +323,6 @@ def test_a_wrench_pushes_as_long_as_it_is_set() -> None:
     env.wrench = None
     env.step(still)
     assert env.simulation.qvel[1, 1] < left[1]
-    env.close()
 
 
 def test_specs_are_picklable() -> None:
@@ -367,8 +332,6 @@ def test_specs_are_picklable() -> None:
     assert isinstance(again, PolicyVectorEnv)
     assert again.num_envs == 2
     assert again.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
-    native.close()
-    again.close()
 
 
 @pytest.mark.parametrize(
@@ -414,7 +377,6 @@ def test_bad_resets_and_actions_are_named() -> None:
     native.reset(seed=0)
     with pytest.raises(InputError, match=r"actions: have shape \(14,\), expected \(3, 14\)"):
         native.step(np.zeros(14, dtype=np.float32))
-    native.close()
 
 
 @pytest.mark.parametrize("name", [LITE, BIPED])
@@ -435,5 +397,3 @@ def test_the_implicit_plant_does_in_a_batch_what_it_does_alone(name: str) -> Non
         np.testing.assert_allclose(together, alone, rtol=0.0, atol=1e-9)
         apart = max(apart, float(np.abs(together - other).max()))
     assert 1e-6 < apart < 0.5
-    for envs in (native, single, exact):
-        envs.close()

@@ -45,6 +45,3 @@ def test_a_published_policy_walks_the_same_steps(policy: str, timestep: float) -
             assert info["frame"][i] == its["frame"]
             np.testing.assert_allclose(native.simulation.qpos[i], single.unwrapped.robot.qpos, rtol=0, atol=1e-9)
         assert not terminated.any()
-    native.close()
-    for single in singles:
-        single.close()

@@ -24,8 +24,6 @@ def test_a_batch_is_rewarded_as_single_robots_are() -> None:
             _, reward, _, _, own = single.step(actions[i])
             assert reward == pytest.approx(rewards[i], abs=1e-7)
             assert set(own["terms"]) == set(info["terms"]) - {f"_{term}" for term in own["terms"]}
-    for env in (native, *singles):
-        env.close()
 
 
 def test_a_robot_that_stands_as_asked_earns_all_there_is() -> None:

@@ -35,14 +35,12 @@ def test_time_limit() -> None:
     assert "TimeLimit" in str(env)
     env.reset(seed=0)
     assert [env.step(rest(env))[2:4] for _ in range(3)] == [(False, False), (False, False), (False, True)]
-    env.close()
 
     envs = several(max_episode_steps=3)
     envs.reset(seed=0)
     steps = [envs.step(rest(envs))[2:4] for _ in range(4)]
     assert [truncated.tolist() for _, truncated in steps] == [[False] * 2, [False] * 2, [True] * 2, [False] * 2]
     assert not any(terminated.any() for terminated, _ in steps)
-    envs.close()
 
 
 def test_record_episode_statistics() -> None:
@@ -52,7 +50,6 @@ def test_record_episode_statistics() -> None:
     total = sum(reward for reward, _ in rewards) + last
     assert info["episode"]["l"] == 3
     assert info["episode"]["r"] == pytest.approx(total)
-    env.close()
 
     envs = vector.RecordEpisodeStatistics(several(max_episode_steps=3))
     envs.reset(seed=0)
@@ -62,7 +59,6 @@ def test_record_episode_statistics() -> None:
     assert statistics["l"].tolist() == [3, 3]
     np.testing.assert_allclose(statistics["r"], sum(step[1] for step in steps))
     assert statistics["r"][0] == pytest.approx(total)  # the same seed
-    envs.close()
 
 
 def test_normalize_observation() -> None:
@@ -73,7 +69,6 @@ def test_normalize_observation() -> None:
     assert observation.shape == env.observation_space.shape
     assert np.abs(observation).max() < 6.0
     assert np.abs(env.obs_rms.mean).max() > 0.1
-    env.close()
 
     envs = vector.NormalizeObservation(several(max_episode_steps=8))
     observations, _ = envs.reset(seed=0)
@@ -83,7 +78,6 @@ def test_normalize_observation() -> None:
     assert np.abs(observations).max() < 6.0
     # Gymnasium starts from a count of 1e-4, and counts each environment's observation of every step and reset.
     assert envs.obs_rms.count == pytest.approx(21 * COUNT, abs=1e-3)
-    envs.close()
 
 
 def test_pictures_of_a_vector_are_those_of_its_environments() -> None:

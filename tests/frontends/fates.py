@@ -24,6 +24,7 @@ import pytest
 from dds_bridge import free_domain
 from models import linear_model
 from play_fixtures import quick_robot
+from waiting import until
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
@@ -103,6 +104,23 @@ def available(names: Sequence[str]) -> list[str]:
     ]
 
 
+def watchers(alone: str, mode: Mode, names: Sequence[str]) -> list[str]:
+    """Those who only look on in a mode, as far as they are installed; or the one that is there in place of a window."""
+    if alone:
+        if not available([alone]):
+            pytest.skip(f"the packages of {alone} are not installed")
+        return [alone]
+    rows = {name: ROWS[name] for name in available(names)}
+    return [
+        name for name, row in rows.items() if not (row.instead or row.feeds or (row.remote and mode is Mode.REMOTE))
+    ]
+
+
+def skip_unless(is_sampled: bool, request: pytest.FixtureRequest) -> None:
+    if not is_sampled and not request.config.getoption("--complete"):
+        pytest.skip("a sample without --complete")
+
+
 @pytest.fixture
 def rows(table_of: Callable[[str, tuple[str, ...]], list[tuple[str, ...]]]) -> list[tuple[str, ...]]:
     return table_of("front ends lost", ("front end", "fate", "mode", "where", "what became of the robot"))
@@ -125,15 +143,6 @@ def display() -> Iterator[tuple[subprocess.Popen[bytes], str]]:
                 yield server, f":{stream.readline().strip()}"
         finally:
             server.kill()
-
-
-def until(condition: Callable[[], Any], seconds: float = PATIENCE) -> Any:
-    """What a condition gives as soon as it holds."""
-    deadline = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < deadline, "it never came"
-        time.sleep(0.002)
-    return found
 
 
 @dataclass
@@ -271,7 +280,6 @@ class Log:
         """
         in_force = [tick for tick in self.ticks if tick.output.command.effort.any()]
         assert in_force, "it commanded"
-        assert in_force[-1].input.remote is not None
         after = next(tick for tick in self.ticks if tick.index > in_force[-1].index)
         assert after.output.control_mode.mode is Mode.REMOTE, "it ended by the blow, not with the mode"
         assert not after.output.command.stiffness.any()

@@ -60,7 +60,6 @@ def client(play: Played, kind: str) -> Iterator[subprocess.Popen[str]]:
     environment = {**os.environ, "ROS_DOMAIN_ID": str(play.domain)}
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
         try:
-            assert process.stdout is not None
             assert process.stdout.readline() == "ready\n"
             yield process
         finally:
@@ -76,7 +75,6 @@ def virtual_pad(play: Played) -> Iterator[subprocess.Popen[str]]:
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
     ) as process:
         try:
-            assert process.stdout is not None
             while not process.stdout.readline().strip().endswith("drives"):
                 assert process.poll() is None
             yield process
@@ -102,7 +100,6 @@ class Producer:
         with client(play, self.program) if self.program else nullcontext() as process:
             play.until_owned("REMOTE", self.owner)
             if self.loses_program:
-                assert process is not None
                 process.send_signal(blow)
                 play.operator.ask("mark blow")
             else:

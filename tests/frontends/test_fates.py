@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from fates import BLOWS, ROWS, Log, Played, available, display, playing, script, walking_lite
+from fates import BLOWS, ROWS, Log, Played, available, display, playing, script, skip_unless, walking_lite, watchers
 from play_fixtures import quick_robot
 from producers import PRODUCERS, client, skip_unless_installed
 
@@ -53,13 +53,7 @@ def unwatched(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Mode], list
 
 
 def struck(
-    folder: Path,
-    mode: Mode,
-    names: list[str],
-    blow: Callable[[Played], None],
-    *,
-    on_display: bool = True,
-    **given: str,
+    folder: Path, mode: Mode, names: list[str], blow: Callable[[Played], None], *, on_display: bool = True, **given: str
 ) -> Log:
     """A run with these front ends, which was in that mode when the blow fell."""
     with display() if on_display else nullcontext((None, "")) as (_, screen):
@@ -78,7 +72,9 @@ def struck(
 @pytest.mark.slow
 @pytest.mark.parametrize("blow", BLOWS)
 @pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
+@pytest.mark.parametrize("alone", ["", *(name for name in ROWS if ROWS[name].instead)])
 def test_those_who_look_on_leave_the_control_log_as_it_is(
+    alone: str,
     mode: Mode,
     blow: str,
     unwatched: Callable[[Mode], list[tuple[object, ...]]],
@@ -86,40 +82,14 @@ def test_those_who_look_on_leave_the_control_log_as_it_is(
     rows: list[tuple[str, ...]],
     request: pytest.FixtureRequest,
 ) -> None:
-    """All at once; a producer for REMOTE too, in the modes in which it does not command."""
-    if (mode, blow) not in SAMPLE and not request.config.getoption("--complete"):
-        pytest.skip("a sample without --complete")
-    names = [name for name in available(ROWS) if not (ROWS[name].remote and mode is Mode.REMOTE)]
-    names = [name for name in names if not (ROWS[name].instead or ROWS[name].feeds)]
-    log = struck(folder, mode, names, lambda play: play.strike(names, BLOWS[blow]))
+    """All at once, and a producer for REMOTE in the modes in which it does not command; or one that is no window."""
+    skip_unless((mode, blow) in SAMPLE, request)
+    names = watchers(alone, mode, ROWS)
+    log = struck(folder, mode, names, lambda play: play.strike(names, BLOWS[blow]), on_display=not alone)
     assert log.ended == (dict.fromkeys(names, "-9") if blow == "killed" else {})
     assert log.control() == unwatched(mode)
     assert log.is_exact()
     rows += [(name, blow, mode.name, "simulated", f"{len(log.ticks)} ticks, bit for bit") for name in names]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("blow", BLOWS)
-@pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
-@pytest.mark.parametrize("name", [name for name in ROWS if ROWS[name].instead])
-def test_so_does_one_that_is_there_instead_of_the_window(
-    name: str,
-    mode: Mode,
-    blow: str,
-    unwatched: Callable[[Mode], list[tuple[object, ...]]],
-    folder: Path,
-    rows: list[tuple[str, ...]],
-    request: pytest.FixtureRequest,
-) -> None:
-    if (mode, blow) not in SAMPLE and not request.config.getoption("--complete"):
-        pytest.skip("a sample without --complete")
-    if not available([name]):
-        pytest.skip(f"the packages of {name} are not installed")
-    log = struck(folder, mode, [name], lambda play: play.strike([name], BLOWS[blow]), on_display=False)
-    assert log.ended == ({name: "-9"} if blow == "killed" else {})
-    assert log.control() == unwatched(mode)
-    assert log.is_exact()
-    rows.append((name, blow, mode.name, "simulated", f"{len(log.ticks)} ticks, bit for bit"))
 
 
 @pytest.mark.slow
@@ -157,8 +127,7 @@ def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(
     name: str, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
 ) -> None:
     is_sampled = (blow == "stopped") is PRODUCERS[name].loses_program
-    if not is_sampled and not request.config.getoption("--complete"):
-        pytest.skip("a sample without --complete")
+    skip_unless(is_sampled, request)
     skip_unless_installed(PRODUCERS[name])
     log = struck(
         folder,
@@ -178,8 +147,7 @@ def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(
 def test_what_a_lost_source_of_velocity_commanded_is_zero_within_its_timeout(
     mode: Mode, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
 ) -> None:
-    if (mode, blow) != (Mode.LOCOMOTION, "killed") and not request.config.getoption("--complete"):
-        pytest.skip("a sample without --complete")
+    skip_unless((mode, blow) == (Mode.LOCOMOTION, "killed"), request)
 
     def strike(play: Played) -> None:
         with client(play, "velocity") as process:

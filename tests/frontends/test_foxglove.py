@@ -38,7 +38,6 @@ def served(*options: str) -> Iterator[tuple[int, subprocess.Popen[str]]]:
     command = [sys.executable, "-m", "humanoid_sim.foxglove", "--port", "0", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
-            assert process.stdout is not None
             line = process.stdout.readline()
             assert line.startswith("open a connection to ws://127.0.0.1:"), line
             yield int(line.partition("127.0.0.1:")[2].partition(",")[0]), process
@@ -149,7 +148,6 @@ def _look_and_damp(local: LocalSession, foxglove: Client, records: list[TickReco
 @pytest.mark.slow
 def test_with_control_it_offers_every_intent_with_a_warning(local: LocalSession, page: Any) -> None:
     with served("--control") as (port, process), ticking(local) as records:
-        assert process.stdout is not None
         assert process.stdout.readline().startswith("WARNING: every page open in a browser on this machine can move")
         foxglove = page(port)
         assert foxglove.call("/start_remote")["success"] is False  # as anybody's who asks too early

@@ -75,7 +75,6 @@ def test_the_effort_form_compensates_whatever_pose_the_arms_are_in(
     producer, gravity = GravityProducer(attachment, "effort"), GravityTorque(lite)
     for position in (pose, 0.5 * pose):
         command = producer.command(record(position, remote=True))
-        assert command is not None
         assert command.position.tolist() == position.tolist()
         np.testing.assert_allclose(command.effort, gravity(position), atol=1e-12)
 
@@ -92,7 +91,6 @@ def test_the_pd_form_holds_the_first_pose_of_each_stay_in_remote(
         (record(0.6 * pose, remote=True), 0.6 * pose),
     ):
         command = producer.command(tick)
-        assert command is not None
         np.testing.assert_allclose(command.position, held + gravity(held) / lite.stiffness, atol=1e-12)
 
 
@@ -109,7 +107,6 @@ def front_end(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         [sys.executable, "-m", "humanoid_sim.gravity", *arguments], stdout=subprocess.PIPE, text=True
     ) as process:
         try:
-            assert process.stdout is not None
             assert process.stdout.readline().startswith("gravity compensation (effort) for session ")
             yield process
         finally:
@@ -130,7 +127,6 @@ def test_as_a_program_it_answers_each_tick_and_ends_with_the_session(
             time.sleep(0.005)
             local.data.latest()
         latest = local.inbox.latest()
-        assert latest is not None
         assert latest.command.position.tolist() == pose.tolist()
         assert np.abs(latest.command.effort).max() > 1.0
         local.feed.close()

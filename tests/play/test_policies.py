@@ -31,7 +31,6 @@ LITE = load_robot("lite")
 def test_by_default_the_sample_policy_follows_the_sample_motion() -> None:
     choice = choose_policy(PlayConfig(), LITE)
     assert Path(choice.checkpoint.source).name == "lite_tracking.onnx"
-    assert choice.motion_file is not None
     assert choice.motion_file.name == "wave.mcap"
     assert choice.warning == ""
     contract = choice.checkpoint.contract
@@ -65,14 +64,12 @@ def test_a_policys_path_does_not_make_it_the_sample() -> None:
 @pytest.mark.parametrize("motion", ["circle", "reach"])
 def test_a_sample_motion_goes_by_its_name(motion: str) -> None:
     choice = choose_policy(PlayConfig(motion=motion), LITE)
-    assert choice.motion_file is not None
     assert choice.motion_file.stem == motion
 
 
 def test_on_hardware_an_inference_ends_before_the_motors_stop_by_themselves() -> None:
     for hardware, limit in ((None, 10.0), ("virtual:lite", 0.1)):
         choice = choose_policy(PlayConfig(policy="lite_tracking", hardware=hardware, can_timeout=0.2), LITE)
-        assert choice.checkpoint is not None
         policy = choice.checkpoint.policy
         assert isinstance(policy, OnnxPolicy)
         assert policy.model.time_limit == limit
@@ -147,13 +144,8 @@ def test_without_a_recording_nothing_changes() -> None:
 
 def test_what_was_recorded_takes_the_place_of_defaults(tmp_path: Path) -> None:
     options = {
-        "policy": "x.onnx",
-        "robot": "lite_neck",
-        "command": "1,0,0",
-        "yaw": 2,
-        "viewer": "native",
-        "record": "r",
-    }
+        "policy": "x.onnx", "robot": "lite_neck", "command": "1,0,0", "yaw": 2, "viewer": "native", "record": "r",
+    }  # fmt: skip
     path = recording(tmp_path, {"options": options})
     config = PlayConfig(again=path, robot="lite_biped")
     expected = replace(config, policy="x.onnx", command="1,0,0", yaw=2, motion=path)

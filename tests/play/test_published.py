@@ -18,17 +18,7 @@ HOLOSOMA = str(POLICIES / "holosoma_g1_loco" / "ppo_g1_29dof.onnx")
 
 def walk(run: Any, policy: str, *options: str, seconds: float, step: str = "0.005") -> Any:
     script = f"damp; load_a; wait; start_locomotion; {'motion' if seconds == 0 else f'hold {seconds}'}; damp"
-    return run(
-        "--policy",
-        policy,
-        "--robot",
-        G1,
-        "--physics-timestep",
-        step,
-        "--script",
-        script,
-        *options,
-    )
+    return run("--policy", policy, "--robot", G1, "--physics-timestep", step, "--script", script, *options)
 
 
 def contract_file(folder: Path) -> str:

@@ -43,11 +43,7 @@ def test_a_session_begins_again_and_its_recording_replays(run: Callable[..., Res
         "DAMPING",
     ]
     events = [event.text for event in result.events if "requested by mode" not in event.text]
-    assert events == [
-        "REACTIVATE refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY",
-        DONE,
-        "ending: QUIT",
-    ]
+    assert events == ["REACTIVATE refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY", DONE, "ending: QUIT"]
     modes = [tick.output.control_mode.mode for tick in result.ticks]
     afresh = modes.index(Mode.ZERO_TORQUE, modes.index(Mode.DAMPING))
     assert modes[afresh - 1] is Mode.DAMPING

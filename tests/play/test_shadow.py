@@ -90,6 +90,7 @@ def test_the_control_stack_has_nothing_that_could_leave_the_two_modes() -> None:
         plan.setup.release()
 
 
+STAYS = "but with --shadow the robot stays in DAMPING and STANDBY"
 TWO_MODES = "means nothing with --shadow, whose robot stays in DAMPING and STANDBY"
 
 
@@ -99,15 +100,9 @@ TWO_MODES = "means nothing with --shadow, whose robot stays in DAMPING and STAND
         ({"policy": "p.onnx"}, f"--policy: {TWO_MODES}"),
         ({"remote": "gravity"}, f"--remote: {TWO_MODES}"),
         ({"branch": "r.mcap@1"}, "--shadow: means nothing with --branch, which goes on as recorded"),
-        (
-            {"script": "damp; load_a; wait; start_locomotion"},
-            "--script: has start_locomotion, but with --shadow the robot stays in DAMPING and STANDBY",
-        ),
-        ({"script": "motion"}, "--script: has motion, but with --shadow the robot stays in DAMPING and STANDBY"),
-        (
-            {"inject": "nan_policy@1"},
-            "--inject: nan_policy means nothing with --shadow: it is for a policy that drives",
-        ),
+        ({"script": "damp; load_a; wait; start_locomotion"}, f"--script: has start_locomotion, {STAYS}"),
+        ({"script": "motion"}, f"--script: has motion, {STAYS}"),
+        ({"inject": "nan_policy@1"}, "--inject: nan_policy means nothing with --shadow: it is for a policy that"),
         ({"motion": None}, f"--motion: is missing; {SAMPLE_POLICY} is a tracking policy and follows a motion"),
         ({"shadow": "no.onnx"}, "no.onnx: no such file, expected an ONNX file"),
         (

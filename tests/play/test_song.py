@@ -73,10 +73,7 @@ def test_a_key_that_is_touched_too_hard_fails_the_run(run: Run, policy: Path, so
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (
-            ["--song", "twinkl"],
-            "--song: unknown song 'twinkl' (did you mean 'twinkle'?); known: black_keys, ",
-        ),
+        (["--song", "twinkl"], "--song: unknown song 'twinkl' (did you mean 'twinkle'?); known: black_keys, "),
         (["--song", "random:x"], "--song: is 'random:x', expected random:N, N a whole number of at most 9 digits"),
         ([], "--song: is missing; "),
         (["--song", "twinkle", "--motion", "wave"], "--motion and --song: both are given, expected one of them"),

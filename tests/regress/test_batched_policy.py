@@ -37,7 +37,9 @@ def network(
     return OnnxPolicy(path)
 
 
-def check(policy: OnnxPolicy, batched: BatchedPolicy, count: int = 9) -> None:
+def check(policy: OnnxPolicy, batching: str = BATCHES, count: int = 9) -> None:
+    batched = BatchedPolicy(policy)
+    assert batched.batching == batching
     observation = np.random.default_rng(1).standard_normal((count, policy.observation_width)).astype(np.float32)
     frame = np.arange(count)
     alone = np.stack([policy(observation[i], i) for i in range(count)])
@@ -50,9 +52,7 @@ def check(policy: OnnxPolicy, batched: BatchedPolicy, count: int = 9) -> None:
 def test_the_sample_policy_runs_in_batches_as_it_is() -> None:
     policy = OnnxPolicy(SAMPLE)
     assert policy.model.inputs[0].shape == ("batch", 78)
-    batched = BatchedPolicy(policy)
-    assert batched.batching == BATCHES
-    check(policy, batched)
+    check(policy)
 
 
 @needs_policies
@@ -69,9 +69,7 @@ def test_the_sample_policy_runs_in_batches_as_it_is() -> None:
 def test_published_policies_all_declare_a_batch_of_one_and_run_in_batches(path: str) -> None:
     policy = OnnxPolicy(POLICIES / path)
     assert policy.model.inputs[0].shape[0] == 1
-    batched = BatchedPolicy(policy)
-    assert batched.batching == BATCHES
-    check(policy, batched)
+    check(policy)
 
 
 MATMUL = [("MatMul", ["obs", "w"], ["actions"], {})]
@@ -100,35 +98,23 @@ SHAPED_CONSTANTS = [
 
 @pytest.mark.parametrize("rows", [1, "batch"])
 def test_a_plain_network(tmp_path: Path, rows: int | str) -> None:
-    policy = network(tmp_path, MATMUL, rows=rows)
-    batched = BatchedPolicy(policy)
-    assert batched.batching == BATCHES
-    check(policy, batched)
+    check(network(tmp_path, MATMUL, rows=rows))
 
 
 def test_row_by_row_where_a_constant_shape_fixes_the_batch(tmp_path: Path) -> None:
-    policy = network(tmp_path, SHAPED, SHAPED_CONSTANTS)
-    batched = BatchedPolicy(policy)
-    assert batched.batching == "row by row: the model runs on no batch"
-    check(policy, batched)
+    check(network(tmp_path, SHAPED, SHAPED_CONSTANTS), "row by row: the model runs on no batch")
 
 
 def test_a_frame_takes_part(tmp_path: Path) -> None:
     nodes = [("MatMul", ["obs", "w"], ["product"], {}), ("Add", ["product", "time_step"], ["actions"], {})]
-    policy = network(tmp_path, nodes, time_step=True)
-    batched = BatchedPolicy(policy)
-    assert batched.batching == BATCHES
-    check(policy, batched)
+    check(network(tmp_path, nodes, time_step=True))
 
 
 def test_what_the_action_does_not_need_keeps_nothing_from_running_in_batches(tmp_path: Path) -> None:
     """A motion's `Reshape` takes one frame and no more."""
     nodes = [*MATMUL, ("Reshape", ["time_step", "row"], ["motion"], {})]
     motion = helper.make_tensor_value_info("motion", TensorProto.FLOAT, [1])
-    policy = network(tmp_path, nodes, [("row", np.array([1]))], time_step=True, outputs=[motion])
-    batched = BatchedPolicy(policy)
-    assert batched.batching == BATCHES
-    check(policy, batched)
+    check(network(tmp_path, nodes, [("row", np.array([1]))], time_step=True, outputs=[motion]))
 
 
 def test_constants_that_an_old_model_lists_among_its_inputs(tmp_path: Path) -> None:
@@ -138,18 +124,12 @@ def test_constants_that_an_old_model_lists_among_its_inputs(tmp_path: Path) -> N
     model = onnx.load(str(path))
     model.graph.input.append(helper.make_tensor_value_info("scale", TensorProto.FLOAT, [1, 4]))
     onnx.save(model, str(path))
-    policy = OnnxPolicy(path)
-    batched = BatchedPolicy(policy)
-    assert batched.batching == BATCHES
-    check(policy, batched)
+    check(OnnxPolicy(path))
 
 
 def test_softmax_keeps_to_its_row(tmp_path: Path) -> None:
     nodes = [("Softmax", ["obs"], ["soft"], {"axis": -1}), ("MatMul", ["soft", "w"], ["actions"], {})]
-    policy = network(tmp_path, nodes)
-    batched = BatchedPolicy(policy)
-    assert batched.batching == BATCHES
-    check(policy, batched)
+    check(network(tmp_path, nodes))
 
 
 def test_row_by_row_where_a_batch_would_mix_its_rows(tmp_path: Path) -> None:
@@ -158,10 +138,7 @@ def test_row_by_row_where_a_batch_would_mix_its_rows(tmp_path: Path) -> None:
         ("ReduceMean", ["obs"], ["mean"], {"axes": [0], "keepdims": 1}),
         ("MatMul", ["mean", "w"], ["actions"], {}),
     ]
-    policy = network(tmp_path, nodes)
-    batched = BatchedPolicy(policy)
-    assert batched.batching == "row by row: in a batch its answers differ"
-    check(policy, batched)
+    check(network(tmp_path, nodes), "row by row: in a batch its answers differ")
 
 
 def test_rows_that_raise_are_not_a_number_and_the_others_are_answered(tmp_path: Path) -> None:

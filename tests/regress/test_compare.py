@@ -201,11 +201,6 @@ def test_no_spread_no_interval() -> None:
     assert (interval.mean, interval.low, interval.high) == (3.0, 3.0, 3.0)
 
 
-def test_the_same_numbers_give_the_same_interval() -> None:
-    values = [np.random.default_rng(0).normal(size=12)]
-    assert mean_interval(values, [], 0.95, 2000) == mean_interval(values, [], 0.95, 2000)
-
-
 def test_an_interval_of_a_large_sample_is_that_of_the_normal_distribution() -> None:
     values = np.random.default_rng(1).normal(loc=5.0, scale=2.0, size=400)
     interval = mean_interval([values], [], 0.95, 5000)

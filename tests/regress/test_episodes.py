@@ -80,7 +80,6 @@ def test_body_errors_are_those_of_the_tracking_report(short: PreparedCase) -> No
     """Against `TrackingErrors`, which has kinematics of its own, on the states of an undisturbed episode."""
     steps = list[Step]()
     (episode,) = run_episodes(short, [0], QUIET, watch=steps)
-    assert short.motion is not None
     errors = TrackingErrors(
         short.scenario.description, short.motion.frames, short.motion.body_names, short.scenario.contract.policy_dt
     )
@@ -98,7 +97,6 @@ def test_joint_errors_are_against_the_inverse_kinematics_of_the_motion(short: Pr
     steps = list[Step]()
     (episode,) = run_episodes(short, [0], QUIET, watch=steps)
     reached = np.array([step.state.joint_position[0] for step in steps[1:]])
-    assert short.joint_reference is not None
     expected = np.sqrt(((reached - short.joint_reference[1:21]) ** 2).mean())
     assert episode.metrics["joint_error"] == pytest.approx(expected, rel=1e-9)
 

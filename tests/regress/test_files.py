@@ -52,13 +52,11 @@ def test_a_regression_is_a_failure_that_names_the_metric() -> None:
     cases = {case.get("name"): case for case in root.iter("testcase")}
     assert list(cases) == ["joint_error", "effort", "faults", "losses", "margin delay"]
     failure = cases["joint_error"].find("failure")
-    assert failure is not None
     assert failure.get("message") == (
         "joint_error: worse beyond tolerance: 6.88°, was 5.73°: +1.15° (+20.0 %), between +1.15° and +1.15°; "
         "tolerated: 0.286°; seen from 5.0 %; without 1 of 6 pairs in which an episode failed"
     )
     skipped = cases["effort"].find("skipped")
-    assert skipped is not None
     assert skipped.get("message") == "no episodes to compare"
     assert cases["faults"].find("failure") is None
 

@@ -101,10 +101,7 @@ def test_the_lite_bears_some_delay_and_no_gains_at_all(short: tuple[PreparedCase
             "noise",
             0.01,
             Randomisation(
-                joint_position_noise=0.01,
-                orientation_noise=0.01,
-                joint_velocity_noise=0.1,
-                angular_velocity_noise=0.1,
+                joint_position_noise=0.01, orientation_noise=0.01, joint_velocity_noise=0.1, angular_velocity_noise=0.1
             ),
         ),
     ],

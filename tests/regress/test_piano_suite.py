@@ -47,7 +47,6 @@ def short() -> PreparedCase:
 def test_an_episode_is_scored_as_a_run_is(short: PreparedCase) -> None:
     steps: list[Step] = []
     (episode,) = run_episodes(short, [0], QUIET, threads=1, watch=steps)
-    assert short.motion is not None
     pressed = np.stack([step.state.extern[KEY_PRESSED].value[0] for step in steps[1:]])
     expected = score(pressed, short.motion.frames[1:151], 0.02)
     assert expected.note_count >= 2

@@ -31,81 +31,55 @@ def test_a_suite_of_ones_own(tmp_path: Path) -> None:
     assert suite.disturbance.randomisation.mass == (0.9, 1.1)
     assert suite.tolerance("joint_error", -2.0) == pytest.approx(0.1)
     assert suite.tolerance("losses", 0.5) == 0.01
-    assert suite.margins is not None
     assert [sweep.name for sweep in suite.margins.sweeps] == ["delay", "gains down"]
 
 
-def replaced(before: str, after: str) -> str:
-    assert before in SHORT
-    return SHORT.replace(before, after)
-
-
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("before", "after", "message"),
     [
-        ("- 1\n", "is no suite, expected a mapping"),
-        ("name: x\n", "misses the field 'task'"),
+        ("", "- 1\n", "is no suite, expected a mapping"),
+        ("", "name: x\n", "misses the field 'task'"),
         (
-            replaced("task: tracking", "task: drums"),
+            "task: tracking",
+            "task: drums",
             "task: invalid enum value 'drums', expected one of tracking, velocity, piano",
         ),
-        (replaced("mass: [0.9, 1.1]", "mass: [0, 1]"), "randomisation: mass is (0.0, 1.0), expected more than 0"),
+        ("mass: [0.9, 1.1]", "mass: [0, 1]", "randomisation: mass is (0.0, 1.0), expected more than 0"),
         (
-            replaced("command_delay: [0.0, 0.004]", "command_delay: [0, 1e9]"),
+            "command_delay: [0.0, 0.004]",
+            "command_delay: [0, 1e9]",
             "randomisation: command_delay is (0.0, 1000000000.0)",
         ),
-        (replaced("[0.01, 0.02, 0.1]", "[1e9]"), "margins.sweeps[0].levels: is [1000000000.0], expected at most 1 s"),
-        (
-            replaced("limits: {body_position_error: 0.02}", "limits: {joint_error: .nan}"),
-            "margins.limits.joint_error: is nan",
-        ),
-        (replaced("seeds: 3\n", "seeds: three\n"), "seeds: expected 'int', got 'str'"),
-        (replaced("seeds: 3\n", "seeds: 1\n"), "seeds: is 1, expected at least 2"),
-        (replaced("seeds: 3\n", "seeds: 3\nseedz: 4\n"), "has the unknown field 'seedz'"),
-        (replaced("name: drum", "name: wave"), "cases[1].name: 'wave' is given twice"),
-        (replaced("duration: 0.4", "duration: -1"), "cases[0].duration: is -1, expected more than 0"),
-        (replaced("motion: wave", "command: [1, 0, 0]"), "cases[0].command: is of no use to a tracking task"),
-        (replaced("task: tracking", "task: velocity"), "cases[0].motion: is of no use to a velocity task"),
-        (replaced("task: tracking", "task: piano"), "cases[0].motion: is of no use to a piano task, expected a song"),
-        (
-            replaced("motion: wave", "song: twinkle"),
-            "cases[0].song: is of no use to a tracking task, expected a motion",
-        ),
-        (
-            replaced("joint_error:", "elbow_error:"),
-            "tolerances: unknown tracking metric 'elbow_error'; known: body_pos",
-        ),
-        (replaced("{relative: 0.05}", "{relative: -1}"), "tolerances.body_position_error.relative: is -1, expected"),
-        (replaced("mass: [0.9, 1.1]", "mass: [1.1, 0.9]"), "randomisation: mass is (1.1, 0.9), expected two finite"),
-        (
-            replaced("mass: [0.9, 1.1]", "weight: [1, 1]"),
-            "randomisation: unknown field 'weight'; known: mass, ",
-        ),
-        (replaced("joint_position: 0.05", "joint_position: .nan"), "start.joint_position: is nan, expected a finite"),
-        (replaced("[0.01, 0.02, 0.1]", "[0.02, 0.01]"), "margins.sweeps[0].levels: is [0.02, 0.01], expected finite"),
-        (
-            replaced("[0.5, 0.01]", "[0.5, 1.5]"),
-            "margins.sweeps[1].levels: is [0.5, 1.5], expected finite numbers that",
-        ),
-        (
-            replaced("axis: delay", "axis: wind"),
-            "margins.sweeps[0].axis: invalid enum value 'wind', expected one of del",
-        ),
-        (replaced("cases: [wave]", "cases: [reach]"), "margins.cases: unknown case 'reach'; known: wave, drum"),
-        (
-            replaced("limits: {body_position_error: 0.02}", "limits: {tilt: 1}"),
-            "margins.limits: unknown tracking metric",
-        ),
-        (
-            replaced("command_delay: [0.0, 0.004]", "command_jitter: 2"),
-            "randomisation: command_jitter is 2, expected at",
-        ),
-        ("seeds: [1\n", "is no YAML that can be read"),
-        ("seeds: 1\nseeds: 2\n", "'seeds' is given twice"),
+        ("[0.01, 0.02, 0.1]", "[1e9]", "margins.sweeps[0].levels: is [1000000000.0], expected at most 1 s"),
+        ("limits: {body_position_error: 0.02}", "limits: {joint_error: .nan}", "margins.limits.joint_error: is nan"),
+        ("seeds: 3\n", "seeds: three\n", "seeds: expected 'int', got 'str'"),
+        ("seeds: 3\n", "seeds: 1\n", "seeds: is 1, expected at least 2"),
+        ("seeds: 3\n", "seeds: 3\nseedz: 4\n", "has the unknown field 'seedz'"),
+        ("name: drum", "name: wave", "cases[1].name: 'wave' is given twice"),
+        ("duration: 0.4", "duration: -1", "cases[0].duration: is -1, expected more than 0"),
+        ("motion: wave", "command: [1, 0, 0]", "cases[0].command: is of no use to a tracking task"),
+        ("task: tracking", "task: velocity", "cases[0].motion: is of no use to a velocity task"),
+        ("task: tracking", "task: piano", "cases[0].motion: is of no use to a piano task, expected a song"),
+        ("motion: wave", "song: twinkle", "cases[0].song: is of no use to a tracking task, expected a motion"),
+        ("joint_error:", "elbow_error:", "tolerances: unknown tracking metric 'elbow_error'; known: body_pos"),
+        ("{relative: 0.05}", "{relative: -1}", "tolerances.body_position_error.relative: is -1, expected"),
+        ("mass: [0.9, 1.1]", "mass: [1.1, 0.9]", "randomisation: mass is (1.1, 0.9), expected two finite"),
+        ("mass: [0.9, 1.1]", "weight: [1, 1]", "randomisation: unknown field 'weight'; known: mass, "),
+        ("joint_position: 0.05", "joint_position: .nan", "start.joint_position: is nan, expected a finite"),
+        ("[0.01, 0.02, 0.1]", "[0.02, 0.01]", "margins.sweeps[0].levels: is [0.02, 0.01], expected finite"),
+        ("[0.5, 0.01]", "[0.5, 1.5]", "margins.sweeps[1].levels: is [0.5, 1.5], expected finite numbers that"),
+        ("axis: delay", "axis: wind", "margins.sweeps[0].axis: invalid enum value 'wind', expected one of del"),
+        ("cases: [wave]", "cases: [reach]", "margins.cases: unknown case 'reach'; known: wave, drum"),
+        ("limits: {body_position_error: 0.02}", "limits: {tilt: 1}", "margins.limits: unknown tracking metric"),
+        ("command_delay: [0.0, 0.004]", "command_jitter: 2", "randomisation: command_jitter is 2, expected at"),
+        ("", "seeds: [1\n", "is no YAML that can be read"),
+        ("", "seeds: 1\nseeds: 2\n", "'seeds' is given twice"),
     ],
 )
-def test_a_bad_suite_is_one_line(tmp_path: Path, text: str, message: str) -> None:
-    path = yaml_suite(tmp_path, text)
+def test_a_bad_suite_is_one_line(tmp_path: Path, before: str, after: str, message: str) -> None:
+    """The short suite with something in another's place; with nothing before: this and nothing else."""
+    assert before in SHORT
+    path = yaml_suite(tmp_path, SHORT.replace(before, after) if before else after)
     with pytest.raises(InputError) as error:
         load_suite(str(path))
     assert str(error.value).startswith(f"{path}: ")

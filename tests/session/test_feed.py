@@ -26,7 +26,6 @@ def test_a_tick_arrives_bit_for_bit(local: LocalSession) -> None:
         assert feed.latest() is None
         record = local.tick(Intent.DAMP)
         sample = feed.latest()
-        assert sample is not None
         assert sample.number == 1
         assert 0.0 <= sample.age() < 5.0
         again = decode_tick(sample.data)
@@ -115,7 +114,6 @@ def test_waiting_ends_with_the_tick_the_time_or_the_session(local: LocalSession)
         assert feed.wait(0, 0.01) is None
         local.tick()
         sample = feed.wait(0, 0.0)
-        assert sample is not None
         assert sample.number == 1
         assert feed.is_running()
         local.feed.close()
@@ -142,7 +140,6 @@ def test_every_torn_copy_is_detected(local: LocalSession) -> None:
         memory = local.feed._memory
         start = offset + 64 + (65 % slots) * size
         sample = feed.sample(65)
-        assert sample is not None
         length = SLOT_HEAD.size + len(sample.data)
         new = bytes(memory[start : start + length])
         older = offset + 64 + (64 % slots) * size
@@ -175,7 +172,6 @@ with Feed(find_session({os.getpid()})) as feed:
     print(seen)
 """
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as reader:
-        assert reader.stdout is not None
         reader.stdout.readline()
         deadline = time.monotonic() + 30.0
         while reader.poll() is None and time.monotonic() < deadline:
@@ -284,7 +280,6 @@ input()
     with subprocess.Popen(
         [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as killed:
-        assert killed.stdout is not None
         left = Path(killed.stdout.readline().strip())
         assert left.exists()
         killed.kill()

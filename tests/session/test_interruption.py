@@ -118,7 +118,6 @@ def test_keys_typed_while_the_process_was_stopped_only_damp() -> None:
     master, slave = pty.openpty()
     command = [sys.executable, "-c", CHILD]
     with subprocess.Popen(command, stdin=slave, stdout=subprocess.PIPE, text=True) as child:
-        assert child.stdout is not None
         assert child.stdout.readline() == "ready\n"
         os.write(master, b"b")
         time.sleep(0.3)

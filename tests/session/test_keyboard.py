@@ -6,11 +6,12 @@ import pty
 import sys
 import termios
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from waiting import until
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent
@@ -107,15 +108,9 @@ def test_without_a_terminal_there_is_no_keyboard(monkeypatch: pytest.MonkeyPatch
 
 
 SEQUENCES = {
-    "F1": "\x1bOP",
-    "F2": "\x1bOQ",
-    "F3": "\x1bOR",
-    "shift up": "\x1b[1;2A",
-    "shift left": "\x1b[1;2D",
-    "alt a": "\x1ba",
-    "alt q": "\x1bq",
-    "delete": "\x1b[3~",
-}
+    "F1": "\x1bOP", "F2": "\x1bOQ", "F3": "\x1bOR", "shift up": "\x1b[1;2A", "shift left": "\x1b[1;2D",
+    "alt a": "\x1ba", "alt q": "\x1bq", "delete": "\x1b[3~",
+}  # fmt: skip
 ARROWS = {"up": "\x1b[A", "down": "\x1b[B", "right": "\x1b[C", "left": "\x1b[D"}
 
 
@@ -160,13 +155,6 @@ def test_the_help_names_every_intent() -> None:
     assert set(KEYS.values()) == set(Intent)
     assert f"{REACTIVATE_KEY} reactivate" in key_help()
     assert len({REACTIVATE_KEY, *HELP_KEYS, *KEYS, *VELOCITY_KEYS}) == 3 + len(KEYS) + len(VELOCITY_KEYS)
-
-
-def until(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 5.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
 
 
 def test_every_key_that_means_nothing_is_said(terminal: Terminal) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +11,7 @@ import pytest
 import rig
 from fakes import HEADER, FakeRobot, FakeSink, FakeSource, session
 from local_session import LocalSession, ticking
+from waiting import until
 
 from humanoid_sim.client import LOAD, Intake, load_request
 from humanoid_sim.controllers.rl_policy import RLPolicyController
@@ -53,13 +52,6 @@ class Desk:
         )
 
 
-def wait(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 20.0
-    while not condition():
-        assert time.monotonic() < deadline, "it never came"
-        time.sleep(0.001)
-
-
 def test_the_policy_of_the_next_tick_is_the_one_that_was_loaded() -> None:
     """The memory goes on: STANDBY has arrived, and stays so."""
     desk, sink = Desk(), FakeSink()
@@ -69,7 +61,7 @@ def test_the_policy_of_the_next_tick_is_the_one_that_was_loaded() -> None:
         def poll(self, now: float, output: Any) -> Any:
             if len(self.seen) == 7:
                 assert loading.request("{}", output.control_mode.mode) == ""
-                wait(lambda: loading.is_ready)
+                until(lambda: loading.is_ready)
             return super().poll(now, output)
 
     extern = {"velocity": Extern(np.zeros(3), 0.0)}
@@ -78,7 +70,6 @@ def test_the_policy_of_the_next_tick_is_the_one_that_was_loaded() -> None:
     loop.run()
     modes = [record.output.control_mode.mode for record in sink.records[7:11]]
     assert modes == [Mode.STANDBY, Mode.STANDBY, Mode.LOCOMOTION, Mode.LOCOMOTION]
-    assert sink.records[8].output.standby is not None
     assert sink.records[8].output.standby.is_finished
     assert sorted(sink.records[9].output.command.stiffness.tolist()) == [61.0, 62.0, 63.0]
     assert desk.done[:2] == ["prepare {}", "follow"]
@@ -102,11 +93,10 @@ def loading(desk: Desk) -> Any:
 @pytest.mark.parametrize("mode", [Mode.LOCOMOTION, Mode.REMOTE])
 def test_a_policy_that_is_ready_too_late_is_left(desk: Desk, loading: Loading, mode: Mode) -> None:
     assert loading.request("{}", Mode.STANDBY) == ""
-    wait(lambda: loading.is_ready)
+    until(lambda: loading.is_ready)
     assert loading.take(mode) is None
-    wait(lambda: loading.answer)
+    until(lambda: loading.answer)
     assert desk.done == ["prepare {}", "discard"]
-    assert loading.answer is not None
     assert not loading.answer.granted
     assert loading.answer.text == load_refusal(mode)
     assert load_refusal(mode) == f"load refused: requires ZERO_TORQUE, DAMPING or STANDBY, mode is {mode.name}"
@@ -116,10 +106,9 @@ def test_a_policy_that_is_ready_too_late_is_left(desk: Desk, loading: Loading, m
 def test_one_policy_is_loaded_at_a_time(desk: Desk, loading: Loading) -> None:
     assert loading.request("first", Mode.DAMPING) == ""
     assert loading.request("second", Mode.DAMPING) == "load refused: another policy is being loaded"
-    wait(lambda: loading.is_ready)
+    until(lambda: loading.is_ready)
     assert loading.take(Mode.DAMPING) is not None
-    wait(lambda: loading.answer)
-    assert loading.answer is not None
+    until(lambda: loading.answer)
     assert loading.answer.granted
     assert desk.done == ["prepare first", "announce"]
     assert loading.request("third", Mode.DAMPING) == ""
@@ -137,20 +126,19 @@ def test_what_goes_wrong_is_answered_and_the_next_is_taken(
 ) -> None:
     desk.problem = problem
     assert loading.request("{}", Mode.ZERO_TORQUE) == ""
-    wait(lambda: loading.answer)
-    assert loading.answer is not None
+    until(lambda: loading.answer)
     assert (loading.answer.granted, loading.answer.text) == (False, answer)
     assert not loading.is_ready
     desk.problem = None
     assert loading.request("{}", Mode.ZERO_TORQUE) == ""
-    wait(lambda: loading.is_ready)
+    until(lambda: loading.is_ready)
 
 
 def test_a_session_that_ends_leaves_what_was_prepared(desk: Desk) -> None:
     loading = Loading(desk.prepare, lambda: desk.done.append("cancel"))
     loading.start(HEADER)
     loading.request("{}", Mode.DAMPING)
-    wait(lambda: loading.is_ready)
+    until(lambda: loading.is_ready)
     loading.close()
     assert desk.done == ["prepare {}", "cancel", "discard"]
 
@@ -163,7 +151,7 @@ def test_who_asks_over_the_intake_is_answered_when_it_is_loaded(
     local.stack.callback(local.intents.close)
     with Intake(local.info, "test") as intake, ticking(local) as records:
         token = intake.post(load_request("/x.onnx", motion="wave"))
-        wait(lambda: loading.is_ready)
+        until(lambda: loading.is_ready)
         loading.take(records[-1].output.control_mode.mode)
         assert intake.answer(token, 20.0).text == "policy loaded: other"
         desk.problem = InputError("no such file")

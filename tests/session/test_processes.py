@@ -45,7 +45,6 @@ def program(text: str, *, niceness: int = 0) -> Iterator[subprocess.Popen[str]]:
     command = ["nice", "-n", str(niceness), sys.executable, "-c", HEAD + text, str(os.getpid())]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
-            assert process.stdout is not None
             assert process.stdout.readline() == "ready\n"
             yield process
         finally:

@@ -71,7 +71,6 @@ def test_with_several_sessions_one_must_be_named(local: LocalSession) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", KILLED, "stay"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:
-        assert other.stdout is not None
         other.stdout.readline()
         assert [info.process for info in running_sessions()] == sorted((os.getpid(), other.pid))
         with pytest.raises(SessionError, match="--session: is needed where several sessions run; running: session "):

@@ -51,26 +51,10 @@ def damp(robot: FakeRobot, longest: float = 1.0, **options: object) -> MITState:
     return damp_without_supervisor(robot, CONTROLLERS, start, **settings)  # type: ignore[arg-type]
 
 
-def test_damps_until_rest_and_not_longer_than_asked() -> None:
-    robot = FakeRobot()
-    damp(robot)
-    assert len(robot.commands) == 26
-    assert all(is_damping(command) for command in robot.commands)
-    robot = FakeRobot(velocity=1.0)
-    damp(robot)
-    assert len(robot.commands) == 51
-
-
 def test_keeps_the_pace_of_the_loop() -> None:
     pauses: list[float] = []
     damp(FakeRobot(velocity=1.0), longest=0.1, pause=pauses.append)
     assert pauses == [rig.PERIOD] * 6
-
-
-def test_from_zero_torque_one_command_of_zeros() -> None:
-    robot = FakeRobot(velocity=1.0)
-    damp(robot, longest=0.0)
-    assert [is_zero(command) for command in robot.commands] == [True]
 
 
 def fail(count: int) -> None:
@@ -92,12 +76,6 @@ def test_without_a_controller_that_works_the_command_is_zero_torque() -> None:
         robot = FakeRobot()
         damp_without_supervisor(robot, controllers, rig.state(), period=rig.PERIOD, longest=0.1, pause=None)  # type: ignore[arg-type]
         assert [is_zero(command) for command in robot.commands] == [True] * 6
-
-
-def test_where_no_joint_was_ever_heard_the_command_is_zero_torque() -> None:
-    robot = FakeRobot(on_read=fail)
-    damp_without_supervisor(robot, CONTROLLERS, MITState.unknown(3), period=0.02, longest=0.1, pause=None)
-    assert [is_zero(command) for command in robot.commands] == [True] * 6
 
 
 def test_a_damping_command_that_cannot_be_sent_is_zero_torque() -> None:

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import contextlib
 import threading
 import time
 from collections.abc import Iterator
@@ -9,8 +8,8 @@ from typing import Any
 import pytest
 import rig
 from fakes import HEADER, BrokenError, FakeRobot, FakeSink, session
+from waiting import until
 
-from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.session import sinks
 from humanoid_sim.session.sinks import SinkGroup, WorkerSink
@@ -54,13 +53,6 @@ def records(count: int) -> list[TickRecord]:
     return sink.records[:count]
 
 
-def wait_for(condition: Any) -> None:
-    deadline = time.monotonic() + 5.0
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.001)
-
-
 def test_ticks_and_events_are_dealt_with_in_order_on_its_own_thread() -> None:
     sink = Kept()
     sink.start(HEADER)
@@ -69,7 +61,7 @@ def test_ticks_and_events_are_dealt_with_in_order_on_its_own_thread() -> None:
     sink.tick(ticks[1])
     sink.event(Event(0.5, "half"))
     sink.tick(ticks[2])
-    wait_for(lambda: sink.backlog == 0)
+    until(lambda: sink.backlog == 0)
     sink.close()
     assert sink.calls == ["start", 0, 1, (0.5, "half"), 2, "close"]
     assert sink.threads == {"kept"}
@@ -101,7 +93,7 @@ def test_one_that_raises_keeps_the_exception_and_takes_no_more(where: str) -> No
     sink.tick(ticks[0])
     sink.event(Event(0.5, "half"))
     sink.tick(ticks[1])
-    wait_for(lambda: sink.error is not None)
+    until(lambda: sink.error is not None)
     for record in ticks:
         sink.tick(record)
     sink.event(Event(1.0, "late"))
@@ -200,9 +192,9 @@ def test_what_a_stuck_worker_keeps_is_bounded_and_the_rest_is_counted(stuck: Stu
     stuck.event(Event(1.0, "late"))
     assert stuck.backlog == sinks.QUEUE_LIMIT
     assert stuck.lost == 4
-    wait_for(lambda: stuck.backlog == 0)  # nobody waits for it any more
+    until(lambda: stuck.backlog == 0)  # nobody waits for it any more
     stuck.let_go.set()
-    wait_for(lambda: len(stuck.calls) == 2 + sinks.QUEUE_LIMIT)
+    until(lambda: len(stuck.calls) == 2 + sinks.QUEUE_LIMIT)
     stuck.close()
     assert stuck.error is None
     assert stuck.calls[-1] == "close"
@@ -210,30 +202,6 @@ def test_what_a_stuck_worker_keeps_is_bounded_and_the_rest_is_counted(stuck: Stu
 
 def broken(*_: Any) -> None:
     raise BrokenError("deliberate")
-
-
-def test_only_sinks_that_started_are_closed() -> None:
-    log: list[str] = []
-    first, second, third = (FakeSink(log, name=name) for name in "abc")
-    second.start = lambda _: (_ for _ in ()).throw(InputError("b: cannot be written"))  # type: ignore[method-assign]
-    group = SinkGroup([first, second, third], lambda: 0.0)
-    with pytest.raises(InputError, match="b: cannot"), contextlib.ExitStack() as stack:
-        group.start(HEADER, stack)
-    assert log == ["start a", "close a"]
-
-
-def test_a_sink_that_raises_is_left_out_and_the_others_hear_of_it() -> None:
-    bad, good = FakeSink(), FakeSink()
-    bad.tick = broken  # type: ignore[method-assign]
-    group = SinkGroup([bad, good], lambda: 1.5)
-    record: Any = object()
-    group.tick(record)
-    group.tick(record)
-    group.event("later")
-    assert good.records == [record, record]
-    assert group.failures == ["FakeSink: BrokenError: deliberate"]
-    assert good.events == [f"left out from here on: {group.failures[0]}", "later"]
-    assert bad.events == []
 
 
 def test_sinks_that_fail_at_the_news_of_a_failure_are_left_out_as_well() -> None:

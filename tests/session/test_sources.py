@@ -54,7 +54,6 @@ def test_a_command_is_stamped_with_the_robots_clock_at_its_arrival() -> None:
     box.put(rig.JOINTS, command)
     time[0] = 9.0
     latest = box.latest()
-    assert latest is not None
     assert latest.command is command
     assert latest.arrival_time == 3.0
     newer = rig.command(0.1)
@@ -108,18 +107,6 @@ def test_anything_else_is_refused(text: str) -> None:
 def test_beyond_the_ranges_is_refused(text: str, name: str) -> None:
     with pytest.raises(InputError, match=f"^--command: {name} is "):
         parse_velocity(text, RANGES)
-
-
-def test_keys_add_up_within_the_ranges() -> None:
-    velocity = VelocityCommand(np.zeros(3), RANGES)
-    for _ in range(12):
-        velocity.press("w")
-    velocity.press("j")
-    velocity.press("x")
-    assert velocity.command.tolist() == [1.0, 0.0, 0.1]
-    assert velocity.latest()[VELOCITY_COMMAND].value.tolist() == [1.0, 0.0, 0.1]
-    velocity.press("0")
-    assert velocity.command.tolist() == [0.0, 0.0, 0.0]
 
 
 def test_every_direction_has_its_keys() -> None:

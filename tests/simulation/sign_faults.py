@@ -47,19 +47,12 @@ G1_CHECK_POSE = {
     **{
         f"{side}_{joint}": sign * value
         for side, sign in (("left", 1), ("right", -1))
-        for joint, value in {
-            "hip_roll_joint": 0.45,
-            "shoulder_yaw_joint": 0.47,
-        }.items()
+        for joint, value in {"hip_roll_joint": 0.45, "shoulder_yaw_joint": 0.47}.items()
     },
     **{
         f"{side}_{joint}": value
         for side in ("left", "right")
-        for joint, value in {
-            "ankle_pitch_joint": -0.46,
-            "elbow_joint": -0.05,
-            "wrist_pitch_joint": -0.24,
-        }.items()
+        for joint, value in {"ankle_pitch_joint": -0.46, "elbow_joint": -0.05, "wrist_pitch_joint": -0.24}.items()
     },
     "waist_pitch_joint": -0.11,
 }

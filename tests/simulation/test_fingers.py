@@ -55,16 +55,12 @@ def test_holding_torque_is_gravity_and_the_key_s_force(fingers: Fingers) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "expected"),
-    [
-        ("lite_piano", [(5, 55, 51), (32, 82, 51)]),
-        ("lite_piano_nikomaku", [(4, 55, 52), (32, 83, 52)]),
-    ],
+    [("lite_piano", [(5, 55, 51), (32, 82, 51)]), ("lite_piano_nikomaku", [(4, 55, 52), (32, 83, 52)])],
 )
 def test_which_keys_each_hand_reaches(robot: str, expected: list[tuple[int, int, int]]) -> None:
     description = load_robot(robot)
     reach = [Fingers(description).reachable(hand) for hand in (0, 1)]
     assert [(min(keys), max(keys), len(keys)) for keys in reach] == expected
-    assert description.piano is not None
     assert tuple(map(tuple, reach)) == tuple(map(tuple, description.piano.hands))
 
 

@@ -201,4 +201,3 @@ def test_a_batch_sees_bit_for_bit_what_one_robot_sees(
         one.data.qpos[:] = qpos[i]
         alone = one._sensors.read(one.data).live["height_scan"]  # the robot itself samples after physics steps alone
         assert np.array_equal(seen[i], alone)
-    batch.close()

@@ -190,12 +190,6 @@ def test_an_unstable_simulation_is_critical_until_activation(small_robot: RobotF
     assert robot.read()[1][0].is_ok
 
 
-def test_a_command_that_is_not_finite_is_critical(small_robot: RobotFactory) -> None:
-    robot = MujocoRobot(small_robot())
-    robot.write(MITCommand(np.array([np.nan, 0.0]), *(np.ones(2) for _ in range(4))))
-    assert robot.read()[1][0].level is SafetyLevel.CRITICAL
-
-
 def test_qpos_is_a_copy_for_viewers() -> None:
     robot = MujocoRobot(load_robot("lite"))
     before = robot.qpos

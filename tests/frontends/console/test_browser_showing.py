@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from waiting import until
 
 pytestmark = pytest.mark.slow
 ELBOW = "position and command: left_elbow_pitch"
@@ -120,12 +120,6 @@ def orange(page: Any) -> int:
     picture = Image.open(io.BytesIO(page.locator("#scene").screenshot())).convert("RGB")
     red, _, blue = np.moveaxis(np.asarray(picture, dtype=int), -1, 0)
     return int((red - blue > 40).sum())
-
-
-def until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 120.0
-    while not condition():
-        assert time.monotonic() < deadline
 
 
 def test_the_commanded_pose_is_seen_over_the_robot(browser: Any, played: Any) -> None:

@@ -34,7 +34,6 @@ def scene(runtime: Path) -> Iterator[Scene]:
     header = open_recording(RECORDING).header
     description = RobotDescription.from_json(header.documents["robot"])
     loaded = recorded_policy(header, no_policy)
-    assert loaded is not None
     ghost = ReferenceGhost.of(description, loaded.contract, loaded.reference)
     scene = Scene(runtime / "v", build_model(description), description, ghost)
     yield scene

@@ -21,7 +21,6 @@ def test_of_each_motor_what_is_known() -> None:
         "channels": [{"source": "can0"}, {"source": "can1"}],
     }
     told = motor_table(LITE, robot, {"can0": 0.2}, RECORD)
-    assert told is not None
     assert [motor["name"] for motor in told["motors"]] == list(LITE.joint_names)
     assert told["motors"][3] == {
         "name": "left_elbow_pitch",

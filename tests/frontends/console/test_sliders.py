@@ -192,12 +192,6 @@ def replace_standby(robot: RobotDescription, stiffness: tuple[float, ...]) -> Ro
     return msgspec.structs.replace(robot, standby_controller_a=standby)
 
 
-def test_unknown_joints_are_refused() -> None:
-    with pytest.raises(FieldError, match="unknown joint 'nose'"):
-        SLIDERS.joint("nose")
-    assert SLIDERS.joint("left_elbow_pitch") == ELBOW
-
-
 finite = st.floats(-1e6, 1e6)
 
 

@@ -16,10 +16,6 @@ def ms(value: float) -> int:
     return int(1e6 * value)
 
 
-def test_nobody_steers_and_nothing_is_sent() -> None:
-    assert Steering(RANGES).due(0) is None
-
-
 def test_keys_step_from_the_present_command_within_the_ranges() -> None:
     steering = Steering(RANGES)
     steering.press(1, "w", np.array([0.25, 0.0, 0.0]), WALKS, ms(0))

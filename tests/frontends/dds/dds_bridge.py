@@ -28,7 +28,6 @@ def bridge() -> Iterator[subprocess.Popen[str]]:
     """`python -m humanoid_sim.dds` on the only session, once it is ready."""
     with subprocess.Popen([sys.executable, "-m", "humanoid_sim.dds"], stdout=subprocess.PIPE, text=True) as process:
         try:
-            assert process.stdout is not None
             line = process.stdout.readline()
             assert line.startswith("domain "), line
             yield process

@@ -247,7 +247,6 @@ def test_a_subscriber_that_stands_still_holds_nobody_up(robot: Robot) -> None:
     folder = str(Path(stranger.__file__).parent)
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, cwd=folder) as other:
         try:
-            assert other.stdout is not None
             other.stdout.readline()
             other.send_signal(signal.SIGSTOP)
             reader = robot.client.reader("rt/clock")

@@ -17,6 +17,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from waiting import until
 
 pytest.importorskip("cyclonedds", reason="needs the extra dds")
 
@@ -74,13 +75,6 @@ class Robot:
         self._writers["/lite/joint_states"].write(encode_joint_state(time_ns, names or self.names, state))
 
 
-def until_there(mirror: Mirror) -> None:
-    deadline = time.monotonic() + 20.0
-    while not mirror.is_there():
-        assert time.monotonic() < deadline
-        time.sleep(0.002)
-
-
 @pytest.fixture
 def participant(domain: int) -> Iterator[Participant]:
     with Participant(domain) as joined:
@@ -94,13 +88,12 @@ def test_ticks_are_what_the_topics_say(participant: Participant) -> None:
     robot.state(0.1, 0.0)
     assert not mirror.is_there()
     robot.describe()
-    until_there(mirror)
+    until(mirror.is_there)
     writer, image = mirror.begin()
     try:
         assert image.joint_names == description.joint_names
         robot.state(0.25, 1.5)
         mirror.look()
-        assert writer._latest is not None
         record = writer._latest[0]
         assert record.index == 1
         state = record.input.state
@@ -112,7 +105,6 @@ def test_ticks_are_what_the_topics_say(participant: Participant) -> None:
         assert record.output.control_mode == ControlMode(Mode.STANDBY, "standby_controller_a", "on its way")
         assert not np.isfinite(record.output.command.position).any()
         assert [status.level for status in record.input.safety] == [SafetyLevel.WARNING]
-        assert record.qpos is not None
         np.testing.assert_allclose(record.qpos[:7], POSE)
         assert record.qpos[7:].tolist() == [0.25] * 14
         robot.state(0.5, 2.0, names=("somebody", "else"))
@@ -148,7 +140,6 @@ def test_its_model_stands_where_the_robot_s_does_and_is_no_session_to_others(
         assert model.ngeom > 50
         data = mujoco.MjData(model)
         latest = attachment.latest()
-        assert latest is not None
         data.qpos[:] = latest[1].qpos
         mujoco.mj_kinematics(model, data)
         # Of the Lite's own model, all joints at 0.3 rad.
@@ -192,7 +183,7 @@ def test_a_description_that_is_none_is_one_line(participant: Participant, urdf: 
     robot, mirror = Robot(participant, load_robot("lite")), Mirror(participant, "lite")
     robot.describe(urdf)
     robot.state(0.0, 0.0)
-    until_there(mirror)
+    until(mirror.is_there)
     with pytest.raises(InputError, match=why):
         mirror.begin()
 
@@ -219,17 +210,14 @@ def test_its_header_describes_the_body_that_viewers_draw(participant: Participan
     robot, mirror = Robot(participant, description), Mirror(participant, "lite")
     robot.describe()
     robot.state(0.3, 0.0)
-    until_there(mirror)
+    until(mirror.is_there)
     writer, _ = mirror.begin()
     try:
         robot.state(0.3, 1.0)
         mirror.look()
-        assert writer._latest is not None
         record = writer._latest[0]
         body = RecordedBody.of(mirror.header)
         own = RecordedBody.of(replace(mirror.header, documents=body_documents(description)))
-        assert body is not None
-        assert own is not None
         assert [joint.child for joint in body.hinged] == [joint.child for joint in own.hinged]
         for shown, expected in zip(body.hinged_poses(body.joint_values(record)), at(own, 0.3), strict=True):
             np.testing.assert_allclose(shown, expected, atol=1e-9)
@@ -251,7 +239,6 @@ def test_rerun_shows_it_on_a_page_until_a_signal_ends_it(participant: Participan
     program = [sys.executable, "-m", "humanoid_sim.rerun", "--dds", "--interface", "lo", "--web"]
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
     with subprocess.Popen(program, env=environment, stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
         os.set_blocking(process.stdout.fileno(), False)
         said, deadline = "", time.monotonic() + 60.0
         while "rerun's page: http://127.0.0.1:" not in said:

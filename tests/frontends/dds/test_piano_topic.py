@@ -8,10 +8,11 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
 
-from fates import playing, until
+from fates import playing
 from play_fixtures import quick_robot
 from pressing import KEY, press_in_standby
 from stranger import client
+from waiting import until
 
 from humanoid_sim.messages import Mode
 

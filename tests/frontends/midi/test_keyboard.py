@@ -68,11 +68,7 @@ def test_a_keyboard_that_sends_it_and_falls_silent_is_lost() -> None:
         for line in keyboard.look(0.01):
             found[round(source.now, 2)] = (line, down(keyboard), keyboard.is_known)
     lost = "Keystation sends active sensing, and nothing for 300 ms: all keys released"
-    assert found == {
-        0.51: (lost, [], False),
-        1.01: ("Keystation is heard again", [43], True),
-        1.51: (lost, [], False),
-    }
+    assert found == {0.51: (lost, [], False), 1.01: ("Keystation is heard again", [43], True), 1.51: (lost, [], False)}
 
 
 def test_one_that_never_sends_it_may_be_silent() -> None:

@@ -44,10 +44,7 @@ def test_the_keys_that_are_down(data: str, down: list[int]) -> None:
 def test_notes_beyond_the_piano_are_told_once() -> None:
     keys, told = heard("90 14 40 80 14 40 90 14 40 90 6d 40 90 15 40")
     assert keys == [0]
-    assert told == [
-        "note 20 is beyond the piano's keys, 21 to 108",
-        "note 109 is beyond the piano's keys, 21 to 108",
-    ]
+    assert told == ["note 20 is beyond the piano's keys, 21 to 108", "note 109 is beyond the piano's keys, 21 to 108"]
 
 
 def test_notes_are_shifted() -> None:

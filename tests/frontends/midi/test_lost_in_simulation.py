@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from fates import ROWS, Log, playing, script
+from fates import ROWS, Log, playing, script, skip_unless
 from lost_keyboard import LOSSES, check_loss, down, piano_options, play_and_lose, plugged_in
 from play_fixtures import quick_robot
 
@@ -38,8 +38,7 @@ def lost(folder: Path, mode: Mode, loss: str) -> Log:
 def test_a_keyboard_that_is_lost_stops_the_policy_that_hears_it_and_changes_nothing_else(
     mode: Mode, loss: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
 ) -> None:
-    if (mode, loss) != (Mode.LOCOMOTION, "unplugged") and not request.config.getoption("--complete"):
-        pytest.skip("a sample without --complete")
+    skip_unless((mode, loss) == (Mode.LOCOMOTION, "unplugged"), request)
     assert ROWS["midi"].feeds
     log = lost(folder, mode, loss)
     if mode is Mode.LOCOMOTION:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from emulated_keyboard import EmulatedKeyboard, on_fifo
 from local_session import LocalSession, ticking
+from waiting import until
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.client import monotonic_ns
@@ -44,13 +44,6 @@ def down(record: TickRecord) -> list[int]:
     state = record.input.state
     keys = state.extern.get("key_pressed")
     return [] if keys is None else [int(key) for key in keys.at(state.time).nonzero()[0]]
-
-
-def until(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, "it never came"
-        time.sleep(0.005)
 
 
 def test_each_period_tells_which_keys_are_down_and_when_that_was_known(
@@ -91,7 +84,6 @@ def running(session: LocalSession, *options: str, **streams: int) -> Iterator[su
     outputs = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, **streams}
     with subprocess.Popen(command, text=True, **outputs) as process:
         try:
-            assert process.stdout is not None
             line = process.stdout.readline()
             assert line.startswith("the keys of "), line
             yield process
@@ -128,8 +120,6 @@ def test_the_program_plays_stops_loses_and_finds_the_keyboard(
 
 def test_standard_input_ends_it(session: LocalSession) -> None:
     with ticking(session) as records, running(session, "--device", "-", stdin=subprocess.PIPE) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
         process.stdin.buffer.write(bytes((0x90, 60, 64)))
         process.stdin.flush()
         until(lambda: down(records[-1]) == [39])

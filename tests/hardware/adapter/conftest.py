@@ -62,10 +62,7 @@ def description() -> RobotDescription:
     left = MotorDescription(bus=0, can_id=11, model="rs-02", direction=-1, torque_limit=17.0, current_limit=23.0)
     right = MotorDescription(bus=1, can_id=21, model="rs-00", direction=1, torque_limit=10.0, current_limit=0.0)
     pose = StandbySettings(
-        target_stiffness=(50.0, 50.0),
-        target_damping=(2.0, 2.0),
-        segment_durations=(1.0,),
-        pose_segments=((0.0, 0.0),),
+        target_stiffness=(50.0, 50.0), target_damping=(2.0, 2.0), segment_durations=(1.0,), pose_segments=((0.0, 0.0),)
     )
     gains = {"stiffness": 50.0, "damping": 2.0}
     return RobotDescription(

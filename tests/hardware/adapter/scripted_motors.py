@@ -13,25 +13,9 @@ import can
 
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.commands import decode_command
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit
-from humanoid_sim.hardware.robstride.messages import (
-    Command,
-    DeviceId,
-    Enable,
-    FaultReport,
-    GetDeviceId,
-    OperationControl,
-    ParameterReply,
-    ReadParameter,
-    ReadVersion,
-    Reply,
-    SetActiveReport,
-    Status,
-    Stop,
-    Version,
-    WriteParameter,
-)
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, default_value, fault_word, pack_value
 from humanoid_sim.hardware.robstride.replies import encode_reply
 from humanoid_sim.robots.motors import MOTORS
@@ -69,8 +53,8 @@ class ScriptedMotor:
     """To whom operation control is answered; none: to whoever asks."""
     answers_stopped: bool = True
     """Whether it answers operation control while it is stopped."""
-    hears: Callable[[Command], bool] = lambda _: True
-    heard: list[Command] = field(default_factory=list)
+    hears: Callable[[messages.Command], bool] = lambda _: True
+    heard: list[messages.Command] = field(default_factory=list)
     reports: bool = False
     parameters: dict[int, bytes] = field(default_factory=dict)
 
@@ -81,37 +65,37 @@ class ScriptedMotor:
                 parameter.type, 48.0 if parameter.name == "VBUS" else value or 0
             )
 
-    def status(self, host: int = HOST, *, is_report: bool = False) -> Status:
+    def status(self, host: int = HOST, *, is_report: bool = False) -> messages.Status:
         host = host if self.answers_host is None else self.answers_host
         values = (self.position, self.velocity, 0.0, self.temperature)
-        return Status(self.motor_id, host, *values, self.mode, self.faults, is_report)
+        return messages.Status(self.motor_id, host, *values, self.mode, self.faults, is_report)
 
-    def answer(self, command: Command) -> Reply | None:
+    def answer(self, command: messages.Command) -> messages.Reply | None:
         if self.is_silent or not self.hears(command):
             return None
         self.heard.append(command)
-        if isinstance(command, OperationControl) and self.mode is MotorMode.RESET and not self.answers_stopped:
+        if isinstance(command, messages.OperationControl) and self.mode is MotorMode.RESET and not self.answers_stopped:
             return None
         host = getattr(command, "host_id", HOST)
         match command:
-            case GetDeviceId():
-                return DeviceId(self.motor_id, self.uid)
-            case ReadVersion():
-                return Version(self.motor_id, host, self.version) if self.has_version else None
-            case Enable() if self.enables:
+            case messages.GetDeviceId():
+                return messages.DeviceId(self.motor_id, self.uid)
+            case messages.ReadVersion():
+                return messages.Version(self.motor_id, host, self.version) if self.has_version else None
+            case messages.Enable() if self.enables:
                 self.mode = MotorMode.RUN
-            case Stop(clear_fault=clear):
+            case messages.Stop(clear_fault=clear):
                 self.mode = MotorMode.RESET if self.stops else self.mode
                 if clear and self.clears_faults:
                     self.faults = NO_FAULT
                     self.parameters[fault_word(self.model).index] = bytes(4)
-            case WriteParameter(index=index, payload=payload):
+            case messages.WriteParameter(index=index, payload=payload):
                 self._write(index, payload)
-            case ReadParameter(index=index):
+            case messages.ReadParameter(index=index):
                 return self._read(index, host)
-            case SetActiveReport(is_on=is_on):
+            case messages.SetActiveReport(is_on=is_on):
                 self.reports = is_on
-            case OperationControl():
+            case messages.OperationControl():
                 host = host if self.stored_host is None else self.stored_host
         return self.status(host)
 
@@ -122,16 +106,16 @@ class ScriptedMotor:
         if name not in self.unwritable:
             self.parameters[index] = payload
 
-    def _read(self, index: int, host: int) -> ParameterReply:
+    def _read(self, index: int, host: int) -> messages.ParameterReply:
         name = next((p.name for p in PARAMETERS.values() if p.index == index), "fault_word")
         if name == "mechPos":
             own = self.position if self.counted is None else self.counted
-            return ParameterReply(self.motor_id, host, index, struct.pack("<f", own))
-        return ParameterReply(self.motor_id, host, index, self.parameters[index], name not in self.unreadable)
+            return messages.ParameterReply(self.motor_id, host, index, struct.pack("<f", own))
+        return messages.ParameterReply(self.motor_id, host, index, self.parameters[index], name not in self.unreadable)
 
     @property
-    def commands(self) -> list[OperationControl]:
-        return [command for command in self.heard if isinstance(command, OperationControl)]
+    def commands(self) -> list[messages.OperationControl]:
+        return [command for command in self.heard if isinstance(command, messages.OperationControl)]
 
 
 class ScriptedMotors:
@@ -167,7 +151,7 @@ class ScriptedMotors:
                         self.send(bus, reply, motor.model)
 
     @staticmethod
-    def send(bus: can.BusABC, reply: Reply, model: str = "rs-02") -> None:
+    def send(bus: can.BusABC, reply: messages.Reply, model: str = "rs-02") -> None:
         ScriptedMotors.send_frame(bus, encode_reply(reply, MOTORS[model]))
 
     @staticmethod
@@ -195,5 +179,5 @@ class ScriptedMotors:
         self.close()
 
 
-def fault_report(motor_id: int, faults: FaultBit, warnings: WarningBit = NO_WARNING) -> FaultReport:
-    return FaultReport(motor_id, HOST, faults, warnings)
+def fault_report(motor_id: int, faults: FaultBit, warnings: WarningBit = NO_WARNING) -> messages.FaultReport:
+    return messages.FaultReport(motor_id, HOST, faults, warnings)

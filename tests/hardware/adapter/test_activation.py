@@ -6,6 +6,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 import can
 import msgspec
@@ -285,20 +286,6 @@ def test_a_motor_that_is_no_joint_is_left_alone(robot: HardwareRobot, channels: 
     assert not _wrote(stranger)
 
 
-@pytest.mark.parametrize(
-    ("version", "says"),
-    [
-        ((0, 0, 3, 9), "its firmware 0.0.3.9 is an rs-00's, the robot description has an rs-02 here"),
-        ((0, 2, 3, 5), "its firmware 0.2.3.5 multiplies K_p and K_d by 1.4167: update it"),
-    ],
-)
-def test_firmware_that_would_scale_wrongly_is_refused(
-    version: tuple[int, int, int, int], says: str, robot: HardwareRobot, left: ScriptedMotor
-) -> None:
-    left.version = version
-    assert _refusal(robot) == [f"left: {says}"]
-
-
 def test_firmware_that_no_document_mentions_is_a_question_to_the_operator(
     robot: HardwareRobot, left: ScriptedMotor
 ) -> None:
@@ -349,19 +336,6 @@ def test_the_stored_host_may_be_ours(make_robot: MakeRobot, left: ScriptedMotor,
     assert all(status.is_ok for status in robot.read()[1])
 
 
-def test_firmware_with_the_old_position_range_is_mentioned(robot: HardwareRobot, right: ScriptedMotor) -> None:
-    right.version = (0, 0, 2, 6)
-    robot.activate()
-    assert any("counts ±12.5 rad where frames are read as ±12.566" in line for line in _warnings(robot))
-
-
-@pytest.mark.usefixtures("impatient")
-def test_a_motor_without_a_version_is_refused(robot: HardwareRobot, left: ScriptedMotor) -> None:
-    left.has_version = False
-    (problem,) = _refusal(robot)
-    assert problem.startswith("left: does not tell its firmware's version")
-
-
 def test_another_master_is_left_alone(
     robot: HardwareRobot,
     motors: ScriptedMotors,
@@ -392,31 +366,74 @@ def test_another_master_is_left_alone(
 # --- are they sound, and what are they told
 
 
-@pytest.mark.parametrize("name", ["canTimeout", "run_mode", "limit_torque"])
-def test_what_must_hold_and_cannot_be_verified_is_refused(name: str, robot: HardwareRobot, left: ScriptedMotor) -> None:
-    left.unreadable.add(name)
-    assert _refusal(robot) == [f"left: {name} cannot be verified (refused)"]
+_OVERVOLTAGE = {0x3022: (1 << 3).to_bytes(4, "little")}
+"""The fault word of a fault that no status shows."""
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize(
+    ("state", "problem"),
+    [
+        ({"version": (0, 0, 3, 9)}, "its firmware 0.0.3.9 is an rs-00's, the robot description has an rs-02 here"),
+        ({"version": (0, 2, 3, 5)}, "its firmware 0.2.3.5 multiplies K_p and K_d by 1.4167: update it"),
+        ({"has_version": False}, "does not tell its firmware's version, by which its model and its scales are known"),
+        ({"unreadable": {"canTimeout"}}, "canTimeout cannot be verified (refused)"),
+        ({"unreadable": {"run_mode"}}, "run_mode cannot be verified (refused)"),
+        ({"unreadable": {"limit_torque"}}, "limit_torque cannot be verified (refused)"),
+        ({"unwritable": {"canTimeout"}}, "canTimeout reads 0 after 2000 was written"),
+        ({"faults": StatusFault.UNDERVOLTAGE, "clears_faults": False}, "faults do not clear: undervoltage"),
+        ({"parameters": _OVERVOLTAGE, "clears_faults": False}, "faults do not clear: overvoltage"),
+        (
+            {"position": -2.5},
+            "is at 2.50 rad, outside its range of -1.5 to 1 rad on any turn: calibrate it, or check its direction",
+        ),
+        (
+            {"counted": 0.25 + 8.0 * math.pi},
+            "counts 25.38 rad by itself and reports 0.25: it turned beyond ±4π since power-on; switch it off and on",
+        ),
+    ],
+)
+def test_a_motor_that_is_not_sound_is_refused(
+    state: dict[str, Any], problem: str, robot: HardwareRobot, left: ScriptedMotor
+) -> None:
+    _set(left, state)
+    assert _refusal(robot) == [f"left: {problem}"]
     assert left.mode is MotorMode.RESET
 
 
-def test_a_can_timeout_that_does_not_stick_is_refused(robot: HardwareRobot, left: ScriptedMotor) -> None:
-    left.unwritable.add("canTimeout")
-    assert _refusal(robot) == ["left: canTimeout reads 0 after 2000 was written"]
+def _set(motor: ScriptedMotor, state: dict[str, Any]) -> None:
+    for name, value in state.items():
+        setattr(motor, name, motor.parameters | value if name == "parameters" else value)
+
+
+@pytest.mark.parametrize(
+    ("state", "warnings"),
+    [
+        (
+            {"limits": {"limit_torque": 12.0}, "unreadable": {"limit_cur"}},
+            ["limit_torque reads 12 N·m: the motor allows no 17", "limit_cur cannot be verified (refused)"],
+        ),
+        ({"parameters": _OVERVOLTAGE}, ["had faults, cleared: overvoltage"]),
+        ({"unreadable": {"fault_word"}}, ["its fault word cannot be read: overvoltage would not be seen here"]),
+    ],
+)
+def test_what_is_no_obstacle_is_mentioned(
+    state: dict[str, Any], warnings: list[str], robot: HardwareRobot, left: ScriptedMotor
+) -> None:
+    _set(left, state)
+    robot.activate()
+    assert _warnings(robot) == [f"warning: left: {warning}" for warning in warnings]
+
+
+def test_firmware_with_the_old_position_range_is_mentioned(robot: HardwareRobot, right: ScriptedMotor) -> None:
+    right.version = (0, 0, 2, 6)
+    robot.activate()
+    assert any("counts ±12.5 rad where frames are read as ±12.566" in line for line in _warnings(robot))
 
 
 def test_more_torque_than_was_allowed_is_refused(robot: HardwareRobot, right: ScriptedMotor) -> None:
     right.unwritable.add("limit_torque")
     assert _refusal(robot) == ["right: limit_torque reads 14 N·m after 10 was written"]
-
-
-def test_less_than_was_allowed_is_mentioned(robot: HardwareRobot, left: ScriptedMotor) -> None:
-    left.limits = {"limit_torque": 12.0}
-    left.unreadable.add("limit_cur")
-    robot.activate()
-    assert _warnings(robot) == [
-        "warning: left: limit_torque reads 12 N·m: the motor allows no 17",
-        "warning: left: limit_cur cannot be verified (refused)",
-    ]
 
 
 def test_the_fault_of_a_motor_is_cleared_and_told(robot: HardwareRobot, left: ScriptedMotor) -> None:
@@ -435,32 +452,6 @@ def test_reports_of_an_earlier_session_do_not_hide_that_a_fault_was_cleared(
     for _ in range(3):
         robot.prepare()
     assert not left.faults
-
-
-@pytest.mark.usefixtures("impatient")
-def test_a_fault_that_does_not_clear_is_refused(robot: HardwareRobot, left: ScriptedMotor) -> None:
-    left.faults, left.clears_faults = StatusFault.UNDERVOLTAGE, False
-    assert _refusal(robot) == ["left: faults do not clear: undervoltage"]
-
-
-def test_a_fault_that_no_status_shows_is_cleared_as_well(robot: HardwareRobot, left: ScriptedMotor) -> None:
-    left.parameters[0x3022] = (1 << 3).to_bytes(4, "little")
-    robot.activate()
-    assert _warnings(robot) == ["warning: left: had faults, cleared: overvoltage"]
-
-
-def test_a_fault_that_no_status_shows_and_that_does_not_clear_is_refused(
-    robot: HardwareRobot, left: ScriptedMotor
-) -> None:
-    left.parameters[0x3022] = (1 << 3).to_bytes(4, "little")
-    left.clears_faults = False
-    assert _refusal(robot) == ["left: faults do not clear: overvoltage"]
-
-
-def test_a_fault_word_that_cannot_be_read_is_mentioned(robot: HardwareRobot, left: ScriptedMotor) -> None:
-    left.unreadable.add("fault_word")
-    robot.activate()
-    assert _warnings(robot) == ["warning: left: its fault word cannot be read: overvoltage would not be seen here"]
 
 
 @pytest.mark.usefixtures("impatient")
@@ -524,18 +515,6 @@ def test_the_calibration_is_applied(make_robot: MakeRobot) -> None:
     robot = make_robot({"left": 0.75, "right": 0.25})
     robot.activate()
     assert robot.read()[0].joint_position.tolist() == pytest.approx([0.5, 0.25], abs=4e-4)
-
-
-def test_a_joint_outside_its_range_is_refused(robot: HardwareRobot, left: ScriptedMotor) -> None:
-    left.position = -2.5
-    (problem,) = _refusal(robot)
-    assert problem.startswith("left: is at 2.50 rad, outside its range of -1.5 to 1 rad on any turn")
-
-
-def test_a_motor_that_turned_beyond_its_report_is_refused(robot: HardwareRobot, left: ScriptedMotor) -> None:
-    left.counted = left.position + 8.0 * math.pi
-    (problem,) = _refusal(robot)
-    assert problem.startswith("left: counts 25.38 rad by itself and reports 0.25")
 
 
 def test_an_arm_that_still_swings_is_no_reason_to_refuse(robot: HardwareRobot, left: ScriptedMotor) -> None:

@@ -9,13 +9,14 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 from guarded_robot import DAMPING_TIME, STIFFNESS, brake_briefly, hold, make_robot
+from waiting import until
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import frame_of, open_bus, parse_address
@@ -106,15 +107,7 @@ def _holding(channel: str, *words: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def _line(process: subprocess.Popen[str]) -> str:
-    assert process.stdout is not None
     return process.stdout.readline()
-
-
-def _until(condition: Callable[[], object], seconds: float = 10.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.002)
 
 
 def _names(joints: list[int]) -> set[str]:
@@ -135,12 +128,12 @@ def test_the_wrists_of_a_killed_program_are_damped_and_then_reset(channel: str, 
         assert any(gains.stiffness == pytest.approx(STIFFNESS) for _, gains in emulated.gains(0.0))
         process.kill()
         killed = time.monotonic()
-        _until(lambda: emulated.gains(killed + 0.02))
+        until(lambda: emulated.gains(killed + 0.02))
         assert {gains.stiffness for _, gains in emulated.gains(killed + 0.02)} == {0.0}
         assert emulated.gains(killed)[0][0] < _LATE
         time.sleep(0.25)
         assert _is_only_damped(emulated)
-        _until(lambda: set(emulated.stopped(killed)) == set(_ROBOT.joint_names))
+        until(lambda: set(emulated.stopped(killed)) == set(_ROBOT.joint_names))
     stopped = emulated.stopped(killed)
     arms = [at for name, at in stopped.items() if name not in _names(_WRISTS)]
     wrists = [at for name, at in stopped.items() if name in _names(_WRISTS)]
@@ -154,7 +147,7 @@ def test_a_stopped_program_is_displaced_and_may_begin_afresh(channel: str, emula
     with _holding(channel, "reactivate") as process:
         process.send_signal(signal.SIGSTOP)
         stopped = time.monotonic()
-        _until(lambda: emulated.gains(stopped + 0.05))
+        until(lambda: emulated.gains(stopped + 0.05))
         time.sleep(0.1)
         process.send_signal(signal.SIGCONT)
         continued = time.monotonic()
@@ -169,7 +162,7 @@ def test_a_stopped_program_is_displaced_and_may_begin_afresh(channel: str, emula
         assert [at for at, gains in emulated.gains(again) if gains.stiffness > 0.0]
         process.kill()  # the new guardian does as the first one did
         killed = time.monotonic()
-        _until(lambda: _names(_WRISTS) <= set(emulated.stopped(killed)))
+        until(lambda: _names(_WRISTS) <= set(emulated.stopped(killed)))
 
 
 @pytest.mark.slow

@@ -11,13 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from humanoid_sim.hardware.adapter.joint_tracking import (
-    JointTracker,
-    find_turns,
-    has_jumped,
-    turn_problems,
-    unwrapped,
-)
+from humanoid_sim.hardware.adapter.joint_tracking import JointTracker, find_turns, has_jumped, turn_problems, unwrapped
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.motors import Readings
 from humanoid_sim.robots.description import load_robot
@@ -53,13 +47,6 @@ def test_commands_go_back_the_way_that_positions_came(wiring: Wiring) -> None:
     np.testing.assert_allclose(tracker.to_motor(joints.position), reported, atol=1e-12)
 
 
-def test_what_was_never_heard_is_unknown(wiring: Wiring) -> None:
-    joints = JointTracker(wiring, np.zeros(2)).update(Readings(*np.full((5, 2), np.nan)))
-    assert np.isnan(joints.position).all()
-    assert joints.velocity.tolist() == joints.effort.tolist() == [0.0, 0.0]
-    assert joints.time.tolist() == [-math.inf, -math.inf]
-
-
 def test_on_an_unknown_turn_a_position_is_unknown(wiring: Wiring) -> None:
     joints = JointTracker(wiring, np.array([np.nan, 0.0])).update(_readings(1.0, (0.75, 0.0)))
     assert math.isnan(joints.position[0])
@@ -79,14 +66,6 @@ def test_a_motor_that_turns_beyond_its_report_is_followed_and_noticed(wiring: Wi
     assert not tracker.wrapped.any(), "back within reach of commands"
 
 
-def test_a_jump_is_remembered(wiring: Wiring) -> None:
-    tracker = JointTracker(wiring, np.zeros(2))
-    tracker.update(_readings(0.0, (0.0, 0.0)))
-    tracker.update(_readings(0.02, (0.0, 1.0)))
-    tracker.update(_readings(0.04, (0.0, 1.0)))
-    assert tracker.jumped.tolist() == [False, True]
-
-
 TURN = 2.0 * math.pi
 
 
@@ -97,17 +76,6 @@ def shifted(description: RobotDescription) -> Wiring:
 
 def _reported(shifted: Wiring, joint: tuple[float, float], turns: tuple[int, int] = (0, 0)) -> np.ndarray:
     return shifted.direction * np.array(joint) + shifted.offset - TURN * np.array(turns)
-
-
-def test_a_joint_within_its_limits_needs_no_turn(shifted: Wiring) -> None:
-    position = _reported(shifted, (-0.3, 1.5))
-    assert find_turns(shifted, position).tolist() == [0.0, 0.0]
-    assert list(turn_problems(shifted, position, np.zeros(2))) == []
-
-
-def test_a_joint_just_below_zero_that_powered_on_a_turn_up_is_put_back(shifted: Wiring) -> None:
-    position = _reported(shifted, (-0.3, 1.5), (-1, 1))
-    assert find_turns(shifted, position).tolist() == [-1.0, 1.0]
 
 
 _lite = load_robot("lite")
@@ -127,16 +95,6 @@ def test_whatever_the_power_on_angle_the_joint_is_found_where_it_is(data: st.Dat
     turns = find_turns(shifted, reported)
     found = shifted.direction * (reported + TURN * turns - offset)
     np.testing.assert_allclose(found, joint, atol=1e-9)
-
-
-def test_a_joint_outside_its_range_on_every_turn_is_a_problem(shifted: Wiring) -> None:
-    position = _reported(shifted, (2.5, 1.0))
-    turns = find_turns(shifted, position)
-    assert np.isnan(turns[0])
-    assert turns[1] == 0.0
-    assert dict(turn_problems(shifted, position, turns)) == {
-        "left": "is at 2.50 rad, outside its range of -1.5 to 1 rad on any turn: calibrate it, or check its direction"
-    }
 
 
 def test_a_joint_that_may_be_on_two_turns_is_a_problem(description: RobotDescription) -> None:

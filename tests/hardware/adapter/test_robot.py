@@ -153,20 +153,17 @@ def test_a_motor_that_falls_out_of_run_mode_is_a_fault_and_stays_out(
     assert _statuses(enabled)[0].flags == SafetyFlag.MOTOR_FAULT
 
 
+TOO_HOT, COOL = SafetyFlag.MOTOR_FAULT | SafetyFlag.TEMPERATURE_LIMIT, ": 25 °C (limit 135 °C); let it cool"
+STALLED_AND_BLIND = StatusFault.STALL_OVERLOAD | StatusFault.ENCODER_FAULT
+HOT_SOON = WarningBit.MOTOR_OVERTEMPERATURE_WARNING
+
+
 @pytest.mark.parametrize(
     ("faults", "flags", "text"),
     [
         (StatusFault.UNDERVOLTAGE, SafetyFlag.MOTOR_FAULT, "undervoltage: left; find the cause"),
-        (
-            StatusFault.MOTOR_OVERTEMPERATURE,
-            SafetyFlag.MOTOR_FAULT | SafetyFlag.TEMPERATURE_LIMIT,
-            "left is too hot: 25 °C (limit 135 °C); let it cool",
-        ),
-        (
-            StatusFault.STALL_OVERLOAD | StatusFault.ENCODER_FAULT,
-            SafetyFlag.MOTOR_FAULT,
-            "encoder_fault: left; stall_overload: left; find the cause",
-        ),
+        (StatusFault.MOTOR_OVERTEMPERATURE, TOO_HOT, f"left is too hot{COOL}"),
+        (STALLED_AND_BLIND, SafetyFlag.MOTOR_FAULT, "encoder_fault: left; stall_overload: left; find the cause"),
     ],
 )
 def test_a_fault_in_a_status_is_flagged_while_it_lasts(
@@ -186,28 +183,13 @@ def test_a_fault_in_a_status_is_flagged_while_it_lasts(
     ("faults", "warnings", "flags", "text"),
     [
         (FaultBit.OVERVOLTAGE, WarningBit(0), SafetyFlag.MOTOR_FAULT, "overvoltage: left; find the cause"),
-        (
-            FaultBit.MOTOR_OVERTEMPERATURE,
-            WarningBit(0),
-            SafetyFlag.MOTOR_FAULT | SafetyFlag.TEMPERATURE_LIMIT,
-            "left is too hot: 25 °C (limit 135 °C); let it cool",
-        ),
-        (
-            FaultBit(0),
-            WarningBit.MOTOR_OVERTEMPERATURE_WARNING,
-            SafetyFlag.TEMPERATURE_LIMIT,
-            "left is nearly too hot: 25 °C (limit 135 °C); let it cool",
-        ),
+        (FaultBit.MOTOR_OVERTEMPERATURE, WarningBit(0), TOO_HOT, f"left is too hot{COOL}"),
+        (FaultBit(0), HOT_SOON, SafetyFlag.TEMPERATURE_LIMIT, f"left is nearly too hot{COOL}"),
         (FaultBit.STALL_OVERLOAD, WarningBit(0), SafetyFlag.MOTOR_FAULT, "stall_overload: left; find the cause"),
     ],
 )
 def test_a_fault_report_holds_until_the_motor_reports_none(
-    faults: FaultBit,
-    warnings: WarningBit,
-    flags: SafetyFlag,
-    text: str,
-    enabled: HardwareRobot,
-    motors: ScriptedMotors,
+    faults: FaultBit, warnings: WarningBit, flags: SafetyFlag, text: str, enabled: HardwareRobot, motors: ScriptedMotors
 ) -> None:
     motors.send(motors.buses[0], fault_report(11, faults, warnings))
     status = _wait_for(enabled, flags)

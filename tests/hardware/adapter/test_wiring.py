@@ -5,7 +5,6 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.adapter.wiring import make_wiring
-from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import RobotDescription
 
 OFFSETS = {"left": 0.5, "right": -0.25}
@@ -30,13 +29,6 @@ def test_the_effort_limit_is_what_frames_can_say(description: RobotDescription) 
     strong = msgspec.structs.replace(description.joints[0], effort_limit=float("inf"))
     wiring = make_wiring(msgspec.structs.replace(description, joints=(strong, description.joints[1])), 2, OFFSETS)
     assert wiring.effort_limit.tolist() == [17.0, 10.0]
-
-
-def test_the_shipped_lite_fits() -> None:
-    lite = load_robot("lite")
-    wiring = make_wiring(lite, 2, dict.fromkeys(lite.joint_names, 0.0))
-    assert wiring.on_channel(0) == tuple(range(7))
-    assert wiring.on_channel(1) == tuple(range(7, 14))
 
 
 @pytest.mark.parametrize("count", [0, 3])

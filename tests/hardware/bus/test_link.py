@@ -64,6 +64,7 @@ def _found(*links: Any, name: str = "can0", wanted: LinkSettings | None = None) 
 
 
 _UP = "sudo ip link set can0 up type can bitrate 1000000 restart-ms 0"
+_AGAIN = f"sudo ip link set can0 down, then {_UP}"
 
 
 def test_an_interface_that_is_set_up_as_wanted() -> None:
@@ -74,44 +75,29 @@ def test_an_interface_that_is_set_up_as_wanted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("found", "problem"),
+    ("changes", "problem"),
     [
+        ({"bittiming": _bittiming(500000)}, f"its bit rate is 500000 bit/s, expected 1000000: {_AGAIN}"),
+        ({"bittiming": None}, f"has no bit rate, expected 1000000 bit/s: {_AGAIN}"),
+        ({"restart_ms": 100}, f"its restart-ms is 100, expected 0: {_AGAIN}"),
+        ({"restart_ms": None}, f"its restart-ms is not told, expected 0: {_AGAIN}"),
         (
-            _changed(bittiming=_bittiming(500000)),
-            f"its bit rate is 500000 bit/s, expected 1000000: sudo ip link set can0 down, then {_UP}",
-        ),
-        (
-            _changed(bittiming=None),
-            f"has no bit rate, expected 1000000 bit/s: sudo ip link set can0 down, then {_UP}",
-        ),
-        (
-            _changed(restart_ms=100),
-            f"its restart-ms is 100, expected 0: sudo ip link set can0 down, then {_UP}",
-        ),
-        (
-            _changed(restart_ms=None),
-            f"its restart-ms is not told, expected 0: sudo ip link set can0 down, then {_UP}",
-        ),
-        ({**_RIGHT, "flags": ["NOARP", "ECHO"]}, f"is down: {_UP}"),
-        (
-            _changed(state="BUS-OFF", berr_counter={"tx": 248, "rx": 0}),
+            {"state": "BUS-OFF", "berr_counter": {"tx": 248, "rx": 0}},
             "is bus-off: it has left the bus after too many errors; check cable, terminators and bit rate",
         ),
-        (
-            _changed(ctrlmode=["LISTEN-ONLY"]),
-            "only listens (listen-only): it sends nothing and acknowledges nothing",
-        ),
-        (_changed(ctrlmode=["LOOPBACK"]), "is looped back onto itself (loopback)"),
-        (
-            _changed(ctrlmode=["ONE-SHOT"]),
-            "sends each frame once only (one-shot): a frame that loses arbitration is lost",
-        ),
+        ({"ctrlmode": ["LISTEN-ONLY"]}, "only listens (listen-only): it sends nothing and acknowledges nothing"),
+        ({"ctrlmode": ["LOOPBACK"]}, "is looped back onto itself (loopback)"),
+        ({"ctrlmode": ["ONE-SHOT"]}, "sends each frame once only (one-shot): a frame that loses arbitration is lost"),
     ],
 )
-def test_what_is_wrong_with_one(found: dict[str, Any], problem: str) -> None:
-    checks = _found(found)
+def test_what_is_wrong_with_one(changes: dict[str, Any], problem: str) -> None:
+    checks = _found(_changed(**changes))
     assert checks.problems == (f"can0: {problem}",)
     assert checks.warnings == ()
+
+
+def test_one_that_is_down() -> None:
+    assert _found({**_RIGHT, "flags": ["NOARP", "ECHO"]}).problems == (f"can0: is down: {_UP}",)
 
 
 def test_an_adapter_as_it_comes_lacks_everything() -> None:

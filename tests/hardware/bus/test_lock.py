@@ -54,7 +54,6 @@ def test_the_lock_of_a_killed_process_is_gone(tmp_path) -> None:
         "time.sleep(60)\n"
     )
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == "held\n"
         with pytest.raises(RobotError, match=f"process {process.pid}"):
             ChannelLock(CAN0)

@@ -90,10 +90,7 @@ class Diary:
 
 @contextmanager
 def emulated(
-    address: str,
-    clock: Clock = time.monotonic,
-    settings: EmulationSettings | None = None,
-    robot: str = "lite",
+    address: str, clock: Clock = time.monotonic, settings: EmulationSettings | None = None, robot: str = "lite"
 ) -> Iterator[tuple[VirtualMotors, Diary]]:
     """Motors of the Lite, on a thread that other programs on this computer do not hold up, where that is permitted."""
     diary = Diary(clock)

@@ -11,15 +11,7 @@ import pytest
 # importlib mode leaves sys.path alone.
 sys.path.append(str(Path(__file__).parent))
 
-_HEADINGS = (
-    "fault",
-    "mode",
-    "flag",
-    "detected ms",
-    "reaction ms",
-    "torque beyond damping N·m",
-    "slow motion",
-)
+_HEADINGS = ("fault", "mode", "flag", "detected ms", "reaction ms", "torque beyond damping N·m", "slow motion")
 
 
 @pytest.fixture

@@ -23,11 +23,7 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.schema import GuardSettings, SpeedGuard
 
 SLOWNESS = (1.0, 2.0, 4.0, 8.0, 16.0)
-INTENTS = {
-    Mode.STANDBY: Intent.LOAD_A,
-    Mode.LOCOMOTION: Intent.START_LOCOMOTION,
-    Mode.REMOTE: Intent.START_REMOTE,
-}
+INTENTS = {Mode.STANDBY: Intent.LOAD_A, Mode.LOCOMOTION: Intent.START_LOCOMOTION, Mode.REMOTE: Intent.START_REMOTE}
 TOO_LATE = 0.035
 """s, as in the campaign of faults."""
 TIMES = {"following": 0.15, "limit": 0.1, "speed": 0.02}

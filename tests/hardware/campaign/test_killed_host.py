@@ -28,7 +28,6 @@ def driven_elsewhere(channel: str, mode: Mode) -> Iterator[subprocess.Popen[byte
     """A program that has driven the motors of a channel into a mode; begun again where the machine was too late."""
     for _ in range(4):
         with subprocess.Popen([sys.executable, str(_HOST), channel, mode.name], stdout=subprocess.PIPE) as host:
-            assert host.stdout is not None
             if host.stdout.readline() == b"there\n":
                 yield host
                 return

@@ -7,20 +7,9 @@ from dataclasses import dataclass, field
 from humanoid_sim.hardware.emulation import firmware
 from humanoid_sim.hardware.emulation.interface import Sensed
 from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState, Stored
+from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.firmware import firmware_of, parse_version
-from humanoid_sim.hardware.robstride.messages import (
-    Command,
-    FaultReport,
-    Ignored,
-    Malformed,
-    OperationControl,
-    ParameterReply,
-    ReadParameter,
-    Reply,
-    Status,
-    WriteParameter,
-)
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, pack_value, unpack_value
 from humanoid_sim.hardware.robstride.replies import decode_reply
 from humanoid_sim.robots.motors import MOTORS
@@ -51,11 +40,11 @@ class Motor:
     def feel(self, **changes: object) -> None:
         self.sensed = self.sensed._replace(**changes)  # type: ignore[arg-type]
 
-    def tell(self, command: Command) -> list[Reply]:
+    def tell(self, command: messages.Command) -> list[messages.Reply]:
         frame = encode_command(command, self.identity.model)
         return self._take(firmware.receive(self.identity, self.state, frame, self.sensed, self.time))
 
-    def wait(self, duration: float) -> list[Reply]:
+    def wait(self, duration: float) -> list[messages.Reply]:
         """Let the firmware look after itself every ms."""
         replies = []
         for _ in range(round(duration / 0.001)):
@@ -63,23 +52,25 @@ class Motor:
             replies += self._take(firmware.advance(self.identity, self.state, self.sensed, self.time))
         return replies
 
-    def status(self, command: Command) -> Status:
+    def status(self, command: messages.Command) -> messages.Status:
         (reply,) = self.tell(command)
-        assert isinstance(reply, Status)
+        assert isinstance(reply, messages.Status)
         return reply
 
-    def mit(self, position: float = 0.0, stiffness: float = 0.0, damping: float = 0.0, effort: float = 0.0) -> Status:
-        return self.status(OperationControl(self.state.can_id, position, 0.0, effort, stiffness, damping))
+    def mit(
+        self, position: float = 0.0, stiffness: float = 0.0, damping: float = 0.0, effort: float = 0.0
+    ) -> messages.Status:
+        return self.status(messages.OperationControl(self.state.can_id, position, 0.0, effort, stiffness, damping))
 
-    def write(self, name: str, value: float) -> Status:
+    def write(self, name: str, value: float) -> messages.Status:
         parameter = PARAMETERS[name]
         payload = pack_value(parameter.type, value)
-        return self.status(WriteParameter(self.state.can_id, parameter.index, payload))
+        return self.status(messages.WriteParameter(self.state.can_id, parameter.index, payload))
 
     def read(self, name: str) -> float:
         parameter = PARAMETERS[name]
-        (reply,) = self.tell(ReadParameter(self.state.can_id, parameter.index))
-        assert isinstance(reply, ParameterReply)
+        (reply,) = self.tell(messages.ReadParameter(self.state.can_id, parameter.index))
+        assert isinstance(reply, messages.ParameterReply)
         assert reply.is_success
         assert reply.index == parameter.index
         return unpack_value(parameter.type, reply.payload)
@@ -87,16 +78,16 @@ class Motor:
     def cycle_power(self) -> None:
         self.state = firmware.power_on(self.identity, self.state.stored, self.sensed)
 
-    def _take(self, reaction: firmware.Reaction) -> list[Reply]:
+    def _take(self, reaction: firmware.Reaction) -> list[messages.Reply]:
         self.state = reaction.state
         models = dict.fromkeys(range(1, 128), self.identity.model)
         replies = []
         for frame in reaction.frames:
             reply = decode_reply(frame, models, self.state.host_id)
-            assert not isinstance(reply, Ignored | Malformed)
+            assert not isinstance(reply, messages.Ignored | messages.Malformed)
             replies.append(reply)
         return replies
 
 
-def fault_reports(replies: list[Reply]) -> list[FaultReport]:
-    return [reply for reply in replies if isinstance(reply, FaultReport)]
+def fault_reports(replies: list[messages.Reply]) -> list[messages.FaultReport]:
+    return [reply for reply in replies if isinstance(reply, messages.FaultReport)]

@@ -13,32 +13,14 @@ from motor_rig import HOST, ID, Motor, fault_reports, identity
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulation import firmware
 from humanoid_sim.hardware.emulation.motor_state import Sensed
+from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit
-from humanoid_sim.hardware.robstride.messages import (
-    BaudRate,
-    DeviceId,
-    Enable,
-    GetDeviceId,
-    ParameterReply,
-    Protocol,
-    ReadParameter,
-    ReadVersion,
-    SaveParameters,
-    SetActiveReport,
-    SetBaudRate,
-    SetDeviceId,
-    SetProtocol,
-    SetZero,
-    Status,
-    Stop,
-    WriteParameter,
-)
 
 
 def _enabled(model: str = "rs-02", version: str | None = None, shaft: float = 0.0) -> Motor:
     motor = Motor(identity(model, version), Sensed(shaft))
-    assert motor.status(Enable(ID)).mode is MotorMode.RUN
+    assert motor.status(messages.Enable(ID)).mode is MotorMode.RUN
     return motor
 
 
@@ -54,7 +36,7 @@ def test_after_power_on_it_is_not_enabled_and_knows_its_angle_within_one_turn_on
 def test_a_saved_zero_sta_makes_the_first_position_lie_around_zero() -> None:
     motor = Motor(sensed=Sensed(-0.13))
     motor.write("zero_sta", 1)
-    motor.tell(SaveParameters(ID))
+    motor.tell(messages.SaveParameters(ID))
     motor.cycle_power()
     assert motor.mit().position == pytest.approx(-0.13, abs=4e-4)
 
@@ -71,35 +53,34 @@ def test_commands_are_obeyed_only_while_enabled() -> None:
     motor = Motor()
     motor.mit(1.0, 20.0)
     assert motor.state.command is None
-    assert motor.status(Enable(ID)).mode is MotorMode.RUN
+    assert motor.status(messages.Enable(ID)).mode is MotorMode.RUN
     assert motor.state.command is None, "enabling brings no torque by itself"
     motor.mit(1.0, 20.0)
     command = motor.state.command
-    assert command is not None
     assert command.position == pytest.approx(1.0, abs=4e-4)
     assert command.stiffness == pytest.approx(20.0, abs=8e-3)
-    assert motor.status(Stop(ID)).mode is MotorMode.RESET
+    assert motor.status(messages.Stop(ID)).mode is MotorMode.RESET
     assert motor.state.command is None
-    assert motor.status(Enable(ID)).mode is MotorMode.RUN
+    assert motor.status(messages.Enable(ID)).mode is MotorMode.RUN
     assert motor.state.command is None, "the old command does not come back"
 
 
 def test_it_answers_whoever_asked_last_because_type_1_has_no_room_for_a_host() -> None:
     motor = Motor()
-    motor.tell(Enable(ID, host_id=0xAA))
+    motor.tell(messages.Enable(ID, host_id=0xAA))
     assert motor.mit().host_id == 0xAA
-    motor.tell(GetDeviceId(ID, host_id=HOST))
+    motor.tell(messages.GetDeviceId(ID, host_id=HOST))
     assert motor.mit().host_id == HOST
 
 
 def test_identity_and_version() -> None:
     motor = Motor()
-    assert motor.tell(GetDeviceId(ID)) == [DeviceId(ID, bytes(range(8)))]
+    assert motor.tell(messages.GetDeviceId(ID)) == [messages.DeviceId(ID, bytes(range(8)))]
     frame = firmware.receive(
         motor.identity, motor.state, Frame(0x0400FD0B, b"\0\xc4" + bytes(6)), motor.sensed, 0.0
     ).frames[0]
     assert frame.data == bytes.fromhex("00C4560002030900")
-    assert motor.tell(ReadVersion(ID)), "it is answered like any command"
+    assert motor.tell(messages.ReadVersion(ID)), "it is answered like any command"
 
 
 def test_frames_for_others_and_malformed_ones_change_nothing() -> None:
@@ -170,16 +151,16 @@ def test_a_fault_stops_it_is_latched_and_cleared_only_when_its_cause_is_gone(
     status = motor.mit(effort=1.0)
     assert (status.mode, status.faults) == (MotorMode.RESET, in_status)
 
-    assert motor.status(Enable(ID)).mode is MotorMode.RESET, "a faulted motor is not enabled"
-    assert motor.status(Stop(ID, clear_fault=True)).faults == in_status, "the cause is still there"
+    assert motor.status(messages.Enable(ID)).mode is MotorMode.RESET, "a faulted motor is not enabled"
+    assert motor.status(messages.Stop(ID, clear_fault=True)).faults == in_status, "the cause is still there"
     motor.sensed = healthy
     cooled = bool(in_report & FaultBit.MOTOR_OVERTEMPERATURE)  # the warning ends with its cause, and that is reported
     assert len(motor.wait(0.1)) == cooled
     assert motor.mit().faults == in_status, "latched"
-    assert motor.status(Stop(ID)).faults == in_status
-    assert motor.status(Stop(ID, clear_fault=True)).faults == StatusFault(0)
+    assert motor.status(messages.Stop(ID)).faults == in_status
+    assert motor.status(messages.Stop(ID, clear_fault=True)).faults == StatusFault(0)
     assert motor.state.faults == FaultBit(0)
-    assert motor.status(Enable(ID)).mode is MotorMode.RUN
+    assert motor.status(messages.Enable(ID)).mode is MotorMode.RUN
 
 
 def test_it_warns_before_it_is_too_hot() -> None:
@@ -211,43 +192,41 @@ def test_full_torque_without_motion_trips_the_overload_protection_after_a_while(
 def test_active_reports() -> None:
     motor = _enabled()
     motor.write("EPScan_time", 3)
-    motor.tell(SetActiveReport(ID, True))
+    motor.tell(messages.SetActiveReport(ID, True))
     reports = motor.wait(0.1)
     assert len(reports) == 5, "every 20 ms"
-    assert all(isinstance(report, Status) and report.is_report for report in reports)
-    motor.tell(SetActiveReport(ID, False))
+    assert all(isinstance(report, messages.Status) and report.is_report for report in reports)
+    motor.tell(messages.SetActiveReport(ID, False))
     assert motor.wait(0.1) == []
 
 
 def test_older_firmware_reports_as_type_2_and_still_older_does_not_know_the_command() -> None:
     motor = _enabled("rs-00", "0.0.3.1")
-    motor.tell(SetActiveReport(ID, True))
+    motor.tell(messages.SetActiveReport(ID, True))
     reports = motor.wait(0.03)
     assert len(reports) == 3
-    assert not any(report.is_report for report in reports if isinstance(report, Status))
+    assert not any(report.is_report for report in reports if isinstance(report, messages.Status))
     motor = _enabled("rs-00", "0.0.2.9")
-    assert motor.tell(SetActiveReport(ID, True)) == []
+    assert motor.tell(messages.SetActiveReport(ID, True)) == []
     assert motor.wait(0.1) == []
 
 
 def test_set_zero_makes_here_zero_and_moves_the_target_unless_the_firmware_is_old() -> None:
     motor = _enabled(shaft=1.5)
     motor.mit(1.5, 50.0)
-    assert motor.status(SetZero(ID)).position == pytest.approx(0.0, abs=4e-4)
-    assert motor.state.command is not None
+    assert motor.status(messages.SetZero(ID)).position == pytest.approx(0.0, abs=4e-4)
     assert motor.state.command.position == 0.0
 
     motor = _enabled(version="0.2.2.11", shaft=1.5)
     motor.mit(1.5, 50.0)
-    motor.tell(SetZero(ID))
-    assert motor.state.command is not None
+    motor.tell(messages.SetZero(ID))
     assert motor.state.command.position == pytest.approx(1.5, abs=4e-4), "it will jump"
 
 
 def test_set_zero_is_ignored_in_profile_position_mode() -> None:
     motor = Motor(sensed=Sensed(1.5))
     motor.write("run_mode", 1)
-    assert motor.status(SetZero(ID)).position == pytest.approx(1.5, abs=4e-4)
+    assert motor.status(messages.SetZero(ID)).position == pytest.approx(1.5, abs=4e-4)
 
 
 def test_position_feedback_runs_cyclically_and_mechpos_does_not() -> None:
@@ -262,23 +241,17 @@ def test_position_feedback_runs_cyclically_and_mechpos_does_not() -> None:
     assert (raw / 32767 - 1) * 12.5 == pytest.approx(12.55 - 25.0, abs=4e-4)
 
 
-def test_a_new_id_holds_at_once_and_without_power() -> None:
-    motor = Motor()
-    assert motor.tell(SetDeviceId(ID, 33)) == [DeviceId(33, bytes(range(8)))]
-    assert motor.tell(GetDeviceId(ID)) == []
-    motor.cycle_power()
-    assert motor.tell(GetDeviceId(33)) == [DeviceId(33, bytes(range(8)))]
-
-
-@pytest.mark.parametrize("command", [SetProtocol(ID, Protocol.MIT), SetBaudRate(ID, BaudRate.KBIT_500)])
+@pytest.mark.parametrize(
+    "command", [messages.SetProtocol(ID, messages.Protocol.MIT), messages.SetBaudRate(ID, messages.BaudRate.KBIT_500)]
+)
 def test_another_protocol_or_bit_rate_makes_it_unreachable_after_the_next_power_on(
-    command: SetProtocol | SetBaudRate,
+    command: messages.SetProtocol | messages.SetBaudRate,
 ) -> None:
     motor = Motor()
-    assert isinstance(motor.tell(command)[0], DeviceId)
-    assert motor.tell(GetDeviceId(ID)) != []
+    assert isinstance(motor.tell(command)[0], messages.DeviceId)
+    assert motor.tell(messages.GetDeviceId(ID)) != []
     motor.cycle_power()
-    assert motor.tell(GetDeviceId(ID)) == []
+    assert motor.tell(messages.GetDeviceId(ID)) == []
 
 
 def test_reading_and_writing_parameters() -> None:
@@ -292,10 +265,10 @@ def test_reading_and_writing_parameters() -> None:
     assert motor.read("mechPos") == 0.0, "read only"
     motor.write("run_mode", 9)
     assert motor.read("run_mode") == 0
-    (reply,) = motor.tell(ReadParameter(ID, 0x7FFF))
-    assert isinstance(reply, ParameterReply)
+    (reply,) = motor.tell(messages.ReadParameter(ID, 0x7FFF))
+    assert isinstance(reply, messages.ParameterReply)
     assert not reply.is_success
-    motor.tell(WriteParameter(ID, 0x700B, b"\x00\x00\xc0\x7f"))
+    motor.tell(messages.WriteParameter(ID, 0x700B, b"\x00\x00\xc0\x7f"))
     assert motor.read("limit_torque") == 17.0, "NaN is not taken"
 
 
@@ -303,13 +276,13 @@ def test_reading_and_writing_parameters() -> None:
 def test_a_run_mode_that_is_not_emulated_is_not_enabled(mode: int) -> None:
     motor = Motor()
     motor.write("run_mode", mode)
-    frame = encode_command(Enable(ID), motor.identity.model)
+    frame = encode_command(messages.Enable(ID), motor.identity.model)
     reaction = firmware.receive(motor.identity, motor.state, frame, motor.sensed, 0.0)
     assert reaction.refusal == f"not enabled: run_mode is {mode}, only 0 (operation) is emulated"
-    status = motor.status(Enable(ID))
+    status = motor.status(messages.Enable(ID))
     assert (status.mode, int(status.faults)) == (MotorMode.RESET, 0), "like one with a latched fault, without its bit"
     motor.write("run_mode", 0)
-    assert motor.status(Enable(ID)).mode is MotorMode.RUN
+    assert motor.status(messages.Enable(ID)).mode is MotorMode.RUN
 
 
 def test_the_run_mode_stays_while_it_runs() -> None:
@@ -322,8 +295,8 @@ def test_the_fault_word_can_be_read() -> None:
     motor = Motor()
     motor.feel(voltage=61.0)
     motor.wait(0.002)
-    (reply,) = motor.tell(ReadParameter(ID, 0x3022))
-    assert isinstance(reply, ParameterReply)
+    (reply,) = motor.tell(messages.ReadParameter(ID, 0x3022))
+    assert isinstance(reply, messages.ParameterReply)
     assert int.from_bytes(reply.payload, "little") == FaultBit.OVERVOLTAGE
 
 
@@ -334,13 +307,13 @@ def test_measurements_can_be_read_by_their_function_codes_too(model: str, positi
     motor = Motor(identity(model))
     motor.feel(shaft=1.5, velocity=0.5, torque=2.0)
     for index, value in ((position, 1.5), (position + 1, 0.5), (torque, 2.0)):
-        (reply,) = motor.tell(ReadParameter(ID, index))
-        assert isinstance(reply, ParameterReply)
+        (reply,) = motor.tell(messages.ReadParameter(ID, index))
+        assert isinstance(reply, messages.ParameterReply)
         assert reply.payload == np.float32(value).tobytes()
 
 
 def test_parameters_that_came_with_newer_firmware() -> None:
     for version, is_there in (("0.2.3.9", True), ("0.2.2.9", False)):
-        (reply,) = Motor(identity(version=version)).tell(ReadParameter(ID, 0x702B))
-        assert isinstance(reply, ParameterReply)
+        (reply,) = Motor(identity(version=version)).tell(messages.ReadParameter(ID, 0x702B))
+        assert isinstance(reply, messages.ParameterReply)
         assert reply.is_success is is_there

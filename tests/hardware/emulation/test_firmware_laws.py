@@ -10,25 +10,14 @@ from hypothesis import strategies as st
 from motor_rig import ID, Motor
 
 from humanoid_sim.hardware.emulation import firmware
+from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.fields import MotorMode
-from humanoid_sim.hardware.robstride.messages import (
-    Command,
-    Enable,
-    GetDeviceId,
-    OperationControl,
-    ReadParameter,
-    SaveParameters,
-    SetActiveReport,
-    SetZero,
-    Stop,
-    WriteParameter,
-)
 
-_COMMANDS: st.SearchStrategy[Command] = st.one_of(
-    st.just(Enable(ID)),
-    st.builds(Stop, st.just(ID), st.booleans()),
+_COMMANDS: st.SearchStrategy[messages.Command] = st.one_of(
+    st.just(messages.Enable(ID)),
+    st.builds(messages.Stop, st.just(ID), st.booleans()),
     st.builds(
-        OperationControl,
+        messages.OperationControl,
         st.just(ID),
         st.floats(-13.0, 13.0),
         st.floats(-44.0, 44.0),
@@ -36,13 +25,13 @@ _COMMANDS: st.SearchStrategy[Command] = st.one_of(
         st.floats(0.0, 500.0),
         st.floats(0.0, 5.0),
     ),
-    st.just(GetDeviceId(ID)),
-    st.just(SetZero(ID)),
-    st.just(SaveParameters(ID)),
-    st.builds(SetActiveReport, st.just(ID), st.booleans()),
-    st.builds(ReadParameter, st.just(ID), st.integers(0x7000, 0x7030)),
+    st.just(messages.GetDeviceId(ID)),
+    st.just(messages.SetZero(ID)),
+    st.just(messages.SaveParameters(ID)),
+    st.builds(messages.SetActiveReport, st.just(ID), st.booleans()),
+    st.builds(messages.ReadParameter, st.just(ID), st.integers(0x7000, 0x7030)),
     st.builds(
-        WriteParameter,
+        messages.WriteParameter,
         st.just(ID),
         st.sampled_from([0x7005, 0x700B, 0x7026, 0x7028]),
         st.binary(min_size=4, max_size=4),
@@ -63,7 +52,7 @@ _EVENTS = st.lists(st.one_of(_COMMANDS, _FEELINGS, st.floats(0.001, 0.05)), max_
 
 @given(_EVENTS)
 def test_only_an_enable_enables_a_faulty_motor_never_runs_and_only_a_running_one_has_a_target(
-    events: list[Command | dict[str, object] | float],
+    events: list[messages.Command | dict[str, object] | float],
 ) -> None:
     motor = Motor()
     for event in events:
@@ -77,7 +66,7 @@ def test_only_an_enable_enables_a_faulty_motor_never_runs_and_only_a_running_one
             motor.tell(event)
         state = motor.state
         if state.is_running and not was_running:
-            assert isinstance(event, Enable)
+            assert isinstance(event, messages.Enable)
         assert state.mode in (MotorMode.RESET, MotorMode.RUN)
         assert not (state.is_running and (state.status_faults or state.faults))
         assert state.command is None or state.is_running
@@ -86,14 +75,14 @@ def test_only_an_enable_enables_a_faulty_motor_never_runs_and_only_a_running_one
 
 @given(_EVENTS, st.integers(1, 1000))
 def test_silence_for_longer_than_the_can_timeout_always_ends_in_reset_mode(
-    events: list[Command | dict[str, object] | float], ticks: int
+    events: list[messages.Command | dict[str, object] | float], ticks: int
 ) -> None:
     motor = Motor()
     for event in events:
         if not isinstance(event, dict | float):
             motor.tell(event)
     motor.write("canTimeout", ticks)
-    motor.tell(Enable(ID))
+    motor.tell(messages.Enable(ID))
     motor.mit(effort=1.0)
     motor.wait(50e-6 * ticks + 0.002)
     assert motor.state.mode is MotorMode.RESET

@@ -9,22 +9,11 @@ import pytest
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulation.interface import Sensed
 from humanoid_sim.hardware.emulation.sito_motor import SitoFirmware, SitoState
-from humanoid_sim.hardware.sito.codec import (
-    Command,
-    Feedback,
-    Gains,
-    HostMessage,
-    Mode,
-    PositionFeedback,
-    Reset,
-    SelectMode,
-    decode,
-    encode,
-)
+from humanoid_sim.hardware.sito import codec
 from humanoid_sim.robots.motors import MOTORS
 
 MODEL = MOTORS["TA40-50"]
-ENABLE = SelectMode(22, Mode.MIT, (20, 20, 0))
+ENABLE = codec.SelectMode(22, codec.Mode.MIT, (20, 20, 0))
 
 
 class Bench:
@@ -34,9 +23,9 @@ class Bench:
         self.time = 0.0
         self.state: SitoState = self.firmware.power_on(None, self.sensed)
 
-    def tell(self, *messages: HostMessage) -> None:
+    def tell(self, *messages: codec.HostMessage) -> None:
         for message in messages:
-            reaction = self.firmware.receive(self.state, encode(message, MODEL), self.sensed, self.time)
+            reaction = self.firmware.receive(self.state, codec.encode(message, MODEL), self.sensed, self.time)
             assert reaction.frames == (), "nothing is answered"
             self.state = reaction.state
 
@@ -57,11 +46,11 @@ def test_feedback_comes_by_its_own_clock_in_two_frames_while_it_is_enabled() -> 
     bench.sensed = Sensed(0.5, 1.0, 2.0)
     heard = bench.wait(0.1)
     assert [time for time, _ in heard] == [0.12, 0.12, 0.14, 0.14, 0.16, 0.16, 0.18, 0.18, 0.2, 0.2]
-    first, second = (decode(frame, MODEL) for _, frame in heard[:2])
-    assert isinstance(first, Feedback)
-    assert isinstance(second, PositionFeedback)
+    first, second = (codec.decode(frame, MODEL) for _, frame in heard[:2])
+    assert isinstance(first, codec.Feedback)
+    assert isinstance(second, codec.PositionFeedback)
     assert (first.velocity, first.effort, second.position) == pytest.approx((1.0, 2.0, 0.5), abs=0.01)
-    bench.tell(Reset(22))
+    bench.tell(codec.Reset(22))
     assert bench.wait(0.1) == []
 
 
@@ -69,20 +58,20 @@ def test_feedback_cuts_the_velocity_at_its_integer() -> None:
     bench = Bench()
     bench.tell(ENABLE)
     bench.sensed = Sensed(0.0, -12.0)
-    feedback = decode(bench.wait(0.02)[0][1], MODEL)
-    assert isinstance(feedback, Feedback)
+    feedback = codec.decode(bench.wait(0.02)[0][1], MODEL)
+    assert isinstance(feedback, codec.Feedback)
     assert feedback.velocity == pytest.approx(-math.pi, abs=1e-3)
 
 
 def test_gains_hold_until_others_come_and_outlive_a_reset() -> None:
     bench = Bench()
-    bench.tell(Gains(22, 20.0, 1.0), Command(22, 0.5, 0.0, 0.25))
+    bench.tell(codec.Gains(22, 20.0, 1.0), codec.Command(22, 0.5, 0.0, 0.25))
     assert bench.firmware.drive(bench.state).stiffness == 0.0, "disabled"
     bench.tell(ENABLE)
     drive = bench.firmware.drive(bench.state)
     assert (drive.stiffness, drive.damping, drive.position) == pytest.approx((20.0, 1.0, 0.5), abs=1e-4)
     assert drive.effort == pytest.approx(0.25, abs=0.005)
-    bench.tell(Reset(22), ENABLE)
+    bench.tell(codec.Reset(22), ENABLE)
     assert bench.firmware.drive(bench.state).stiffness == pytest.approx(20.0)
     bench.state = bench.firmware.power_on(bench.state, bench.sensed)
     bench.tell(ENABLE)
@@ -91,16 +80,16 @@ def test_gains_hold_until_others_come_and_outlive_a_reset() -> None:
 
 def test_one_that_is_deaf_until_it_is_enabled_starts_as_its_last_host_left_it() -> None:
     bench = Bench(is_deaf=True)
-    bench.tell(ENABLE, Gains(22, 20.0, 1.0), Reset(22), Gains(22, 0.0, 0.0), ENABLE)
+    bench.tell(ENABLE, codec.Gains(22, 20.0, 1.0), codec.Reset(22), codec.Gains(22, 0.0, 0.0), ENABLE)
     assert bench.firmware.drive(bench.state).stiffness == pytest.approx(20.0)
-    bench.tell(Gains(22, 0.0, 0.0))
+    bench.tell(codec.Gains(22, 0.0, 0.0))
     assert bench.firmware.drive(bench.state).stiffness == 0.0
 
 
 @pytest.mark.parametrize("trouble", [{"temperature": 150.0}, {"voltage": 11.0}, {"encoder_fault": True}])
 def test_one_that_protects_itself_falls_silent_without_a_word(trouble: dict[str, float]) -> None:
     bench = Bench()
-    bench.tell(ENABLE, Gains(22, 20.0, 1.0))
+    bench.tell(ENABLE, codec.Gains(22, 20.0, 1.0))
     bench.sensed = Sensed(0.25)._replace(**trouble)
     assert bench.wait(0.1) == []
     assert not bench.state.is_running
@@ -110,7 +99,7 @@ def test_one_that_protects_itself_falls_silent_without_a_word(trouble: dict[str,
 
 def test_nothing_stops_it_when_its_host_is_silent() -> None:
     bench = Bench()
-    bench.tell(ENABLE, Gains(22, 20.0, 1.0), Command(22, 1.0, 0.0, 0.0))
+    bench.tell(ENABLE, codec.Gains(22, 20.0, 1.0), codec.Command(22, 1.0, 0.0, 0.0))
     bench.wait(10.0)
     assert bench.firmware.drive(bench.state).stiffness == pytest.approx(20.0)
 
@@ -119,13 +108,13 @@ def test_nothing_stops_it_when_its_host_is_silent() -> None:
 def test_the_turn_is_lost_at_power_on(shaft: float, position: float) -> None:
     bench = Bench(shaft=shaft)
     bench.tell(ENABLE)
-    feedback = decode(bench.wait(0.02)[1][1], MODEL)
-    assert isinstance(feedback, PositionFeedback)
+    feedback = codec.decode(bench.wait(0.02)[1][1], MODEL)
+    assert isinstance(feedback, codec.PositionFeedback)
     assert feedback.position == pytest.approx(position, abs=1e-4)
 
 
 def test_frames_of_others_are_not_for_it() -> None:
     firmware, state = Bench().firmware, Bench().state
-    assert firmware.is_for(state, encode(Reset(22), MODEL))
-    assert not firmware.is_for(state, encode(Reset(23), MODEL))
+    assert firmware.is_for(state, codec.encode(codec.Reset(22), MODEL))
+    assert not firmware.is_for(state, codec.encode(codec.Reset(23), MODEL))
     assert not firmware.is_for(state, Frame(0x0300FD16, bytes(8)))  # enable, to a Robstride 22

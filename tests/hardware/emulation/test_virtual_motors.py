@@ -115,7 +115,6 @@ def test_the_computers_end_of_a_channel_fails_as_socketcan_does(motors: VirtualM
 
     motors.inject(Fault("bus_off"))
     message = bus.recv(1.0)
-    assert message is not None
     assert message.is_error_frame
     assert message.arbitration_id == 0x40
     with pytest.raises(can.CanOperationError) as caught:
@@ -138,10 +137,7 @@ def test_two_channels_are_the_robots_two_buses() -> None:
 
 
 def test_on_an_interface_where_a_sender_hears_itself_nothing_is_counted_twice() -> None:
-    with (
-        VirtualMotors(LITE, ["udp_multicast:239.74.163.61"]) as motors,
-        motors.open_bus(motors.addresses[0]) as bus,
-    ):
+    with VirtualMotors(LITE, ["udp_multicast:239.74.163.61"]) as motors, motors.open_bus(motors.addresses[0]) as bus:
         _send(bus, Enable(14))
         assert len(_answers(bus, 1)) == 1
         time.sleep(0.05)

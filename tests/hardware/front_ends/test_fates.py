@@ -9,7 +9,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-from fates import BLOWS, ROWS, Log, Played, available, display, on_motors, playing
+from fates import BLOWS, ROWS, Log, Played, display, on_motors, playing, skip_unless, watchers
 from producers import PRODUCERS, skip_unless_installed, virtual_pad
 
 from humanoid_sim.client import monotonic_ns
@@ -77,44 +77,21 @@ def check_frames(log: Log) -> None:
     assert indices == list(range(len(indices)))
 
 
-def skip_unless(is_sampled: bool, request: pytest.FixtureRequest) -> None:
-    if not is_sampled and not request.config.getoption("--complete"):
-        pytest.skip("a sample without --complete")
-
-
 @pytest.mark.parametrize("blow", BLOWS)
 @pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
+@pytest.mark.parametrize("alone", ["", *(name for name in ROWS if ROWS[name].instead)])
 def test_those_who_look_on_change_neither_mode_nor_controller_nor_frames(
-    mode: Mode, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
+    alone: str, mode: Mode, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
 ) -> None:
-    """All at once; a producer for REMOTE too, in the modes in which it does not command."""
-    skip_unless((mode, blow) == (Mode.LOCOMOTION, "stopped"), request)
-    names = [name for name in available(ROWS) if not (ROWS[name].operates or ROWS[name].feeds)]
-    names = [name for name in names if not ROWS[name].instead]
-    names = [name for name in names if not (ROWS[name].remote and mode is Mode.REMOTE)]
-    log = struck(folder, mode, names, lambda play: play.strike(names, BLOWS[blow]))
+    """All at once, and a producer for REMOTE in the modes in which it does not command; or one that is no window."""
+    skip_unless((mode, blow) == (Mode.LOCOMOTION, "killed" if alone else "stopped"), request)
+    names = watchers(alone, mode, [name for name in ROWS if not ROWS[name].operates])
+    log = struck(folder, mode, names, lambda play: play.strike(names, BLOWS[blow]), on_display=not alone)
     assert log.ended == (dict.fromkeys(names, "-9") if blow == "killed" else {})
     assert log.course == course(mode)
     check_frames(log)
     assert log.is_exact()
     rows += [(name, blow, mode.name, "motors", f"{14 * len(log.ticks)} frames, none missing") for name in names]
-
-
-@pytest.mark.parametrize("blow", BLOWS)
-@pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
-@pytest.mark.parametrize("name", [name for name in ROWS if ROWS[name].instead])
-def test_nor_does_one_that_is_there_instead_of_the_window(
-    name: str, mode: Mode, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
-) -> None:
-    skip_unless((mode, blow) == (Mode.LOCOMOTION, "killed"), request)
-    if not available([name]):
-        pytest.skip(f"the packages of {name} are not installed")
-    log = struck(folder, mode, [name], lambda play: play.strike([name], BLOWS[blow]), on_display=False)
-    assert log.ended == ({name: "-9"} if blow == "killed" else {})
-    assert log.course == course(mode)
-    check_frames(log)
-    assert log.is_exact()
-    rows.append((name, blow, mode.name, "motors", f"{14 * len(log.ticks)} frames, none missing"))
 
 
 @pytest.mark.parametrize("blow", BLOWS)
@@ -139,7 +116,6 @@ def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(
 
 
 def unplug(pad: subprocess.Popen[str]) -> None:
-    assert pad.stdin is not None
     pad.stdin.write("unplug\n")
     pad.stdin.flush()
 

@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from fates import Log, Played, on_motors, playing, until
+from fates import Log, Played, on_motors, playing, skip_unless
+from waiting import until
 
 from humanoid_sim.client import Sample
 from humanoid_sim.messages import Mode
@@ -35,8 +36,6 @@ class Monitor:
         self.process = process
 
     def report(self, level: int) -> int:
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
         self.process.stdin.write(f"{level}\n")
         self.process.stdin.flush()
         return int(self.process.stdout.readline())
@@ -47,7 +46,6 @@ def monitor(played: Played) -> Iterator[Monitor]:
     command = [sys.executable, "-c", MONITOR, str(played.process.pid)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
-            assert process.stdout is not None
             assert process.stdout.readline() == "lidar is OK\n"
             yield Monitor(process)
         finally:
@@ -67,8 +65,7 @@ def first_with_fault(played: Played, after: int) -> Sample:
 def test_a_fault_of_another_process_damps_in_that_tick(
     rows: list[tuple[str, ...]], folder: Path, mode: Mode, request: pytest.FixtureRequest
 ) -> None:
-    if mode not in (Mode.STANDBY, Mode.LOCOMOTION) and not request.config.getoption("--complete"):
-        pytest.skip("a sample without --complete")
+    skip_unless(mode in (Mode.STANDBY, Mode.LOCOMOTION), request)
     with playing(folder, *on_motors(folder, mode, lead=3.0)) as played:
         assert played.reach(mode)
         with monitor(played) as lidar:

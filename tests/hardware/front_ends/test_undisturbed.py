@@ -20,9 +20,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fates import Log, Played, playing, until
+from fates import Log, Played, playing
 from load import burning, descendants, processor_time
 from producers import virtual_pad
+from waiting import until
 
 from humanoid_sim.messages import Mode
 

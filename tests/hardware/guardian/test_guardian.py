@@ -15,6 +15,7 @@ from pathlib import Path
 import can
 import pytest
 from guarded_loop import COMMAND, DAMPING, DAMPING_TIME, GAINS, RESET, plan
+from waiting import until
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import open_bus, parse_address
@@ -61,13 +62,6 @@ class Listener:
         return kinds
 
 
-def _until(condition: Callable[[], object], seconds: float = 10.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.002)
-
-
 def _is_running(pid: int) -> bool:
     try:
         return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] != "Z"
@@ -108,17 +102,16 @@ def _looping(channel: str, *words: str) -> Iterator[Loop]:
         finally:
             process.kill()
             process.send_signal(signal.SIGCONT)
-            _until(lambda: not _is_running(loop.guardian), 5.0)
+            until(lambda: not _is_running(loop.guardian), 5.0)
 
 
 def test_a_killed_loop_is_damped_for_and_then_reset(channel: str, listener: Listener) -> None:
     with _looping(channel) as loop:
-        _until(lambda: len(listener.times(COMMAND)) > 20)
+        until(lambda: len(listener.times(COMMAND)) > 20)
         assert listener.kinds(0.0) == [COMMAND]  # a guardian that watches is silent
         loop.process.kill()
         killed = time.monotonic()
-        _until(lambda: not _is_running(loop.guardian))
-        assert loop.process.stderr is not None
+        until(lambda: not _is_running(loop.guardian))
         told = loop.process.stderr.read().splitlines()
     assert listener.kinds(killed)[-1] == RESET
     first = listener.times(GAINS)[0] - killed
@@ -140,25 +133,25 @@ def test_the_channel_stays_locked_until_the_guardian_has_ended(channel: str, lis
     with _looping(channel) as loop:
         loop.process.kill()
         loop.process.wait()
-        _until(lambda: listener.times(DAMPING))
+        until(lambda: listener.times(DAMPING))
         with pytest.raises(RobotError, match=rf"\(process {loop.guardian}, guardian, which brakes motors\)$"):
             ChannelLock(address)
-        _until(lambda: not _is_running(loop.guardian))
+        until(lambda: not _is_running(loop.guardian))
         ChannelLock(address).release()
 
 
 def test_a_stopped_loop_is_displaced_and_commands_nothing_when_it_continues(channel: str, listener: Listener) -> None:
     with _looping(channel) as loop:
-        _until(lambda: len(listener.times(COMMAND)) > 20)
+        until(lambda: len(listener.times(COMMAND)) > 20)
         loop.process.send_signal(signal.SIGSTOP)
         stopped = time.monotonic()
-        _until(lambda: listener.times(GAINS))
+        until(lambda: listener.times(GAINS))
         assert 0.1 - 0.03 < listener.times(GAINS)[0] - stopped < 0.1 + _LATE
         time.sleep(0.1)
         loop.process.send_signal(signal.SIGCONT)
         continued = time.monotonic()
         assert loop.lines.readline() == "refused: the guardian has taken over [Error Code 108]; guardian FAULT\n"
-        _until(lambda: len(listener.times(RESET)) == 3)
+        until(lambda: len(listener.times(RESET)) == 3)
         time.sleep(0.3)
         assert len(listener.times(RESET)) == 3  # the loop has seen that it was displaced
         assert listener.times(COMMAND, continued) == []
@@ -168,9 +161,9 @@ def test_a_stopped_loop_is_displaced_and_commands_nothing_when_it_continues(chan
 @pytest.mark.slow
 def test_resets_go_on_for_as_long_as_a_loop_might_come_back(channel: str, listener: Listener) -> None:
     with _looping(channel) as loop:
-        _until(lambda: len(listener.times(COMMAND)) > 20)
+        until(lambda: len(listener.times(COMMAND)) > 20)
         loop.process.send_signal(signal.SIGSTOP)
-        _until(lambda: len(listener.times(RESET)) > 5)
+        until(lambda: len(listener.times(RESET)) > 5)
         resets = listener.times(RESET)
         assert 0.1 < resets[-1] - resets[-2] < 0.2 + _LATE
 
@@ -178,13 +171,13 @@ def test_resets_go_on_for_as_long_as_a_loop_might_come_back(channel: str, listen
 @pytest.mark.slow
 def test_a_displaced_loop_that_gives_way_may_send_once_the_guardian_has_ended(channel: str, listener: Listener) -> None:
     with _looping(channel, "release") as loop:
-        _until(lambda: len(listener.times(COMMAND)) > 20)
+        until(lambda: len(listener.times(COMMAND)) > 20)
         loop.process.send_signal(signal.SIGSTOP)
-        _until(lambda: listener.times(GAINS))
+        until(lambda: listener.times(GAINS))
         loop.process.send_signal(signal.SIGCONT)
         assert loop.lines.readline().startswith("refused: ")
         assert loop.lines.readline() == "drives: False\n"
-        _until(lambda: loop.process.poll() is not None)
+        until(lambda: loop.process.poll() is not None)
     assert loop.process.returncode == 0
     assert len(listener.times(DAMPING)) == 20
     assert listener.frames[-1][1:] == (RESET, b"loop")
@@ -195,7 +188,7 @@ def test_a_terminals_signals_leave_the_guardian_alone(channel: str, listener: Li
     with _looping(channel) as loop:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
             os.kill(loop.guardian, number)
-        _until(lambda: len(listener.times(COMMAND)) > 20)
+        until(lambda: len(listener.times(COMMAND)) > 20)
         assert _is_running(loop.guardian)
         assert listener.kinds(0.0) == [COMMAND]
 
@@ -289,16 +282,15 @@ def test_a_dead_guardian_is_a_warning_by_its_own_source(guardian: Guardian, numb
     guardian.standby()
     assert guardian.status() is None
     os.kill(guardian.pid, number)
-    _until(lambda: guardian.status() is not None, 3.0)
+    until(lambda: guardian.status() is not None, 3.0)
     status = guardian.status()
-    assert status is not None
     assert (status.level, status.source) == (SafetyLevel.WARNING, "guardian")
     assert status.message == (
         "the guardian does not answer: were this program to die, nobody would stop left_wrist_roll; reactivate"
     )
     if number is signal.SIGSTOP:
         os.kill(guardian.pid, signal.SIGCONT)
-        _until(lambda: guardian.status() is None, 3.0)
+        until(lambda: guardian.status() is None, 3.0)
 
 
 def test_a_guardian_that_cannot_open_its_channel_is_an_error() -> None:

@@ -36,10 +36,7 @@ def test_floats_are_big_endian_and_of_one_length() -> None:
     assert field.floats(4) is None
 
 
-fields = st.lists(
-    st.builds(Field, st.integers(0, 255), st.binary(max_size=20)),
-    max_size=8,
-).map(tuple)
+fields = st.lists(st.builds(Field, st.integers(0, 255), st.binary(max_size=20)), max_size=8).map(tuple)
 packets = st.builds(Packet, st.integers(0, 255), fields)
 
 

@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +32,7 @@ from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import load_robot
 
 Play = Callable[..., Result]
+Emulate = Callable[..., list[VirtualMotors]]
 
 HARDWARE = ("--hardware", "virtual:play", "--allow-script")
 PLACEHOLDER = ("--policy", "placeholder")
@@ -68,13 +68,9 @@ def test_a_walk_up_and_down_over_the_bus(run: Play, quick: str) -> None:
     assert run_program(replay.main, ["r.mcap"]) == 0
 
 
-def test_a_dry_run_enables_nothing_and_leaves_nothing(run: Play, quick: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dry_run_enables_nothing_and_leaves_nothing(run: Play, quick: str, emulate: Emulate) -> None:
     told: list[str] = []
-
-    def watched(*arguments: Any, **options: Any) -> VirtualMotors:
-        return VirtualMotors(*arguments, **options, told=lambda _, text: told.append(text))
-
-    monkeypatch.setattr(hardware_robot, "VirtualMotors", watched)
+    emulate(told=lambda _, text: told.append(text))
     result = run("--robot", quick, "--hardware", "virtual:dry", "--dry-run", *PLACEHOLDER, record=False)
     assert (result.status, result.err) == (0, "")
     assert result.out.count("\nok ") == 15  # a line for each motor, and one for the bus
@@ -86,15 +82,8 @@ def test_a_dry_run_enables_nothing_and_leaves_nothing(run: Play, quick: str, mon
     assert len([text for text in told if "enabled" in text]) == 14  # so they would have told
 
 
-def test_a_problem_is_in_the_list_and_nothing_is_enabled(
-    run: Play, quick: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    lite = load_robot("lite")
-
-    def with_fault(*arguments: Any, **options: Any) -> VirtualMotors:
-        return VirtualMotors(*arguments, **options, faults=[parse_fault("silent:left_elbow_pitch", lite)])
-
-    monkeypatch.setattr(hardware_robot, "VirtualMotors", with_fault)
+def test_a_problem_is_in_the_list_and_nothing_is_enabled(run: Play, quick: str, emulate: Emulate) -> None:
+    emulate(faults=[parse_fault("silent:left_elbow_pitch", load_robot("lite"))])
     result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
     assert result.status == 2
     assert result.err.startswith("error: lite: not enabled, 1 problem")
@@ -107,21 +96,16 @@ def test_a_problem_is_in_the_list_and_nothing_is_enabled(
 
 @pytest.mark.slow
 def test_a_problem_that_comes_after_the_list_is_one_line(
-    run: Play, quick: str, monkeypatch: pytest.MonkeyPatch
+    run: Play, quick: str, emulate: Emulate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A plug that comes off while the operator reads."""
-    motors: list[VirtualMotors] = []
-
-    def emulated(*arguments: Any, **options: Any) -> VirtualMotors:
-        motors.append(VirtualMotors(*arguments, **options))
-        return motors[0]
+    motors = emulate()
 
     def pulled(robot: Any, *arguments: Any) -> bool:
         robot.prepare()
         motors[0].inject(parse_fault("unplugged:left_elbow_pitch", load_robot("lite")))
         return True
 
-    monkeypatch.setattr(hardware_robot, "VirtualMotors", emulated)
     monkeypatch.setattr(run_module, "bring_up", pulled)
     result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
     assert result.status == 2
@@ -164,21 +148,23 @@ def test_without_an_operators_word_nothing_moves(run: Play, quick: str) -> None:
 
 
 class Asked:
-    """A robot with a motor whose firmware no document mentions."""
+    """A robot with a motor whose firmware no document mentions, unless it has other checks."""
 
     question = "Enable the motors of lite on can0, without torque?"
 
-    def __init__(self) -> None:
+    def __init__(self, *checks: tuple[str, str, str]) -> None:
         self.accepted: list[str] = []
+        self.prepared = 0
+        self._checks = checks
 
     def prepare(self) -> None:
-        return
+        self.prepared += 1
 
     def checks(self) -> list[tuple[str, str, str]]:
-        return [("question", "left_wrist_yaw", "its firmware 0.5.3.12 is in no document")]
+        return [*self._checks] or [("question", "left_wrist_yaw", "its firmware 0.5.3.12 is in no document")]
 
     def unanswered(self) -> list[str]:
-        return ["0.5.3.12"]
+        return [] if self._checks else ["0.5.3.12"]
 
     def accept(self, versions: Sequence[str]) -> None:
         self.accepted += versions
@@ -226,39 +212,16 @@ def test_real_motors_are_enabled_on_a_yes_only(
 ) -> None:
     from rich.console import Console  # noqa: PLC0415
 
-    prepared: list[str] = []
-
-    class Robot:
-        question = "Enable the motors of lite on can0, without torque?"
-
-        def prepare(self) -> None:
-            prepared.append("prepared")
-
-        def checks(self) -> list[tuple[str, str, str]]:
-            return [("ok", "left_elbow_pitch", "motor 14"), ("warning", "can0", "no active reports")]
-
-        def unanswered(self) -> list[str]:
-            return []
-
-        def accept(self, versions: Sequence[str]) -> None:
-            assert not versions
-
-    config = PlayConfig(hardware="can0")
+    robot = Asked(("ok", "left_elbow_pitch", "motor 14"), ("warning", "can0", "no active reports"))
     monkeypatch.setattr(sys, "stdin", Terminal(f"{answer}\n"))
-    assert run_module.bring_up(Robot(), config, Console()) is enables
-    assert prepared == ["prepared"]
+    assert run_module.bring_up(robot, PlayConfig(hardware="can0"), Console()) is enables
+    assert (robot.prepared, robot.accepted) == (1, [])
     out = capsys.readouterr().out
     assert out.index("warning can0  no active reports") < out.index("Enable the motors of lite on can0")
 
 
-def test_where_nobody_can_be_asked_a_yes_must_be_given(run: Play, quick: str, folder: Path) -> None:
-    calibration = folder / "calibration.yaml"
-    lines = [
-        f"{joint.name}: {{id: {joint.motor.can_id}, direction: {joint.motor.direction}, homing_offset: 0.1}}"
-        for joint in load_robot("lite").joints
-        if joint.motor is not None
-    ]
-    calibration.write_text("\n".join(lines), encoding="utf-8")
+def test_where_nobody_can_be_asked_a_yes_must_be_given(run: Play, quick: str, calibrate: Callable[..., None]) -> None:
+    calibrate(lambda: 0.1)
     without = ("--no-gamepad", *PLACEHOLDER)
     result = run("--robot", quick, "--hardware", "can7", *without, record=False)
     assert result.status == 2
@@ -286,30 +249,19 @@ def test_the_verdict_of_a_dry_run_that_finds_a_problem(run: Play, quick: str) ->
     assert result.out.endswith("verdict: not ready: virtual:play\n")
 
 
-def test_the_verdict_of_a_dry_run_that_finds_something_to_read(
-    run: Play, quick: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    old = EmulationSettings(firmware={"left_elbow_pitch": "0.0.2.6"})
-
-    def aged(*arguments: Any, **options: Any) -> VirtualMotors:
-        return VirtualMotors(*arguments, **{**options, "settings": old})
-
-    monkeypatch.setattr(hardware_robot, "VirtualMotors", aged)
+def test_the_verdict_of_a_dry_run_that_finds_something_to_read(run: Play, quick: str, emulate: Emulate) -> None:
+    emulate(settings=EmulationSettings(firmware={"left_elbow_pitch": "0.0.2.6"}))
     result = run("--robot", quick, "--hardware", "virtual:play", "--dry-run", *PLACEHOLDER, record=False)
     assert result.status == 0
     assert "verdict: ready to be enabled, once you have read the warnings about left_elbow_pitch\n" in result.out
 
 
 @pytest.mark.slow
-def test_emulated_motors_are_assembled_as_the_calibration_says(run: Play, quick: str, folder: Path) -> None:
+def test_emulated_motors_are_assembled_as_the_calibration_says(
+    run: Play, quick: str, calibrate: Callable[..., None]
+) -> None:
     draw = np.random.default_rng(5)
-    lines = [
-        f"{joint.name}: {{id: {joint.motor.can_id}, direction: {joint.motor.direction}, "
-        f"homing_offset: {draw.uniform(-3.0, 3.0):.4f}}}"
-        for joint in load_robot("lite").joints
-        if joint.motor is not None
-    ]
-    (folder / "mine.yaml").write_text("\n".join(lines), encoding="utf-8")
+    calibrate(lambda: draw.uniform(-3.0, 3.0), "mine.yaml")
     options = ("--hardware", "virtual:a,virtual:b", "--allow-script", "--calibration", "mine.yaml")
     result = run("--robot", quick, *options, "--script", "hold 0.2", *PLACEHOLDER)
     assert result.status == 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import models
 import pytest
@@ -58,7 +59,9 @@ def test_one_that_is_not_there_is_a_problem_in_the_list(run: Play, quick: str) -
     assert "problem imu  /dev/nowhere: the IMU's port cannot be opened" in result.out
 
 
-def test_a_policy_that_observes_one_is_refused_without(run: Play, quick: str, folder: object) -> None:
+def test_a_policy_that_observes_one_is_refused_without(
+    run: Play, quick: str, folder: Path, calibrate: Callable[[], None]
+) -> None:
     lite = load_robot("lite")
     names = lite.joint_names
     contract = models.contract(
@@ -70,13 +73,8 @@ def test_a_policy_that_observes_one_is_refused_without(run: Play, quick: str, fo
         action_scale=0.5,
         observation=("projected_gravity", "imu_ang_vel"),
     )
-    models.saved(folder / "feels.onnx", models.linear_model(models.write_metadata(contract), inputs=6, outputs=14))  # type: ignore[operator]
-    lines = [
-        f"{joint.name}: {{id: {joint.motor.can_id}, direction: {joint.motor.direction}, homing_offset: 0.0}}"
-        for joint in lite.joints
-        if joint.motor is not None
-    ]
-    (folder / "calibration.yaml").write_text("\n".join(lines), encoding="utf-8")  # type: ignore[operator]
+    models.saved(folder / "feels.onnx", models.linear_model(models.write_metadata(contract), inputs=6, outputs=14))
+    calibrate()
     result = run("--robot", quick, "--hardware", "can0", "--policy", "feels.onnx", record=False)
     assert result.status == 2
     assert result.err == "error: --imu: is none, but the policy observes projected_gravity, imu_ang_vel\n"

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from result import Document
+from waiting import until
 
 from humanoid_sim import record, replay
 from humanoid_sim.cli import run_program
@@ -58,14 +59,9 @@ def robot(make_robot: Callable[..., str]) -> str:
 
 
 @pytest.fixture
-def channel(folder: Path) -> str:
+def channel(calibrate: Callable[[], None]) -> str:
     """A multicast group that no other test uses, and a calibration beside it."""
-    lines = [
-        f"{joint.name}: {{id: {joint.motor.can_id}, direction: {joint.motor.direction}, homing_offset: 0.0}}"
-        for joint in load_robot("lite").joints
-        if joint.motor is not None
-    ]
-    (folder / "calibration.yaml").write_text("\n".join(lines), encoding="utf-8")
+    calibrate()
     return f"udp_multicast:239.74.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
 
 
@@ -104,13 +100,6 @@ def wait_for(process: subprocess.Popen[str], text: str) -> None:
         if text in line:
             return
     raise AssertionError(f"{text!r} never came:\n{seen}")
-
-
-def until(condition: Callable[[], object], seconds: float) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.002)
 
 
 def test_motors_whose_host_is_killed_stop_by_themselves_and_the_arms_sink(

@@ -6,7 +6,6 @@ import os
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
 
 import pytest
 from result import Result
@@ -17,7 +16,6 @@ from humanoid_sim.client import running_sessions
 from humanoid_sim.hardware.emulation.faults import parse_fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.messages import Mode
-from humanoid_sim.play import hardware_robot
 from humanoid_sim.robots.description import load_robot
 
 pytestmark = pytest.mark.slow
@@ -35,14 +33,10 @@ def send(word: str) -> int:
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_reactivate_leads_back_to_motion(
-    run: Callable[..., Result], quick: str, fault: str, monkeypatch: pytest.MonkeyPatch
+    run: Callable[..., Result], quick: str, fault: str, emulate: Callable[[], list[VirtualMotors]]
 ) -> None:
-    motors: list[VirtualMotors] = []
+    motors = emulate()
     answers: list[tuple[str, int]] = []
-
-    def emulated(*arguments: Any, **options: Any) -> VirtualMotors:
-        motors.append(VirtualMotors(*arguments, **options))
-        return motors[0]
 
     def operator() -> None:
         while os.getpid() not in [session.process for session in running_sessions()]:
@@ -58,7 +52,6 @@ def test_reactivate_leads_back_to_motion(
             else:
                 answers.append((step, send(step)))
 
-    monkeypatch.setattr(hardware_robot, "VirtualMotors", emulated)
     thread = threading.Thread(target=operator)
     thread.start()
     result = run("--robot", quick, "--hardware", "virtual:recovery", "--policy", "placeholder")
@@ -70,21 +63,16 @@ def test_reactivate_leads_back_to_motion(
     assert FAULTS[fault] in result.summary["safety"][0]["message"]
     last = [tick for tick in result.ticks if tick.output.control_mode.mode is Mode.STANDBY][-1]
     assert all(status.is_ok for status in last.input.safety)
-    assert last.output.standby is not None
     assert last.output.standby.is_finished
     assert result.status == 1  # there was a fault that nobody asked `play` for
     assert run_program(replay.main, ["r.mcap"]) == 0
 
 
 def test_a_reactivation_that_fails_says_all_of_it_and_replays(
-    run: Callable[..., Result], quick: str, monkeypatch: pytest.MonkeyPatch
+    run: Callable[..., Result], quick: str, emulate: Callable[[], list[VirtualMotors]]
 ) -> None:
-    motors: list[VirtualMotors] = []
+    motors = emulate()
     answers: list[int] = []
-
-    def emulated(*arguments: Any, **options: Any) -> VirtualMotors:
-        motors.append(VirtualMotors(*arguments, **options))
-        return motors[0]
 
     def operator() -> None:
         while os.getpid() not in [session.process for session in running_sessions()]:
@@ -96,7 +84,6 @@ def test_a_reactivation_that_fails_says_all_of_it_and_replays(
         time.sleep(0.3)
         answers.append(send("quit"))
 
-    monkeypatch.setattr(hardware_robot, "VirtualMotors", emulated)
     thread = threading.Thread(target=operator)
     thread.start()
     result = run("--robot", quick, "--hardware", "virtual:refused", "--policy", "placeholder")

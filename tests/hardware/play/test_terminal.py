@@ -8,6 +8,7 @@ import select
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -44,13 +45,8 @@ class Terminal:
 
 
 @pytest.mark.parametrize("answer", ["y", "n"])
-def test_an_operator_is_asked_and_drives(answer: str, quick: str, folder: Path) -> None:
-    lines = [
-        f"{joint.name}: {{id: {joint.motor.can_id}, direction: {joint.motor.direction}, homing_offset: 0.0}}"
-        for joint in load_robot("lite").joints
-        if joint.motor is not None
-    ]
-    (folder / "calibration.yaml").write_text("\n".join(lines), encoding="utf-8")
+def test_an_operator_is_asked_and_drives(answer: str, quick: str, folder: Path, calibrate: Callable[[], None]) -> None:
+    calibrate()
     channel = f"udp_multicast:239.75.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
     told: list[str] = []
     with punctual_threads(behind=10):

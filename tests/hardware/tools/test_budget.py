@@ -47,12 +47,6 @@ def test_reports_take_their_share() -> None:
     assert full.load[1] > 1.0
 
 
-def test_a_sito_takes_two_frames_each_way_and_sends_no_reports() -> None:
-    (channel,) = channel_budgets(load_robot("lite_sito"), 1, 50.0, 1e6, 100.0)
-    assert (channel.frames, channel.reporting, channel.burst) == ((18, 18), 10, 18)
-    assert channel.load[1] == pytest.approx((2 * 18 * 50 + 10 * 100) * 160e-6)
-
-
 def test_channels_that_do_not_fit_the_robot() -> None:
     with pytest.raises(InputError, match="lite: 3 channels given, expected 1 or one per bus, 2"):
         channel_budgets(_LITE, 3, 50.0, 1e6, 0.0)
@@ -80,24 +74,9 @@ def test_a_channels_name_is_printed_as_it_is(run: Run) -> None:
     assert "virtual::bus:[b]" in run("--channels", "virtual::bus:[b]")[1]
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--rate", "0"), "--rate: is 0.0, expected a number above 0"),
-        (("--bitrate", "inf"), "--bitrate: is inf, expected a number above 0"),
-        (("--channels", "virtual:a,virtual:a"), "is named twice"),
-        (("--robot", "none"), "unknown robot 'none'"),
-    ],
-)
-def test_options_that_are_not_accepted(run: Run, words: tuple[str, ...], message: str) -> None:
-    status, _, complained = run(*words)
-    assert status == 2
-    assert message in complained
-
-
 def test_a_sito_motor_takes_two_frames_each_way_and_sends_no_reports() -> None:
     (mixed,) = channel_budgets(load_robot("lite_sito"), 1, 50.0, 1e6, 100.0)
     assert (mixed.frames, mixed.reporting, mixed.burst) == ((18, 18), 10, 18)
-    assert mixed.load[0] == pytest.approx((36 * 50.0 + 10 * 100.0) * 131e-6)
+    assert mixed.load == pytest.approx(tuple((36 * 50.0 + 10 * 100.0) * time for time in (131e-6, 160e-6)))
     (lite,) = channel_budgets(load_robot("lite"), 1, 50.0, 1e6, 100.0)
     assert lite.load[0] == pytest.approx((28 * 50.0 + 14 * 100.0) * 131e-6)

@@ -144,29 +144,26 @@ def test_a_flipped_direction_is_warned_of_and_not_written(
     assert load_calibration(path, _LITE).entries["left_elbow_pitch"].homing_offset == pytest.approx(-2.358, abs=1e-3)
 
 
-def test_a_sweep_that_misses_a_stop_is_not_used(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    _seen(monkeypatch, Sweep(-1.9, 0.0))
+@pytest.mark.parametrize(
+    ("sweep", "words", "why"),
+    [
+        (Sweep(-1.9, 0.0), (), "1.90 rad of a range of 2.36: not used. Reach both stops, or raise --tolerance"),
+        (
+            Sweep(-2.4, 6.2),
+            ("--any-offset",),
+            "8.60 rad, more than its range of 2.36: not used. Its stops are not its limits (raise --tolerance), or "
+            "another motor has the id 14 (discover)",
+        ),
+    ],
+)
+def test_a_sweep_that_is_not_from_stop_to_stop_is_not_used(
+    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, sweep: Sweep, words: tuple[str, ...], why: str
+) -> None:
+    _seen(monkeypatch, sweep)
     path = tmp_path / "calibration.yaml"
-    words = ("--output", str(path), "--joints", "left_elbow_pitch", "--duration", "1")
-    status, _, complained = run("calibrate", _CHANNEL, *words)
-    assert status == 1
-    assert complained == (
-        "warning: left_elbow_pitch: swept 1.90 rad of a range of 2.36: not used. Reach both stops, or raise "
-        "--tolerance\n"
-    )
-    assert not path.exists()
-
-
-def test_a_sweep_wider_than_the_joint_is_not_used(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    _seen(monkeypatch, Sweep(-2.4, 6.2))
-    path = tmp_path / "calibration.yaml"
-    words = ("--output", str(path), "--joints", "left_elbow_pitch", "--duration", "1", "--any-offset")
-    status, _, complained = run("calibrate", _CHANNEL, *words)
-    assert status == 1
-    assert complained == (
-        "warning: left_elbow_pitch: swept 8.60 rad, more than its range of 2.36: not used. Its stops are not its "
-        "limits (raise --tolerance), or another motor has the id 14 (discover)\n"
-    )
+    options = ("--output", str(path), "--joints", "left_elbow_pitch", "--duration", "1", *words)
+    status, _, complained = run("calibrate", _CHANNEL, *options)
+    assert (status, complained) == (1, f"warning: left_elbow_pitch: swept {why}\n")
     assert not path.exists()
 
 
@@ -294,25 +291,3 @@ def test_an_existing_file_that_is_none_is_left_alone(run: Run, motors: VirtualMo
     assert status == 2
     assert "left_elbow_pitch: is 3, expected a mapping with id, direction, homing_offset" in complained
     assert path.read_text(encoding="utf-8") == "left_elbow_pitch: 3\n"
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ((), "--duration: is needed where standard input is no terminal"),
-        (("--duration", "0"), "--duration: is 0.0, expected more than 0 s"),
-        (("--duration", "1", "--joints", "elbow"), "--joints: unknown joint 'elbow'; known: left_shoulder_pitch"),
-        (("--duration", "1", "--threshold", "nan"), "--threshold: is nan, expected a number >= 0, in rad"),
-        (("--duration", "1", "--tolerance", "-1"), "--tolerance: is -1.0, expected a number >= 0, in rad"),
-        (("--duration", "1", "--output", "/nowhere/c.yaml"), "--output: the folder '/nowhere' does not exist"),
-    ],
-)
-def test_options_that_are_not_accepted(
-    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, words: tuple[str, ...], message: str
-) -> None:
-    monkeypatch.setattr("sys.stdin", io.StringIO())
-    monkeypatch.chdir(tmp_path)
-    status, _, complained = run("calibrate", _CHANNEL, *words)
-    assert status == 2
-    assert message in complained
-    assert list(tmp_path.iterdir()) == []

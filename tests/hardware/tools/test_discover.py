@@ -77,23 +77,3 @@ def test_a_channel_in_use_is_refused(run: Run) -> None:
         status, _, complained = run("discover", _CHANNEL, *_QUICK)
     assert status == 2
     assert complained.startswith(f"error: {_CHANNEL}: is in use by another session (")
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("nonsense:x",), "unknown interface 'nonsense'; known: "),
-        ((_CHANNEL, "--first", "0"), "--first, --last: are 0 and 127, expected 1 <= first <= last <= 127"),
-        ((_CHANNEL, "--first", "5", "--last", "4"), "are 5 and 4, expected"),
-        ((_CHANNEL, "--wait", "0"), "--wait: is 0.0, expected more than 0 and at most 10 s"),
-        ((_CHANNEL, "--wait", "nan"), "--wait: is nan, expected"),
-        ((_CHANNEL, "--host-id", "256"), "--host-id: is 256, expected 0 to 255"),
-        ((_CHANNEL, "--robot", "lita"), "unknown robot 'lita'"),
-        (("virtual:a,virtual:b,virtual:c", "--robot", "lite"), "3 channels given, expected 1"),
-    ],
-)
-def test_options_that_are_not_accepted(run: Run, words: tuple[str, ...], message: str) -> None:
-    status, _, complained = run("discover", *words)
-    assert status == 2
-    assert message in complained
-    assert complained.count("\n") == 1

@@ -36,8 +36,3 @@ def test_help_imports_nothing_heavy() -> None:
 def test_the_tools_are_a_verb_of_the_one_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert humanoid_sim_main(["hardware", "budget", "--rate", "50"]) == 0
     assert capsys.readouterr().out.startswith("lite on 1 channel at 50 Hz")
-
-
-def test_emulate_is_reached(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["emulate", "--channel", "virtual:unused", "--fault", "help"]) == 0
-    assert "over_temperature" in capsys.readouterr().out

@@ -128,24 +128,3 @@ def test_firmware_that_scales_gains_is_refused(run: Run) -> None:
     assert complained == (
         "error: left_shoulder_pitch: its firmware 0.2.3.5 multiplies K_p and K_d by 1.4167: update it\n"
     )
-
-
-def test_status_3_where_the_motor_is_silent(run: Run) -> None:
-    status, _, complained = run("identify", "virtual:nobody", "left_wrist_yaw", "--yes")
-    assert status == 3
-    assert complained == "error: motor 15 does not answer on virtual:nobody\n"
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("elbow",), "unknown joint 'elbow'; known: left_shoulder_pitch, "),
-        (("left_wrist_yaw", "--angle", "1"), "--angle: is 1.0, expected 0.02 to 0.5 rad"),
-        (("left_wrist_yaw", "--torque", "4.1"), "--torque: is 4.1, expected more than 0 and at most 4 N·m"),
-        (("left_wrist_yaw", "--torque", "nan"), "--torque: is nan, expected"),
-    ],
-)
-def test_options_that_are_not_accepted(run: Run, words: tuple[str, ...], message: str) -> None:
-    status, _, complained = run("identify", _CHANNEL, *words)
-    assert status == 2
-    assert message in complained

@@ -44,7 +44,6 @@ def test_the_status_is_read_enabled_and_the_motor_left_stopped(run: Run, lite_mo
         assert read_value(channels, PARAMETERS["canTimeout"]) == 0  # as before
         write_value(channels, PARAMETERS["zero_sta"], 0)
         sample = channels.table.slots[0].sample
-        assert sample is not None
         assert sample.status.mode.name == "RESET"
 
 
@@ -79,24 +78,3 @@ def test_a_faulty_motor_is_reported_and_stopped(run: Run, inject: Inject) -> Non
         status, _, complained = run("ping", "virtual:bench-ping", "13", "--count", "1", "--read-status")
         assert status == 2
         assert complained == "error: motor 13 on virtual:bench-ping: reports encoder_fault\n"
-
-
-def test_status_3_where_the_motor_is_silent(run: Run, lite_motors: VirtualMotors) -> None:
-    status, _, complained = run("ping", _CHANNEL, "40")
-    assert status == 3
-    assert complained == f"error: motor 40 does not answer on {_CHANNEL}\n"
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("0",), "motor id: is 0, expected 1 to 127"),
-        (("128",), "motor id: is 128, expected 1 to 127"),
-        (("13", "--count", "0"), "--count: is 0, expected 1 to 10000"),
-        (("13", "--model", "rs-9"), "unknown motor model 'rs-9'; known: rs-00, "),
-    ],
-)
-def test_options_that_are_not_accepted(run: Run, words: tuple[str, ...], message: str) -> None:
-    status, _, complained = run("ping", _CHANNEL, *words)
-    assert status == 2
-    assert message in complained

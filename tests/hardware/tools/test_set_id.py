@@ -123,9 +123,3 @@ def test_status_3_and_advice_where_nobody_answers(run: Run) -> None:
         "humanoid_sim.hardware emulate --channel udp_multicast:239.74.163.2)",
         "error: no motor answers on virtual:nobody",
     ]
-
-
-@pytest.mark.parametrize("new_id", ["0", "128", "-1"])
-def test_ids_that_are_none(run: Run, new_id: str) -> None:
-    status, _, complained = run("set-id", _CHANNEL, new_id)
-    assert (status, complained) == (2, f"error: new id: is {new_id}, expected 1 to 127\n")

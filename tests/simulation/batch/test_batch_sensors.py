@@ -87,7 +87,6 @@ def test_the_imu_is_that_of_one_robot(small_robot: Callable[..., RobotDescriptio
         np.testing.assert_allclose(state.imu_quaternion[i], expected.quaternion, rtol=0, atol=1e-12)
         np.testing.assert_allclose(state.imu_angular_velocity[i], expected.angular_velocity, rtol=0, atol=1e-12)
         np.testing.assert_allclose(state.imu_linear_acceleration[i], expected.linear_acceleration, rtol=0, atol=1e-10)
-    physics.close()
 
 
 def test_a_robot_on_a_stand_feels_gravity_only() -> None:
@@ -100,7 +99,6 @@ def test_a_robot_on_a_stand_feels_gravity_only() -> None:
     np.testing.assert_allclose(
         state.imu_linear_acceleration, [expected.linear_acceleration] * COUNT, rtol=0, atol=1e-14
     )
-    physics.close()
 
 
 @pytest.mark.parametrize("source", ["lite", "lite_biped", "every joint"])
@@ -122,7 +120,6 @@ def test_poses_are_those_of_mj_kinematics(small_robot: Callable[..., RobotDescri
         np.testing.assert_array_equal(positions[i], data.xpos[ids])
         np.testing.assert_array_equal(quaternions[i], data.xquat[ids])
         np.testing.assert_array_equal(anchor[i], np.concatenate([data.xpos[ids[-1]], data.xquat[ids[-1]]]))
-    physics.close()
 
 
 def test_a_base_without_a_name(small_robot: Callable[..., RobotDescription]) -> None:
@@ -131,7 +128,6 @@ def test_a_base_without_a_name(small_robot: Callable[..., RobotDescription]) -> 
     position, quaternion = sensors.poses(sensors.measure(physics.now), in_base=True)
     assert position.shape == (COUNT, 1, 3)
     assert np.isfinite(quaternion).all()
-    physics.close()
 
 
 def test_unknown_frames_are_refused(small_robot: Callable[..., RobotDescription]) -> None:

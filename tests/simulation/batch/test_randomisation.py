@@ -38,7 +38,6 @@ def test_nothing_differs_unless_asked_for() -> None:
         plain.step(hold(3))
     np.testing.assert_array_equal(plain.qpos[1:], plain.qpos[:1].repeat(2, axis=0))
     np.testing.assert_array_equal(plain.state().joint_position, plain.qpos)
-    plain.close()
 
 
 def test_models_are_copied_once_and_keep_their_ranges() -> None:
@@ -60,7 +59,6 @@ def test_models_are_copied_once_and_keep_their_ranges() -> None:
     for _ in range(3):
         varied.step(hold(6))
     assert [varied.model(i) for i in range(6)] == models
-    varied.close()
 
 
 def test_derived_quantities_follow_the_masses() -> None:
@@ -71,7 +69,6 @@ def test_derived_quantities_follow_the_masses() -> None:
     before = model.dof_invweight0.copy()
     mujoco.mj_setConst(model, data)
     np.testing.assert_array_equal(model.dof_invweight0, before)
-    varied.close()
 
 
 def test_an_environment_is_the_same_in_any_batch_and_after_seeding_again() -> None:
@@ -86,8 +83,6 @@ def test_an_environment_is_the_same_in_any_batch_and_after_seeding_again() -> No
         np.testing.assert_array_equal(several.qpos[2:3], alone.qpos)
         np.testing.assert_array_equal(several.qpos, again.qpos)
     assert len(np.unique(several.qpos[:, 0])) == 4
-    for simulation in (several, alone, again):
-        simulation.close()
 
 
 def test_every_episode_is_drawn_anew_and_again_after_seeding() -> None:
@@ -105,7 +100,6 @@ def test_every_episode_is_drawn_anew_and_again_after_seeding() -> None:
     assert figures(varied) == first
     varied.redraw([0, 2])
     assert figures(varied) == second
-    varied.close()
 
 
 def test_what_is_drawn_in_part_is_nearer_to_the_model() -> None:
@@ -127,7 +121,6 @@ def test_what_is_drawn_in_part_is_nearer_to_the_model() -> None:
     drawn.reset()
     np.testing.assert_array_equal([drawn.model(i).body_mass for i in range(4)], [nominal] * 4)
     np.testing.assert_array_equal(bias(), 0.0)
-    drawn.close()
 
 
 def test_noise_of_another_episode_is_another() -> None:
@@ -138,7 +131,6 @@ def test_noise_of_another_episode_is_another() -> None:
     noisy.redraw()
     noisy.reset()
     assert np.abs(noisy.state().joint_position - first).min() > 1e-6
-    noisy.close()
 
 
 def test_payload_armature_and_centres_of_mass_are_in_the_models() -> None:
@@ -166,8 +158,6 @@ def test_payload_armature_and_centres_of_mass_are_in_the_models() -> None:
             for name in moves:
                 felt = data.body(name).xmat.reshape(3, 3).T @ (data.body(name).xipos - data.body(name).xpos)
                 np.testing.assert_allclose(felt, model.body(name).ipos, rtol=0, atol=1e-12)
-        varied.close()
-        plain.close()
 
 
 def test_a_heavier_hand_hangs_lower() -> None:
@@ -180,7 +170,6 @@ def test_a_heavier_hand_hangs_lower() -> None:
         data.qpos[:] = simulation.qpos[0]
         mujoco.mj_kinematics(simulation.model(0), data)
         heights.append([data.body(name).xpos[2] for name in ROBOT.hands])
-        simulation.close()
     assert (np.array(heights[1]) < np.array(heights[0]) - 0.005).all()
 
 
@@ -204,8 +193,6 @@ def test_a_weak_motor_gives_a_share_of_its_torque_and_of_its_limit() -> None:
         assert (np.abs(simulation.effort[0]) <= 0.25 * limit).all()
         assert (np.abs(simulation.effort[0]) == 0.25 * limit).any()
     assert (np.abs(plain.effort[0]) > 0.25 * limit).any()
-    for simulation in (weak, limited, plain, step, small):
-        simulation.close()
 
 
 def test_an_encoder_that_is_off_moves_the_motor_as_well() -> None:
@@ -220,8 +207,6 @@ def test_an_encoder_that_is_off_moves_the_motor_as_well() -> None:
         plain.step(aimed)
         np.testing.assert_allclose(off.qpos, plain.qpos, rtol=0, atol=1e-12)
         np.testing.assert_allclose(off.state().joint_position, off.qpos + bias, rtol=0, atol=1e-12)
-    off.close()
-    plain.close()
 
 
 def test_an_imu_that_is_off_stays_off_by_the_same() -> None:
@@ -250,7 +235,6 @@ def test_an_imu_that_is_off_stays_off_by_the_same() -> None:
         errors.append(angle)
         off.step(MITCommand.zeros(8, 14))
     np.testing.assert_allclose(*errors, rtol=0, atol=1e-9)
-    off.close()
 
 
 @pytest.mark.parametrize("robot", [ROBOT, BIPED], ids=lambda robot: robot.name)
@@ -273,17 +257,11 @@ def test_gravity_that_is_tilted_is_felt_by_body_and_imu(robot: Any) -> None:
         np.testing.assert_allclose(
             change, rotate_inverse(true.imu_quaternion[0], np.array([0.0, 0.0, -9.81]) - gravity[i]), rtol=0, atol=1e-9
         )
-    tilted.close()
-    plain.close()
 
 
 def test_pushes_speed_a_robot_up_by_what_was_drawn_once_in_every_interval() -> None:
     pushed = BatchSimulation(
-        BIPED,
-        6,
-        control_period=PERIOD,
-        threads=1,
-        randomisation=Randomisation(push=(0.2, 0.4), push_interval=0.5),
+        BIPED, 6, control_period=PERIOD, threads=1, randomisation=Randomisation(push=(0.2, 0.4), push_interval=0.5)
     )
     mass = pushed.model(0).body_subtreemass[0]
     forces = []
@@ -302,8 +280,6 @@ def test_pushes_speed_a_robot_up_by_what_was_drawn_once_in_every_interval() -> N
         for _ in range(25):
             simulation.step(MITCommand.zeros(6, 14))
     assert np.abs(pushed.base.linear_velocity - still.base.linear_velocity)[:, :2].max() > 0.1  # type: ignore[union-attr]
-    pushed.close()
-    still.close()
 
 
 def test_a_fixed_base_cannot_be_pushed() -> None:
@@ -323,8 +299,6 @@ def test_factors_on_gains_are_the_motors() -> None:
         reference.step(halved)
     np.testing.assert_array_equal(weak.qpos, reference.qpos)
     np.testing.assert_array_equal(weak.effort, reference.effort)
-    weak.close()
-    reference.close()
 
 
 def test_noise_is_seen_and_not_felt() -> None:
@@ -364,8 +338,6 @@ def test_noise_is_seen_and_not_felt() -> None:
         reports.append(seen.joint_position - true.joint_position)
     assert noisy.state() is seen  # asked for twice, it is the same report
     assert abs(np.corrcoef(reports[0].ravel(), reports[1].ravel())[0, 1]) < 0.05
-    quiet.close()
-    noisy.close()
 
 
 @pytest.mark.parametrize(
