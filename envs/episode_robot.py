@@ -221,9 +221,8 @@ def _recorded_robot(recording: Recording, description: RobotDescription) -> Mujo
     try:
         recorded = RobotDescription.from_json(header.documents["robot"], description.folder)
         options: dict[str, Any] = recorded_settings(recording.path, header)["options"]
-        names = ("physics_timestep", "actuation", "base_height")
+        names = ("physics_timestep", "actuation", "base_height", "drop")
         chosen = {name: options[name] for name in names} | {"base_yaw": options["yaw"]}
-        chosen["drop"] = options.get("drop", 0.0)  # older recordings began on the floor
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{recording.path}: is no recording of play in simulation: its header lacks {error}") from None
     if recorded.joint_names != description.joint_names:

@@ -191,8 +191,6 @@ def _lines(recording: Recording, report: RepeatReport, inference: _Inference | N
     if report.difference is not None:
         yield f"{report.ticks} ticks identical; tick {report.tick}, t = {_seconds(report.time)}, differs"
         yield f"  {report.difference}"
-        if report.correction is not None:
-            yield f"  a rule was corrected since: {report.correction.text}"
     elif report.gap:
         yield (
             f"{report.ticks} ticks identical; then {report.gap} ticks are missing from the recording (up to tick "
@@ -228,7 +226,6 @@ def _as_json(recording: Recording, report: RepeatReport, inference: _Inference |
         "tick": report.tick,
         "time": _json_number(report.time),
         "difference": None if report.difference is None else asdict(report.difference),
-        "correction": None if report.correction is None else report.correction.name,
         "missing_ticks": report.missing,
         # A difference leaves the rest of the file unread.
         "complete": recording.is_complete if report.difference is None else None,

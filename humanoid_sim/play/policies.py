@@ -266,7 +266,6 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
         recorded.pop("contract", None)  # it is for the recorded policy
     if config.branch is not None:
         recorded.pop("command", None)  # the velocity goes on as recorded
-        recorded.setdefault("drop", 0.0)  # older recordings began on the floor
         config = replace(config, push=(*_recorded_pushes(path, recorded), *_later_pushes(config)))
     known = {field.name: field for field in fields(config)}
     values = {

@@ -89,7 +89,7 @@ class RecordedBody:
 
     @classmethod
     def of(cls, header: SessionHeader, documents: Mapping[str, str] | None = None) -> Self | None:
-        """The body that a header describes; None if it describes none, as those of earlier versions.
+        """The body that a header describes; None if it describes none.
 
         Args:
             header: of the recording.

@@ -16,8 +16,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import decode_event, decode_tick
-from humanoid_sim.recording.earlier import decode_earlier_event, decode_earlier_tick
-from humanoid_sim.recording.header import DOCUMENTS, EARLIER_FORMAT, SESSION, HeaderError, parse_header
+from humanoid_sim.recording.header import DOCUMENTS, SESSION, HeaderError, parse_header
 from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
@@ -40,9 +39,8 @@ class TopicCount:
 class Recording:
     """One recording. Reading streams the file, so a long one takes no more memory than a short one."""
 
-    def __init__(self, path: Path, header: SessionHeader, *, is_earlier: bool = False) -> None:
-        """Made by `open_recording`; `is_earlier` for one of the earlier format."""
-        self._decoders = _EARLIER_DECODERS if is_earlier else _DECODERS
+    def __init__(self, path: Path, header: SessionHeader) -> None:
+        """Made by `open_recording`."""
         self._loads = 0
         self.path = path
         self.header = header
@@ -89,7 +87,7 @@ class Recording:
                         raise InputError(f"{self.path}: a message on channel {record.channel_id}, which is not defined")
                     topics[topic].messages += 1
                     sound_to = len(stream.damages) if topic == TICK_TOPIC else sound_to
-                    if topic in self._decoders:
+                    if topic in _DECODERS:
                         entry = self._decode(topic, record)
                         if isinstance(entry, TickRecord):
                             headers.take()  # that of the whole run
@@ -144,13 +142,12 @@ class Recording:
 
     def _decode(self, topic: str, message: Message) -> Entry:
         try:
-            return self._decoders[topic](message.data)
+            return _DECODERS[topic](message.data)
         except CdrError as error:
             raise InputError(f"{self.path}: message {message.sequence} of {topic}: {error}") from None
 
 
 _DECODERS: dict[str, _Decoder] = {TICK_TOPIC: decode_tick, EVENT_TOPIC: decode_event}
-_EARLIER_DECODERS: dict[str, _Decoder] = {TICK_TOPIC: decode_earlier_tick, EVENT_TOPIC: decode_earlier_event}
 
 
 def open_recording(path: str | os.PathLike[str]) -> Recording:
@@ -170,7 +167,7 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
                 raise InputError(f"{path}: {error}") from None
             header = parts.take()
             if header is not None:
-                return Recording(path, header, is_earlier=parts.is_earlier)
+                return Recording(path, header)
             if isinstance(record, Message):
                 break
     reason = stream.damage or f"an MCAP file, but no recording of this program: it has no metadata record '{SESSION}'"
@@ -184,8 +181,6 @@ class _HeaderParts:
         self._documents: dict[str, str] = {}
         self._attachments: dict[str, bytes] = {}
         self._header: SessionHeader | None = None
-        self.is_earlier = False
-        """True if the header is of the earlier format."""
 
     def look(self, record: object) -> None:
         """Take a record of the file. Raises `HeaderError` if it completes a header that is damaged."""
@@ -194,7 +189,6 @@ class _HeaderParts:
         elif isinstance(record, Metadata) and record.name == DOCUMENTS:
             self._documents = record.metadata
         elif isinstance(record, Metadata) and record.name == SESSION:
-            self.is_earlier = record.metadata.get("format") == EARLIER_FORMAT
             documents, attachments = self._documents, self._attachments
             self._documents, self._attachments = {}, {}
             self._header = parse_header(record.metadata, documents, attachments)

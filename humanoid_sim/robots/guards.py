@@ -20,8 +20,7 @@ class _Following(msgspec.Struct, frozen=True):
     effort: Bounds
     time: float
     progress: float
-    within: bool = False
-    """Older recordings do not say: their guards took every command as it was."""
+    within: bool
 
 
 class _Limit(msgspec.Struct, frozen=True):
@@ -32,8 +31,7 @@ class _Limit(msgspec.Struct, frozen=True):
 class _Speed(msgspec.Struct, frozen=True):
     limit: Bounds
     time: float
-    assumed: tuple[str, ...] = ()
-    """Older recordings do not say, and neither do their messages."""
+    assumed: tuple[str, ...]
 
 
 class GuardRecord(msgspec.Struct, frozen=True):
