@@ -241,7 +241,7 @@ def _list_of_verbs() -> str:
     lines += [
         "",
         "'python -m humanoid_sim VERB --help' covers the rest.",
-        "--completion bash|zsh|fish prints a script for the Tab key; --version.",
+        "--completion bash|zsh prints a script for the Tab key; --version.",
     ]
     return "\n".join(lines)
 

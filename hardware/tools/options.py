@@ -323,7 +323,6 @@ class SetId:
     """Our own id on the bus."""
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11", "the only motor on the bus becomes 11"),)
-    SURPLUS: ClassVar[str] = "set-id takes the new id only; the motor's old id is found"
 
 
 @dataclass(frozen=True)

@@ -202,10 +202,6 @@ class PlayConfig:
         ("--hardware can0 --policy x.onnx --dry-run", "check a real robot; no motor is enabled"),
     )
 
-    OF_ANOTHER_PROGRAM: ClassVar[Mapping[str, str]] = {
-        "--fault": "hardware emulate --fault injects faults into emulated motors"
-    }
-
     @property
     def checkpoint(self) -> str | None:
         """The checkpoint that runs, as the robot's policy or as its shadow; None for the sample policy."""

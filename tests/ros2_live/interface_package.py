@@ -1,7 +1,7 @@
 """Builds interface packages with the wheels of ROS 2, as colcon would with an installation.
 
-`examples/ros2/humanoid_control_msgs` is the one under test; there is no wheel of `tf2_msgs`. As a program it builds both,
-so that no test waits for the compiler.
+`examples/ros2/humanoid_control_msgs` is the one under test; there is no wheel of `tf2_msgs`. As a program it builds
+both, so that no test waits for the compiler.
 """
 
 from __future__ import annotations
