@@ -11,28 +11,22 @@ from itertools import chain, combinations, product
 
 import numpy as np
 
-from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.conventions import (
     ANGLE_UNITS,
     LENGTH_UNITS,
     Conventions,
-    NamedMotion,
-    in_si,
     interpret,
 )
 from humanoid_sim.prepare.motion_fit import Tolerance, check_bodies
-from humanoid_sim.prepare.skeleton import Hinge, Orders, Skeleton
+from humanoid_sim.prepare.skeleton import Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order
 
-__all__ = ["search_joint_order", "what_would_fit"]
+__all__ = ["what_would_fit"]
 
 _FRAMES = 12
 _MUCH = 0.1
 """What must remain of the error of a motion that comes much nearer."""
-_MOST_CHOICES = 60_000
-"""Choices of columns beyond which a stretch of hinges is not searched: it would take minutes and gigabytes."""
 
 
 def what_would_fit(
@@ -51,7 +45,7 @@ def what_would_fit(
     few = source.select(np.unique(frames.astype(np.intp)))
     present, best, best_words = np.inf, np.inf, ""
     named = _named_orders(conventions, joint_orders, body_orders)
-    for candidate, words in chain(named, _unnamed_orders(few, conventions, skeleton, tolerance)):
+    for candidate, words in chain(named, _exchanged_joints(conventions)):
         try:
             checks = check_bodies(interpret(few, candidate, skeleton), skeleton, tolerance)
         except InputError:  # a body order without the base of a floating robot
@@ -113,156 +107,12 @@ def _others(orders: Orders, present: tuple[str, ...]) -> dict[str, tuple[str, ..
     return found
 
 
-def _unnamed_orders(
-    few: SourceMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance
-) -> Iterator[tuple[Conventions, str]]:
-    """Two joints in each other's place; then any order of joints, or of bodies, that the poses themselves give."""
+def _exchanged_joints(conventions: Conventions) -> Iterator[tuple[Conventions, str]]:
+    """Two joints in each other's place, with either order of quaternions."""
     for quaternions in (conventions.quaternions, other_quaternion_order(conventions.quaternions)):
-        read = replace(conventions, quaternions=quaternions)
         extra = "" if quaternions == conventions.quaternions else f" and --quaternions {quaternions}"
-        for a, b in combinations(range(len(read.joint_names)), 2):
-            names = list(read.joint_names)
+        for a, b in combinations(range(len(conventions.joint_names)), 2):
+            names = list(conventions.joint_names)
             names[a], names[b] = names[b], names[a]
-            yield replace(read, joint_names=tuple(names)), f"the joints {names[b]} and {names[a]} exchanged{extra}"
-        joints = search_joint_order(few, read, skeleton)
-        if joints is not None:
-            yield replace(read, joint_names=joints), f"--joint-order {','.join(joints)}{extra}"
-        bodies = _search_body_order(interpret(few, read, skeleton), skeleton, tolerance)
-        if bodies is not None:
-            yield replace(read, body_names=bodies), f"--body-order {','.join(bodies)}{extra}"
-
-
-def search_joint_order(source: SourceMotion, conventions: Conventions, skeleton: Skeleton) -> tuple[str, ...] | None:
-    """Names of the motion's joint columns as its body orientations have them; None if they cannot be found.
-
-    Between two bodies that the motion holds, one above the other in the robot's tree, lie a few hinges. Only the right
-    columns turn the lower body as the motion has it, so each such stretch is searched by itself: for a stretch of k
-    hinges and n columns that is n^k products of rotations instead of n! orders of the whole robot.
-
-    The answer is a guess until forward kinematics has confirmed it: columns of joints that do not move, or that turn
-    no body of the motion, go where there is place.
-
-    The motion has few frames; bodies and order of quaternions are right.
-    """
-    try:
-        motion = interpret(source, conventions, skeleton)
-    except InputError:
-        return None
-    columns = in_si(source, conventions).joint_position
-    if columns is None or motion.body_quaternion is None or set(conventions.joint_names) != set(skeleton.joints):
-        return None
-    rotations = dict(zip(motion.body_names, np.moveaxis(matrix(motion.body_quaternion), 1, 0), strict=True))
-    if not motion.is_world:
-        rotations.setdefault(skeleton.base, np.broadcast_to(np.eye(3), (len(columns), 3, 3)))
-    elif motion.base_quaternion is not None:
-        rotations.setdefault(skeleton.base, matrix(motion.base_quaternion))
-    found: dict[str, int] = {}
-    stretches = sorted((_stretch(skeleton, name, rotations) for name in rotations), key=lambda item: len(item[1]))
-    for top, steps, bottom in stretches:
-        hinges = [hinge for _, turned in steps for hinge in turned if hinge.name in skeleton.joints]
-        if not top or not hinges or len(columns[0]) ** len(hinges) > _MOST_CHOICES:
-            continue
-        relative = np.swapaxes(rotations[top], -1, -2) @ rotations[bottom]
-        for hinge, column in zip(hinges, _best(columns, steps, relative, skeleton, list(found.values())), strict=True):
-            found[hinge.name] = column
-    if not found:
-        return None
-    left = [column for column in range(columns.shape[1]) if column not in found.values()]
-    for joint in conventions.joint_names:
-        if joint not in found:
-            found[joint] = left.pop(0)
-    return tuple(sorted(found, key=lambda joint: found[joint]))
-
-
-def _stretch(
-    skeleton: Skeleton, bottom: str, known: dict[str, FloatArray]
-) -> tuple[str, list[tuple[FloatArray, tuple[Hinge, ...]]], str]:
-    """The nearest known body above `bottom` (empty for none), and the fixed turns and hinges on the way down."""
-    steps: list[tuple[FloatArray, tuple[Hinge, ...]]] = []
-    name = bottom
-    while name in skeleton.links:
-        link = skeleton.links[name]
-        steps.insert(0, (link.rotation, link.hinges))
-        name = link.parent
-        if name in known:
-            return name, steps, bottom
-    return "", [], bottom
-
-
-def _best(
-    columns: FloatArray,
-    steps: list[tuple[FloatArray, tuple[Hinge, ...]]],
-    relative: FloatArray,
-    skeleton: Skeleton,
-    taken: list[int],
-) -> list[int]:
-    """The columns, one for each hinge of the stretch, that turn it most nearly by `relative` (T, 3, 3)."""
-    frames, count = columns.shape
-    product = np.broadcast_to(np.eye(3), (1, frames, 3, 3))
-    choices = np.empty((1, 0), dtype=np.intp)
-    free = np.array([column for column in range(count) if column not in taken], dtype=np.intp)
-    for rotation, hinges in steps:
-        product = product @ rotation
-        for hinge in hinges:
-            if hinge.name not in skeleton.joints:
-                continue
-            turns = np.moveaxis(_turn(hinge.axis, columns[:, free] - hinge.zero), 1, 0)
-            product = (product[:, None] @ turns[None]).reshape(-1, frames, 3, 3)
-            choices = np.concatenate(
-                [np.repeat(choices, len(free), axis=0), np.tile(free, len(choices))[:, None]], axis=1
-            )
-            # A column drives one joint.
-            different = np.array([len(set(row)) == len(row) for row in choices.tolist()])
-            product, choices = product[different], choices[different]
-    error = rotation_angle(product, relative).max(axis=-1)
-    return [int(column) for column in choices[int(error.argmin())]]
-
-
-def _turn(axis: FloatArray, angle: FloatArray) -> FloatArray:
-    """Rotation matrices (..., 3, 3) about an axis (3,) by angles (...), rad."""
-    half = 0.5 * angle[..., None]
-    return matrix(np.concatenate([np.cos(half), np.sin(half) * axis], axis=-1))
-
-
-def _search_body_order(motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance) -> tuple[str, ...] | None:
-    """Names of the motion's bodies such that each is where forward kinematics puts it; None if there are none.
-
-    The motion has few frames, the right joints and the right order of quaternions.
-    """
-    if motion.joint_position is None or motion.body_position is None or motion.body_quaternion is None:
-        return None
-    place, turn = skeleton.poses(motion.joint_position, skeleton.bodies)
-    rotation = matrix(motion.body_quaternion)
-    if not motion.is_world:
-        return _assign(motion.body_position, rotation, place, turn, skeleton, tolerance)
-    # A floating base is among the bodies; a fixed one need not be, so any body may be the one that is known.
-    known = (skeleton.base,) if skeleton.description.is_floating else skeleton.bodies
-    for name, column in product(known, range(motion.body_position.shape[1])):
-        body = skeleton.bodies.index(name)
-        # The pose of the base, if this column is this body.
-        back = turn[:, body] @ np.swapaxes(rotation[:, column], -1, -2)
-        offset = motion.body_position - motion.body_position[:, column, None]
-        position = np.einsum("tij,tbj->tbi", back, offset) + place[:, body, None]
-        names = _assign(position, back[:, None] @ rotation, place, turn, skeleton, tolerance)
-        if names is not None and names[column] == name:
-            return names
-    return None
-
-
-def _assign(
-    position: FloatArray,
-    rotation: FloatArray,
-    place: FloatArray,
-    turn: FloatArray,
-    skeleton: Skeleton,
-    tolerance: Tolerance,
-) -> tuple[str, ...] | None:
-    """To each body of the motion the nearest of the robot's, if all are near and no two the same."""
-    offset = position[:, :, None] - place[:, None]
-    distance = np.sqrt((offset * offset).sum(axis=-1)).max(axis=0)
-    angle = rotation_angle(rotation[:, :, None], turn[:, None]).max(axis=0)
-    error = np.maximum(distance / tolerance.position, angle / tolerance.angle)
-    nearest = error.argmin(axis=1)
-    if error.min(axis=1).max() > 1.0 or len(set(nearest.tolist())) < len(nearest):
-        return None
-    return tuple(skeleton.bodies[int(body)] for body in nearest)
+            words = f"the joints {names[b]} and {names[a]} exchanged{extra}"
+            yield replace(conventions, joint_names=tuple(names), quaternions=quaternions), words
