@@ -12,13 +12,16 @@ import numpy as np
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulation.drives import Drives
-from humanoid_sim.hardware.emulation.families import make_firmwares
-from humanoid_sim.hardware.emulation.interface import Reaction, Sensed
+from humanoid_sim.hardware.emulation.interface import Firmware, Reaction, Sensed
 from humanoid_sim.hardware.emulation.plant import MotorPlant
-from humanoid_sim.hardware.emulation.settings import EmulationSettings
+from humanoid_sim.hardware.emulation.robstride_motor import RobstrideFirmware
+from humanoid_sim.hardware.emulation.settings import EmulationSettings, motor_identities
+from humanoid_sim.hardware.emulation.sito_motor import SitoFirmware
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.motors import motor_model
 
 __all__ = ["Conditions", "Motors", "Told"]
+
 
 Told = Callable[[float, str], None]
 """Is told the time, s on the emulator's clock, and a line for a person."""
@@ -61,7 +64,7 @@ class Motors:
         Raises:
             InputError: see `MotorPlant` and `make_firmwares`.
         """
-        self.firmwares = make_firmwares(description, settings)
+        self.firmwares = _make_firmwares(description, settings)
         """One per motor."""
         self.plant = MotorPlant(description, settings)
         self._settings = settings
@@ -241,3 +244,23 @@ class Motors:
     def _tell(self, motor: int, time: float, text: str) -> None:
         if self._told is not None:
             self._told(time, f"{self.name(motor)}: {text}")
+
+
+def _make_firmwares(description: RobotDescription, settings: EmulationSettings) -> tuple[Firmware[Any], ...]:
+    """One per driven joint, in order.
+
+    Raises:
+        InputError: a model is unknown, or see `motor_identities`.
+    """
+    identities = iter(motor_identities(description, settings))
+    made: list[Firmware[Any]] = []
+    for joint in description.joints:
+        motor = joint.motor
+        if motor is None:
+            continue
+        model = motor_model(motor.model)
+        if model.family == "sito":
+            made.append(SitoFirmware(model, motor.can_id, is_deaf=settings.sito_deaf_until_enabled))
+        else:
+            made.append(RobstrideFirmware(next(identities), motor.can_id))
+    return tuple(made)
