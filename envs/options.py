@@ -10,8 +10,6 @@ from humanoid_sim.envs.tasks import TASK_OPTIONS
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.names import near_miss
 
-__all__ = ["check_options"]
-
 
 def check_options(given: Iterable[str], *takers: Callable[..., Any]) -> None:
     """Refuse an option that neither an environment nor its task has.

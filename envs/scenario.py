@@ -38,18 +38,6 @@ from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.plant import Actuation, check_actuation, timestep_of
 from humanoid_sim.simulation.terrain import Terrain
 
-__all__ = [
-    "EpisodeStarts",
-    "Motions",
-    "Named",
-    "Scenario",
-    "checkpoint_of",
-    "make_scenario",
-    "read_policy",
-    "with_songs",
-]
-
-
 Named = str | Path
 """The name of a file that ships with the package, or a path."""
 Motions = Named | Motion | Sequence[Named | Motion]

@@ -15,8 +15,6 @@ from functools import partial
 
 from humanoid_sim.errors import InputError, RobotError, known_names, missing_system, was_interrupted
 
-__all__ = ["VERBS", "ExitStatus", "complain", "load_program", "main", "mute_output", "run_program"]
-
 VERBS = {
     "play": "run a policy on a robot, simulated by default",
     "robot": "show what is read from an MJCF, and write a robot file with it",

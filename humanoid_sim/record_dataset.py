@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from humanoid_sim.recording.episodes import Episode
     from humanoid_sim.recording.reader import Recording
 
-__all__ = ["RecordDataset", "main"]
-
 _PURPOSE = "record_dataset"
 _IMU = ("quaternion.w", "quaternion.x", "quaternion.y", "quaternion.z",
         "gyro.x", "gyro.y", "gyro.z", "acceleration.x", "acceleration.y", "acceleration.z")  # fmt: skip

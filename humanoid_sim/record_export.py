@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from humanoid_sim.recording.reader import Recording
     from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["Export", "export"]
-
 
 @dataclass(frozen=True)
 class Export:

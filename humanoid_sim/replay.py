@@ -23,8 +23,6 @@ from humanoid_sim.recording.reader import Entry, Recording, open_recording
 from humanoid_sim.recording.repeat import InferenceReport, RepeatReport, StackBuilder, repeat_run
 from humanoid_sim.recording.settings import recorded_settings
 
-__all__ = ["ReplayConfig", "main", "replay"]
-
 _PLACEHOLDER = "placeholder"
 _TOLERANCE = 1e-4
 """Of an action: above what float32 sums in another order differ by, far below what any joint shows."""

@@ -17,8 +17,6 @@ from humanoid_sim.hardware.emulation.interface import Drive
 from humanoid_sim.mit import FloatArray, mit_torque
 from humanoid_sim.robots.motors import MotorModel
 
-__all__ = ["RATED_RISE", "TIME_CONSTANT", "Drives", "heat"]
-
 
 class Drives:
     """The motors' control loops side by side: arrays of shape (m,), motor frame. Follows what the firmwares decide.

@@ -20,9 +20,6 @@ from humanoid_sim.hardware.emulation.sito_motor import SitoFirmware
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import motor_model
 
-__all__ = ["Conditions", "Motors", "Told"]
-
-
 Told = Callable[[float, str], None]
 """Is told the time, s on the emulator's clock, and a line for a person."""
 

@@ -13,8 +13,6 @@ import tempfile
 import time
 from enum import IntEnum
 
-__all__ = ["Heartbeat", "Phase", "Stage"]
-
 _PHASE, _BEATS, _TIME, _STAGE, _LOOKS, _SENT = range(6)
 """Places of 8 bytes: whole and aligned, so that a reader sees the old number or the new one."""
 

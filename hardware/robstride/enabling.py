@@ -32,9 +32,6 @@ from humanoid_sim.hardware.robstride.motor_table import MotorSlot
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, RunMode, fault_word, unpack_value
 from humanoid_sim.hardware.robstride.requests import Requests, Unreadable
 
-__all__ = ["CAN_TIMEOUT", "enable_motors", "examine", "make_ready", "mode_text", "set_reports", "stop_motors"]
-
-
 CAN_TIMEOUT = 0.1
 """s without a command after which a motor stops by itself, unless somebody asks for another time."""
 _LISTENING = 0.05

@@ -11,8 +11,6 @@ from humanoid_sim.assets import shipped
 from humanoid_sim.command_line import description_of
 from humanoid_sim.command_line.description import Program
 
-__all__ = ["SHELLS", "completion"]
-
 SHELLS = ("bash", "zsh")
 """That a script can be made for."""
 

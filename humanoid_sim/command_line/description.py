@@ -21,18 +21,6 @@ from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
 from humanoid_sim.assets import shipped
 
-__all__ = [
-    "STATUS_LINE",
-    "Commands",
-    "Program",
-    "Specification",
-    "describe",
-    "field_texts",
-    "filled",
-    "name_of",
-    "typed",
-]
-
 Specification: TypeAlias = "type[Any] | Commands"
 """A dataclass of options, or subcommands that have one each."""
 STATUS_LINE = "exit status: 0 fine, 1 failed or worse, 2 bad input, 3 no answer, 130 Ctrl-C"

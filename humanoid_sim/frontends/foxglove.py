@@ -24,8 +24,6 @@ from humanoid_sim.recording.topics import TopicMessage, ViewerTopics
 from humanoid_sim.ros2.definitions import EVENT, SCHEMA_ENCODING, TICK, schema_text
 from humanoid_sim.ros2.topics import kind_of
 
-__all__ = ["FoxgloveConfig", "main", "service_words"]
-
 _HOST = "127.0.0.1"
 _PAUSE = 0.01
 """s between two looks at the feed, which holds many more ticks than come meanwhile."""

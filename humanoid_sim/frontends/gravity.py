@@ -16,8 +16,6 @@ from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.kinematics import GravityTorque
 
-__all__ = ["GravityConfig", "GravityForm", "GravityProducer", "gravity_command", "main"]
-
 GravityForm = Literal["effort", "pd"]
 
 _DAMPING = 1.0

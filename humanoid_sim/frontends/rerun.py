@@ -32,8 +32,6 @@ from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.rendering.caption import Caption
 from humanoid_sim.rendering.rerun_log import RerunLog, rerun_module
 
-__all__ = ["RerunConfig", "main", "status_text"]
-
 _HOST = "127.0.0.1"
 _PERIOD = 0.04
 """s of the robot's time between two poses: each costs the library some 20 calls."""

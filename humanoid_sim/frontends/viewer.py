@@ -20,8 +20,6 @@ from humanoid_sim.rendering.offscreen import update_pose
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 
-__all__ = ["ViewerConfig", "main", "window_texts"]
-
 _REFRESH_PERIOD = 1 / 60
 _LOOK_PERIOD = 0.5
 """s without a new tick between two looks whether the session is still there."""

@@ -36,8 +36,6 @@ from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.stack import rebuild_supervisor, recorded_contract
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["Branch", "BranchPoint", "open_branch", "reach"]
-
 
 @dataclass(frozen=True, slots=True)
 class BranchPoint:

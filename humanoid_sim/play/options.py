@@ -11,8 +11,6 @@ import tyro
 from humanoid_sim.controllers.joy import JoyBindings
 from humanoid_sim.simulation import DROP
 
-__all__ = ["DEFAULT_ROBOT", "NO_POLICY", "PlayConfig"]
-
 DEFAULT_ROBOT = "lite"
 NO_POLICY = "none"
 """Takes the place of a policy in a session that begins without one."""

@@ -39,13 +39,6 @@ from humanoid_sim.recording.settings import recorded_settings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.push import parse_pushes
 
-__all__ = [
-    "PolicyChoice",
-    "choose_policy",
-    "parse_branch",
-    "with_recorded_options",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class PolicyChoice:

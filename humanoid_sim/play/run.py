@@ -27,8 +27,6 @@ from humanoid_sim.rendering.video_progress import finish_video
 from humanoid_sim.session.reactivation import flattened
 from humanoid_sim.session.session import SessionResult
 
-__all__ = ["bring_up", "play"]
-
 
 def play(config: PlayConfig) -> int:
     """Run, report, and return the exit status.

@@ -15,8 +15,6 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.motion import Motion
 
-__all__ = ["LoadedPolicy", "contract_layout", "load_policy"]
-
 
 @dataclass(frozen=True, slots=True)
 class LoadedPolicy:

@@ -14,8 +14,6 @@ from humanoid_sim.errors import FieldError, InputError, one_line
 from humanoid_sim.policy.readers.partial import PartialContract
 from humanoid_sim.policy.readers.values import csv_field
 
-__all__ = ["METADATA_KEYS", "OWN_SOURCE", "is_own", "parse_metadata", "read_own", "write_metadata"]
-
 OWN_SOURCE = "metadata"
 _FIELDS = {name.replace("observation", "observation_names"): name for name, form in FORMS.items() if form.in_metadata}
 """Key to field of the contract."""

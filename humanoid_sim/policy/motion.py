@@ -34,18 +34,6 @@ from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, 
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
 from humanoid_sim.ros2.messages import decode_float32_array, encode_float32_array
 
-__all__ = [
-    "MOTION_ATTACHMENT",
-    "Motion",
-    "MotionLayout",
-    "body_frames",
-    "body_poses",
-    "motion_bytes",
-    "parse_motion",
-    "read_motion",
-    "write_motion",
-]
-
 MotionLayout = Literal["bodies_b", "joints_bodies_w"]
 
 MOTION_ATTACHMENT = "motion.mcap"

@@ -42,9 +42,6 @@ from humanoid_sim.policy_tools import Show
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
 
-__all__ = ["make_console", "show"]
-
-
 _PIPE_WIDTH = 150
 """Columns where no terminal says how many it has."""
 _JOINTS = "joints, in the policy's order"

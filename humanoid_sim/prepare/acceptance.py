@@ -45,8 +45,6 @@ from humanoid_sim.prepare.velocities import (
 )
 from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
 
-__all__ = ["FORWARD", "INVERSE", "Findings", "accept"]
-
 FORWARD = "forward kinematics"
 INVERSE = "inverse kinematics"
 """For motions without joint positions: is there a pose of the robot that puts the bodies where they are?"""

@@ -22,8 +22,6 @@ from humanoid_sim.prepare.motion_fit import Tolerance, check_bodies
 from humanoid_sim.prepare.skeleton import Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order
 
-__all__ = ["what_would_fit"]
-
 _FRAMES = 12
 _MUCH = 0.1
 """What must remain of the error of a motion that comes much nearer."""

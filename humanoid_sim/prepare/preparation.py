@@ -34,8 +34,6 @@ from humanoid_sim.prepare.song import SONG_RATE, prepare_song
 from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import load_robot
 
-__all__ = ["prepare"]
-
 
 def prepare(options: PrepareOptions) -> int:
     """Run, and return the exit status.

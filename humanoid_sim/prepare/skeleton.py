@@ -12,8 +12,6 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.model import base_body, build_model
 
-__all__ = ["Orders", "Skeleton"]
-
 Orders = Mapping[str, tuple[str, ...]]
 """Orders of joints or bodies, by the name that --joint-order or --body-order knows them by."""
 

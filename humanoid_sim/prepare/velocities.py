@@ -16,8 +16,6 @@ import numpy as np
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["RateCheck", "VelocityCheck", "check_rate", "check_velocities", "faults_in_words", "refuse_velocities"]
-
 _LEAST_FRAMES = 12
 """Fewer say nothing."""
 _EDGE = 3

@@ -32,8 +32,6 @@ from humanoid_sim.messages import (
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.ros2.cdr import ENCAPSULATION, CdrError, CdrReader, CdrWriter, layout
 
-__all__ = ["INTENT_CODES", "TickEncoder", "decode_event", "decode_tick", "encode_event"]
-
 INTENT_CODES = {intent: code for code, intent in enumerate(Intent)}
 """`INTENT_…` of the message definition."""
 

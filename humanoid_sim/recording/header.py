@@ -13,8 +13,6 @@ from humanoid_sim.messages import SessionHeader
 from humanoid_sim.ros2.mcap_writer import ChunkedWriter
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["DOCUMENTS", "SESSION", "HeaderError", "header_metadata", "parse_header", "write_header"]
-
 SESSION = "humanoid_sim.session"
 """Metadata record with the header's own fields and a digest; the last part, so where it is the header is whole."""
 DOCUMENTS = "humanoid_sim.documents"

@@ -21,9 +21,6 @@ from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
 
-__all__ = ["Entry", "Recording", "TopicCount", "messages_of", "open_recording"]
-
-
 Entry: TypeAlias = TickRecord | Event
 _Decoder: TypeAlias = Callable[[bytes], Entry]
 

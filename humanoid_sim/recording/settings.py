@@ -9,8 +9,6 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["recorded_settings"]
-
 
 def recorded_settings(path: str | Path, header: SessionHeader) -> dict[str, Any]:
     """The settings of a run; empty if its header says nothing.

@@ -21,8 +21,6 @@ from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.files import is_file
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["bounded", "completed", "is_partial"]
-
 _FAR = 1e6
 """rad, or N·m: stands for no limit where limits are compared."""
 _POSE = "initial_position"

@@ -15,8 +15,6 @@ import numpy as np
 from humanoid_sim.controllers.rotation import multiply, rotate
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["JointKind", "Link", "links_of"]
-
 JointKind = Literal["fixed", "revolute", "continuous", "prismatic", "floating"]
 _IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 _ORIGIN = np.zeros(3)

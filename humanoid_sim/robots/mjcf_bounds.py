@@ -12,8 +12,6 @@ from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.robots.mjcf_files import NamedFiles
 
-__all__ = ["check_mjcf_bounds", "kind_of_model"]
-
 _SIZES = {
     "hfield": ("nrow", "ncol"),
     "texture": ("width", "height"),

@@ -15,8 +15,6 @@ from humanoid_sim.bounds import MESH_BYTES, MJCF_ELEMENTS, MJCF_FILES_BYTES, MJC
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
 
-__all__ = ["NamedFiles"]
-
 _ATTRIBUTES = ("file", "filename", "fileup", "filedown", "fileleft", "fileright", "filefront", "fileback")
 """With which an element names a file; `filename` in a URDF."""
 _PICTURES = frozenset({"texture", "hfield"})

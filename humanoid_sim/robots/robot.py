@@ -11,8 +11,6 @@ from humanoid_sim.messages import SafetyStatus
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["LoopbackRobot", "Robot"]
-
 
 class Robot(Protocol):
     """A robot's joints: read their state, write their commands, in the joint frame."""

@@ -17,8 +17,6 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.links import Link, links_of
 from humanoid_sim.robots.mjcf import bare_model
 
-__all__ = ["body_documents", "qpos_addresses", "urdf_of"]
-
 _Element = ElementTree.Element
 _SHOWN_GROUPS = 3
 """Groups of geoms that MuJoCo's own viewer shows; those beyond are for contacts."""

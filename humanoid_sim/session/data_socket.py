@@ -37,8 +37,6 @@ from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import ExternSource, RemoteInbox, VelocityCommand
 from humanoid_sim.session.telling import BoundedTelling
 
-__all__ = ["DataSocket"]
-
 _LONGEST = 1 << 14
 """Bytes; a longer datagram is no message."""
 _MOST_SAMPLES = 32

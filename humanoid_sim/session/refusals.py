@@ -7,8 +7,6 @@ from collections.abc import Callable
 
 from humanoid_sim.session.ownership import Producer
 
-__all__ = ["Refusals"]
-
 _PERIOD = 1.0
 """s between two lines about one producer."""
 _LONGEST = 1000

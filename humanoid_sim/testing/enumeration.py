@@ -13,8 +13,6 @@ from humanoid_sim.testing.healthy import healthy_tick
 from humanoid_sim.testing.machine import StackMachine
 from humanoid_sim.testing.properties import REMOTE
 
-__all__ = ["every_mode_lasts", "every_report_and_intent"]
-
 _WAYS = (
     (),
     (Intent.DAMP,),

@@ -30,14 +30,6 @@ from humanoid_sim.testing.policies import ScriptedPolicy
 from humanoid_sim.testing.shrinking import SHRINK_SECONDS, shrinking_for
 from humanoid_sim.testing.strategies import any_tick_inputs, clock_jumps, healthy_states
 
-__all__ = [
-    "DEFAULT_SETTINGS",
-    "HEALTHY_TICKS",
-    "fuzz_controller",
-    "fuzz_stack",
-    "robot_stack",
-]
-
 DEFAULT_SETTINGS = settings(
     max_examples=50,
     stateful_step_count=40,

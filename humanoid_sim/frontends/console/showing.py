@@ -20,9 +20,6 @@ from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.stack import no_policy, recorded_policy
 
-__all__ = ["Showing", "ShownKeys", "motor_table"]
-
-
 _SHOWN = 0.1
 """s for which a stroke is shown at least: pages are told ten times a second."""
 

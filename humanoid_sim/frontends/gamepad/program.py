@@ -23,8 +23,6 @@ from humanoid_sim.frontends.gamepad.sticks import SpeedRange, Sticks, policy_spe
 from humanoid_sim.messages import Intent
 from humanoid_sim.session.realtime import punctual_threads
 
-__all__ = ["Driver", "GamepadConfig", "main"]
-
 _PERIOD = 0.01
 """s between two looks at the buttons."""
 _HEARTBEAT_EVERY = 2

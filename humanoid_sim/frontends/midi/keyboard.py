@@ -11,8 +11,6 @@ from humanoid_sim.frontends.midi.keys import PressedKeys
 from humanoid_sim.frontends.midi.stream import MidiStream
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["Keyboard"]
-
 _ACTIVE_SENSING = 0xFE
 _SILENCE = 0.3
 """s without a byte after which a keyboard that sends active sensing is gone, as the specification says."""

@@ -8,8 +8,6 @@ from humanoid_sim.frontends.midi.stream import Message
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.song import FIRST_NOTE, KEY_COUNT, PERCUSSION
 
-__all__ = ["PressedKeys"]
-
 _NOTE_OFF, _NOTE_ON, _CONTROL_CHANGE, _RESET = 0x80, 0x90, 0xB0, 0xFF
 _ALL_OFF = (120, 123, 124, 125, 126, 127)
 """Controllers that silence a channel: all sound off, all notes off, and the changes of mode, which imply it."""

@@ -19,8 +19,6 @@ from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.song import KEY_COUNT
 from humanoid_sim.session.realtime import punctual_threads
 
-__all__ = ["MidiConfig", "Teller", "main"]
-
 _LEAST_PERIOD = 0.005
 """s between two samples; else half a control period."""
 _BEHIND = 30

@@ -13,9 +13,6 @@ from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.definitions import message_fields
 from humanoid_sim.ros2.topics import Topic
 
-__all__ = ["Reader", "Received", "Writer", "dds_topic", "dds_type", "idl_type"]
-
-
 _PREFIX = "rt"
 """Of topics, as opposed to services."""
 
