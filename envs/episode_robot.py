@@ -25,8 +25,6 @@ from humanoid_sim.simulation.floating_base import BaseState, StartPose, support_
 from humanoid_sim.simulation.model import base_body, build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
-__all__ = ["EpisodeRobot", "PlantState", "recorded_start"]
-
 BoolArray = npt.NDArray[np.bool_]
 
 _KEPT = ("_pending", "_joint_line", "_body_line", "_step", "_fault", "_is_closed", "_is_lifted")

@@ -37,8 +37,6 @@ from humanoid_sim.simulation.mujoco_robot import StateSampling
 from humanoid_sim.simulation.plant import Actuation, BatchActuation, check_actuation
 from humanoid_sim.simulation.terrain import Terrain
 
-__all__ = ["PolicyEnv"]
-
 Array = npt.NDArray[Any]
 Step = tuple[Array, float, bool, bool, dict[str, Any]]
 

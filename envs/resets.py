@@ -13,17 +13,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
 
-__all__ = [
-    "StartNumbers",
-    "autoreset",
-    "count_option",
-    "require_same_step",
-    "reset_command",
-    "reset_mask",
-    "reset_seeds",
-    "velocity_option",
-]
-
 IndexArray = npt.NDArray[np.intp]
 
 _EPISODES = 16

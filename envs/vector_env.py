@@ -31,9 +31,6 @@ from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 from humanoid_sim.simulation.plant import BatchActuation, check_actuation
 from humanoid_sim.simulation.terrain import Terrain
 
-__all__ = ["PolicyVectorEnv"]
-
-
 Float32Array = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
 IndexArray = npt.NDArray[np.intp]

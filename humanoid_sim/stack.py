@@ -45,18 +45,6 @@ from humanoid_sim.robots.schema import StandbySettings
 from humanoid_sim.robots.urdf import body_documents
 from humanoid_sim.strict_json import parse_json
 
-__all__ = [
-    "build_supervisor",
-    "no_policy",
-    "policy_controller",
-    "rebuild_supervisor",
-    "recorded_contract",
-    "recorded_motion",
-    "recorded_policy",
-    "run_header",
-    "with_policy",
-]
-
 
 class _ControllerSettings(msgspec.Struct, frozen=True):
     """What a header says of the controllers beside the robot's description and the contract."""

@@ -16,8 +16,6 @@ from typing import Any, TypeVar
 
 from humanoid_sim.errors import InputError, MissingPackageError, reason_of
 
-__all__ = ["cache_folder", "fetch_checkpoint"]
-
 _RUN_PATH = re.compile(r"^[^/\s]+/[^/\s]+/[^/\s]+$")
 _NUMBER = re.compile(r"\d+")
 

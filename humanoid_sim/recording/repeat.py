@@ -20,18 +20,6 @@ from humanoid_sim.mit import COMMAND_FIELDS, MITState
 from humanoid_sim.recording.reader import Entry, Recording
 from humanoid_sim.recording.start import start_memory
 
-__all__ = [
-    "ControlStack",
-    "Difference",
-    "InferenceReport",
-    "RecordedPolicy",
-    "RepeatReport",
-    "StackBuilder",
-    "first_difference",
-    "repeat_run",
-    "state_difference",
-]
-
 _UNSIGNED = {4: np.uint32, 8: np.uint64}
 
 

@@ -10,8 +10,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 from humanoid_sim.robots.schema import FollowingGuard, LimitGuard, RobotDescription, SpeedGuard
 
-__all__ = ["GuardRecord", "describe_unwatched", "guards_of", "speed_limit"]
-
 Bounds = tuple[float | None, ...]
 """One per joint; none: not watched."""
 

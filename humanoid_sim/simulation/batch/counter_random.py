@@ -13,8 +13,6 @@ import numpy.typing as npt
 
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["normals", "philox", "seed_keys", "uniforms", "uniforms_of_streams"]
-
 Words = npt.NDArray[np.uint64]
 
 _MULTIPLIERS = (np.uint64(0xD2511F53), np.uint64(0xCD9E8D57))

@@ -14,8 +14,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.simulation.batch.counter_random import normals, seed_keys, uniforms, uniforms_of_streams
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 
-__all__ = ["FULL", "SCALED", "Draws"]
-
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.intp]
 

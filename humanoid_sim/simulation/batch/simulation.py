@@ -31,9 +31,6 @@ from humanoid_sim.simulation.push import PUSH_DURATION
 from humanoid_sim.simulation.stability import DampingStability
 from humanoid_sim.simulation.terrain import Terrain
 
-__all__ = ["BatchSimulation", "RandomPushes"]
-
-
 Scalar = TypeVar("Scalar", bound=np.generic)
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
