@@ -148,11 +148,6 @@ class StartNumbers:
         self._blocks = np.zeros((count, _EPISODES, width))
         self._next = np.full(count, _EPISODES)
 
-    @property
-    def generators(self) -> tuple[np.random.Generator, ...]:
-        """The streams; some of what they have drawn lies in the blocks. Any that has no seed yet gets one."""
-        return tuple(self._generator(i) for i in range(len(self._generators)))
-
     def seed(self, indices: IndexArray, seeds: Sequence[int | None]) -> None:
         """Start streams anew.
 

@@ -102,11 +102,6 @@ class Heartbeat:
         """The counters that must not stand still: commands, and frames that left, by channel."""
         return (self._places[_BEATS], *self._places[_SENT:])
 
-    @property
-    def last_beat(self) -> float:
-        """When, s on CLOCK_MONOTONIC, the latest command was handed over; 0 before the first."""
-        return self._places[_TIME] * 1e-9
-
     # --- the guardian's end
 
     @property
