@@ -10,10 +10,9 @@ from __future__ import annotations
 import mmap
 import os
 import tempfile
-import time
 from enum import IntEnum
 
-_PHASE, _BEATS, _TIME, _STAGE, _LOOKS, _SENT = range(6)
+_PHASE, _BEATS, _STAGE, _LOOKS, _SENT = range(5)
 """Places of 8 bytes: whole and aligned, so that a reader sees the old number or the new one."""
 
 
@@ -90,7 +89,6 @@ class Heartbeat:
 
     def beat(self) -> None:
         """A command was handed to every motor."""
-        self._places[_TIME] = time.monotonic_ns()
         self._places[_BEATS] += 1
 
     def count_sent(self, channel: int) -> None:

@@ -131,7 +131,7 @@ def test_the_first_screen_of_play_fits_one(capsys: pytest.CaptureFixture[str], m
 
 def test_the_options_are_those_that_the_parser_knows() -> None:
     """What is described and what is read are made of one dataclass, in two ways."""
-    from humanoid_sim.frontends.gamepad.program import GamepadConfig  # noqa: PLC0415
+    from humanoid_sim.gamepad import GamepadConfig  # noqa: PLC0415
     from humanoid_sim.hardware.tools.options import Budget, Emulate, Set  # noqa: PLC0415
     from humanoid_sim.play.options import PlayConfig  # noqa: PLC0415
     from humanoid_sim.prepare import PrepareOptions  # noqa: PLC0415
