@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from motion_samples import FPS, joint_path, lite, state_of
 
+from humanoid_sim.prepare.acceptance import what_would_fit
 from humanoid_sim.prepare.conventions import Conventions
 from humanoid_sim.prepare.motion_fit import Tolerance
-from humanoid_sim.prepare.order_search import what_would_fit
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
 

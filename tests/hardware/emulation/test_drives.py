@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from motor_rig import Motor, identity
 
-from humanoid_sim.hardware.emulation.drives import Drives
+from humanoid_sim.hardware.emulation.motors import Drives
 from humanoid_sim.hardware.emulation.robstride_motor import RobstrideFirmware
 from humanoid_sim.hardware.robstride.messages import Enable, OperationControl
 
