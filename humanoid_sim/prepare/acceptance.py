@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import chain, combinations, product
+from itertools import product
 
 import numpy as np
 
@@ -51,8 +51,6 @@ INVERSE = "inverse kinematics"
 
 _MOST_POSES = 120
 """Frames for which joint positions are sought."""
-_FEW_POSES = 12
-"""Frames for which other readings are tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +85,7 @@ def accept(
     if bodies:
         _refuse_mismatch(source, conventions, contract, skeleton, tolerance, bodies)
     elif motion.joint_position is None:
-        method, bodies = INVERSE, _check_bodies_alone(source, motion, conventions, skeleton, tolerance)
+        method, bodies = INVERSE, _check_bodies_alone(source, motion, skeleton, tolerance)
     else:
         method = ""
         if high is not None:
@@ -158,7 +156,7 @@ def _check_velocities(
 
 
 def _check_bodies_alone(
-    source: SourceMotion, motion: NamedMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance
+    source: SourceMotion, motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance
 ) -> tuple[BodyCheck, ...]:
     """Seek joint positions that reach the bodies, and see what is left."""
     if motion.is_world or motion.body_position is None or motion.body_quaternion is None:
@@ -172,8 +170,9 @@ def _check_bodies_alone(
     if worst.excess(tolerance) > 1.0:
         raise InputError(
             f"{source.source}: no pose of the robot that was found puts body '{worst.name}' nearer than {_far(worst)} "
-            f"to where the motion has it (frame {step * worst.worst_frame}); tolerance {_shown(tolerance)}; "
-            + _what_would_be_reached(source, conventions, skeleton, tolerance)
+            f"to where the motion has it (frame {step * worst.worst_frame}); tolerance {_shown(tolerance)}; it "
+            "holds no joint positions to say more: are its bodies in the order of --body-order, its lengths in "
+            "--length-unit, its orientations in rows, or do they need --conjugate?"
         )
     return tuple(replace(check, worst_frame=step * check.worst_frame) for check in bodies)
 
@@ -195,26 +194,6 @@ def _reach(motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance) -> tup
         joints = solver.solve(place, turn, joints, iterations=40 if path else 400)
         path.append(joints)
     return check_bodies(replace(motion, joint_position=np.stack(path), joint_velocity=None), skeleton, tolerance)
-
-
-def _what_would_be_reached(
-    source: SourceMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance
-) -> str:
-    """Inverse rotations or another unit with which the robot has a pose in each of a few frames."""
-    step = max(1, math.ceil(source.frame_count / _FEW_POSES))
-    for conjugate, unit in product((conventions.conjugate, not conventions.conjugate), LENGTH_UNITS):
-        candidate = replace(conventions, conjugate=conjugate, length_unit=unit)
-        words = [f"--length-unit {unit}"] if unit != conventions.length_unit else []
-        words += ["--conjugate"] if conjugate and not conventions.conjugate else []
-        if words and all(
-            check.excess(tolerance) <= 1.0
-            for check in _reach(_every(interpret(source, candidate, skeleton), step), skeleton, tolerance)
-        ):
-            return f"it would fit with {' '.join(words)}"
-    return (
-        "it holds no joint positions to say more: are its bodies in the order of --body-order, and its orientations in "
-        "rows?"
-    )
 
 
 def _check_joints_alone(
@@ -274,8 +253,7 @@ def what_would_fit(
     frames = np.linspace(0, source.frame_count - 1, min(_FRAMES, source.frame_count)).round()
     few = source.select(np.unique(frames.astype(np.intp)))
     present, best, best_words = np.inf, np.inf, ""
-    named = _named_orders(conventions, joint_orders, body_orders)
-    for candidate, words in chain(named, _exchanged_joints(conventions)):
+    for candidate, words in _named_orders(conventions, joint_orders, body_orders):
         try:
             checks = check_bodies(interpret(few, candidate, skeleton), skeleton, tolerance)
         except InputError:  # a body order without the base of a floating robot
@@ -335,14 +313,3 @@ def _others(orders: Orders, present: tuple[str, ...]) -> dict[str, tuple[str, ..
         if len(order) == len(present) and order != present and order not in found.values():
             found[name] = order
     return found
-
-
-def _exchanged_joints(conventions: Conventions) -> Iterator[tuple[Conventions, str]]:
-    """Two joints in each other's place, with either order of quaternions."""
-    for quaternions in (conventions.quaternions, other_quaternion_order(conventions.quaternions)):
-        extra = "" if quaternions == conventions.quaternions else f" and --quaternions {quaternions}"
-        for a, b in combinations(range(len(conventions.joint_names)), 2):
-            names = list(conventions.joint_names)
-            names[a], names[b] = names[b], names[a]
-            words = f"the joints {names[b]} and {names[a]} exchanged{extra}"
-            yield replace(conventions, joint_names=tuple(names), quaternions=quaternions), words

@@ -76,14 +76,6 @@ def test_orders_with_a_name(changes, words: str) -> None:
     assert fit(with_columns(source(), **changes)) == f"it would fit with {words}"
 
 
-def test_two_joints_exchanged() -> None:
-    order = list(range(14))
-    order[3], order[10] = order[10], order[3]
-    expected = "it would fit with the joints left_elbow_pitch and right_elbow_pitch exchanged"
-    assert fit(with_columns(source(), joints=order)) == expected
-    assert fit(with_columns(source(), joints=order, xyzw=True)) == f"{expected} and --quaternions xyzw"
-
-
 def test_the_motion_of_another_robot() -> None:
     motion = source()
     assert motion.joint_position is not None
