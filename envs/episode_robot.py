@@ -18,8 +18,7 @@ from humanoid_sim.envs.tasks.task import Start
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
-from humanoid_sim.recording.reader import Recording, open_recording
-from humanoid_sim.recording.settings import recorded_settings
+from humanoid_sim.recording.reader import Recording, open_recording, recorded_settings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseState, StartPose, support_in_mode
 from humanoid_sim.simulation.model import base_body, build_model

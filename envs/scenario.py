@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,12 @@ from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.envs.curriculum import Amounts
-from humanoid_sim.envs.options import check_options
 from humanoid_sim.envs.reference_states import ReferenceStates, reference_states
-from humanoid_sim.envs.tasks import Task, make_task
+from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
 from humanoid_sim.envs.tasks.task import Start
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.mit import ANCHOR_POSE, BASE, HEIGHT_SCAN, KEY_PRESSED, VELOCITY_COMMAND, FloatArray, point_velocity
+from humanoid_sim.names import near_miss
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
@@ -362,3 +363,25 @@ class EpisodeStarts:
             return start
         pose, velocity = base
         return replace(start, base_pose=np.where(is_inside[..., None], pose, np.nan), base_velocity=velocity)
+
+
+def check_options(given: Iterable[str], *takers: Callable[..., Any]) -> None:
+    """Refuse an option that neither an environment nor its task has.
+
+    Args:
+        given: names of options that a signature does not list.
+        takers: whose signatures list the other options.
+
+    Raises:
+        InputError: it names the nearest option, or all where none is near.
+    """
+    own = [
+        name
+        for taker in takers
+        for name, parameter in inspect.signature(taker).parameters.items()
+        if parameter.kind is not inspect.Parameter.VAR_KEYWORD
+    ]
+    known = tuple(dict.fromkeys([*own, *TASK_OPTIONS]))
+    for name in given:
+        if name not in known:
+            raise InputError(known_names("option", name, known, listed=not near_miss(name, known)))

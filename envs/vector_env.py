@@ -15,11 +15,10 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.live_inputs import LiveInput
 from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.curriculum import Curriculum, amounts_at, checked_progress
-from humanoid_sim.envs.options import check_options
 from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
 from humanoid_sim.envs.rendering import make_pictures
 from humanoid_sim.envs.resets import StartNumbers, autoreset, count_option, reset_command, reset_mask, reset_seeds
-from humanoid_sim.envs.scenario import Motions, Named, make_scenario
+from humanoid_sim.envs.scenario import Motions, Named, check_options, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.envs.tasks import Task
 from humanoid_sim.envs.tasks.reward_terms import require_finite

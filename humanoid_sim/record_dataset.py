@@ -221,7 +221,7 @@ def _frames(episode: Episode, motion: Motion | None, recording: Recording) -> It
 
 
 def _task(recording: Recording, episode: Episode) -> str:
-    from humanoid_sim.recording.settings import recorded_settings  # noqa: PLC0415
+    from humanoid_sim.recording.reader import recorded_settings  # noqa: PLC0415
 
     settings = recorded_settings(recording.path, recording.header)
     motion, policy = (str(settings.get(name) or "") for name in ("motion", "policy"))

@@ -19,9 +19,8 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.messages import Event, PolicyStep, SessionHeader, TickRecord
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
-from humanoid_sim.recording.reader import Entry, Recording, open_recording
+from humanoid_sim.recording.reader import Entry, Recording, open_recording, recorded_settings
 from humanoid_sim.recording.repeat import InferenceReport, RepeatReport, StackBuilder, repeat_run
-from humanoid_sim.recording.settings import recorded_settings
 
 _PLACEHOLDER = "placeholder"
 _TOLERANCE = 1e-4

@@ -34,8 +34,7 @@ from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
 from humanoid_sim.policy.random_songs import choose_song, is_generated
 from humanoid_sim.policy.song import key_name, left_out, song_motion
-from humanoid_sim.recording.reader import open_recording
-from humanoid_sim.recording.settings import recorded_settings
+from humanoid_sim.recording.reader import open_recording, recorded_settings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.push import parse_pushes
 

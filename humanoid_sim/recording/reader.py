@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, TypeAlias
+from typing import IO, Any, TypeAlias
 
 from mcap.records import Attachment, Channel, Metadata, Schema
 
@@ -20,6 +20,7 @@ from humanoid_sim.recording.header import DOCUMENTS, SESSION, HeaderError, parse
 from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
+from humanoid_sim.strict_json import parse_json
 
 Entry: TypeAlias = TickRecord | Event
 _Decoder: TypeAlias = Callable[[bytes], Entry]
@@ -216,3 +217,22 @@ def _open(path: Path) -> IO[bytes]:
         return regular_file(path, "a recording (.mcap)").open("rb")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def recorded_settings(path: str | Path, header: SessionHeader) -> dict[str, Any]:
+    """The settings of a run; empty if its header says nothing.
+
+    Args:
+        path: of the recording, for messages.
+        header: of the recording.
+
+    Raises:
+        InputError: what it says is no JSON object.
+    """
+    try:
+        settings = parse_json(header.documents.get("settings", "{}"))
+    except ValueError as error:
+        raise InputError(f"{path}: its header's 'settings' are no JSON: {error}") from None
+    if not isinstance(settings, dict):
+        raise InputError(f"{path}: its header's 'settings' are a {type(settings).__name__}, expected a JSON object")
+    return settings

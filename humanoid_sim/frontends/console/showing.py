@@ -12,7 +12,7 @@ from humanoid_sim.frontends.console.ghosts import Ghosts
 from humanoid_sim.frontends.console.plots import Plots, Watch, bus_loads
 from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.mit import KEY_PRESSED, FloatArray
-from humanoid_sim.recording.settings import recorded_settings
+from humanoid_sim.recording.reader import recorded_settings
 from humanoid_sim.recording.shadow import ShadowStep
 from humanoid_sim.rendering.ghost import ShownReference
 from humanoid_sim.robots.description import RobotDescription
