@@ -8,18 +8,6 @@ from typing import Any, ClassVar, Protocol
 from humanoid_sim.messages import PolicyStep, StandbyState, TickInput
 from humanoid_sim.mit import MITCommand
 
-__all__ = [
-    "DAMPING",
-    "REMOTE_POLICY",
-    "RL_POLICY",
-    "STANDBY_A",
-    "STANDBY_B",
-    "ZERO_TORQUE",
-    "Controller",
-    "Fault",
-    "Memory",
-]
-
 ZERO_TORQUE = "zero_torque_controller"
 DAMPING = "damping_controller"
 STANDBY_A = "standby_controller_a"

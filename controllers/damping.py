@@ -12,8 +12,6 @@ from humanoid_sim.controllers.parameters import LARGEST_COMMAND, damping_values,
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
 
-__all__ = ["DampingController", "DampingMemory", "ZeroTorqueController", "damped_command"]
-
 
 def damped_command(position: FloatArray, damping: FloatArray) -> MITCommand:
     """K_p 0 and K_d `damping` at `position`, which is 0 where it is not known, or is so absurd that none may be sent.

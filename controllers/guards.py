@@ -22,8 +22,6 @@ from humanoid_sim.controllers.parameters import joint_tuple, number
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray, MITCommand, MITState, frozen_array
 
-__all__ = ["GuardMemory", "Guards"]
-
 BoolArray = npt.NDArray[np.bool_]
 
 _LONGEST_STEP = 0.05

@@ -12,8 +12,6 @@ from humanoid_sim.errors import FieldError
 if TYPE_CHECKING:
     from humanoid_sim.messages import Intent
 
-__all__ = ["JoyBindings", "pressed_intents"]
-
 _FIELDS: Mapping[str, str] = MappingProxyType(
     {
         "DAMP": "damp_button",

@@ -18,14 +18,6 @@ from humanoid_sim.controllers.term_values import ObservationContext, Request, So
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
 
-__all__ = [
-    "ObservationLayout",
-    "ObservationTerm",
-    "pack",
-    "resolve_observation",
-    "stack",
-]
-
 Float32Array = npt.NDArray[np.float32]
 
 

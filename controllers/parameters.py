@@ -10,17 +10,6 @@ import numpy.typing as npt
 from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState, frozen_array
 
-__all__ = [
-    "LARGEST_COMMAND",
-    "command_problem",
-    "damping_values",
-    "joint_indices",
-    "joint_tuple",
-    "joints_problem",
-    "number",
-    "per_joint",
-]
-
 LARGEST_COMMAND = 1e6
 """In each field's own unit: far beyond any motor, and small enough that no sum or product of two overflows."""
 

@@ -20,19 +20,6 @@ from humanoid_sim.controllers.term_values import ObservationContext, live_comman
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITCommand, MITState
 
-__all__ = [
-    "ACTION_LIMIT",
-    "ActionMap",
-    "Policy",
-    "PolicyMemory",
-    "PolicyWiring",
-    "action_command",
-    "action_limit_of",
-    "advance_phase",
-    "resolve_action",
-    "shown_phase",
-]
-
 Float32Array = npt.NDArray[np.float32]
 
 Policy = Callable[[Float32Array, int], npt.ArrayLike]

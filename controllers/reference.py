@@ -15,8 +15,6 @@ from humanoid_sim.controllers.rotation import conjugate, multiply, rotate, yaw_q
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["Alignment", "Frame", "MotionReference", "build_reference", "build_world_reference", "no_reference"]
-
 Float32Array = npt.NDArray[np.float32]
 Frame = int | npt.NDArray[np.integer]
 

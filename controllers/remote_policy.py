@@ -14,8 +14,6 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import RemoteCommand, TickInput
 from humanoid_sim.mit import FloatArray, MITCommand
 
-__all__ = ["RemoteMemory", "RemotePolicyController", "StaleCommandPolicy"]
-
 StaleCommandPolicy = Literal["passive", "hold"]
 
 

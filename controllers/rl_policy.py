@@ -20,8 +20,6 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep, TickInput
 from humanoid_sim.mit import MITCommand, MITState
 
-__all__ = ["RLPolicyController", "RLPolicyMemory", "infer", "ticks_per_step"]
-
 Float32Array = npt.NDArray[np.float32]
 
 _RATE_TOLERANCE = 1e-6

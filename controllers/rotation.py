@@ -10,24 +10,6 @@ import numpy.typing as npt
 
 from humanoid_sim.mit import FloatArray
 
-__all__ = [
-    "conjugate",
-    "continuous",
-    "gravity_direction",
-    "heading",
-    "matrix",
-    "multiply",
-    "quaternion_from_matrix",
-    "rotate",
-    "rotate_inverse",
-    "rotation_6d",
-    "rotation_angle",
-    "rotation_from_6d",
-    "seen_from",
-    "slerp",
-    "yaw_quaternion",
-]
-
 
 def conjugate(quaternion: FloatArray) -> FloatArray:
     """The inverse rotation of a unit quaternion."""

@@ -18,8 +18,6 @@ from humanoid_sim.controllers.parameters import joint_tuple
 from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.mit import GRAVITY_LEVERS, FloatArray, MITCommand, MITState, frozen_array
 
-__all__ = ["AGREES", "CONTRADICTS", "LEVER_COLUMNS", "UNDECIDED", "SignMemory", "Signs"]
-
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 

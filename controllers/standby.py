@@ -14,8 +14,6 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import StandbyState, TickInput
 from humanoid_sim.mit import FloatArray, MITCommand, frozen_array
 
-__all__ = ["StandbyController", "StandbyMemory"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StandbyMemory(Memory):

@@ -30,8 +30,6 @@ from humanoid_sim.messages import (
 )
 from humanoid_sim.mit import MITCommand
 
-__all__ = ["NOT_DRIVEN", "STARTED", "Supervisor", "SupervisorMemory", "start_reason"]
-
 STARTED = "started"
 NOT_DRIVEN = "no motor is driven: reactivate failed"
 _START_REASONS = (STARTED, NOT_DRIVEN)

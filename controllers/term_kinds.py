@@ -31,8 +31,6 @@ if TYPE_CHECKING:  # contracts hold terms, and terms are named by this table
     from humanoid_sim.controllers.contract import PolicyContract
     from humanoid_sim.controllers.terms import Term
 
-__all__ = ["TERM_KINDS", "TERM_NAMES", "TermKind", "is_known", "live_kind", "term_kind"]
-
 Convention = Literal["frame", "at", "axes", "relative", "layout", "inverse", "quaternion", "form", "sign"]
 
 

@@ -3,8 +3,8 @@
 | module | what it knows |
 |---|---|
 | `tasks` | where an episode starts, its reward and its end; functions of arrays, for one robot or many |
-| `scenario` | robot, contract, motion and task, brought together from what a user names |
-| `starts`, `reference_states` | where an episode begins: on its feet, in the middle of a motion, on a piece of ground |
+| `scenario` | robot, contract, motion and task, brought together from what a user names; where an episode begins |
+| `reference_states` | the beginning of an episode in the middle of a motion |
 | `curriculum` | how much of randomisation and commands counts while training goes on |
 | `randomised_robot` | one robot with what is drawn for its episodes, as of a batch |
 | `policy_env` | one robot: `LiteTracking-v0`, `BipedVelocity-v0`, `Policy-v0` |

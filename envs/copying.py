@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any, Self
 if TYPE_CHECKING:
     from gymnasium.envs.registration import EnvSpec
 
-__all__ = ["CopyableEnv"]
-
 
 class CopyableEnv:
     """First base of an environment that can be copied in the middle of an episode; both then go on alike.

@@ -12,8 +12,6 @@ import numpy as np
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.simulation.batch.draws import FULL, SCALED
 
-__all__ = ["Amounts", "Curriculum", "amounts_at", "checked_progress", "scheduled"]
-
 Curriculum = Callable[[float], Mapping[str, float]]
 """Of the progress in [0, 1]: amounts in [0, 1] by name. Names are `commands`, `terrain`, `randomisation`, and any of
 its fields, which counts more than that. What is not named counts in full."""

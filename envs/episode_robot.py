@@ -18,14 +18,11 @@ from humanoid_sim.envs.tasks.task import Start
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
-from humanoid_sim.recording.reader import Recording, open_recording
-from humanoid_sim.recording.settings import recorded_settings
+from humanoid_sim.recording.reader import Recording, open_recording, recorded_settings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseState, StartPose, support_in_mode
 from humanoid_sim.simulation.model import base_body, build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-
-__all__ = ["EpisodeRobot", "PlantState", "recorded_start"]
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -221,9 +218,8 @@ def _recorded_robot(recording: Recording, description: RobotDescription) -> Mujo
     try:
         recorded = RobotDescription.from_json(header.documents["robot"], description.folder)
         options: dict[str, Any] = recorded_settings(recording.path, header)["options"]
-        names = ("physics_timestep", "actuation", "base_height")
+        names = ("physics_timestep", "actuation", "base_height", "drop")
         chosen = {name: options[name] for name in names} | {"base_yaw": options["yaw"]}
-        chosen["drop"] = options.get("drop", 0.0)  # older recordings began on the floor
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{recording.path}: is no recording of play in simulation: its header lacks {error}") from None
     if recorded.joint_names != description.joint_names:

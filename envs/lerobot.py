@@ -14,8 +14,6 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, Vecto
 from humanoid_sim.envs.registration import register_environments
 from humanoid_sim.envs.resets import count_option
 
-__all__ = ["EvaluatedEnv", "hub_entry"]
-
 Observation = dict[str, npt.NDArray[np.float32]]
 MakeEnv = Callable[..., Mapping[str, Mapping[int, VectorEnv[Any, Any, Any]]]]
 

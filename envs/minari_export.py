@@ -18,8 +18,6 @@ try:
 except ImportError:
     raise MissingPackageError("minari", "minari", "humanoid_sim.envs.minari_export") from None
 
-__all__ = ["export_rollouts"]
-
 Array = npt.NDArray[Any]
 
 

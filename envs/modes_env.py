@@ -31,8 +31,6 @@ from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.plant import Actuation
 from humanoid_sim.stack import build_supervisor
 
-__all__ = ["ModesEnv"]
-
 Step = tuple[dict[str, Any], float, bool, bool, dict[str, Any]]
 
 

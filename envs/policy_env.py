@@ -18,12 +18,11 @@ from humanoid_sim.controllers.rl_policy import RLPolicyMemory
 from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.curriculum import Curriculum, amounts_at, checked_progress
 from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, recorded_start
-from humanoid_sim.envs.options import check_options
 from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
 from humanoid_sim.envs.randomised_robot import RandomisedRobot
 from humanoid_sim.envs.rendering import RENDER_MODES, Window, available_render_modes, check_render_mode, make_pictures
 from humanoid_sim.envs.resets import velocity_option
-from humanoid_sim.envs.scenario import Motions, Named, make_scenario
+from humanoid_sim.envs.scenario import Motions, Named, check_options, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.envs.tasks import Task
 from humanoid_sim.envs.tasks.reward_terms import require_finite
@@ -36,8 +35,6 @@ from humanoid_sim.simulation.batch import Randomisation
 from humanoid_sim.simulation.mujoco_robot import StateSampling
 from humanoid_sim.simulation.plant import Actuation, BatchActuation, check_actuation
 from humanoid_sim.simulation.terrain import Terrain
-
-__all__ = ["PolicyEnv"]
 
 Array = npt.NDArray[Any]
 Step = tuple[Array, float, bool, bool, dict[str, Any]]

@@ -15,8 +15,6 @@ from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.simulation.floating_base import BaseState
 
-__all__ = ["PRIVILEGED_TERMS", "Privileged", "PrivilegedTerm"]
-
 Float32Array = npt.NDArray[np.float32]
 PrivilegedTerm = Callable[[StepSample], FloatArray]
 """Shape (..., w) of a policy step: one function serves one robot and a batch."""

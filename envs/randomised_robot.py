@@ -18,8 +18,6 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.floating_base import BaseState
 
-__all__ = ["RandomisedRobot"]
-
 BoolArray = npt.NDArray[np.bool_]
 
 

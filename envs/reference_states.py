@@ -22,8 +22,6 @@ from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.stance import clearance
 
-__all__ = ["ReferenceStates", "reference_joints", "reference_states"]
-
 _IK_DAMPING = 1e-3
 """m/rad: the poses of a motion can be reached, and the joints are to be exact."""
 

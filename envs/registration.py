@@ -9,8 +9,6 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
-__all__ = ["ENVIRONMENTS", "register_environments", "register_with_gymnasium"]
-
 _SINGLE, _VECTOR = "humanoid_sim.envs.policy_env:PolicyEnv", "humanoid_sim.envs.vector_env:PolicyVectorEnv"
 _MODES = "humanoid_sim.envs.modes_env:ModesEnv"
 

@@ -17,8 +17,6 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.terrain import Terrain
 
-__all__ = ["RENDER_MODES", "Window", "available_render_modes", "check_render_mode", "make_pictures"]
-
 RENDER_MODES = ["human", "rgb_array"]
 
 

@@ -13,17 +13,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
 
-__all__ = [
-    "StartNumbers",
-    "autoreset",
-    "count_option",
-    "require_same_step",
-    "reset_command",
-    "reset_mask",
-    "reset_seeds",
-    "velocity_option",
-]
-
 IndexArray = npt.NDArray[np.intp]
 
 _EPISODES = 16
@@ -158,11 +147,6 @@ class StartNumbers:
         """Shape (N,), what the environments were last seeded with (of a longer seed the lowest 64 bits)."""
         self._blocks = np.zeros((count, _EPISODES, width))
         self._next = np.full(count, _EPISODES)
-
-    @property
-    def generators(self) -> tuple[np.random.Generator, ...]:
-        """The streams; some of what they have drawn lies in the blocks. Any that has no seed yet gets one."""
-        return tuple(self._generator(i) for i in range(len(self._generators)))
 
     def seed(self, indices: IndexArray, seeds: Sequence[int | None]) -> None:
         """Start streams anew.

@@ -18,8 +18,6 @@ try:
 except ImportError:
     raise MissingPackageError("rsl-rl-lib", "rl", "humanoid_sim.envs.rsl_rl") from None
 
-__all__ = ["RslRlVecEnv"]
-
 
 class RslRlVecEnv(VecEnv):
     """A policy's vector environment for rsl_rl (from version 4 on).

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from humanoid_sim.assets import motion_path, policy_path, sample_songs
 from humanoid_sim.controllers.contract import PolicyContract
@@ -15,12 +17,13 @@ from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.envs.options import check_options
+from humanoid_sim.envs.curriculum import Amounts
 from humanoid_sim.envs.reference_states import ReferenceStates, reference_states
-from humanoid_sim.envs.starts import EpisodeStarts
-from humanoid_sim.envs.tasks import Task, make_task
-from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.mit import ANCHOR_POSE, BASE, HEIGHT_SCAN, KEY_PRESSED, VELOCITY_COMMAND, point_velocity
+from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
+from humanoid_sim.envs.tasks.task import Start
+from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.mit import ANCHOR_POSE, BASE, HEIGHT_SCAN, KEY_PRESSED, VELOCITY_COMMAND, FloatArray, point_velocity
+from humanoid_sim.names import near_miss
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
@@ -35,8 +38,6 @@ from humanoid_sim.simulation.floating_base import StartPose
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.plant import Actuation, check_actuation, timestep_of
 from humanoid_sim.simulation.terrain import Terrain
-
-__all__ = ["Motions", "Named", "Scenario", "checkpoint_of", "make_scenario", "read_policy", "with_songs"]
 
 Named = str | Path
 """The name of a file that ships with the package, or a path."""
@@ -300,3 +301,87 @@ def _policy_file(name: Named) -> Path:
     if path.suffix not in (".onnx", *_CONTRACTS):
         raise InputError(f"policy: is '{name}', expected a checkpoint (.onnx) or a contract (.yaml)")
     return path
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EpisodeStarts:
+    """Functions of random numbers that a caller hands in, for one robot or many."""
+
+    task: Task
+    reference: MotionReference
+    """One motion or several, of which each episode has one."""
+    terrain: Terrain | None = None
+    """What the robot walks on; None for a level floor."""
+    reference_start: float = 0.0
+    """Share of the episodes that begin at a random frame of the motion, in the motion's own state."""
+    states: ReferenceStates | None = None
+    """Of all frames, where some episodes begin there."""
+    turns: bool = False
+    """Whether a motion in the world may have any heading: its policy lays it onto the robot."""
+
+    @property
+    def draws(self) -> int:
+        """Random numbers that a start takes."""
+        of_ground = 0 if self.terrain is None else self.terrain.draws
+        return self.task.draws + self._motion_draws + of_ground
+
+    @property
+    def _motion_draws(self) -> int:
+        return (len(self.reference.lengths) > 1) + 2 * (self.reference_start > 0.0)
+
+    def __call__(self, numbers: FloatArray, amounts: Amounts) -> Start:
+        """The start that uniform random numbers in [0, 1), shape (..., draws), stand for.
+
+        `amounts` are of the commands and of the ground that a curriculum allows.
+        """
+        own, moving = self.task.draws, self.task.draws + self._motion_draws
+        start = self._in_motion(numbers[..., :own], numbers[..., own:moving])
+        start = replace(start, commands=amounts.commands * start.commands)
+        if self.terrain is None:
+            return start
+        return replace(start, base_offset=self.terrain.spawn(numbers[..., moving:], amounts.terrain))
+
+    def _in_motion(self, numbers: FloatArray, of_motion: FloatArray) -> Start:
+        """The task's own start, or one in the state of the reference."""
+        if not self._motion_draws:
+            return self.task.start(numbers)
+        lengths = np.array(self.reference.lengths or (self.reference.frame_count,))
+        chosen = np.zeros(numbers.shape[:-1], dtype=np.intp)
+        if len(lengths) > 1:
+            chosen = np.asarray(np.floor(of_motion[..., 0] * len(lengths)).astype(np.intp))
+        frame: npt.NDArray[np.intp] = (np.cumsum(lengths) - lengths)[chosen]
+        if self.states is None or not self.reference_start:
+            return replace(self.task.start(numbers), frame=frame)
+        is_inside = of_motion[..., -2] < self.reference_start
+        # not the last frame, after which the episode would be over
+        inside = np.floor(of_motion[..., -1] * np.maximum(lengths[chosen] - 1, 1)).astype(np.intp)
+        frame = np.where(is_inside, frame + inside, frame)
+        around = (self.states.joint_position[frame], self.states.joint_velocity[frame], is_inside)
+        start = replace(self.task.start(numbers, around), frame=frame)
+        base = self.states.base_at(frame, start.base_yaw if self.turns else np.zeros_like(start.base_yaw))
+        if base is None:
+            return start
+        pose, velocity = base
+        return replace(start, base_pose=np.where(is_inside[..., None], pose, np.nan), base_velocity=velocity)
+
+
+def check_options(given: Iterable[str], *takers: Callable[..., Any]) -> None:
+    """Refuse an option that neither an environment nor its task has.
+
+    Args:
+        given: names of options that a signature does not list.
+        takers: whose signatures list the other options.
+
+    Raises:
+        InputError: it names the nearest option, or all where none is near.
+    """
+    own = [
+        name
+        for taker in takers
+        for name, parameter in inspect.signature(taker).parameters.items()
+        if parameter.kind is not inspect.Parameter.VAR_KEYWORD
+    ]
+    known = tuple(dict.fromkeys([*own, *TASK_OPTIONS]))
+    for name in given:
+        if name not in known:
+            raise InputError(known_names("option", name, known, listed=not near_miss(name, known)))

@@ -22,16 +22,6 @@ from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITState
 from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = [
-    "INTENTS",
-    "action_space",
-    "modes_action_space",
-    "modes_observation",
-    "modes_observation_space",
-    "observation_space",
-    "outlier",
-]
-
 _ROUNDING = 1.001
 """Float32 makes unit vectors a little longer than 1."""
 

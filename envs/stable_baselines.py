@@ -17,8 +17,6 @@ try:
 except ImportError:
     raise MissingPackageError("stable-baselines3", "rl", "humanoid_sim.envs.stable_baselines") from None
 
-__all__ = ["StableBaselinesVecEnv"]
-
 Indices = None | int | Iterable[int]
 Float32Array = npt.NDArray[np.float32]
 

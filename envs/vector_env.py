@@ -15,15 +15,13 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.live_inputs import LiveInput
 from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.curriculum import Curriculum, amounts_at, checked_progress
-from humanoid_sim.envs.options import check_options
 from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
 from humanoid_sim.envs.rendering import make_pictures
 from humanoid_sim.envs.resets import StartNumbers, autoreset, count_option, reset_command, reset_mask, reset_seeds
-from humanoid_sim.envs.scenario import Motions, Named, make_scenario
+from humanoid_sim.envs.scenario import Motions, Named, check_options, make_scenario
 from humanoid_sim.envs.spaces import action_space, observation_space, outlier
 from humanoid_sim.envs.tasks import Task
 from humanoid_sim.envs.tasks.reward_terms import require_finite
-from humanoid_sim.envs.vector_info import VectorInfo
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
 from humanoid_sim.mit import FloatArray
@@ -31,8 +29,6 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 from humanoid_sim.simulation.plant import BatchActuation, check_actuation
 from humanoid_sim.simulation.terrain import Terrain
-
-__all__ = ["PolicyVectorEnv"]
 
 Float32Array = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
@@ -207,12 +203,12 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         chosen = np.flatnonzero(mask)
         is_new = self._seed(chosen, [seeds[i] for i in chosen.tolist()])
         loop = self._begin(chosen, command, is_new)
-        info = VectorInfo(self.num_envs)
+        info = _VectorInfo(self.num_envs)
         info.add("frame", np.asarray(loop.memory.frame), mask)
         self._add_true(info, loop, mask)
         return self._observation.copy(), info.entries
 
-    def _add_true(self, info: VectorInfo, loop: ClosedLoop, mask: BoolArray, sample: StepSample | None = None) -> None:
+    def _add_true(self, info: _VectorInfo, loop: ClosedLoop, mask: BoolArray, sample: StepSample | None = None) -> None:
         """Add what the critic sees, of the environments in the mask."""
         if self.privileged is not None:
             info.merge("privileged", self.privileged(sample or sample_step(loop, self.simulation, self._steps)), mask)
@@ -301,7 +297,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         require_finite(reward, judgement.terms)
         terminated = np.where(sound, judgement.terminated, ~starting)
         truncated = (sound & judgement.truncated) | (~starting & (self._steps + refused >= self._longest))
-        info = VectorInfo(self.num_envs)
+        info = _VectorInfo(self.num_envs)
         info.add("frame", np.where(sound, loop.memory.frame, before), ~starting)
         info.add_terms("terms", judgement.terms, sound, ~starting)
         info.add_texts("fault", faults)
@@ -315,7 +311,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             info = self._begin_again(info)
         return self._observation.copy(), reward, terminated, truncated, info.entries
 
-    def _begin_again(self, info: VectorInfo) -> VectorInfo:
+    def _begin_again(self, info: _VectorInfo) -> _VectorInfo:
         """Start the next episodes in the step that ended the last ones, whose info and observation go along."""
         over = self._is_over.copy()
         following = info.with_final(over, self._observation)
@@ -374,3 +370,86 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         """Stop the threads, close the rendering context."""
         self._pictures.close()
         self.simulation.close()
+
+
+Array = npt.NDArray[np.generic]
+
+
+class _VectorInfo:
+    """Arrays over N environments by key, each with a mask `_key` of those that have it; zero where one has not."""
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self.entries: dict[str, Any] = {}
+        """What `step` and `reset` return."""
+
+    def add(self, key: str, values: Array, mask: BoolArray) -> None:
+        """Add an entry of the environments in the mask, unless there are none; `values` is shape (N, …)."""
+        if mask.any():
+            shaped = mask.reshape(-1, *[1] * (values.ndim - 1))
+            self.entries[key] = np.where(shaped, values, np.zeros((), dtype=values.dtype))
+            self.entries[f"_{key}"] = mask.copy()
+
+    def merge(self, key: str, values: Array, mask: BoolArray) -> None:
+        """Add to an entry those of further environments."""
+        if key in self.entries:
+            known = self.entries[f"_{key}"]
+            chosen = mask.reshape(-1, *[1] * (values.ndim - 1))
+            values, mask = np.where(chosen, values, self.entries[key]), mask | known
+        self.add(key, values, mask)
+
+    def add_terms(self, key: str, terms: Mapping[str, Array], mask: BoolArray, owners: BoolArray) -> None:
+        """Add a dictionary of values: all `owners` have one, it is empty outside of `mask`."""
+        if owners.any():
+            inner = _VectorInfo(self._count)
+            for name, values in terms.items():
+                inner.add(name, values, mask)
+            self.entries[key], self.entries[f"_{key}"] = inner.entries, owners.copy()
+
+    def add_texts(self, key: str, texts: Mapping[int, str]) -> None:
+        """Add texts by environment, unless there are none."""
+        if texts:
+            values, mask = np.full(self._count, None, dtype=object), np.zeros(self._count, dtype=np.bool_)
+            for i, text in texts.items():
+                values[i], mask[i] = text, True
+            self.entries[key], self.entries[f"_{key}"] = values, mask
+
+    def with_final(self, over: BoolArray, observation: Array) -> _VectorInfo:
+        """The info of a step that starts the next episodes of some environments.
+
+        Args:
+            over: shape (N,), whose entries here belong to the episodes that have ended.
+            observation: shape (N, …), the last of those episodes.
+
+        Returns:
+            With `final_obs` and `final_info` of the episodes that have ended, and everything else of the others.
+        """
+        following = _VectorInfo(self._count)
+        following.entries = _part(self.entries, ~over)
+        final = np.full(self._count, None, dtype=object)
+        for i in np.flatnonzero(over):
+            final[i] = observation[i].copy()
+        following.entries |= {
+            "final_obs": final,
+            "_final_obs": over,
+            "final_info": _part(self.entries, over),
+            "_final_info": over,
+        }
+        return following
+
+
+def _part(entries: Mapping[str, Any], kept: BoolArray) -> dict[str, Any]:
+    """The entries of some of the environments."""
+    part: dict[str, Any] = {}
+    for key, value in entries.items():
+        mask = entries.get(f"_{key}")
+        if mask is None or not (mask & kept).any():
+            continue
+        remaining = mask & kept
+        if isinstance(value, dict):
+            part[key] = _part(value, kept)
+        else:
+            shaped = remaining.reshape(-1, *[1] * (value.ndim - 1))
+            part[key] = np.where(shaped, value, None if value.dtype == object else np.zeros((), dtype=value.dtype))
+        part[f"_{key}"] = remaining
+    return part

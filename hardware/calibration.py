@@ -22,18 +22,6 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.robots.schema import JointDescription, RobotDescription
 from humanoid_sim.strict_yaml import read_strictly
 
-__all__ = [
-    "Calibration",
-    "CalibrationEntry",
-    "Sweep",
-    "SweepResult",
-    "Verdict",
-    "evaluate",
-    "load_calibration",
-    "save_calibration",
-]
-
-
 _FIELDS = ("id", "direction", "homing_offset")
 _LARGEST_OFFSET = 8.0 * math.pi
 """rad, the width of a motor's position range: beyond it no offset makes sense."""

@@ -8,8 +8,6 @@ from enum import Enum
 
 from humanoid_sim.errors import RobotError
 
-__all__ = ["Check", "CheckList", "Verdict"]
-
 
 class Verdict(Enum):
     """What a check came to."""

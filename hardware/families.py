@@ -16,8 +16,6 @@ from humanoid_sim.hardware.sito.frames import SitoEncoder, rescue_frames
 from humanoid_sim.hardware.sito.session import SitoSession
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["DRIVERS", "Driver"]
-
 
 @dataclass(frozen=True, slots=True)
 class Driver:

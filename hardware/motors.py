@@ -19,22 +19,6 @@ from humanoid_sim.messages import SafetyFlag
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import FAMILIES, MotorModel
 
-__all__ = [
-    "NEVER",
-    "ChannelNotes",
-    "EncodedFrames",
-    "Finding",
-    "FrameEncoder",
-    "MotorFigures",
-    "MotorGroup",
-    "MotorLink",
-    "Note",
-    "Readings",
-    "Rescue",
-    "SessionTerms",
-    "check_intruders",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotorGroup:

@@ -6,31 +6,6 @@ bytes, before memory is taken. `docs/files.md` shows the table with what the rea
 
 from __future__ import annotations
 
-__all__ = [
-    "CSV_BYTES",
-    "JSON_BYTES",
-    "MCAP_CHUNK_BYTES",
-    "MCAP_RECORD_BYTES",
-    "MESH_BYTES",
-    "MIDI_BYTES",
-    "MJCF_BYTES",
-    "MJCF_ELEMENTS",
-    "MJCF_FILES_BYTES",
-    "MJCF_MEMORY",
-    "MJCF_SIZE",
-    "MOTION_SECONDS",
-    "MOTION_VALUES",
-    "NPZ_ARRAYS",
-    "NPZ_BYTES",
-    "OBSERVATION_WIDTH",
-    "ONNX_BYTES",
-    "ONNX_SECONDS",
-    "PICTURE_BYTES",
-    "YAML_BYTES",
-    "YAML_TEXT",
-    "YAML_VALUES",
-]
-
 _KIB, _MIB, _GIB = 1 << 10, 1 << 20, 1 << 30
 
 YAML_BYTES = _MIB

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import contextlib
 import errno
 import importlib
@@ -14,8 +13,6 @@ from enum import IntEnum
 from functools import partial
 
 from humanoid_sim.errors import InputError, RobotError, known_names, missing_system, was_interrupted
-
-__all__ = ["VERBS", "ExitStatus", "complain", "load_program", "main", "mute_output", "run_program"]
 
 VERBS = {
     "play": "run a policy on a robot, simulated by default",
@@ -108,43 +105,18 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
 
 
 def _make_outputs_safe() -> None:
-    """Have every character printed somehow, and keep a closed descriptor's number from the files that are opened next.
+    """Print question marks for characters that an encoding lacks, and open what is closed.
 
-    What a library writes to standard error would otherwise end up in a recording.
+    What a library writes to standard error would otherwise end up in the file that gets its number next.
     """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:  # the lowest that is free is this one
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
-    codecs.register_error(_PLAIN, _plain)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
-            stream.reconfigure(errors=_PLAIN)
-
-
-_PLAIN = "humanoid_sim.plain"
-_SPELLED = {
-    "→": "->",
-    "≤": "<=",
-    "≥": ">=",
-    "±": "+-",
-    "·": "*",
-    "°": " deg",
-    "µ": "u",
-    "²": "^2",
-    "…": "...",
-    "█": "#",
-}
-"""Characters that this package prints, for outputs whose encoding lacks them."""
-
-
-def _plain(error: UnicodeError) -> tuple[str, int]:
-    """In the place of characters that an encoding lacks: how they are spelled, or a question mark."""
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    missing = error.object[error.start : error.end]
-    return "".join(_SPELLED.get(character, "?") for character in missing), error.end
+            stream.reconfigure(errors="replace")
 
 
 def complain(message: str) -> None:
@@ -240,7 +212,7 @@ def _list_of_verbs() -> str:
     lines += [
         "",
         "'python -m humanoid_sim VERB --help' covers the rest.",
-        "--completion bash|zsh|fish prints a script for the Tab key; --version.",
+        "--completion bash|zsh prints a script for the Tab key; --version.",
     ]
     return "\n".join(lines)
 

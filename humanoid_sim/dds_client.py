@@ -38,8 +38,6 @@ from humanoid_sim.ros2.topics import (
     joint_states_topic,
 )
 
-__all__ = ["Imu", "JointStates", "RobotClient"]
-
 _ARRAYS = ("position", "velocity", "effort")
 _DEPTH = 64
 """Messages of a topic that wait for the next look."""

@@ -8,21 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-__all__ = [
-    "FieldError",
-    "HumanoidSimError",
-    "InputError",
-    "MissingPackageError",
-    "RobotError",
-    "known_names",
-    "meant",
-    "missing_system",
-    "one_line",
-    "reason_of",
-    "was_interrupted",
-]
-
-
 _LONGEST_LINE = 10_000
 """Characters."""
 

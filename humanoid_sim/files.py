@@ -25,8 +25,6 @@ try:
 except ImportError:  # Windows: nothing tells who else writes a file
     _HAS_LOCKS = False
 
-__all__ = ["exclusive_file", "is_file", "output_file", "regular_file", "whole_file"]
-
 _SHOWN = 40
 """Characters of a file's name that its temporary one begins with; four bytes each at most, of 255."""
 _CLOSE_IN_CHILDREN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)

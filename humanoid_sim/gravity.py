@@ -1,11 +1,116 @@
-"""Gravity compensation for a running session: `python -m humanoid_sim.gravity`."""
+"""Gravity compensation: a producer for REMOTE with a model of its own, as an outside System 1 would have it."""
+
+from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.frontends.gravity import main
+from humanoid_sim.client import Sample, SessionError
+from humanoid_sim.command_line import parse
+from humanoid_sim.frontends.attach import Attachment, attached, ready
+from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.mit import FloatArray, MITCommand
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.kinematics import GravityTorque
 
-__all__ = ["main"]
+GravityForm = Literal["effort", "pd"]
+
+_DAMPING = 1.0
+"""N·m·s/rad of the effort form: a touch, so that an arm that is let go comes to rest."""
+_SILENCE = 0.5
+"""s without a tick after which this looks whether the session is still there."""
+
+
+def gravity_command(
+    description: RobotDescription, position: FloatArray, gravity: FloatArray, form: GravityForm
+) -> MITCommand:
+    """The command that holds a pose against gravity.
+
+    `effort`: the torque itself, K_p 0, a small K_d. `pd`: no feed-forward but the pose
+    offset by `gravity / K_p`, with the robot's own gains, so that the spring carries the load.
+
+    Args:
+        description: the robot's own gains.
+        position: shape (n,), rad.
+        gravity: shape (n,), N·m, the torque that holds `position`, within the effort limits.
+        form: which of the two.
+    """
+    zeros = np.zeros_like(position)
+    if form == "effort":
+        return MITCommand(position, zeros, gravity, zeros, np.full_like(position, _DAMPING))
+    stiffness = description.stiffness
+    return MITCommand(position + gravity / stiffness, zeros, zeros, stiffness, description.damping)
+
+
+class GravityProducer:
+    """From ticks to commands.
+
+    The PD form holds the pose of the first state after each entry into REMOTE, the effort form whatever pose the arms
+    are in.
+    """
+
+    def __init__(self, attachment: Attachment, form: GravityForm) -> None:
+        """Load the model that the feed carries. Raises `InputError` if it cannot be loaded."""
+        self._description = attachment.description
+        self._gravity = GravityTorque(attachment.description, attachment.model())
+        self._form: GravityForm = form
+        self._hold: FloatArray | None = None
+
+    def command(self, record: TickRecord) -> MITCommand | None:
+        """What to send after a tick; None while a joint has not been heard."""
+        position = record.input.state.joint_position
+        if not np.isfinite(position).all():
+            return None
+        if self._form == "pd":
+            is_remote = record.output.control_mode.mode is Mode.REMOTE
+            self._hold = (position if self._hold is None else self._hold) if is_remote else None
+            position = position if self._hold is None else self._hold
+        return gravity_command(self._description, position, self._gravity(position), self._form)
+
+
+@dataclass(frozen=True)
+class GravityConfig:
+    """Compensate gravity in REMOTE, on a running session."""
+
+    session: int | None = None
+    """Process id of the session. Default: the only one that runs."""
+    form: GravityForm = "effort"
+    """How it commands: as feed-forward effort, or as a PD position offset."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--form pd", "the arms keep their pose"),)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run until the session ends; returns the exit status."""
+    config = parse(GravityConfig, "gravity", arguments)
+    with attached(config.session, "gravity") as attachment:
+        producer = GravityProducer(attachment, config.form)
+        ready(f"gravity compensation ({config.form}) for {attachment.session}")
+        number = 0
+        while attachment.feed.is_running():
+            sample = attachment.feed.wait(number, _SILENCE)
+            if sample is None:
+                continue
+            number = sample.number
+            try:
+                _send(attachment, producer, sample)
+            except SessionError:
+                break
+    return 0
+
+
+def _send(attachment: Attachment, producer: GravityProducer, sample: Sample) -> None:
+    command = producer.command(attachment.record(sample))
+    if command is not None:
+        fields = (command.position, command.velocity, command.effort, command.stiffness, command.damping)
+        # As old as the state that it is made of.
+        attachment.intake.remote(attachment.description.joint_names, *map(list, fields), stamp=sample.stamp)
+
 
 if __name__ == "__main__":
     sys.exit(run_program(main))

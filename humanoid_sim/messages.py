@@ -16,28 +16,6 @@ import numpy.typing as npt
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 
-__all__ = [
-    "OK",
-    "QPOS_DOCUMENT",
-    "URDF_DOCUMENT",
-    "ControlMode",
-    "Event",
-    "EventKind",
-    "FaultReport",
-    "Intent",
-    "Mode",
-    "PolicyStep",
-    "RemoteCommand",
-    "SafetyFlag",
-    "SafetyLevel",
-    "SafetyStatus",
-    "SessionHeader",
-    "StandbyState",
-    "TickInput",
-    "TickOutput",
-    "TickRecord",
-]
-
 
 class Mode(IntEnum):
     """`ControlMode.mode`: what the robot is doing."""

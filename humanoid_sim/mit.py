@@ -17,30 +17,6 @@ import numpy.typing as npt
 
 from humanoid_sim.errors import FieldError
 
-__all__ = [
-    "ANCHOR_POSE",
-    "BASE",
-    "BASE_LINEAR_VELOCITY",
-    "COMMAND_FIELDS",
-    "EXTERN_WIDTHS",
-    "GRAVITY_LEVERS",
-    "HEIGHT_SCAN",
-    "IMU",
-    "KEY_PRESSED",
-    "VELOCITY_COMMAND",
-    "Extern",
-    "FloatArray",
-    "MITCommand",
-    "MITFields",
-    "MITState",
-    "affine_law",
-    "affine_torque",
-    "bounded_position",
-    "frozen_array",
-    "mit_torque",
-    "point_velocity",
-]
-
 FloatArray = npt.NDArray[np.float64]
 
 COMMAND_FIELDS = ("position", "velocity", "effort", "stiffness", "damping")

@@ -7,8 +7,6 @@ import re
 from collections.abc import Iterable
 from itertools import islice
 
-__all__ = ["near_miss"]
-
 _AFFIXES = re.compile(r"^(joint_)|(_joint|_link|_dof|_motor)$")
 _SIDES = ((r"^l_", "left_"), (r"^r_", "right_"), (r"_l$", "_left"), (r"_r$", "_right"))
 _LONGEST, _MOST = 200, 2000

@@ -15,8 +15,6 @@ from humanoid_sim.bounds import NPZ_ARRAYS, NPZ_BYTES
 from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import regular_file
 
-__all__ = ["read_arrays"]
-
 _DAMAGE = (
     ValueError,
     EOFError,

@@ -26,8 +26,6 @@ from humanoid_sim.recording.recover import default_output, recover
 from humanoid_sim.recording.summary import Summary, summarize
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["Info", "Recover", "main"]
-
 _MAX_REMARKS = 40
 """Lines of a summary's list before it is cut; --json has them all."""
 

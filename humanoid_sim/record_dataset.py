@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from humanoid_sim.recording.episodes import Episode
     from humanoid_sim.recording.reader import Recording
 
-__all__ = ["RecordDataset", "main"]
-
 _PURPOSE = "record_dataset"
 _IMU = ("quaternion.w", "quaternion.x", "quaternion.y", "quaternion.z",
         "gyro.x", "gyro.y", "gyro.z", "acceleration.x", "acceleration.y", "acceleration.z")  # fmt: skip
@@ -223,7 +221,7 @@ def _frames(episode: Episode, motion: Motion | None, recording: Recording) -> It
 
 
 def _task(recording: Recording, episode: Episode) -> str:
-    from humanoid_sim.recording.settings import recorded_settings  # noqa: PLC0415
+    from humanoid_sim.recording.reader import recorded_settings  # noqa: PLC0415
 
     settings = recorded_settings(recording.path, recording.header)
     motion, policy = (str(settings.get(name) or "") for name in ("motion", "policy"))

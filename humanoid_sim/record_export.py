@@ -20,15 +20,10 @@ if TYPE_CHECKING:
     from humanoid_sim.recording.reader import Recording
     from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["Export", "export"]
-
 
 @dataclass(frozen=True)
 class Export:
-    """Write what a recording holds for other programs; any of the options, each with the file to write.
-
-    Recordings of earlier versions have no body: theirs is made from the robot's MJCF.
-    """
+    """Write what a recording holds for other programs; any of the options, each with the file to write."""
 
     file: Path
     """Recording (.mcap), finished or cut off."""
@@ -189,18 +184,18 @@ def _action_names(recording: Recording) -> tuple[str, ...]:
 
 
 def _body(recording: Recording, options: Export) -> RecordedBody:
-    from humanoid_sim.messages import URDF_DOCUMENT  # noqa: PLC0415
     from humanoid_sim.recording.body import BodyError, RecordedBody  # noqa: PLC0415
     from humanoid_sim.robots.urdf import body_documents  # noqa: PLC0415
 
     documents = dict(recording.header.documents)
-    if URDF_DOCUMENT not in documents or options.robot is not None:
+    if options.robot is not None:
         documents |= body_documents(_description(recording, options))
     try:
         body = RecordedBody.of(recording.header, documents)
     except BodyError as error:
         raise InputError(f"{recording.path}: its robot's body cannot be used: {error}") from None
-    assert body is not None  # it has a URDF by now
+    if body is None:
+        raise InputError(f"{recording.path}: does not describe its robot's body; name the robot with --robot")
     return body
 
 

@@ -19,11 +19,8 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.messages import Event, PolicyStep, SessionHeader, TickRecord
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
-from humanoid_sim.recording.reader import Entry, Recording, open_recording
+from humanoid_sim.recording.reader import Entry, Recording, open_recording, recorded_settings
 from humanoid_sim.recording.repeat import InferenceReport, RepeatReport, StackBuilder, repeat_run
-from humanoid_sim.recording.settings import recorded_settings
-
-__all__ = ["ReplayConfig", "main", "replay"]
 
 _PLACEHOLDER = "placeholder"
 _TOLERANCE = 1e-4
@@ -191,8 +188,6 @@ def _lines(recording: Recording, report: RepeatReport, inference: _Inference | N
     if report.difference is not None:
         yield f"{report.ticks} ticks identical; tick {report.tick}, t = {_seconds(report.time)}, differs"
         yield f"  {report.difference}"
-        if report.correction is not None:
-            yield f"  a rule was corrected since: {report.correction.text}"
     elif report.gap:
         yield (
             f"{report.ticks} ticks identical; then {report.gap} ticks are missing from the recording (up to tick "
@@ -228,7 +223,6 @@ def _as_json(recording: Recording, report: RepeatReport, inference: _Inference |
         "tick": report.tick,
         "time": _json_number(report.time),
         "difference": None if report.difference is None else asdict(report.difference),
-        "correction": None if report.correction is None else report.correction.name,
         "missing_ticks": report.missing,
         # A difference leaves the rest of the file unread.
         "complete": recording.is_complete if report.difference is None else None,

@@ -1,11 +1,296 @@
-"""rerun's viewer for a running session: `python -m humanoid_sim.rerun`."""
+"""rerun's viewer, on a running session: the robot and its plots, in a window or on a page for browsers.
 
+The viewer is a program of its own, which ends with this one, however this one ends. It only shows.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import socket
+import subprocess
 import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, ClassVar
+from urllib.parse import quote
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.frontends.rerun import main
+from humanoid_sim.client import Sample
+from humanoid_sim.command_line import parse
+from humanoid_sim.errors import InputError
+from humanoid_sim.frontends import require_packages
+from humanoid_sim.frontends.attach import Attachment, RobotElsewhere, attached, behind, ready
+from humanoid_sim.messages import TickRecord
+from humanoid_sim.mit import KEY_PRESSED
+from humanoid_sim.recording.body import BodyError, RecordedBody
+from humanoid_sim.rendering.backend import has_display
+from humanoid_sim.rendering.caption import Caption
+from humanoid_sim.rendering.rerun_log import RerunLog, rerun_module
 
-__all__ = ["main"]
+_HOST = "127.0.0.1"
+_PERIOD = 0.04
+"""s of the robot's time between two poses: each costs the library some 20 calls."""
+_PAUSE = 0.01
+"""s between two looks at the feed."""
+_TOLD_EVERY = 0.5
+"""s between two looks whether the session is still there, the viewer keeps up, and the status is true."""
+_STARTING = 25.0
+"""s that the viewer may take to be there."""
+_MEMORY = "1GB"
+"""That the viewer keeps at most; the oldest is dropped."""
+_PLOTS = ("position", "command", "velocity", "effort", "action")
+_PR_SET_PDEATHSIG = 1
+"""Linux, prctl(2)."""
+
+
+@dataclass(frozen=True)
+class RerunConfig(RobotElsewhere):
+    """Watch a running session in rerun's viewer: the robot, and plots of its joints."""
+
+    web: bool = False
+    """A page for browsers on this machine, in place of a window; also where there is no display."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("--web", "in a browser on this machine"),
+        ("--dds --interface eth1", "a robot on another machine"),
+    )
+
+
+def status_text(record: TickRecord | None, late: str, clock: str) -> str:
+    """What the viewer's text says of the present, as Markdown.
+
+    Args:
+        record: the newest tick; None while there is none.
+        late: what `behind` says of it.
+        clock: the time of day, by which a picture that stands still gives itself away.
+    """
+    if record is None:
+        return f"# no tick yet\n\n{clock}"
+    caption = Caption.of(record)
+    return f"# {late or caption.mode.name}\n\n{caption.message}\n\n{clock}, robot's clock {caption.time:.1f} s"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run until the session ends or the viewer is closed; returns the exit status."""
+    config = parse(RerunConfig, "rerun", arguments)
+    config.refuse_conflicts()
+    require_packages("rerun")
+    if not config.dds:
+        with attached(config.session, "rerun", niceness=10) as attachment:
+            _show(attachment, is_page=config.web)
+        return 0
+    require_packages("dds")
+    from humanoid_sim.frontends.dds.mirror import watched  # noqa: PLC0415
+
+    with watched(config) as found:
+        if found is not None:
+            attachment, refresh, ended = found
+            _show(attachment, refresh, ended, is_page=config.web)
+    return 0
+
+
+def _show(
+    attachment: Attachment,
+    refresh: Callable[[], None] = lambda: None,
+    ended: Callable[[], bool] = lambda: False,
+    *,
+    is_page: bool,
+) -> None:
+    """Show ticks until the session or the viewer has ended; `refresh` is called before each look at the feed."""
+    try:
+        body = RecordedBody.of(attachment.header)
+    except BodyError as error:
+        raise InputError(f"{attachment.session}: {error}") from None
+    if body is None:
+        raise InputError(f"{attachment.session}: does not describe its robot's body")
+    with _viewer(is_page=is_page or not has_display()) as viewer:
+        os.environ["RUST_LOG"] = "off"  # what the library has to say of a viewer that was closed is no news
+        library = rerun_module("the rerun viewer")
+        stream = library.RecordingStream("humanoid_sim")
+        stream.connect_grpc(viewer.source)
+        stream.send_blueprint(_blueprint(has_keys=_has_keys(attachment)))
+        log = RerunLog(library, stream, attachment.header, body, _action_names(attachment), period=_PERIOD)
+        ready(f"{viewer.told}, for {attachment.session}")
+        _watch(attachment, viewer, log, _Teller(library, stream), refresh, ended)
+        if viewer.process.poll():
+            raise InputError(f"rerun: its viewer ended: {viewer.complaint()}")
+        stream.disconnect()
+
+
+@dataclass(frozen=True, slots=True)
+class _Viewer:
+    """A viewer that runs."""
+
+    process: subprocess.Popen[bytes]
+    source: str
+    """Where it takes what it shows."""
+    told: str
+    """What to tell an operator."""
+    output: IO[bytes]
+
+    def complaint(self) -> str:
+        """The last error that it printed, or how it ended."""
+        self.output.seek(0)
+        lines = self.output.read().decode(errors="replace").strip().splitlines()
+        return next((line for line in reversed(lines) if line.startswith("Error")), f"status {self.process.poll()}")
+
+
+@dataclass(slots=True)
+class _Teller:
+    """Keeps the viewer's status true, and what waits for the viewer short: a library's queue would grow without end."""
+
+    library: Any
+    stream: Any
+    keeps_up: bool = True
+    """Whether the viewer has taken all that was sent."""
+
+    def tell(self, text: str) -> None:
+        """Send the status, if the viewer has taken what was sent before."""
+        if self.keeps_up:
+            document = self.library.TextDocument(text, media_type=self.library.MediaType.MARKDOWN)
+            self.stream.log("status", document, static=True)
+        try:
+            self.stream.flush(timeout_sec=_TOLD_EVERY)
+            self.keeps_up = True
+        except Exception:  # of the library's own kinds: it has not taken it in time, or is gone
+            self.keeps_up = False
+
+
+def _watch(
+    attachment: Attachment,
+    viewer: _Viewer,
+    log: RerunLog,
+    teller: _Teller,
+    refresh: Callable[[], None],
+    ended: Callable[[], bool],
+) -> None:
+    """Until the session or the viewer ends. Of ticks that come while the viewer is stopped, only the newest counts."""
+    feed = attachment.feed
+    newest: Sample | None = feed.latest()
+    record: TickRecord | None = None
+    number = 0 if newest is None else newest.number - 1  # a session that is under way begins with its present
+    told = 0.0
+    while viewer.process.poll() is None and not ended():
+        refresh()
+        for sample in feed.since(number):
+            number, newest, record = sample.number, sample, attachment.record(sample)
+            if attachment.follow():
+                log.follow(_action_names(attachment))
+            if teller.keeps_up:
+                log.tick(record)
+        if time.monotonic() - told > _TOLD_EVERY:
+            if not feed.is_running():
+                return
+            late = "" if newest is None else behind(newest.age(), feed.control_period)
+            teller.tell(status_text(record, late, time.strftime("%H:%M:%S")))
+            told = time.monotonic()
+        time.sleep(_PAUSE)
+
+
+def _action_names(attachment: Attachment) -> tuple[str, ...]:
+    """The joints that the policy drives."""
+    contract = attachment.contract
+    return () if contract is None else contract.action_joint_names
+
+
+def _has_keys(attachment: Attachment) -> bool:
+    """Whether the session knows which of a piano's keys are down."""
+    return attachment.description.piano is not None or KEY_PRESSED in attachment.feed.live_inputs
+
+
+def _blueprint(*, has_keys: bool) -> Any:
+    """The robot beside its status and its plots, and a piano's keys below it."""
+    import rerun.blueprint as views  # noqa: PLC0415 - an extra
+
+    plots = {name: views.TimeSeriesView(origin=f"plots/{name}", name=name) for name in _PLOTS}
+    places = views.Tabs(plots["position"], plots["command"])
+    rest = views.Tabs(plots["effort"], plots["velocity"], plots["action"])
+    side = views.Vertical(views.TextDocumentView(origin="status", name="status"), places, rest, row_shares=[2, 3, 3])
+    robot = views.Spatial3DView(origin="/", name="robot")
+    if has_keys:
+        robot = views.Vertical(robot, views.BarChartView(origin="keys", name="keys"), row_shares=[4, 1])
+    return views.Blueprint(views.Horizontal(robot, side, column_shares=[3, 2]), collapse_panels=True)
+
+
+@contextlib.contextmanager
+def _viewer(*, is_page: bool) -> Iterator[_Viewer]:
+    """Start the viewer, on this machine's own address alone, and end it.
+
+    Raises:
+        InputError: it does not come.
+    """
+    import rerun_cli  # noqa: PLC0415 - an extra
+
+    program = Path(rerun_cli.__file__).with_name("rerun")
+    port, page = _free_ports(2)
+    source = f"rerun+http://{_HOST}:{port}/proxy"
+    command = [str(program), "--bind", _HOST, "--port", str(port), "--memory-limit", _MEMORY]
+    told = "rerun's window"
+    if is_page:
+        command += ["--serve-web", "--web-viewer-port", str(page), "--server-memory-limit", "256MB"]
+        told = f"rerun's page: http://{_HOST}:{page}/?url={quote(source, safe='')}"
+    else:
+        command += ["--hide-welcome-screen", "--expect-data-soon"]
+    with tempfile.TemporaryFile() as output:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            preexec_fn=_ending_with_parent(),  # noqa: PLW1509 - it takes no lock: one system call
+        )
+        viewer = _Viewer(process, source, told, output)
+        try:
+            for needed in (port, page) if is_page else (port,):
+                _wait_for(viewer, needed)
+            yield viewer
+        finally:
+            process.terminate()
+            try:
+                process.wait(2.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _ending_with_parent() -> Callable[[], object]:
+    """For the child to call: when this program is gone, nobody is left to say that the picture is the past."""
+    if not sys.platform.startswith("linux"):
+        return lambda: None
+    libc, parent = ctypes.CDLL(None), os.getpid()
+
+    def tie() -> None:
+        libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)
+
+    return tie
+
+
+def _free_ports(count: int) -> list[int]:
+    with contextlib.ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket()) for _ in range(count)]
+        for each in sockets:
+            each.bind((_HOST, 0))
+        return [each.getsockname()[1] for each in sockets]
+
+
+def _wait_for(viewer: _Viewer, port: int) -> None:
+    deadline = time.monotonic() + _STARTING
+    while viewer.process.poll() is None:
+        with contextlib.suppress(OSError), socket.create_connection((_HOST, port), timeout=1.0):
+            return
+        if time.monotonic() > deadline:
+            raise InputError(f"rerun: its viewer is not there after {_STARTING:g} s")
+        time.sleep(0.05)
+    raise InputError(f"rerun: its viewer ended: {viewer.complaint()}")
+
 
 if __name__ == "__main__":
     sys.exit(run_program(main))

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["Convert", "Describe", "main"]
-
 
 @dataclass(frozen=True)
 class Describe:

@@ -36,10 +36,8 @@ from humanoid_sim.messages import SessionHeader
 from humanoid_sim.policy.contract_json import decode, encode
 from humanoid_sim.policy.labels import observation_labels
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
-from humanoid_sim.policy.metadata import parse_metadata
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
 from humanoid_sim.recording.labels import LABELS_DOCUMENT, labels_document
-from humanoid_sim.recording.rules import CORRECTIONS
 from humanoid_sim.recording.start import START_DOCUMENT, start_document
 from humanoid_sim.robots.description import RobotDescription, with_joint_limits
 from humanoid_sim.robots.guards import GuardRecord, guards_of
@@ -47,30 +45,18 @@ from humanoid_sim.robots.schema import StandbySettings
 from humanoid_sim.robots.urdf import body_documents
 from humanoid_sim.strict_json import parse_json
 
-__all__ = [
-    "build_supervisor",
-    "no_policy",
-    "policy_controller",
-    "rebuild_supervisor",
-    "recorded_contract",
-    "recorded_motion",
-    "recorded_policy",
-    "run_header",
-    "with_policy",
-]
-
 
 class _ControllerSettings(msgspec.Struct, frozen=True):
     """What a header says of the controllers beside the robot's description and the contract."""
 
     remote: bool
-    action_limit: float = ACTION_LIMIT
-    guards: GuardRecord | None = None
-    """None: of a recording from before there were guards, or of a run without."""
-    signs: tuple[str, ...] | None = None
-    """Joints whose sign may contradict gravity; None: signs were not judged, as before that was possible."""
-    loads: bool = False
+    action_limit: float
+    guards: GuardRecord | None
+    """None: of a run without."""
+    loads: bool
     """The session loads policies while it runs."""
+    signs: tuple[str, ...] | None = None
+    """Joints whose sign may contradict gravity; None: signs were not judged."""
 
 
 _NO_POLICY = "no policy is loaded: humanoid_sim.mode load POLICY loads one"
@@ -219,7 +205,6 @@ def run_header(
                 "remote": remote,
                 "action_limit": ACTION_LIMIT if action_limit is None else action_limit,
                 "guards": None if watching is None else msgspec.to_builtins(GuardRecord.of(watching)),
-                "corrections": [correction.name for correction in CORRECTIONS],
                 **({} if signs is None else {"signs": signs}),
                 "loads": loads,
             }
@@ -283,16 +268,7 @@ def recorded_contract(header: SessionHeader) -> PolicyContract | None:
         InputError: if it is damaged.
     """
     text = header.documents.get("contract")
-    if text is None:
-        return None
-    # Before contracts were complete, a header held the thirteen keys.
-    try:
-        document = parse_json(text)
-    except ValueError:
-        document = None
-    if isinstance(document, dict) and "version" not in document:
-        return parse_metadata(document, "recording")
-    return decode(text, "recording")
+    return None if text is None else decode(text, "recording")
 
 
 def recorded_motion(header: SessionHeader) -> Motion | None:

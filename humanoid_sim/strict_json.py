@@ -7,8 +7,6 @@ from typing import Any
 
 from humanoid_sim.errors import reason_of
 
-__all__ = ["parse_json"]
-
 
 def parse_json(text: str | bytes) -> Any:
     """The document that a text holds.

@@ -15,9 +15,6 @@ from humanoid_sim.bounds import YAML_BYTES, YAML_TEXT, YAML_VALUES
 from humanoid_sim.errors import InputError, one_line
 from humanoid_sim.files import regular_file
 
-__all__ = ["UNREADABLE", "StrictLoader", "load_strictly", "read_strictly", "read_yaml", "type_at", "value_at"]
-
-
 UNREADABLE = (ValueError, OverflowError, TypeError, LookupError, AttributeError, RecursionError)
 """What PyYAML raises beside its own errors: for values that their tags do not fit, and for sizes beyond reason."""
 _SAFE_NESTING = 2000

@@ -43,8 +43,9 @@ def test_a_table_has_a_row_for_each_tick(recording: Path, tmp_path: Path, capsys
             assert float(row["action/left_elbow_pitch"]) == step.action[3]
 
 
-def test_an_earlier_recording_gets_its_body_from_the_robot(tmp_path: Path) -> None:
-    assert record(["export", str(SIMULATED), "--urdf", str(tmp_path / "robot.urdf")]) == 0
+@pytest.mark.parametrize("options", [[], ["--robot", "lite"]], ids=["recorded", "named"])
+def test_the_body_is_the_recorded_one_or_that_of_a_robot(options: list[str], tmp_path: Path) -> None:
+    assert record(["export", str(SIMULATED), "--urdf", str(tmp_path / "robot.urdf"), *options]) == 0
     root = ElementTree.parse(tmp_path / "robot.urdf").getroot()
     assert root.attrib["name"] == "lite"
     assert root.find("joint[@name='left_elbow_pitch']") is not None

@@ -21,8 +21,6 @@ from humanoid_sim.envs.episode_robot import EpisodeRobot
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.envs.randomised_robot import RandomisedRobot
 
-__all__ = ["PolicyTask", "RobotPhysics", "TaskEnvironment"]
-
 Array = npt.NDArray[np.float32]
 
 

@@ -18,8 +18,6 @@ from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import ANCHOR_POSE, FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["MotionTask"]
-
 _JOINT_SCALE = 0.3
 """rad"""
 _POSITION_SCALE = 0.3

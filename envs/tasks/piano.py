@@ -19,8 +19,6 @@ from humanoid_sim.mit import KEY_PRESSED, FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.simulation.fingers import Fingers
 
-__all__ = ["PianoTask"]
-
 _REACH = 0.05
 """m"""
 _WRIST_HEIGHT = 0.05

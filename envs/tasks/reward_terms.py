@@ -13,8 +13,6 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["RewardTerm", "checked_terms", "finite", "require_finite", "term_value"]
-
 RewardTerm = tuple[float, Callable[[StepSample], FloatArray | float]]
 """A weight, 1/s per unit of the term, and the term's value of a policy step: shape (...), or a number for all."""
 

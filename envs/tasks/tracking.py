@@ -18,8 +18,6 @@ from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["TrackingTask"]
-
 _POSITION_SCALE = 0.1
 """m"""
 _ORIENTATION_SCALE = 0.4

@@ -18,8 +18,6 @@ from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["VelocityTask"]
-
 _LINEAR_SCALE = 0.25
 """m/s"""
 _YAW_SCALE = 0.5

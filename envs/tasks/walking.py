@@ -20,8 +20,6 @@ from humanoid_sim.mit import FloatArray, point_velocity
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
-__all__ = ["WalkingTask"]
-
 _LINEAR_SCALES = 0.15, 0.5
 """m/s: a sharp one to hold a speed by, and a wide one to find it."""
 _YAW_SCALES = 0.2, 0.8

@@ -13,8 +13,6 @@ from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["enable_motors", "gain_warnings", "prepare_motors"]
-
 
 def prepare_motors(wiring: Wiring, motors: RobotMotors, checks: CheckList) -> FloatArray:
     """Identify, stop, configure and verify; leaves the motors stopped.

@@ -22,18 +22,6 @@ from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState, b
 from humanoid_sim.robots.motors import FAMILIES
 from humanoid_sim.session.rest import RestDetector
 
-__all__ = [
-    "CommandEncoder",
-    "MotorControl",
-    "damp_until_rest",
-    "disable",
-    "is_damped",
-    "is_limp",
-    "robot_state",
-    "unconfirmed",
-]
-
-
 _LIFETIME = 2.0
 """Control periods after which a command that has not left never leaves: by then there are newer ones, or none because
 this process stood still."""

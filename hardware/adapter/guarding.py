@@ -18,8 +18,6 @@ from humanoid_sim.hardware.guardian.plan import GuardedMotor, GuardianPlan
 from humanoid_sim.messages import SafetyStatus
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["MotorGuard"]
-
 
 class MotorGuard:
     """A guardian for those of some motors that need one, from one activation to the next; where none does, nothing.

@@ -16,18 +16,6 @@ from humanoid_sim.hardware.adapter.wiring import Wiring
 from humanoid_sim.hardware.motors import Readings
 from humanoid_sim.mit import FloatArray
 
-__all__ = [
-    "MARGIN",
-    "JointReadings",
-    "JointTracker",
-    "find_turns",
-    "has_jumped",
-    "turn_problems",
-    "unheard",
-    "unwrapped",
-]
-
-
 _TURN = 2.0 * math.pi
 
 

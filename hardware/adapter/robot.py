@@ -37,8 +37,6 @@ from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, flattened
 
-__all__ = ["HardwareRobot"]
-
 _JUMPED = "its position jumped before: compare it with this list, and calibrate if it differs"
 
 

@@ -15,8 +15,6 @@ from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.hardware.motors import Finding, MotorFigures, MotorLink, Note, Readings, SessionTerms, check_intruders
 
-__all__ = ["RobotMotors"]
-
 
 class RobotMotors:
     """One link per family, each with the robot's joints that are its own; joints here are the robot's.

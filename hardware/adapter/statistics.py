@@ -14,8 +14,6 @@ from humanoid_sim.hardware.bus.events import ChannelCounters
 from humanoid_sim.hardware.bus.frame import bus_load
 from humanoid_sim.hardware.motors import MotorFigures
 
-__all__ = ["ChannelStatistics", "RobotStatistics", "gather_statistics"]
-
 
 @dataclass(frozen=True, slots=True)
 class ChannelStatistics:

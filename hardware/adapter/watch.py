@@ -16,9 +16,6 @@ from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE
 
-__all__ = ["SafetyWatch"]
-
-
 _WARNINGS = SafetyFlag.TX_QUEUE_OVERRUN | SafetyFlag.INVALID_FRAME
 """Flags that are a WARNING by themselves, as a finding without a flag is; the others are a FAULT."""
 

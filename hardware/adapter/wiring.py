@@ -17,8 +17,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import FAMILIES, MOTORS
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["AdapterSettings", "Wiring", "make_settings", "make_wiring"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wiring(MotorGroup):

@@ -22,20 +22,6 @@ import can
 from humanoid_sim.errors import InputError, RobotError, known_names
 from humanoid_sim.hardware.bus.frame import BITRATE, Frame
 
-__all__ = [
-    "BusAddress",
-    "Echoes",
-    "bus_hints",
-    "can_interfaces",
-    "error_number",
-    "frame_of",
-    "message_of",
-    "open_bus",
-    "parse_address",
-    "parse_addresses",
-]
-
-
 _SOCKETCAN = "socketcan"
 _ACCEPTED = "expected a network interface such as can0, or interface:channel such as virtual:lite"
 

@@ -20,8 +20,6 @@ from humanoid_sim.hardware.bus.events import BurstDetector, BusEvent, ChannelCou
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.outbox import Outbox
 
-__all__ = ["Channel", "OpenBus", "Received"]
-
 OpenBus = Callable[[BusAddress], can.BusABC]
 Received = Callable[[Frame, float], None]
 """Takes a frame and the time at which it arrived, s, robot's clock; called on the receiver's thread."""

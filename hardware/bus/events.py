@@ -6,8 +6,6 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 from enum import Enum
 
-__all__ = ["BurstDetector", "BusEvent", "ChannelCounters", "ErrorReport", "read_error_frame"]
-
 
 class BusEvent(Enum):
     """What an error on the bus means for whoever drives motors over it."""

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["BITRATE", "FRAME_BITS", "Frame", "arbitration_key", "bus_load", "frame_bits"]
-
 BITRATE = 1_000_000
 """bit/s, the motors' default."""
 

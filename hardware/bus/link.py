@@ -16,8 +16,6 @@ from humanoid_sim.errors import RobotError, one_line
 from humanoid_sim.hardware.bus.frame import BITRATE
 from humanoid_sim.hardware.checks import CheckList
 
-__all__ = ["LinkSettings", "check_link", "configured_by_hand", "read_links"]
-
 _COMMAND = ("ip", "-details", "-json", "link", "show")
 _TIMEOUT = 5.0
 """s"""

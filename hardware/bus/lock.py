@@ -15,8 +15,6 @@ from typing import Self
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import BusAddress
 
-__all__ = ["ChannelLock"]
-
 _SHARED = Path("/tmp")
 """The same for every user and every TMPDIR: two sessions that look in different folders would both drive the robot."""
 

@@ -13,8 +13,6 @@ from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.lock import ChannelLock
 from humanoid_sim.hardware.checks import CheckList
 
-__all__ = ["Listener", "Locks", "OpenChannels"]
-
 Listener = Callable[[int, Frame, float], bool]
 """Takes a frame with its channel's index and its time (s, robot's clock), on the receiver's thread; whether it knows
 the frame, which is then nobody else's."""

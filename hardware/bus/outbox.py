@@ -9,8 +9,6 @@ from collections.abc import Callable, Hashable, Sequence
 
 from humanoid_sim.hardware.bus.frame import Frame
 
-__all__ = ["Outbox"]
-
 _PATIENCE = 0.06
 """s that a motor's commands may be replaced unsent before that counts as an overrun. Less is a late thread; more comes
 close to the motors' CAN timeout."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import can
 
-__all__ = ["PassingBus"]
-
 
 class PassingBus(can.BusABC):
     """Passes everything on to another bus, which is shut down with it."""

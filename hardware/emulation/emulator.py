@@ -21,8 +21,6 @@ from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.wire import HOST, OTHER_HOST, FrameFaults, Transmission, Wire
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["Arrival", "BusLoad", "Emulator"]
-
 _BUS_OFF = Frame(0x040, bytes(8), is_error=True)
 """CAN_ERR_BUSOFF of linux/can/error.h."""
 _VIOLATION = Frame(0x008, bytes(8), is_error=True)

@@ -12,8 +12,6 @@ from typing import Literal
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["FAULTS", "Fault", "FaultInfo", "describe_faults", "parse_fault"]
-
 
 @dataclass(frozen=True, slots=True)
 class FaultInfo:

@@ -59,8 +59,6 @@ from humanoid_sim.hardware.robstride.parameters import CanTimeout, RunMode, repo
 from humanoid_sim.hardware.robstride.replies import encode_reply
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["advance", "next_time", "power_on", "receive", "status", "torque_limit", "wrapped"]
-
 _LEAST_VOLTAGE = 12.0
 """V, below which the motor reports undervoltage; likewise the manuals' 60 V."""
 _MOST_VOLTAGE = 60.0

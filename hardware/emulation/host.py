@@ -20,8 +20,6 @@ from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.plant import PlantTruth
 
-__all__ = ["EmulatorHost", "FaultyBus"]
-
 _POLL_PERIOD = 0.0005
 """s between two looks at the channels. Frames are emulated at the times of their stamps, not of these looks."""
 _TRUTH_PERIOD = 0.002

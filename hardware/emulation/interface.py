@@ -7,8 +7,6 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.robots.motors import MotorModel
 
-__all__ = ["Drive", "Firmware", "Reaction", "Sensed"]
-
 State = TypeVar("State")
 
 

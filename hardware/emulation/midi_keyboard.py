@@ -15,8 +15,6 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
 
-__all__ = ["MidiKeyboard", "message"]
-
 _PERIOD = 0.002
 """s between two looks at the keys, as long as a keyboard takes for one."""
 _SENSING_PERIOD = 0.1

@@ -23,20 +23,6 @@ from humanoid_sim.hardware.robstride.parameters import (
 )
 from humanoid_sim.robots.motors import POSITION_RANGE, MotorModel
 
-__all__ = [
-    "NO_FAULT",
-    "NO_STATUS_FAULT",
-    "NO_WARNING",
-    "MotorIdentity",
-    "MotorState",
-    "Stored",
-    "initial_parameters",
-    "parameter",
-    "read_parameter",
-    "written_parameters",
-]
-
-
 NO_STATUS_FAULT = StatusFault(0)
 NO_FAULT = FaultBit(0)
 NO_WARNING = WarningBit(0)

@@ -18,8 +18,6 @@ from humanoid_sim.simulation.floating_base import FloatingBase, move_support
 from humanoid_sim.simulation.plant import make_plant
 from humanoid_sim.simulation.sensors import BodySensors, ImuSample
 
-__all__ = ["MotorPlant", "PlantTruth"]
-
 _JAM = 1e4
 """N·m·s/rad of a jammed joint, which then creeps by mrad per second at most. Dry friction would be a soft
 constraint in MuJoCo, and slip; viscous damping is integrated implicitly, and so cannot make the simulation unstable."""

@@ -15,8 +15,6 @@ from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.robstride.replies import encode_reply
 from humanoid_sim.robots.motors import MotorModel
 
-__all__ = ["RobstrideFirmware"]
-
 _FOREIGN_HOST = 0xAA
 """Id of the other computer that asks."""
 

@@ -15,8 +15,6 @@ from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, emulated_v
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS, motor_model
 
-__all__ = ["NEW_FIRMWARE", "EmulationSettings", "motor_identities"]
-
 NEW_FIRMWARE: Mapping[str, FirmwareVersion] = MappingProxyType(
     {name: emulated_version(model) for name, model in MOTORS.items() if model.family == "robstride"}
 )

@@ -28,8 +28,6 @@ from humanoid_sim.hardware.sito.codec import (
 )
 from humanoid_sim.robots.motors import MotorModel
 
-__all__ = ["SitoFirmware", "SitoState"]
-
 _LEAST_VOLTAGE, _MOST_VOLTAGE = 12.0, 60.0
 """V, beyond which it protects itself: assumed as for the other motors of the robot."""
 _HOTTEST = 120.0

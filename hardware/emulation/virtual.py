@@ -17,8 +17,6 @@ from humanoid_sim.hardware.emulation.motors import Told
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["VirtualMotors"]
-
 
 class VirtualMotors(EmulatorHost):
     """A robot's motors on python-can channels, run by a thread of this process until `close`.

@@ -24,8 +24,6 @@ from humanoid_sim.hardware.guardian.plan import GuardianPlan
 from humanoid_sim.hardware.guardian.process import READY
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 
-__all__ = ["SOURCE", "Guardian", "can_share"]
-
 SOURCE = "guardian"
 """What its safety statuses name as their source."""
 _START = 10.0

@@ -10,12 +10,9 @@ from __future__ import annotations
 import mmap
 import os
 import tempfile
-import time
 from enum import IntEnum
 
-__all__ = ["Heartbeat", "Phase", "Stage"]
-
-_PHASE, _BEATS, _TIME, _STAGE, _LOOKS, _SENT = range(6)
+_PHASE, _BEATS, _STAGE, _LOOKS, _SENT = range(5)
 """Places of 8 bytes: whole and aligned, so that a reader sees the old number or the new one."""
 
 
@@ -92,7 +89,6 @@ class Heartbeat:
 
     def beat(self) -> None:
         """A command was handed to every motor."""
-        self._places[_TIME] = time.monotonic_ns()
         self._places[_BEATS] += 1
 
     def count_sent(self, channel: int) -> None:
@@ -103,11 +99,6 @@ class Heartbeat:
     def signs_of_life(self) -> tuple[int, ...]:
         """The counters that must not stand still: commands, and frames that left, by channel."""
         return (self._places[_BEATS], *self._places[_SENT:])
-
-    @property
-    def last_beat(self) -> float:
-        """When, s on CLOCK_MONOTONIC, the latest command was handed over; 0 before the first."""
-        return self._places[_TIME] * 1e-9
 
     # --- the guardian's end
 

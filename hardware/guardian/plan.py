@@ -11,8 +11,6 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.frame import Frame
 
-__all__ = ["GuardedMotor", "GuardianPlan"]
-
 
 @dataclass(frozen=True, slots=True)
 class GuardedMotor:

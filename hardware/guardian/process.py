@@ -82,11 +82,6 @@ class _Guardian:
         names = ["no command was decided", *(f"nothing left on {channel}" for channel in plan.channels)]
         self._silence = Silence(plan.timeout, names)
 
-    @property
-    def is_orphan(self) -> bool:
-        """Whether the loop's process has ended, as of the latest pause."""
-        return self._is_orphan
-
     def watch(self) -> str:
         """Until it is to take over, with the reason; empty: until it is to end."""
         heartbeat = self._heartbeat

@@ -14,20 +14,6 @@ from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import FloatArray, frozen_array
 from humanoid_sim.simulation.sensors import ImuSample
 
-__all__ = [
-    "DEFAULT_MOUNTING",
-    "LABEL_UP",
-    "OK",
-    "SOURCE",
-    "Imu",
-    "ImuReading",
-    "SimulatedImu",
-    "make_imu",
-    "silent",
-    "upright_at_rest",
-]
-
-
 SOURCE = "imu"
 """The source of an IMU's safety status."""
 OK = SafetyStatus(source=SOURCE)

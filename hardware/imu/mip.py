@@ -15,8 +15,6 @@ import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-__all__ = ["Field", "Packet", "PacketReader", "checksum", "encode_packet"]
-
 _SYNC = b"\x75\x65"
 _HEADER = 4
 """Bytes before the payload."""

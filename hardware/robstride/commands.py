@@ -50,16 +50,6 @@ from humanoid_sim.hardware.robstride.parameters import PAYLOAD_LENGTH
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import MotorModel
 
-__all__ = [
-    "LARGEST_MOTOR_ID",
-    "VERSION_REQUEST",
-    "EncodedCommands",
-    "OperationControlEncoder",
-    "decode_command",
-    "encode_command",
-]
-
-
 LARGEST_MOTOR_ID = 127
 VERSION_REQUEST = b"\x00\xc4"
 """First bytes of a stop frame that asks for the version instead."""

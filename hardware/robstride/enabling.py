@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motors import MotorGroup
+from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, flag_names
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
 from humanoid_sim.hardware.robstride.identification import identify
@@ -20,6 +21,7 @@ from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import (
     Command,
     Enable,
+    OperationControl,
     ParameterReply,
     ReadParameter,
     SetActiveReport,
@@ -29,9 +31,6 @@ from humanoid_sim.hardware.robstride.messages import (
 from humanoid_sim.hardware.robstride.motor_table import MotorSlot
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, RunMode, fault_word, unpack_value
 from humanoid_sim.hardware.robstride.requests import Requests, Unreadable
-from humanoid_sim.hardware.robstride.stored_host import check_stored_hosts, limp_command, note_stored_hosts
-
-__all__ = ["CAN_TIMEOUT", "enable_motors", "examine", "make_ready", "mode_text", "set_reports", "stop_motors"]
 
 CAN_TIMEOUT = 0.1
 """s without a command after which a motor stops by itself, unless somebody asks for another time."""
@@ -134,7 +133,7 @@ def make_ready(
     elif torque is not None:
         limits = dict.fromkeys(joints, torque)
         _write_limit(requests, "limit_torque", limits, _peaks(requests.motors), checks, is_needed=True)
-    check_stored_hosts(channels, joints, checks)
+    _check_stored_hosts(channels, joints, checks)
 
 
 # --- stopping
@@ -271,7 +270,7 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
         if len(confirmed) == len(joints) or time.monotonic() > deadline:
             break
         for i in joints:  # one motor after the other: no other's frames between enable and limp
-            motor_id, limp = motors.motor_id[i], limp_command(requests, i)
+            motor_id, limp = motors.motor_id[i], _limp_command(requests, i)
             commands: list[Command] = [limp]
             if i not in running:
                 commands += [Enable(motor_id, host_id=requests.host_id), limp]
@@ -287,7 +286,7 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
             checks.problem(name, "does not tell its CAN timeout after it was enabled")
         elif confirmed[i] != ticks:
             checks.problem(name, f"has booted since it was configured: its canTimeout reads {confirmed[i]:g}")
-    note_stored_hosts(requests, joints, checks)
+    _note_stored_hosts(requests, joints, checks)
 
 
 def _listen(requests: Requests, asked: Sequence[int], confirmed: dict[int, float]) -> None:
@@ -312,3 +311,51 @@ def mode_text(slot: MotorSlot) -> str:
         return "no status"
     status = slot.sample.status
     return ", ".join([f"mode {status.mode.name.lower()}", *flag_names(status.faults)])
+
+
+_ANSWER_TIME = 0.05
+"""s in which a stopped motor answers operation control, if it does at all."""
+
+
+def _check_stored_hosts(channels: RobstrideLink, joints: Sequence[int], checks: CheckList) -> None:
+    """Ask these motors, which are stopped, with a command that exerts nothing; reject those that answer another host.
+
+    The frame of type 1 has no room for a host's id; where the motor takes that from is not documented, and there is one
+    stored in it. A motor that answers a stored host would run, and never be heard.
+    One that does not answer while it is stopped is found out when it is enabled: `note_stored_hosts`.
+    """
+    slots = channels.table.slots
+    before = {i: slots[i].statuses for i in joints}
+    for i in joints:
+        slots[i].answers_to = None
+    channels.table.expects_strays = True
+    try:
+        channels.requests.send({i: [_limp_command(channels.requests, i)] for i in joints})
+        channels.line.wait(
+            lambda: all(slots[i].statuses > before[i] or slots[i].answers_to is not None for i in joints), _ANSWER_TIME
+        )
+    finally:
+        channels.table.expects_strays = False
+    _note_stored_hosts(channels.requests, joints, checks)
+
+
+def _note_stored_hosts(requests: Requests, joints: Iterable[int], checks: CheckList) -> None:
+    """Those of these motors that have answered another host since they were asked are a problem."""
+    for i in joints:
+        host = requests.table.slots[i].answers_to
+        if host is None:
+            continue
+        ours = requests.host_id
+        start = f"start with --host-id {host}, or " if host > LARGEST_MOTOR_ID else ""
+        checks.problem(
+            requests.motors.names[i],
+            f"answers operation control to host {host}, which is stored in the motor, and not to {ours}, this host: "
+            f"{start}store {ours} in it (CAN_MASTER, with the vendor's program)",
+        )
+
+
+def _limp_command(requests: Requests, joint: int) -> OperationControl:
+    """A command without gains or effort, at the motor's position if that is known."""
+    sample = requests.table.slots[joint].sample
+    position = 0.0 if sample is None else sample.status.position
+    return OperationControl(requests.motors.motor_id[joint], position, 0.0, 0.0, 0.0, 0.0)

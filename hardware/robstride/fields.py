@@ -16,26 +16,6 @@ import math
 from enum import Enum, IntEnum, IntFlag
 from typing import NamedTuple
 
-__all__ = [
-    "BROADCAST_ID",
-    "DATA_LENGTH",
-    "SIGNED_STEPS",
-    "UNSIGNED_STEPS",
-    "FaultBit",
-    "FrameType",
-    "Identifier",
-    "MotorMode",
-    "Scale",
-    "StatusFault",
-    "WarningBit",
-    "flag_names",
-    "from_unsigned",
-    "join_identifier",
-    "split_identifier",
-    "to_unsigned",
-]
-
-
 BROADCAST_ID = 0xFE
 """Destination of a device-id reply."""
 DATA_LENGTH = 8

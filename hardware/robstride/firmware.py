@@ -14,22 +14,6 @@ from typing import TypeAlias
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 
-__all__ = [
-    "KNOWN",
-    "Firmware",
-    "FirmwareVersion",
-    "KnownFirmware",
-    "emulated_version",
-    "firmware_of",
-    "firmware_problem",
-    "firmware_question",
-    "firmware_warning",
-    "model_name",
-    "parse_version",
-    "version_text",
-]
-
-
 FirmwareVersion: TypeAlias = tuple[int, int, int, int]
 
 _NEVER: FirmwareVersion = (0, 0, 0, -1)

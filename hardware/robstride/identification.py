@@ -20,8 +20,6 @@ from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId, ReadVersion, Reply, Version
 from humanoid_sim.hardware.robstride.requests import Requests
 
-__all__ = ["identify", "read_versions"]
-
 Answers = dict[tuple[int, int], set[bytes]]
 """Unique ids that answered, by channel and motor id."""
 

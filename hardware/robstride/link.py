@@ -11,8 +11,6 @@ from humanoid_sim.hardware.motors import ChannelNotes, MotorGroup, check_intrude
 from humanoid_sim.hardware.robstride.motor_table import MotorTable
 from humanoid_sim.hardware.robstride.requests import Requests
 
-__all__ = ["RobstrideLink"]
-
 
 class RobstrideLink:
     """Motors on some channels. Give it every frame that is no other family's."""

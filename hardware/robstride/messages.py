@@ -11,36 +11,6 @@ from typing import TypeAlias
 
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit
 
-__all__ = [
-    "DEFAULT_HOST_ID",
-    "BaudRate",
-    "Command",
-    "DeviceId",
-    "Enable",
-    "FaultReport",
-    "GetDeviceId",
-    "HostCommand",
-    "Ignored",
-    "IgnoredReason",
-    "Malformed",
-    "OperationControl",
-    "ParameterReply",
-    "Protocol",
-    "ReadParameter",
-    "ReadVersion",
-    "Reply",
-    "SaveParameters",
-    "SetActiveReport",
-    "SetBaudRate",
-    "SetDeviceId",
-    "SetProtocol",
-    "SetZero",
-    "Status",
-    "Stop",
-    "Version",
-    "WriteParameter",
-]
-
 DEFAULT_HOST_ID = 0xFD
 
 

@@ -19,8 +19,6 @@ from humanoid_sim.hardware.robstride.fields import BROADCAST_ID, FrameType, Iden
 from humanoid_sim.hardware.robstride.messages import DeviceId, FaultReport, Ignored, Malformed, Reply, Status
 from humanoid_sim.hardware.robstride.replies import decode_reply
 
-__all__ = ["MotorSlot", "MotorTable", "Sample"]
-
 Inbox = Callable[[int, Reply, float], None]
 """Takes an answer to a request: the channel it came from, the answer, its time (s, robot's clock)."""
 

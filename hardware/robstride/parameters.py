@@ -16,26 +16,6 @@ from types import MappingProxyType
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 
-__all__ = [
-    "PARAMETERS",
-    "PARAMETERS_BY_INDEX",
-    "PAYLOAD_LENGTH",
-    "CanTimeout",
-    "Parameter",
-    "ParameterType",
-    "RunMode",
-    "check_value",
-    "default_value",
-    "depends_on_model",
-    "fault_word",
-    "find_parameter",
-    "function_codes",
-    "is_function_code",
-    "pack_value",
-    "report_interval",
-    "unpack_value",
-]
-
 PAYLOAD_LENGTH = 4
 
 

@@ -32,8 +32,6 @@ from humanoid_sim.hardware.robstride.messages import (
 )
 from humanoid_sim.robots.motors import MotorModel
 
-__all__ = ["VERSION_MARK", "decode_reply", "encode_reply"]
-
 VERSION_MARK = b"\x00\xc4\x56"
 """First bytes of a version reply. As a status they would mean -12.49 rad."""
 _VERSION_END = len(VERSION_MARK) + 4

@@ -31,8 +31,6 @@ from humanoid_sim.hardware.robstride.motor_table import MotorTable
 from humanoid_sim.hardware.robstride.parameters import Parameter, pack_value, unpack_value
 from humanoid_sim.robots.motors import MOTORS
 
-__all__ = ["Requests", "Unreadable"]
-
 _ANSWER_TIMES = (0.05, 0.1, 0.2, 0.4)
 """s that a motor has to answer each time that it is asked. It takes milliseconds; the first retries are for a lost
 frame, the last for a busy computer."""

@@ -25,8 +25,6 @@ from humanoid_sim.hardware.robstride.parameters import PARAMETERS, report_interv
 from humanoid_sim.messages import SafetyFlag
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["RobstrideEncoder", "RobstrideSession"]
-
 _REPORT_WAIT = 0.3
 """s at most in which the first active reports must come."""
 _SCAN_TIME = 1

@@ -17,27 +17,6 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.robots.motors import SITO_COUNTS_PER_RAD, MotorModel
 
-__all__ = [
-    "FROM_MOTOR",
-    "LARGEST_DEVICE_ID",
-    "LARGEST_INTERVAL",
-    "Command",
-    "Feedback",
-    "Gains",
-    "HostMessage",
-    "Malformed",
-    "MessageType",
-    "Mode",
-    "MotorMessage",
-    "PositionFeedback",
-    "Reset",
-    "SelectMode",
-    "decode",
-    "encode",
-    "rounded",
-    "split_identifier",
-]
-
 
 class MessageType(IntEnum):
     """The lowest byte of an identifier."""

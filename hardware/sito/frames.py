@@ -17,8 +17,6 @@ from humanoid_sim.hardware.sito.codec import Command, Gains, Reset, encode
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import MotorModel
 
-__all__ = ["SitoEncoder", "damping_frames", "limp_frames", "rescue_frames", "reset_frames"]
-
 _REPEATS = 2
 """Ticks after a change of gains in which they are sent again."""
 _COMMAND, _GAINS = 0, 1

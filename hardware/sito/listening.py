@@ -9,8 +9,6 @@ from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.sito.codec import FROM_MOTOR, Feedback, PositionFeedback, decode, split_identifier
 from humanoid_sim.robots.motors import MOTORS
 
-__all__ = ["LISTENING", "NO_QUESTION", "Heard", "SitoEar"]
-
 LISTENING = 0.3
 """s in which a motor that sends feedback is heard: it comes every 255 ms at the latest."""
 NO_QUESTION = "the Sito protocol has no question, so a motor that is not enabled stays silent and cannot be found"

@@ -44,8 +44,6 @@ from humanoid_sim.hardware.sito.codec import (
 from humanoid_sim.hardware.sito.frames import limp_frames, reset_frames
 from humanoid_sim.messages import SafetyFlag
 
-__all__ = ["SitoSession", "SitoSlot"]
-
 _LISTENING = 0.3
 """s in which a motor that is enabled, or another host, would be heard: feedback comes every 255 ms at the latest."""
 _FIRST_FEEDBACK = 0.5

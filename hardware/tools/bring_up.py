@@ -16,8 +16,6 @@ from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.tools.options import BringUp
 from humanoid_sim.hardware.tools.terminal import confirm
 
-__all__ = ["Adapter", "bring_up", "network_files"]
-
 _ETC = Path("/etc")
 _SYSFS = Path("/sys/class/net")
 _RULES = Path("udev/rules.d/70-humanoid-can.rules")

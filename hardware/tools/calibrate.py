@@ -41,9 +41,6 @@ from humanoid_sim.hardware.tools.sito_bench import limp_sito
 from humanoid_sim.hardware.tools.terminal import confirm, make_console, make_table
 from humanoid_sim.robots.description import RobotDescription, load_robot
 
-__all__ = ["JointTrack", "JointTracks", "calibrate"]
-
-
 _ANSWER_TIME = 0.1
 """s that a poll waits for the slowest motor; as a rule all have answered within a few ms."""
 _LATE = 0.1

@@ -21,8 +21,6 @@ from humanoid_sim.hardware.tools.options import Discover
 from humanoid_sim.hardware.tools.terminal import make_console, make_table
 from humanoid_sim.robots.description import load_robot
 
-__all__ = ["discover"]
-
 _LATE = 0.1
 """s to wait for late answers at the end."""
 

@@ -24,9 +24,6 @@ from humanoid_sim.mit import KEY_PRESSED, FloatArray
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.session.realtime import punctual_threads
 
-__all__ = ["HandSweep", "emulate"]
-
-
 _WAKE = 0.05
 """s between two looks at what should end the program."""
 

@@ -17,8 +17,6 @@ from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.tools.bench import command_motor, read_value, write_value
 from humanoid_sim.mit import MITCommand, bounded_position
 
-__all__ = ["EnabledMotor"]
-
 _PERIOD = 0.01
 """s between commands to an enabled motor."""
 

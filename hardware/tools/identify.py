@@ -25,8 +25,6 @@ from humanoid_sim.hardware.tools.sito_bench import MovedSito, limp_sito
 from humanoid_sim.hardware.tools.terminal import confirm
 from humanoid_sim.robots.description import load_robot
 
-__all__ = ["identify"]
-
 _PERIOD = 0.01
 """s between commands."""
 _RAMP = 1.0

@@ -35,8 +35,6 @@ from humanoid_sim.hardware.tools.bench import (
 )
 from humanoid_sim.hardware.tools.terminal import shown
 
-__all__ = ["OnlyMotor", "only_motor", "save", "warn_of_saving"]
-
 _QUIET = 0.2
 """s without an answer after which nobody else is expected."""
 _PACE = 0.002

@@ -11,23 +11,6 @@ import tyro
 
 from humanoid_sim.command_line import Commands
 
-__all__ = [
-    "TOOLS",
-    "BringUp",
-    "Budget",
-    "Calibrate",
-    "Discover",
-    "Emulate",
-    "Get",
-    "Identify",
-    "Param",
-    "Ping",
-    "Save",
-    "Set",
-    "SetId",
-    "SetZero",
-]
-
 _Channel = Annotated[str, tyro.conf.Positional]
 """`can0`, or `interface:channel` for any interface of python-can."""
 _MotorId = Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="MOTOR_ID")]
@@ -323,7 +306,6 @@ class SetId:
     """Our own id on the bus."""
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11", "the only motor on the bus becomes 11"),)
-    SURPLUS: ClassVar[str] = "set-id takes the new id only; the motor's old id is found"
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,6 @@ from humanoid_sim.hardware.tools.options import Get, Param, Save, Set
 from humanoid_sim.hardware.tools.terminal import make_console, make_table, shown
 from humanoid_sim.robots.motors import MotorModel, motor_model
 
-__all__ = ["param"]
-
 _LARGEST_INDEX = 0xFFFF
 
 

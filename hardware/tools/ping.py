@@ -29,8 +29,6 @@ from humanoid_sim.hardware.tools.options import Ping
 from humanoid_sim.hardware.tools.terminal import shown
 from humanoid_sim.robots.motors import motor_model
 
-__all__ = ["ping"]
-
 _ANSWER_TIME = 0.2
 """s; it takes a millisecond, and a busy computer may take longer to notice."""
 _LISTENING = 1.0

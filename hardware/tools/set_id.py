@@ -12,8 +12,6 @@ from humanoid_sim.hardware.tools.only_motor import OnlyMotor, only_motor, save, 
 from humanoid_sim.hardware.tools.options import SetId
 from humanoid_sim.hardware.tools.terminal import confirm
 
-__all__ = ["set_id"]
-
 _ATTEMPTS = 3
 """Times that the new id is sent: a lost frame leaves the motor at its old one."""
 _QUIET = 0.2

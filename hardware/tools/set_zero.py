@@ -12,8 +12,6 @@ from humanoid_sim.hardware.tools.only_motor import OnlyMotor, only_motor, save, 
 from humanoid_sim.hardware.tools.options import SetZero
 from humanoid_sim.hardware.tools.terminal import confirm
 
-__all__ = ["set_zero"]
-
 _STILL = 0.01
 """rad that the shaft may turn while it is looked at: more, and somebody turns it."""
 _NEAR = 0.01

@@ -11,8 +11,6 @@ from rich.table import Table
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.robstride.parameters import CanTimeout, Parameter
 
-__all__ = ["confirm", "make_console", "make_table", "shown"]
-
 _UNLIMITED = 200
 """Characters a line where no terminal says how many fit."""
 

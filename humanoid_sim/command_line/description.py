@@ -1,14 +1,16 @@
-"""What a program's command line takes, read from the frozen dataclasses that hold its options.
+"""What a program's command line takes: an `argparse` parser, made from the frozen dataclass that holds its options.
 
-Help, shell completion and the complaints about words that nothing knows are made from this. It imports nothing heavy.
+Help and shell completion come from it, and the names in complaints; `tyro` reads the words. It imports nothing heavy.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
 import dataclasses
 import inspect
 import sys
+import textwrap
 import types
 import typing
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,10 +21,18 @@ from typing import Annotated, Any, Literal, TypeAlias, get_args, get_origin
 
 from humanoid_sim.assets import shipped
 
-__all__ = ["ARGUMENTS", "Command", "Commands", "Option", "Specification", "describe", "field_texts", "filled"]
-
 Specification: TypeAlias = "type[Any] | Commands"
 """A dataclass of options, or subcommands that have one each."""
+STATUS_LINE = "exit status: 0 fine, 1 failed or worse, 2 bad input, 3 no answer, 130 Ctrl-C"
+"""`humanoid_sim.cli.ExitStatus` in a line; docs/exit-statuses.md explains it."""
+_SHIPPED = ("robots", "suites", "motions", "songs", "policies")
+"""Kinds of names that a help text may hold, as `{robots}`."""
+_METAVARS = {int: "N", float: "X", Path: "FILE"}
+"""What stands for a value; for any other kind it is the last word of the option's name."""
+_Option: TypeAlias = tuple[list[str], dict[str, Any]]
+"""Its flags, and keywords for `add_argument`; besides `required` of arguments without a name, and `kinds`."""
+_WIDEST = 100
+"""Columns; longer lines are hard to read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,165 +46,187 @@ class Commands:
     """The one that is meant where a file stands in its place; '' for none."""
 
 
-ARGUMENTS = "arguments"
-"""Heading of those that are given by their place."""
-_SHIPPED = ("robots", "suites", "motions", "songs", "policies")
-"""Kinds of names that a help text may hold, as `{robots}`."""
-_METAVARS = {int: "N", float: "X", Path: "FILE"}
-"""What stands for a value; for any other kind it is the last word of the option's name."""
+class _Page(argparse.HelpFormatter):
+    """Wraps each line of a text on its own, and writes all names before one value: `-o, --output FILE`."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=26)
+        self._width = min(self._width + 2, _WIDEST)
+
+    def _format_usage(self, usage: str | None, actions: Any, groups: Any, prefix: str | None) -> str:
+        del actions, groups, prefix
+        return _wrapped(f"usage: {usage}", self._width, " " * 9) + "\n\n"
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        lines = (line if line.startswith("  python") else _wrapped(line, width) for line in text.splitlines())
+        return textwrap.indent("\n".join(lines), indent)
+
+    def _split_lines(self, text: str, width: int) -> list[str]:
+        return _wrapped(text, width).splitlines()
+
+    def _format_action_invocation(self, action: argparse.Action) -> str:
+        names = ", ".join(action.option_strings)
+        return names if action.nargs == 0 else f"{names} {action.metavar or action.dest}{_more(action)}".strip()
+
+    def _format_action(self, action: argparse.Action) -> str:
+        if isinstance(action, argparse._SubParsersAction):  # without a line for all of them
+            return "".join(map(self._format_action, action._get_subactions()))
+        return super()._format_action(action)
 
 
-@dataclass(frozen=True, slots=True)
-class Option:
-    """An option, or an argument without a name."""
-
-    field: str
-    """Of the dataclass."""
-    flags: tuple[str, ...]
-    """As typed, `--robot`; empty for an argument that is given by its place."""
-    metavar: str
-    """What stands for its value; empty for a switch."""
-    help: str
-    default: str
-    """As shown; empty where there is nothing to show."""
-    is_required: bool
-    takes_many: bool
-    choices: tuple[str, ...] = ()
-    """All that is accepted; empty: anything."""
-    names: tuple[str, ...] = ()
-    """That ship with the package, of what is accepted."""
-    may_repeat: bool = False
-    is_whole: bool = False
-    """Whether its value is a whole number."""
-    not_called: tuple[str, ...] = ()
-    """What other programs call it, for whoever types that."""
-
-    @property
-    def name(self) -> str:
-        """What messages call it: `--output` of `-o` and `--output`."""
-        return next((flag for flag in self.flags if flag.startswith("--")), self.metavar)
-
-    @property
-    def value(self) -> str:
-        """How the value is written in a usage line: `ROBOT`, `a|b`, `PUSH ...`; empty for a switch."""
-        shown = "|".join(self.choices) or self.metavar
-        if not self.flags:
-            shown = self.metavar
-        return f"{shown} ..." if self.takes_many and not self.may_repeat else shown
+def _wrapped(line: str, width: int, indent: str | None = None) -> str:
+    indent = line[: len(line) - len(line.lstrip())] if indent is None else indent
+    return textwrap.fill(line, width, subsequent_indent=indent, break_on_hyphens=False, break_long_words=False)
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
-    """A program, or one of its subcommands."""
+def _more(option: argparse.Action) -> str:
+    return " ..." if option.nargs == "*" else ""
 
-    words: tuple[str, ...]
-    """What calls it: `("policy", "check")`."""
-    purpose: str
-    """Paragraphs, separated by empty lines."""
-    groups: tuple[tuple[str, tuple[Option, ...]], ...] = ()
-    """Options under a heading each; the first are what most people need."""
-    examples: tuple[tuple[str, str], ...] = ()
-    """What follows the command, and what that does."""
-    subcommands: tuple[Command, ...] = ()
 
-    @property
-    def options(self) -> tuple[Option, ...]:
-        """All of them."""
-        return tuple(option for _, options in self.groups for option in options)
+class Program(argparse.ArgumentParser):
+    """The parser of a program or subcommand, whose help and names are used; `tyro` reads the words."""
 
-    @property
-    def invocation(self) -> str:
-        """Words to type: `python -m humanoid_sim.play`, `python -m tools.bench`, or `python examples/mine.py`."""
-        first = self.words[0]
+    def __init__(self, words: tuple[str, ...], purpose: str) -> None:
+        first = words[0]
         if not first.endswith(".py"):
             first = f"-m {first}" if first.startswith("tools.") else f"-m humanoid_sim.{first}"
-        return " ".join(["python", first, *self.words[1:]])
+        self.invocation = " ".join(["python", first, *words[1:]])
+        """As one types it: `python -m humanoid_sim.play`, `python -m tools.bench`, `python examples/mine.py`."""
+        super().__init__(self.invocation, description=purpose, formatter_class=_Page, add_help=False)
+        self.words = words
+        """What calls it: `("policy", "check")`."""
+        self.options: dict[str, argparse.Action] = {}
+        """All of them by field; where there are `choices`, nothing else is accepted."""
+        self.groups: Mapping[str, Sequence[str]] = {}
+        """Fields by heading; the first headings are of what most people need."""
+        self.kinds: dict[str, list[str]] = {}
+        """Kinds of what ships with the package that an option accepts, by field."""
+        self.commands: dict[str, Program] = {}
+        """Subcommands by their names."""
+        self.examples = ""
+        """Two lines each: what it does, and the command."""
+
+    @property
+    def flags(self) -> dict[str, argparse.Action]:
+        """Options by each of their names, `-o` and `--output`."""
+        return {flag: option for option in self.options.values() for flag in option.option_strings}
+
+    def close(self, *notes: str) -> None:
+        """Complete usage, examples and notes, once all options or subcommands are there."""
+        needed = [option for option in self.options.values() if option.required or not option.option_strings]
+        more = ["[options]"] if len(needed) < len(self.options) else []
+        words = ["COMMAND ..."] if self.commands else [*map(typed, needed), *more]
+        self.usage = " ".join([self.invocation, *words])
+        examples = "".join(program.examples for program in (self, *self.commands.values()))
+        self.epilog = "\n".join([*([f"examples:\n{examples}"] if examples else []), *notes, STATUS_LINE])
 
 
-def describe(specification: Specification, words: tuple[str, ...], *, positional: bool = False) -> Command:
-    """What a program takes.
+def name_of(option: argparse.Action) -> str:
+    """Return what messages call an option: `--output` of `-o` and `--output`."""
+    return next(flag for flag in option.option_strings if flag.startswith("--"))
 
-    A dataclass may have `EXAMPLES`, pairs of words and what they do, `GROUPS`, the names of fields by heading, and
-    `CALLED_ELSEWHERE`, other programs' flags for its fields, which are then suggested. For messages it may have
-    `OF_ANOTHER_PROGRAM`, options that are looked for here, with the program that has them, and `SURPLUS`, what to say
-    of words too many.
+
+def typed(option: argparse.Action) -> str:
+    """Return how an option is written in a usage line: `--robot ROBOT`, `[FILE]`."""
+    text = " ".join([*option.option_strings[:1], f"{option.metavar}{_more(option)}"])
+    return text if option.required else f"[{text}]"
+
+
+def describe(
+    specification: Specification, words: tuple[str, ...], *, positional: bool = False, brief: bool = False
+) -> Program:
+    """Describe what a program takes.
+
+    A dataclass may have `EXAMPLES`, pairs of words and what they do, and `GROUPS`, the names of fields by heading.
 
     Args:
         specification: of its options.
         words: that call it.
         positional: required options are given by their place.
+        brief: only the first paragraph and group, which most people need.
     """
     if isinstance(specification, Commands):
-        named = specification.by_name.items()
-        inner = tuple(describe(kind, (*words, name), positional=positional) for name, kind in named)
-        return Command(words, specification.purpose, subcommands=inner)
-    options = {option.field: option for option in _options(specification, positional)}
-    places = tuple(option for option in options.values() if not option.flags)
-    groups: list[tuple[str, tuple[Option, ...]]] = [(ARGUMENTS, places)]
+        program = Program(words, specification.purpose)
+        inner = program.add_subparsers(title="commands", metavar="COMMAND", parser_class=argparse.ArgumentParser)
+        for name, kind in specification.by_name.items():
+            command = program.commands[name] = describe(kind, (*words, name), positional=positional)
+            first, dot, _ = (command.description or "").partition("\n")[0].partition(". ")
+            inner.add_parser(name, help=first + dot.strip(), parents=[command])
+        program.close(f"'{program.invocation} COMMAND --help' describes a command.")
+        return program
+    paragraphs = [" ".join(text.split()) for text in inspect.cleandoc(specification.__doc__ or "").split("\n\n")]
+    program = Program(words, "\n\n".join(paragraphs[:1] if brief else paragraphs))
+    options = dict(_options(specification, positional))
     wanted: Mapping[str, tuple[str, ...]] = getattr(specification, "GROUPS", {})
     grouped = {name for names in wanted.values() for name in names}
-    rest = tuple(option for option in options.values() if option.flags and option.field not in grouped)
-    groups += [(title, tuple(options[name] for name in names)) for title, names in wanted.items()]
-    groups.append(("options", rest))
-    return Command(
-        words,
-        inspect.cleandoc(specification.__doc__ or ""),
-        tuple((title, held) for title, held in groups if held),
-        tuple(getattr(specification, "EXAMPLES", ())),
-    )
+    groups: dict[str, Sequence[str]] = {"arguments": [name for name, (flags, _) in options.items() if not flags]}
+    groups |= wanted
+    groups["options"] = [name for name, (flags, _) in options.items() if flags and name not in grouped]
+    program.groups = {title: names for title, names in groups.items() if names}
+    titles = list(program.groups)
+    shown = titles[: 1 + ("arguments" in titles)] if brief else titles
+    for title in shown:
+        group = program.add_argument_group(title)
+        for name in program.groups[title]:
+            flags, keywords = options[name]
+            needed, program.kinds[name] = keywords.pop("required"), keywords.pop("kinds")
+            option = program.options[name] = group.add_argument(*flags, dest=name, **keywords)
+            option.required = needed
+    for example, what in getattr(specification, "EXAMPLES", ()):
+        program.examples += f"  # {what}\n  {program.invocation} {example}".rstrip() + "\n"
+    left = titles[len(shown) :]
+    program.close(*([f"--help lists all {len(options)} options; also: {', '.join(left)}."] if left else []))
+    return program
 
 
-def _options(owner: type[Any], positional: bool, prefix: str = "") -> Iterator[Option]:
+def _options(owner: type[Any], positional: bool, prefix: str = "") -> Iterator[tuple[str, _Option]]:
     hints, texts = typing.get_type_hints(owner, include_extras=True), field_texts(owner)
-    elsewhere: Mapping[str, Sequence[str]] = getattr(owner, "CALLED_ELSEWHERE", {})
     for field in dataclasses.fields(owner):
-        kind, *markers = (
-            get_args(hints[field.name]) if get_origin(hints[field.name]) is Annotated else (hints[field.name],)
-        )
+        hint, name = hints[field.name], prefix + field.name
+        kind, *markers = get_args(hint) if get_origin(hint) is Annotated else (hint,)
         if dataclasses.is_dataclass(kind) and isinstance(kind, type):
-            yield from _options(kind, positional, f"{prefix}{field.name}.")
+            yield from _options(kind, positional, f"{name}.")
             continue
         default = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
-        others = tuple(elsewhere.get(field.name, ()))
-        yield _option(prefix + field.name, kind, markers, default, texts.get(field.name, ""), positional, others)
+        yield name, _option(name, kind, markers, default, texts.get(field.name, ""), positional)
 
 
-def _option(
-    name: str, kind: Any, markers: list[Any], default: Any, text: str, positional: bool, not_called: tuple[str, ...]
-) -> Option:
+def _option(name: str, kind: Any, markers: list[Any], default: Any, text: str, positional: bool) -> _Option:
     is_required = default is dataclasses.MISSING
-    named = {repr(marker) for marker in markers}
-    is_place = (positional and is_required) or any("Positional" in marker for marker in named)
-    aliases = tuple(alias for marker in markers for alias in getattr(marker, "aliases", None) or ())
-    kinds = [part for part in (get_args(kind) if _is_union(kind) else (kind,)) if part is not type(None)]
+    is_place = (positional and is_required) or any("Positional" in repr(marker) for marker in markers)
+    is_union = get_origin(kind) in (typing.Union, types.UnionType)
+    kinds = [part for part in (get_args(kind) if is_union else (kind,)) if part is not type(None)]
     takes_many = any(get_origin(part) is tuple for part in kinds)
     inner = [get_args(part)[0] if get_origin(part) is tuple else part for part in kinds]
-    choices = tuple(str(choice) for part in inner if get_origin(part) is Literal for choice in get_args(part))
+    choices = [str(choice) for part in inner if get_origin(part) is Literal for choice in get_args(part)]
     is_switch = inner == [bool] and not takes_many
-    flag = name.replace("_", "-")
-    flag = f"--no-{flag}" if is_switch and default is True else f"--{flag}"
-    stated = [marker.metavar for marker in markers if getattr(marker, "metavar", None)]
-    usual = "FOLDER" if text.startswith("Folder") else _METAVARS.get(inner[0])
-    metavar = name.upper() if is_place else usual or name.rpartition(".")[2].rpartition("_")[2].upper()
-    names = (*sorted(aliases, key=len), flag) if any(len(alias) == 2 for alias in aliases) else (flag, *aliases)
-    return Option(
-        name,
-        () if is_place else names,
-        "" if is_switch else (stated or [metavar])[0],
-        filled(f"Do not {text[:1].lower()}{text[1:]}" if is_switch and default is True else text),
-        "" if is_switch or "efault" in text or "ithout," in text else _shown(default),
-        is_required,
-        takes_many,
-        choices,
-        tuple(name for kind in _SHIPPED if f"{{{kind}}}" in text for name in shipped(kind)),
-        any("UseAppendAction" in marker for marker in named),
-        inner == [int],
-        not_called,
-    )
-
-
-def _is_union(kind: Any) -> bool:
-    return get_origin(kind) in (typing.Union, types.UnionType)
+    is_off = is_switch and default is True
+    may_repeat = any("UseAppendAction" in repr(marker) for marker in markers)
+    notes = [filled(f"Do not {text[:1].lower()}{text[1:]}" if is_off else text)]
+    if text and not notes[0].endswith((".", "?", "!")):
+        notes[0] += "."
+    if is_required and not is_place:
+        notes.append("Required.")
+    if may_repeat and "repeated" not in text:
+        notes.append("May be repeated.")
+    if not is_switch and "efault" not in text and "ithout," not in text and (shown := _shown(default)):
+        notes.append(f"Default: {shown}.")
+    keywords: dict[str, Any] = {"help": " ".join(notes).strip().replace("%", "%%"), "required": is_required}
+    keywords["kinds"] = [kind for kind in _SHIPPED if f"{{{kind}}}" in text]
+    if is_switch:
+        keywords["action"] = "store_true"
+    else:
+        stated = [marker.metavar for marker in markers if getattr(marker, "metavar", None)]
+        usual = "FOLDER" if text.startswith("Folder") else _METAVARS.get(inner[0])
+        last = name.upper() if is_place else usual or name.rpartition(".")[2].rpartition("_")[2].upper()
+        keywords["metavar"] = "|".join(choices) if choices and not is_place else (stated or [last])[0]
+        keywords["choices"] = choices or None
+        keywords["nargs"] = "*" if takes_many and not may_repeat else None if is_required or not is_place else "?"
+    if is_place:
+        return [], keywords
+    flag = f"--{'no-' if is_off else ''}{name.replace('_', '-')}"
+    aliases = [alias for marker in markers for alias in getattr(marker, "aliases", None) or ()]
+    return sorted([flag, *aliases], key=lambda name: name.startswith("--")), keywords
 
 
 def _shown(default: Any) -> str:

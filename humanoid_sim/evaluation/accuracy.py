@@ -23,8 +23,6 @@ from humanoid_sim.simulation.model import body_ids
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.plant import Actuation, timestep_of
 
-__all__ = ["CommandedMotion", "PlantError", "commanded_motion", "describe_error", "plant_errors"]
-
 _CONVERGED = 16
 """Steps of the converged solution in one of the robot's own."""
 

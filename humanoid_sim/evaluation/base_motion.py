@@ -10,8 +10,6 @@ import numpy as np
 from humanoid_sim.evaluation.failure import describe_fall, has_fallen
 from humanoid_sim.simulation.floating_base import BaseState
 
-__all__ = ["BaseMotion", "BaseSummary"]
-
 _SETTLING = 2.0
 """s after release that means and the largest tilt leave out: the robot starts from rest, and sags as it is let go."""
 

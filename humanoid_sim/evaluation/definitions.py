@@ -13,8 +13,6 @@ from humanoid_sim.evaluation.failure import (
     STRAYED_TILT,
 )
 
-__all__ = ["DEFINITIONS", "differing"]
-
 DEFINITIONS: Mapping[str, str] = MappingProxyType(
     {
         "fall": f"the centre of mass is below {FALLEN_HEIGHT:g} of the height above the floor at which it stands, or "

@@ -11,8 +11,6 @@ import numpy.typing as npt
 from humanoid_sim.controllers.rotation import conjugate, multiply
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["PoseError", "length", "pose_error", "quaternion_angle", "rms", "total"]
-
 
 def total(values: npt.NDArray[Any]) -> FloatArray:
     """The sum over the last axis; for one robot in half the time of `values.sum(axis=-1)`."""

@@ -14,21 +14,6 @@ from humanoid_sim.evaluation.errors import PoseError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.simulation.floating_base import BaseState
 
-__all__ = [
-    "FALLEN_HEIGHT",
-    "FALLEN_TILT",
-    "STRAYED_DISTANCE",
-    "STRAYED_HEIGHT",
-    "STRAYED_TILT",
-    "body_has_strayed",
-    "describe_body_stray",
-    "describe_fall",
-    "describe_stray",
-    "has_fallen",
-    "has_run_away",
-    "has_strayed",
-]
-
 BoolArray = npt.NDArray[np.bool_]
 Index = int | tuple[()]
 """Which robot of a batch; () for the only one."""

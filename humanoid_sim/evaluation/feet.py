@@ -13,8 +13,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
-__all__ = ["Feet", "find_feet"]
-
 _TOUCHING = 0.005
 """m above the floor up to which a point counts as touching: contacts of a simulation give by a millimetre or two."""
 _STANDING = 0.03

@@ -9,8 +9,6 @@ import numpy as np
 
 from humanoid_sim.mit import FloatArray, MITState
 
-__all__ = ["JointUse", "describe_effort"]
-
 _ROUNDING = 1e-9
 """Share of an effort limit below which a torque still counts as being at it."""
 

@@ -14,8 +14,6 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.simulation.fingers import DEPTH, HANDS, HOVER, Fingers
 
-__all__ = ["ABOVE", "LIFTED", "MIXED", "PRESSED", "READY", "TOUCHED", "KeyPoses", "Mixture", "between", "pose_number"]
-
 IntArray = npt.NDArray[np.intp]
 
 _PRESSING = 0.3

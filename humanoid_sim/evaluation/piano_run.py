@@ -21,8 +21,6 @@ from humanoid_sim.simulation.keys import Touch
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.plant import Actuation
 
-__all__ = ["PlayedSong", "play_open_loop", "play_with_policy"]
-
 
 @dataclass(frozen=True, slots=True)
 class PlayedSong:

@@ -18,8 +18,6 @@ import numpy.typing as npt
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["ONSET_TOLERANCE", "Performance", "PianoScore", "PlayedKeys", "Ratio", "score", "step_ratios", "strokes"]
-
 ONSET_TOLERANCE = 0.1
 """s, between a note's start and the stroke that plays it. Twice that of transcription: a key takes time to go down."""
 

@@ -18,8 +18,6 @@ from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand, M
 from humanoid_sim.simulation.floating_base import BaseState
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
-__all__ = ["ClosedLoop", "OneRobot", "Robots", "StepSample", "TransparentRobots", "sample_step"]
-
 Float32Array = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
 IndexArray = npt.NDArray[np.intp]

@@ -23,16 +23,6 @@ from humanoid_sim.policy.motion import Motion, body_poses
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 
-__all__ = [
-    "AnchorErrors",
-    "AnchorSummary",
-    "BodyError",
-    "TrackingErrors",
-    "TrackingSummary",
-    "errors_of_run",
-    "peak_speed",
-]
-
 
 class _End:
     """Tells when a motion is over, although its last frame is still shown. A single frame is a pose, which never is."""

@@ -1,6 +1,6 @@
 """Programs beside the loop: each reads a session's feed and writes to its intake, and may die at any time.
 
-A front end is a row of `FRONT_ENDS`, a module here with a `main`, and a module `humanoid_sim/<name>.py` that runs it.
+A front end is a row of `FRONT_ENDS` and a module `humanoid_sim/<name>.py`; its parts are a package here.
 `play` starts it as a child process; anybody else starts it later with `python -m humanoid_sim.<name>`.
 """
 

@@ -24,8 +24,6 @@ from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.session.feed import MODEL_BLOB
 from humanoid_sim.stack import no_policy, recorded_contract, recorded_policy
 
-__all__ = ["Attachment", "RobotElsewhere", "attached", "behind", "ready"]
-
 _LATE = 0.2
 """s after which a tick is the past; at least `_LATE_TICKS` control periods."""
 _LATE_TICKS = 3

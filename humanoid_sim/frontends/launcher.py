@@ -18,8 +18,6 @@ from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.sinks import Sink
 
-__all__ = ["FrontEnds", "ordinary_scheduling"]
-
 _PERIOD = 0.1
 """s between two looks at the children."""
 _STATUS_EVERY = 5

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 
 __all__ = ["main"]
@@ -11,9 +10,8 @@ __all__ = ["main"]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `play` with command-line arguments; returns the exit status."""
     from humanoid_sim.command_line import parse  # noqa: PLC0415 - heavy imports stay out of importing this package
-    from humanoid_sim.play.options import PlayConfig, refuse_old_names  # noqa: PLC0415
+    from humanoid_sim.play.options import PlayConfig  # noqa: PLC0415
 
-    refuse_old_names(sys.argv[1:] if arguments is None else arguments)
     config = parse(PlayConfig, "play", arguments)
 
     from humanoid_sim.play.early import refuse_early  # noqa: PLC0415

@@ -46,8 +46,6 @@ from humanoid_sim.session.sources import ExternSource, IntentSource
 from humanoid_sim.simulation.gravity import LeverSamples
 from humanoid_sim.stack import run_header
 
-__all__ = ["Run", "assemble"]
-
 _STANDSTILL = 0.1
 """s without a tick after which a loop that drives motors stood still: their CAN timeout."""
 

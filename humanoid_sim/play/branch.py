@@ -25,9 +25,8 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup
 from humanoid_sim.play.policies import parse_branch
 from humanoid_sim.policy.contract_json import encode
-from humanoid_sim.recording.reader import Entry, Recording, open_recording
+from humanoid_sim.recording.reader import Entry, Recording, open_recording, recorded_settings
 from humanoid_sim.recording.repeat import RecordedPolicy, first_difference, state_difference
-from humanoid_sim.recording.settings import recorded_settings
 from humanoid_sim.recording.start import START_DOCUMENT
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.session.recorded_inputs import RecordedInputs
@@ -35,8 +34,6 @@ from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.stack import rebuild_supervisor, recorded_contract
 from humanoid_sim.strict_json import parse_json
-
-__all__ = ["Branch", "BranchPoint", "open_branch", "reach"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,15 +22,6 @@ from humanoid_sim.session.inject import Injection
 from humanoid_sim.session.outside_safety import parse_watchdogs
 from humanoid_sim.session.script import parse_script
 
-__all__ = [
-    "Outputs",
-    "choose_outputs",
-    "refuse_beside_branch",
-    "refuse_conflicts",
-    "refuse_unheard_keys",
-    "refuse_without_effect",
-]
-
 _RUNS = Path("runs")
 
 

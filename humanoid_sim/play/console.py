@@ -16,8 +16,6 @@ from humanoid_sim.session.keyboard import key_of
 from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE
 from humanoid_sim.session.sinks import WorkerSink
 
-__all__ = ["ConsoleSink", "PlayConsole"]
-
 _REDRAW = 0.1
 """s between two drawings of the line, if nothing is printed between them."""
 

@@ -11,8 +11,6 @@ from humanoid_sim.policy.checkpoint import PLACEHOLDER
 from humanoid_sim.policy.onnx_policy import check_file
 from humanoid_sim.session.sources import velocity_numbers
 
-__all__ = ["checkpoint_path", "refuse_early"]
-
 
 def refuse_early(config: PlayConfig) -> None:
     """Refuse files that do not exist, and a velocity that is none.

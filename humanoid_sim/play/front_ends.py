@@ -15,17 +15,6 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.ros2.dds.domain import check_network_interface
 
-__all__ = [
-    "EMULATED_KEYBOARD",
-    "has_keys",
-    "look_for_gamepad",
-    "needs_gamepad",
-    "operated_by",
-    "shows_window",
-    "wanted_front_ends",
-    "with_keyboard",
-]
-
 _LOOK_WITHIN = 20.0
 """s for the program that looks for a gamepad."""
 

@@ -34,13 +34,6 @@ from humanoid_sim.session.realtime import punctual_threads
 from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.model import build_model
 
-__all__ = [
-    "CALIBRATION",
-    "MeasuredPose",
-    "check_policy",
-    "real_robot",
-]
-
 CALIBRATION = "calibration.yaml"
 """Where a robot's calibration is looked for unless an option names another file."""
 

@@ -29,8 +29,6 @@ from humanoid_sim.stack import policy_controller, recorded_contract, recorded_mo
 if TYPE_CHECKING:
     from humanoid_sim.play.assembly import Run
 
-__all__ = ["JudgedPolicy", "PolicyLoader"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JudgedPolicy:

@@ -20,8 +20,6 @@ from humanoid_sim.session.registration import Registration
 from humanoid_sim.session.sources import RemoteInbox
 from humanoid_sim.simulation.model import model_bytes
 
-__all__ = ["LocalEnds"]
-
 
 class LocalEnds:
     """Open from here on: intents that come before the first tick wait for it."""

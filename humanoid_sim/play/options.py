@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from itertools import pairwise
 from typing import Annotated, ClassVar, Literal
 
 import tyro
 
 from humanoid_sim.controllers.joy import JoyBindings
-from humanoid_sim.errors import InputError
 from humanoid_sim.simulation import DROP
-
-__all__ = ["DEFAULT_ROBOT", "NO_POLICY", "PlayConfig", "refuse_old_names"]
 
 DEFAULT_ROBOT = "lite"
 NO_POLICY = "none"
@@ -204,10 +200,6 @@ class PlayConfig:
         ("--hardware can0 --policy x.onnx --dry-run", "check a real robot; no motor is enabled"),
     )
 
-    OF_ANOTHER_PROGRAM: ClassVar[Mapping[str, str]] = {
-        "--fault": "hardware emulate --fault injects faults into emulated motors"
-    }
-
     @property
     def checkpoint(self) -> str | None:
         """The checkpoint that runs, as the robot's policy or as its shadow; None for the sample policy."""
@@ -219,18 +211,3 @@ class PlayConfig:
         if self.shadow is not None or self.branch is not None:
             return True
         return self.policy != NO_POLICY and (self.policy is not None or self.hardware is None)
-
-
-_OLD_NAMES = {("--viewer", "web"): "--console", ("--remote", "dds"): "--dds"}
-
-
-def refuse_old_names(arguments: Sequence[str]) -> None:
-    """Refuse options of earlier versions.
-
-    Raises:
-        InputError: naming the option that has taken its place.
-    """
-    words = [word for argument in arguments for word in argument.split("=", 1)]
-    for pair in pairwise(words):
-        if pair in _OLD_NAMES:
-            raise InputError(f"{pair[0]}: {pair[1]} is now {_OLD_NAMES[pair]}")

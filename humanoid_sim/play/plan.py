@@ -52,15 +52,6 @@ from humanoid_sim.simulation.check_poses import check_pose_problems
 from humanoid_sim.simulation.plant import timestep_of
 from humanoid_sim.stack import build_supervisor, policy_controller
 
-__all__ = [
-    "Plan",
-    "RobotClock",
-    "control_rate",
-    "expected_duration",
-    "make_plan",
-    "policy_notices",
-]
-
 
 class RobotClock:
     """The robot's clock, once there is a session to ask; parts that the session is made of need it before."""

@@ -29,15 +29,6 @@ from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.plant import timestep_of
 from humanoid_sim.simulation.push import parse_pushes
 
-__all__ = [
-    "BringUp",
-    "PlayedRobot",
-    "RobotSetup",
-    "Touches",
-    "gravity_levers",
-    "simulated_robot",
-]
-
 
 class PlayedRobot(Robot, Protocol):
     """A robot of which its program can tell whether there is still anything to protect."""

@@ -34,17 +34,9 @@ from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
 from humanoid_sim.policy.random_songs import choose_song, is_generated
 from humanoid_sim.policy.song import key_name, left_out, song_motion
-from humanoid_sim.recording.reader import open_recording
-from humanoid_sim.recording.settings import recorded_settings
+from humanoid_sim.recording.reader import open_recording, recorded_settings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.push import parse_pushes
-
-__all__ = [
-    "PolicyChoice",
-    "choose_policy",
-    "parse_branch",
-    "with_recorded_options",
-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,7 +258,6 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
         recorded.pop("contract", None)  # it is for the recorded policy
     if config.branch is not None:
         recorded.pop("command", None)  # the velocity goes on as recorded
-        recorded.setdefault("drop", 0.0)  # older recordings began on the floor
         config = replace(config, push=(*_recorded_pushes(path, recorded), *_later_pushes(config)))
     known = {field.name: field for field in fields(config)}
     values = {

@@ -29,15 +29,6 @@ from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.session import SessionResult
 
-__all__ = [
-    "key_force",
-    "loop_figures",
-    "loop_table",
-    "print_report",
-    "summarise",
-    "write_summary",
-]
-
 _LIMP = (Mode.ZERO_TORQUE, Mode.DAMPING)
 _SHOWN = 10
 """Faults, and safety statuses, that are printed; the summary has them all."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from types import FrameType
 
 from rich.console import Console
 from rich.markup import escape
@@ -20,17 +22,11 @@ from humanoid_sim.play.plan import Plan, make_plan
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import with_recorded_options
 from humanoid_sim.play.report import key_force, print_report, summarise, write_summary
-from humanoid_sim.play.signals import handled_signals
 from humanoid_sim.rendering.video import VideoSink, save_snapshot
 from humanoid_sim.rendering.video_progress import finish_video
 from humanoid_sim.session.reactivation import flattened
 from humanoid_sim.session.script import Script
 from humanoid_sim.session.session import SessionResult
-
-__all__ = [
-    "bring_up",
-    "play",
-]
 
 
 def play(config: PlayConfig) -> int:
@@ -55,7 +51,7 @@ def play(config: PlayConfig) -> int:
                 return 0
         run = assemble(plan, console)
         try:
-            with handled_signals(run) as received:
+            with _handled_signals(run) as received:
                 result = run.session.run()
         except RobotError as error:  # it could not be activated, although it could be prepared
             raise RobotError(flattened(str(error))) from None
@@ -246,3 +242,64 @@ def _print_verdict(robot: BringUp, console: Console) -> None:
     else:
         text = "ready to be enabled, if every joint is where the list says"
     console.print(f"verdict: {text}", markup=False, style="bold red" if problems else "bold")
+
+
+_ENDING = (signal.SIGINT, signal.SIGQUIT, signal.SIGTERM)
+
+
+@contextmanager
+def _handled_signals(run: Run) -> Iterator[list[int]]:
+    """Take over the signals for as long as the run lasts; gives the list of those received that end it.
+
+    SIGINT, SIGQUIT, SIGTERM and a closed terminal end the run through DAMPING. Once the robot is closed nothing is left
+    to protect, and they do what they do to any program. SIGTSTP suspends a simulation; a process that holds motors
+    damps instead, and goes on. It also ignores what stops a process that uses a terminal in the background.
+    """
+    received: list[int] = []
+    before: dict[int, signal.Handlers | int | Callable[[int, FrameType | None], object] | None] = {}
+    keyboards = [] if run.keyboard is None else [run.keyboard]
+    interruption = run.interruption
+
+    def end(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a handler
+        received.append(number)
+        if run.plan.setup.robot.is_closed:
+            for keyboard in keyboards:
+                keyboard.restore_terminal()
+            signal.signal(number, before[number])
+            signal.raise_signal(number)
+        run.session.request_stop(signal.Signals(number).name)
+
+    def suspend(number: int, frame: FrameType | None) -> None:
+        if interruption is not None and not run.plan.setup.robot.is_closed:
+            interruption.refuse_suspension()
+            return
+        for keyboard in keyboards:
+            keyboard.restore_terminal()
+        signal.signal(number, signal.SIG_DFL)
+        signal.raise_signal(number)  # returns when the process is continued
+        signal.signal(number, suspend)
+        proceed(number, frame)
+
+    def proceed(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
+        if interruption is not None:
+            interruption.note_continued()
+        for keyboard in keyboards:
+            keyboard.take_terminal()
+
+    def take(number: int, handler: signal.Handlers | Callable[[int, FrameType | None], object]) -> None:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as SIGHUP is under nohup
+            before[number] = signal.signal(number, handler)
+
+    for ending in _ENDING:
+        before[ending] = signal.signal(ending, end)
+    take(signal.SIGHUP, end)
+    take(signal.SIGTSTP, suspend)
+    take(signal.SIGCONT, proceed)
+    if interruption is not None:
+        take(signal.SIGTTIN, signal.SIG_IGN)
+        take(signal.SIGTTOU, signal.SIG_IGN)
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -16,8 +16,6 @@ from humanoid_sim.mit import VELOCITY_COMMAND
 from humanoid_sim.session.keyboard import REACTIVATE_KEY, key_of
 from humanoid_sim.session.reactivation import REACTIVABLE
 
-__all__ = ["MODE_STYLES", "StatusLine", "Told", "possible", "status_parts"]
-
 MODE_STYLES = {
     Mode.ZERO_TORQUE: "bright_black",
     Mode.DAMPING: "yellow",

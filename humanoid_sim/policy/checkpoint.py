@@ -25,16 +25,6 @@ from humanoid_sim.policy.readers.contract_yaml import find_contract
 from humanoid_sim.policy.readers.sources import assemble_contract
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = [
-    "PLACEHOLDER",
-    "Checkpoint",
-    "file_digest",
-    "load_checkpoint",
-    "placeholder_checkpoint",
-    "read_contract",
-    "zero_policy",
-]
-
 PLACEHOLDER = "placeholder"
 """Source of the stand-in that is taken where no policy can run."""
 

@@ -18,8 +18,6 @@ from humanoid_sim.policy.readers.merge import build_contract
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, PartialContract, is_assumed, is_stated
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["STAMP_KEY", "STAMP_SOURCE", "decode", "encode", "plain_value", "read_stamp"]
-
 STAMP_KEY = "humanoid_sim_contract"
 """Metadata key under which a stamped checkpoint carries its contract."""
 

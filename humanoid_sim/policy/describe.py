@@ -20,8 +20,6 @@ from humanoid_sim.policy.contract_json import encode, plain_value
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, is_assumed
 from humanoid_sim.policy.readers.values import shown
 
-__all__ = ["FieldLine", "TermLine", "contract_document", "field_lines", "known_document", "known_lines", "term_lines"]
-
 _LISTED = 4
 """Names that are all shown; of more, the first three."""
 _UNUSUAL = (

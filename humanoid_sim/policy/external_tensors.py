@@ -15,8 +15,6 @@ from humanoid_sim.files import is_file
 if TYPE_CHECKING:
     from onnx import ModelProto
 
-__all__ = ["TENSORS_KEY", "check_tensors", "external_file", "tensor_digest", "why_not_loaded"]
-
 TENSORS_KEY = "humanoid_sim_tensors"
 """Metadata key of the digest of a stamped model's tensors, wherever they lie."""
 _LOCATION, _CHECKSUM = "location", "checksum"

@@ -15,8 +15,6 @@ from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy, first_line
 from humanoid_sim.policy.readers.partial import PartialContract, assumed
 
-__all__ = ["graph_conventions", "has_graph_motion", "sweep_motion"]
-
 _Frame = Callable[[int], npt.NDArray[np.float32] | None]
 _JOINTS = ("joint_pos", "joint_vel")
 _BODIES = ("body_pos_w", "body_quat_w")

@@ -5,8 +5,6 @@ from __future__ import annotations
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout, ObservationTerm
 
-__all__ = ["observation_labels"]
-
 _AXES = ("x", "y", "z")
 
 

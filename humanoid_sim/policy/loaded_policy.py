@@ -16,8 +16,6 @@ from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.ros2.topics import is_used
 
-__all__ = ["LoadedPolicy", "contract_layout", "load_policy"]
-
 
 @dataclass(frozen=True, slots=True)
 class LoadedPolicy:

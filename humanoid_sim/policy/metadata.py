@@ -10,11 +10,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from humanoid_sim.controllers.contract import FORMS, PolicyContract
-from humanoid_sim.errors import FieldError, InputError, one_line
+from humanoid_sim.errors import FieldError
 from humanoid_sim.policy.readers.partial import PartialContract
 from humanoid_sim.policy.readers.values import csv_field
-
-__all__ = ["METADATA_KEYS", "OWN_SOURCE", "is_own", "parse_metadata", "read_own", "write_metadata"]
 
 OWN_SOURCE = "metadata"
 _FIELDS = {name.replace("observation", "observation_names"): name for name, form in FORMS.items() if form.in_metadata}
@@ -39,36 +37,8 @@ def read_own(metadata: Mapping[str, str], where: str) -> PartialContract:
     return PartialContract(OWN_SOURCE, fields)
 
 
-def parse_metadata(metadata: Mapping[str, str], source: str) -> PolicyContract:
-    """The contract in a checkpoint's `custom_metadata_map`, which has to hold all thirteen keys.
-
-    Args:
-        metadata: key to text; keys that are not of the contract are ignored.
-        source: what to call the checkpoint in messages.
-
-    Raises:
-        InputError: naming every missing key, or the first malformed or inconsistent one.
-    """
-    missing = [key for key in METADATA_KEYS if key not in metadata]
-    if missing:
-        present = ", ".join(sorted(metadata)) or "none"
-        raise InputError(f"{source}: metadata lacks {', '.join(missing)}; present: {present}")
-    task_type, accepted = metadata["task_type"].strip(), FORMS["task_type"].choices
-    if task_type not in accepted:
-        raise InputError(f"{source}: task_type is {task_type!r}, expected one of {', '.join(accepted)}")
-    given = read_own(metadata, source).fields
-    try:
-        return PolicyContract(
-            **{name: field.value for name, field in given.items()},
-            provenance={name: field.source for name, field in given.items()},
-        )
-    except FieldError as error:
-        problem = str(error).removeprefix("PolicyContract.").replace("observation:", "observation_names:", 1)
-        raise InputError(f"{source}: {one_line(problem)}") from None
-
-
 def write_metadata(contract: PolicyContract) -> dict[str, str]:
-    """The thirteen keys of a contract; `parse_metadata` gives what they can say of it back, bit for bit.
+    """Return the thirteen keys of a contract; `read_own` gives what they can say of it back, bit for bit.
 
     Raises:
         FieldError: if a name holds a comma or has spaces around it, which a CSV list cannot keep.

@@ -11,11 +11,14 @@ read that it was made with.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
+from urllib.parse import quote
 
 import numpy as np
 import numpy.typing as npt
@@ -28,23 +31,11 @@ from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.files import regular_file, whole_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.readers.values import names
-from humanoid_sim.policy.rosbag2 import Database, bag_streams, is_bag
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text
-from humanoid_sim.ros2.mcap_stream import McapStream, Message
+from humanoid_sim.ros2.mcap_stream import McapStream, Message, Record
 from humanoid_sim.ros2.messages import decode_float32_array, encode_float32_array
-
-__all__ = [
-    "MOTION_ATTACHMENT",
-    "Motion",
-    "MotionLayout",
-    "body_frames",
-    "body_poses",
-    "motion_bytes",
-    "parse_motion",
-    "read_motion",
-    "write_motion",
-]
+from humanoid_sim.strict_yaml import read_yaml
 
 MotionLayout = Literal["bodies_b", "joints_bodies_w"]
 
@@ -314,3 +305,66 @@ def _write(writer: Writer, motion: Motion) -> None:
         time = round(index * motion.policy_dt * _NANOSECONDS)
         writer.add_message(channel, time, encode_float32_array(frame), time, index)
     writer.finish()
+
+
+_METADATA = "metadata.yaml"
+_STORAGES = ("mcap", "sqlite3")
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path is a folder that rosbag2 has written."""
+    return (path / _METADATA).is_file()
+
+
+def bag_streams(folder: Path) -> Iterator[tuple[Path, McapStream | Database]]:
+    """Yield each of a bag's files, in order, with its records.
+
+    Raises:
+        InputError: naming the bag and what of it cannot be read.
+    """
+    place = folder / _METADATA
+    document = read_yaml(place)
+    information = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None
+    if not isinstance(information, dict):
+        raise InputError(f"{place}: has no rosbag2_bagfile_information, expected the metadata of a rosbag2 bag")
+    storage, names = information.get("storage_identifier"), information.get("relative_file_paths")
+    if storage not in _STORAGES:
+        raise InputError(f"{place}: storage_identifier: is {storage!r}, expected one of {', '.join(_STORAGES)}")
+    if information.get("compression_mode") and information["compression_mode"].upper() != "NONE":
+        mode = information["compression_mode"]
+        raise InputError(f"{place}: compression_mode: is {mode!r}, expected a bag that is not compressed as a whole")
+    if not (isinstance(names, list) and names and all(isinstance(name, str) for name in names)):
+        raise InputError(f"{place}: relative_file_paths: is {names!r}, expected the names of the bag's files")
+    for name in names:
+        # Older versions of rosbag2 repeat the folder's name.
+        file = regular_file(folder / Path(name).name, "a file of the bag")
+        if storage == "sqlite3":
+            yield file, Database(file)
+        else:
+            with file.open("rb") as opened:
+                yield file, McapStream(opened)
+
+
+class Database:
+    """Iterates once over the messages of a bag's SQLite file."""
+
+    def __init__(self, path: Path) -> None:
+        """Prepare to read."""
+        self._path = path
+        self.damage = ""
+        """Reason why reading ended early; empty for a sound file."""
+
+    def __iter__(self) -> Iterator[Record]:
+        uri = f"file:{quote(str(self._path.resolve()))}?mode=ro&immutable=1"
+        try:
+            with closing(sqlite3.connect(uri, uri=True)) as database:
+                for number, name, kind, encoding in database.execute(
+                    "SELECT id, name, type, serialization_format FROM topics"
+                ):
+                    yield Schema(number, b"", "ros2msg", kind)
+                    yield Channel(number, name, encoding, {}, number)
+                rows: Any = database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id")
+                for index, (channel, time, data) in enumerate(rows):
+                    yield Message(channel, index, time, time, data)
+        except (sqlite3.Error, TypeError) as error:
+            self.damage = f"not a database of rosbag2: {error}"

@@ -13,17 +13,6 @@ from humanoid_sim.files import is_file
 from humanoid_sim.policy.song import KEY_COUNT, LEAD_IN, Note, Song, playable, read_song
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = [
-    "APART",
-    "NOTES_PER_SECOND",
-    "choose_song",
-    "held_out_songs",
-    "is_generated",
-    "most_onsets",
-    "named_song",
-    "random_song",
-]
-
 NOTES_PER_SECOND = 3
 """Most notes of a song, all voices together, that begin within any one second."""
 APART = 5

@@ -18,25 +18,6 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 from humanoid_sim.robots.schema import MotorDescription
 
-__all__ = [
-    "SEVERITIES",
-    "Finding",
-    "Severity",
-    "body_findings",
-    "effort_findings",
-    "estimate_findings",
-    "joint_findings",
-    "live_findings",
-    "model_damping_findings",
-    "motor_findings",
-    "naming_findings",
-    "point_findings",
-    "range_findings",
-    "rate_finding",
-    "sorted_findings",
-]
-
-
 Severity = Literal["error", "warning", "info"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
 """The worst first. An error keeps the policy from running as it was meant to; a warning is worth a look."""

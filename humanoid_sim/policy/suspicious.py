@@ -14,9 +14,6 @@ from humanoid_sim.policy.readers.partial import is_assumed
 from humanoid_sim.policy.robot_check import Finding
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["suspicious_findings"]
-
-
 _FEW = 4
 """Joints below which equal gains say nothing."""
 _RATIO = (0.005, 0.5)

@@ -54,8 +54,6 @@ from humanoid_sim.robots.mjcf import bare_model, own_joint_damping, prefix_line
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.stability import REFUSED_ABOVE, WARNED_ABOVE, DampingStability
 
-__all__ = ["check", "check_checkpoint"]
-
 Float32Array = npt.NDArray[np.float32]
 
 _PROBES = 4

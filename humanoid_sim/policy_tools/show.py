@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.cli import ExitStatus
-from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.command_line.description import field_texts
+from humanoid_sim.controllers.contract import FORMS, PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
+from humanoid_sim.controllers.term_kinds import TERM_KINDS
 from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest, load_checkpoint
 from humanoid_sim.policy.describe import (
@@ -36,12 +39,8 @@ from humanoid_sim.policy.readers.contract_yaml import find_contract, own_contrac
 from humanoid_sim.policy.readers.partial import Given, is_assumed
 from humanoid_sim.policy.robot_check import model_damping_findings
 from humanoid_sim.policy_tools import Show
-from humanoid_sim.policy_tools.skeleton import check_skeleton, write_skeleton
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
-
-__all__ = ["make_console", "show"]
-
 
 _PIPE_WIDTH = 150
 """Columns where no terminal says how many it has."""
@@ -61,7 +60,7 @@ def show(options: Show) -> int:
         1 if fields are missing, or if its golden vectors say that it is not wired as it was trained.
     """
     if options.skeleton is not None:
-        check_skeleton(options.skeleton)
+        _check_skeleton(options.skeleton)
     description = None if options.robot is None else load_robot(options.robot)
     joints = None if description is None else description.joint_names
     try:
@@ -120,7 +119,7 @@ def _show_incomplete(options: Show, error: IncompleteContractError) -> int:
             given = f"--skeleton: {path} has a contract file, {file}; add to it what is missing"
             raise InputError(f"{given}: {', '.join(error.missing)}")
         tensors = [f"{name}: {text}" for name, text in _model_rows(model).items()]
-        write_skeleton(options.skeleton, path, error.missing, tensors)
+        _write_skeleton(options.skeleton, path, error.missing, tensors)
     if options.json:
         document = {
             **_source_document(str(path), file_digest(path), file),
@@ -294,3 +293,55 @@ def _source_document(source: str, sha256: str, contract_file: Path | None) -> di
 def _model_document(model: OnnxModel) -> dict[str, Any]:
     groups = (("inputs", model.inputs), ("outputs", model.outputs))
     return {name: [{"name": t.name, "type": t.type, "shape": list(t.shape)} for t in group] for name, group in groups}
+
+
+_VALUES = {"names": "[NAME, NAME]", "text": "TEXT", "flag": "true", "structure": "{}", "axes": "{}"}
+"""What stands for a field's value, by the kind of its form; for any other a number."""
+
+
+def _check_skeleton(path: Path) -> None:
+    """Refuse a file that cannot be written, or is there: what was filled in must not be lost.
+
+    Raises:
+        InputError: naming the option.
+    """
+    output_file(path, "--skeleton", ".yaml", ".yml")
+    if os.path.lexists(path):
+        raise InputError(f"--skeleton: '{path}' exists; choose another name")
+
+
+def _write_skeleton(path: Path, checkpoint: Path, missing: Sequence[str], tensors: Sequence[str]) -> None:
+    """Write `skeleton`'s text to a file, whole or not at all."""
+    with whole_file(path) as file:
+        file.write(_skeleton(checkpoint, missing, tensors).encode())
+
+
+def _skeleton(checkpoint: Path, missing: Sequence[str], tensors: Sequence[str]) -> str:
+    """A contract.yaml with a commented line for each missing field. As it is, it states nothing.
+
+    Args:
+        checkpoint: whose.
+        missing: fields that no source gives, as `IncompleteContractError.missing`.
+        tensors: what is known of the model, a line each.
+    """
+    return "\n".join([*_lines(checkpoint, missing, tensors), ""])
+
+
+def _lines(checkpoint: Path, missing: Sequence[str], tensors: Sequence[str]) -> Iterator[str]:
+    yield f"# What {checkpoint.name} does not say about itself. Take the '#' away from each field, and write its value."
+    yield f"# `python -m humanoid_sim.policy show {checkpoint.name} --contract THIS_FILE` says what is still missing;"
+    yield "# beside the model, as NAME.contract.yaml, it is found by itself. docs/contract.md explains all fields."
+    yield from (f"# {line}" for line in tensors)
+    texts = field_texts(PolicyContract)
+    for name in missing:
+        field, _, part = name.partition(".")
+        yield ""
+        yield f"# {' '.join(texts[field].split())}"
+        if field == "observation":
+            yield f"# Terms: {', '.join(TERM_KINDS)}"
+            yield "#observation: [TERM, TERM]"
+        elif field == "phase":
+            yield f"#phase: {{{part or 'period'}: 0.8}}"
+        else:
+            form = FORMS[field]
+            yield f"#{field}: {'|'.join(form.choices) or _VALUES.get(form.kind, '0.0')}"

@@ -35,8 +35,6 @@ from humanoid_sim.simulation.floating_base import base_addresses
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.sensors import BodySensors
 
-__all__ = ["StampResult", "add_metadata", "body_reader", "stamp", "stamp_copy"]
-
 _PROBES = 8
 """Observations, beside the golden ones, on which the copy must answer bit for bit what the original does."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -33,8 +34,7 @@ from humanoid_sim.prepare.motion_fit import (
     orders_within_limits,
     worst_excess,
 )
-from humanoid_sim.prepare.order_search import what_would_fit
-from humanoid_sim.prepare.skeleton import Skeleton
+from humanoid_sim.prepare.skeleton import Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order
 from humanoid_sim.prepare.velocities import (
     RateCheck,
@@ -45,16 +45,12 @@ from humanoid_sim.prepare.velocities import (
 )
 from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
 
-__all__ = ["FORWARD", "INVERSE", "Findings", "accept"]
-
 FORWARD = "forward kinematics"
 INVERSE = "inverse kinematics"
 """For motions without joint positions: is there a pose of the robot that puts the bodies where they are?"""
 
 _MOST_POSES = 120
 """Frames for which joint positions are sought."""
-_FEW_POSES = 12
-"""Frames for which other readings are tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +85,7 @@ def accept(
     if bodies:
         _refuse_mismatch(source, conventions, contract, skeleton, tolerance, bodies)
     elif motion.joint_position is None:
-        method, bodies = INVERSE, _check_bodies_alone(source, motion, conventions, skeleton, tolerance)
+        method, bodies = INVERSE, _check_bodies_alone(source, motion, skeleton, tolerance)
     else:
         method = ""
         if high is not None:
@@ -160,7 +156,7 @@ def _check_velocities(
 
 
 def _check_bodies_alone(
-    source: SourceMotion, motion: NamedMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance
+    source: SourceMotion, motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance
 ) -> tuple[BodyCheck, ...]:
     """Seek joint positions that reach the bodies, and see what is left."""
     if motion.is_world or motion.body_position is None or motion.body_quaternion is None:
@@ -174,8 +170,9 @@ def _check_bodies_alone(
     if worst.excess(tolerance) > 1.0:
         raise InputError(
             f"{source.source}: no pose of the robot that was found puts body '{worst.name}' nearer than {_far(worst)} "
-            f"to where the motion has it (frame {step * worst.worst_frame}); tolerance {_shown(tolerance)}; "
-            + _what_would_be_reached(source, conventions, skeleton, tolerance)
+            f"to where the motion has it (frame {step * worst.worst_frame}); tolerance {_shown(tolerance)}; it "
+            "holds no joint positions to say more: are its bodies in the order of --body-order, its lengths in "
+            "--length-unit, its orientations in rows, or do they need --conjugate?"
         )
     return tuple(replace(check, worst_frame=step * check.worst_frame) for check in bodies)
 
@@ -197,26 +194,6 @@ def _reach(motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance) -> tup
         joints = solver.solve(place, turn, joints, iterations=40 if path else 400)
         path.append(joints)
     return check_bodies(replace(motion, joint_position=np.stack(path), joint_velocity=None), skeleton, tolerance)
-
-
-def _what_would_be_reached(
-    source: SourceMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance
-) -> str:
-    """Inverse rotations or another unit with which the robot has a pose in each of a few frames."""
-    step = max(1, math.ceil(source.frame_count / _FEW_POSES))
-    for conjugate, unit in product((conventions.conjugate, not conventions.conjugate), LENGTH_UNITS):
-        candidate = replace(conventions, conjugate=conjugate, length_unit=unit)
-        words = [f"--length-unit {unit}"] if unit != conventions.length_unit else []
-        words += ["--conjugate"] if conjugate and not conventions.conjugate else []
-        if words and all(
-            check.excess(tolerance) <= 1.0
-            for check in _reach(_every(interpret(source, candidate, skeleton), step), skeleton, tolerance)
-        ):
-            return f"it would fit with {' '.join(words)}"
-    return (
-        "it holds no joint positions to say more: are its bodies in the order of --body-order, and its orientations in "
-        "rows?"
-    )
 
 
 def _check_joints_alone(
@@ -254,3 +231,85 @@ def _within_limits(
             options = (("--joint-order", order), ("--angle-unit", unit if unit != conventions.angle_unit else ""))
             return "; it stays within all limits with " + " ".join(f"{o} {value}" for o, value in options if value)
     return ""
+
+
+_FRAMES = 12
+_MUCH = 0.1
+"""What must remain of the error of a motion that comes much nearer."""
+
+
+def what_would_fit(
+    source: SourceMotion,
+    conventions: Conventions,
+    skeleton: Skeleton,
+    tolerance: Tolerance,
+    joint_orders: Orders,
+    body_orders: Orders,
+) -> str:
+    """The options with which a motion that was read by these conventions would fit; empty if none tried does.
+
+    Where none does, but one brings the bodies much nearer, it is that one, with what remains.
+    """
+    frames = np.linspace(0, source.frame_count - 1, min(_FRAMES, source.frame_count)).round()
+    few = source.select(np.unique(frames.astype(np.intp)))
+    present, best, best_words = np.inf, np.inf, ""
+    for candidate, words in _named_orders(conventions, joint_orders, body_orders):
+        try:
+            checks = check_bodies(interpret(few, candidate, skeleton), skeleton, tolerance)
+        except InputError:  # a body order without the base of a floating robot
+            continue
+        excess = max((check.excess(tolerance) for check in checks), default=np.inf)
+        if not words:
+            present = excess
+        elif excess <= 1.0:
+            return f"it would fit with {words}"
+        elif excess < best:
+            best, best_words = excess, words
+    if best < _MUCH * present:
+        return f"it would come {present / best:.0f} times nearer with {best_words}, but not within the tolerance"
+    return ""
+
+
+def _named_orders(
+    conventions: Conventions, joint_orders: Orders, body_orders: Orders
+) -> Iterator[tuple[Conventions, str]]:
+    """Orders that exporters use, the other order of quaternions, the inverse rotations, other units.
+
+    None changed comes first, without words; then one change before two, two before three.
+    """
+    joints = {"": conventions.joint_names} | _others(joint_orders, conventions.joint_names)
+    bodies = {"": conventions.body_names} | _others(body_orders, conventions.body_names)
+    present = conventions.quaternions
+    turns = {"": present, other_quaternion_order(present): other_quaternion_order(present)}
+    conjugates = {"": conventions.conjugate} | ({} if conventions.conjugate else {" ": True})
+    angles = {"": conventions.angle_unit} | {unit: unit for unit in ANGLE_UNITS if unit != conventions.angle_unit}
+    lengths = {"": conventions.length_unit} | {unit: unit for unit in LENGTH_UNITS if unit != conventions.length_unit}
+    changes = sorted(
+        product(joints, bodies, turns, conjugates, angles, lengths),
+        key=lambda change: len(change) - change.count(""),
+    )
+    options = ("--joint-order", "--body-order", "--quaternions", "--conjugate", "--angle-unit", "--length-unit")
+    for change in changes:
+        joint, body, turn, conjugate, angle, length = change
+        candidate = replace(
+            conventions,
+            joint_names=joints[joint],
+            body_names=bodies[body],
+            quaternions=turns[turn],
+            conjugate=conjugates[conjugate],
+            angle_unit=angles[angle],
+            length_unit=lengths[length],
+        )
+        yield (
+            candidate,
+            " ".join(f"{option} {value}".rstrip() for option, value in zip(options, change, strict=True) if value),
+        )
+
+
+def _others(orders: Orders, present: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Known orders as long as the present one, and different from it and from each other."""
+    found: dict[str, tuple[str, ...]] = {}
+    for name, order in orders.items():
+        if len(order) == len(present) and order != present and order not in found.values():
+            found[name] = order
+    return found

@@ -16,22 +16,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.skeleton import Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, swap_quaternion_order
 
-__all__ = [
-    "ANGLE_UNITS",
-    "LENGTH_UNITS",
-    "AngleUnit",
-    "Conventions",
-    "LengthUnit",
-    "NamedMotion",
-    "body_orders",
-    "choose_conventions",
-    "in_si",
-    "interpret",
-    "joint_orders",
-    "match_names",
-    "named_order",
-]
-
 AngleUnit = Literal["rad", "deg"]
 LengthUnit = Literal["m", "cm", "mm", "in"]
 

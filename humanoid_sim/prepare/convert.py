@@ -15,8 +15,6 @@ from humanoid_sim.policy.motion import Motion, MotionLayout, body_frames
 from humanoid_sim.prepare.conventions import NamedMotion
 from humanoid_sim.prepare.skeleton import Skeleton
 
-__all__ = ["FROM_KINEMATICS", "FROM_SOURCE", "convert", "has_rate", "layout_of", "resample"]
-
 FROM_SOURCE = "the source"
 FROM_KINEMATICS = "forward kinematics"
 

@@ -12,8 +12,6 @@ from humanoid_sim.errors import InputError, meant
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.source_motion import SourceMotion, joint_of
 
-__all__ = ["ROLES", "episode_motion", "parse_roles"]
-
 ROLES: Mapping[str, tuple[str, ...]] = {
     "joint_pos": ("joint_pos", "joint_position", "joint_positions", "qpos", "state"),
     "joint_vel": ("joint_vel", "joint_velocity", "joint_velocities", "velocity"),

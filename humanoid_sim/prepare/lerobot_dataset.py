@@ -21,8 +21,6 @@ from humanoid_sim.prepare.dataset_features import episode_motion
 from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["import_lerobot", "read_hub_dataset", "read_local_dataset"]
-
 _FORMAT = "v3.0"
 """Version of the dataset format that is read and written."""
 _PURPOSE = "reading a LeRobot dataset"

@@ -17,8 +17,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.npz_file import read_arrays
 from humanoid_sim.prepare.source_motion import SourceMotion, joint_of
 
-__all__ = ["read_csv", "read_npz"]
-
 _NPZ_KEYS = {
     "fps": "",
     "joint_pos": "(F, n)",

@@ -15,19 +15,6 @@ from humanoid_sim.prepare.skeleton import Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order, swap_quaternion_order
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = [
-    "BaseHeight",
-    "BodyCheck",
-    "LimitExcess",
-    "Tolerance",
-    "check_bodies",
-    "implausible_height",
-    "is_upside_down",
-    "orders_within_limits",
-    "worst_excess",
-]
-
-
 _HIGH = 5.0
 """Of the robot's height: where no platform lifts a base to."""
 _EXPLAINS = 2.0

@@ -24,8 +24,6 @@ from humanoid_sim.prepare.conventions import Conventions
 from humanoid_sim.prepare.motion_fit import Tolerance
 from humanoid_sim.prepare.source_motion import SourceMotion
 
-__all__ = ["Content", "MotionReport", "OutputFolder", "checkpoint_files", "print_report", "report_bytes"]
-
 Content = bytes | Path
 """What a file is to hold: bytes, or a copy of another file."""
 

@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
 
 from humanoid_sim.assets import policy_path
 from humanoid_sim.errors import InputError
@@ -34,8 +33,6 @@ from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.song import SONG_RATE, prepare_song
 from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import load_robot
-
-__all__ = ["prepare"]
 
 
 def prepare(options: PrepareOptions) -> int:
@@ -129,18 +126,7 @@ def _checkpoint_path(options: PrepareOptions, console: Console) -> Path:
         return policy_path(options.policy)
     from humanoid_sim.prepare.wandb_run import fetch_checkpoint  # noqa: PLC0415 - only for this option
 
-    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
-        tasks: dict[str, int] = {}
-
-        def show(name: str, so_far: int, size: int) -> None:
-            if name not in tasks:
-                tasks[name] = bars.add_task(name, total=size or None)
-            bars.update(bars.task_ids[tasks[name]], completed=so_far)
-
-        path, notice = fetch_checkpoint(
-            options.wandb_run_path, options.wandb_file, timeout=options.timeout, progress=show
-        )
+    path, notice = fetch_checkpoint(options.wandb_run_path, options.wandb_file, timeout=options.timeout)
     if notice:
         console.print(notice, markup=False)
     console.print(f"checkpoint {path}", markup=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -13,33 +12,8 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.model import base_body, build_model
 
-__all__ = ["Hinge", "Link", "Orders", "Skeleton"]
-
 Orders = Mapping[str, tuple[str, ...]]
 """Orders of joints or bodies, by the name that --joint-order or --body-order knows them by."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Hinge:
-    """A hinge joint."""
-
-    name: str
-    axis: FloatArray
-    """Shape (3,), unit vector in the body's frame."""
-    zero: float
-    """rad, its value in the model's reference pose."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Link:
-    """A body below the base."""
-
-    name: str
-    parent: str
-    rotation: FloatArray
-    """Shape (3, 3), of the body in its parent where its joints are at `zero`."""
-    hinges: tuple[Hinge, ...]
-    """In the order in which they turn the body."""
 
 
 class Skeleton:
@@ -81,7 +55,6 @@ class Skeleton:
             "breadth_first": tuple(model.body(body).name for body in breadth_first),
         }
         """All bodies in these orders."""
-        self.links: Mapping[str, Link] = {link.name: link for link in (_link(model, b) for b in depth if b != base)}
         self._forward = ForwardKinematics(description, self.bodies)
         standing, _ = self._forward(np.array(description.initial_position)[None])
         self.height = max(float(self.base_position[2]), float(np.ptp(standing[0], axis=0).max()))
@@ -101,14 +74,3 @@ class Skeleton:
 def _joints(model: mujoco.MjModel, body: int) -> range:
     first = int(model.body_jntadr[body])
     return range(first, first + int(model.body_jntnum[body]))
-
-
-def _link(model: mujoco.MjModel, body: int) -> Link:
-    rotation = np.empty(9)
-    mujoco.mju_quat2Mat(rotation, model.body_quat[body])
-    hinges = tuple(
-        Hinge(model.joint(j).name, model.jnt_axis[j].copy(), float(model.qpos0[model.jnt_qposadr[j]]))
-        for j in _joints(model, body)
-        if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE
-    )
-    return Link(model.body(body).name, model.body(model.body_parentid[body]).name, rotation.reshape(3, 3), hinges)

@@ -29,8 +29,6 @@ from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.outputs import Content
 from humanoid_sim.rendering.piano_roll import draw_piano_roll
 
-__all__ = ["SONG_RATE", "prepare_song"]
-
 SONG_RATE = 50.0
 """Hz of the goals where neither a policy nor the user gives a rate."""
 _LONGEST_LEAD_IN = 60.0

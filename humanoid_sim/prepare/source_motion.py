@@ -12,8 +12,6 @@ from humanoid_sim.controllers.terms import QuaternionOrder
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["SourceMotion", "joint_of", "other_quaternion_order", "swap_quaternion_order"]
-
 _UNIT = 0.02
 """How far a quaternion's norm may be from 1: float32 and interpolation leave much less."""
 _ARRAYS = ("joint_position", "joint_velocity", "base_position", "base_quaternion", "body_position", "body_quaternion")

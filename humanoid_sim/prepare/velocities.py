@@ -16,8 +16,6 @@ import numpy as np
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["RateCheck", "VelocityCheck", "check_rate", "check_velocities", "faults_in_words", "refuse_velocities"]
-
 _LEAST_FRAMES = 12
 """Fewer say nothing."""
 _EDGE = 3
@@ -42,16 +40,6 @@ _CLEAR = 0.9
 """Correlation from which on a ratio or a delay is believed."""
 _POOR = 0.8
 """Correlation below which velocities are not the joint's; of whole_body_tracking's files it is 0.99."""
-_OTHER = 0.98
-"""Correlation from which on they are another joint's."""
-_FILTER = 2
-"""Frames by which a filter that smooths measured velocities may delay them."""
-_MOST_LAG = 60
-"""frames"""
-_LEAST_ERROR = 0.01
-"""Squared relative error below which no delay is sought: of a joint at constant speed every delay fits."""
-_BETTER = 0.25
-"""What a delay must leave of the squared error."""
 _NAMED = 0.05
 """Relative error of a ratio that is called by its name, such as half."""
 _SHOWN = 4
@@ -75,10 +63,8 @@ class VelocityCheck:
     joint: str
     ratio: float
     """Velocity over derivative: 1 where they agree."""
-    lag: int
-    """Frames by which the velocities come late; negative if early."""
     correlation: float
-    """Between the two at this lag; 0 if there are no velocities to compare."""
+    """Between the two; 0 if there are no velocities to compare."""
     fault: str
     """What the velocities are instead; empty if nothing is wrong with them."""
 
@@ -110,42 +96,29 @@ def check_velocities(
     """
     if len(position) < _LEAST_FRAMES:
         return ()
-    names = tuple(joints)
     smooth = _smooth(velocity[_EDGE:-_EDGE])
-    rates = [_derivatives(position[:, j], fps) for j in range(len(names))]
-    checks = (_check(names, j, rates, smooth, fps) for j in range(len(names)))
+    checks = (_check(name, _derivatives(position[:, j], fps), smooth[:, j], fps) for j, name in enumerate(joints))
     return tuple(check for check in checks if check is not None)
 
 
-def _check(
-    names: tuple[str, ...], joint: int, rates: list[list[FloatArray]], velocity: FloatArray, fps: float
-) -> VelocityCheck | None:
-    own, rate = velocity[:, joint], _nearest(rates[joint], velocity[:, joint])
-    speed, moved = _rms(own), _rms(rate)
-    name = names[joint]
+def _check(joint: str, rates: list[FloatArray], velocity: FloatArray, fps: float) -> VelocityCheck | None:
+    rate = _nearest(rates, velocity)
+    speed, moved = _rms(velocity), _rms(rate)
     if moved < _LEAST_SPEED:
         if speed < max(_NOISE, 5.0 * moved):
             return None
-        return VelocityCheck(name, math.inf, 0, 0.0, f"up to {np.abs(own).max():.2f} rad/s, and it hardly moves")
+        fastest = float(np.abs(velocity).max())
+        return VelocityCheck(joint, math.inf, 0.0, f"up to {fastest:.2f} rad/s, and it hardly moves")
     if speed <= _ZERO * moved:
-        words = "all zero" if not own.any() else "all nearly zero"
-        return VelocityCheck(name, speed / moved, 0, 0.0, words)
-    lag = _lag(rates[joint], own)
-    same = _shifted(rates[joint][0] if lag else rate, own, lag)
-    correlation, ratio = _correlation(*same), _ratio(*same)
-    fault = ""
-    unlike = _is_unlike(rate, own, fps)
-    other = _other(rates, own, joint, correlation) if lag or unlike else None
-    if other is not None:
-        return VelocityCheck(name, ratio, 0, _correlation(rate, own), f"those of {names[other]}")
-    if lag:
-        fault = f"{abs(lag)} frames {'late' if lag > 0 else 'early'}"
-    elif unlike:
-        fault = "unlike the derivative of the positions"
+        return VelocityCheck(joint, speed / moved, 0.0, "all zero" if not velocity.any() else "all nearly zero")
+    correlation, ratio = _correlation(rate, velocity), _ratio(rate, velocity)
     least, most = _RATIOS if moved >= _NOISE else _SLOW_RATIOS
-    if abs(correlation) >= _CLEAR and not least < ratio < most:
-        fault += (", and " if fault else "") + _ratio_in_words(ratio, fps)
-    return VelocityCheck(name, ratio, lag, correlation, fault)
+    fault = ""
+    if _is_unlike(rate, velocity, fps):
+        fault = "unlike the derivative of the positions"
+    elif abs(correlation) >= _CLEAR and not least < ratio < most:
+        fault = _ratio_in_words(ratio, fps)
+    return VelocityCheck(joint, ratio, correlation, fault)
 
 
 def refuse_velocities(
@@ -158,7 +131,7 @@ def refuse_velocities(
     """
     faults = [check for check in checks if check.fault]
     ratios = [check.ratio for check in checks if check.correlation >= _CLEAR]
-    scaled = all(check.correlation >= _CLEAR and not check.lag for check in faults)
+    scaled = all(check.correlation >= _CLEAR for check in faults)
     usual = float(np.median(ratios)) if ratios else 1.0
     agree = scaled and bool(ratios) and max(ratios) < (1.0 + _RATIO) * min(ratios)
     if agree and rate is not None and abs(usual - 1.0) > _RATIO and not _unit(usual, fps):
@@ -198,9 +171,7 @@ def _unit(ratio: float, fps: float) -> str:
 
 
 def _ratio_in_words(ratio: float, fps: float) -> str:
-    named = {0.5: "half of", 2.0: "twice", -1.0: "the negative of"}
-    times = next((words for value, words in named.items() if abs(ratio / value - 1.0) < _NAMED), f"{ratio:.2g} times")
-    return _unit(ratio, fps) or f"{times} the derivative of the positions"
+    return _unit(ratio, fps) or f"{ratio:.2g} times the derivative of the positions"
 
 
 def _derivatives(position: FloatArray, fps: float) -> list[FloatArray]:
@@ -247,40 +218,7 @@ def _correlation(rate: FloatArray, velocity: FloatArray) -> float:
     return float(rate @ velocity) / math.sqrt(power) if power > 0.0 else 0.0
 
 
-def _shifted(rate: FloatArray, velocity: FloatArray, lag: int) -> tuple[FloatArray, FloatArray]:
-    """The frames that both have where the velocities come `lag` frames late."""
-    count = len(rate) - abs(lag)
-    return rate[max(-lag, 0) :][:count], velocity[max(lag, 0) :][:count]
-
-
-def _lag(rates: list[FloatArray], velocity: FloatArray) -> int:
-    """The delay of the velocities in frames; without clear evidence 0."""
-    most = min(_MOST_LAG, len(velocity) // 3)
-
-    def error(rate: FloatArray, lag: int) -> float:
-        return 1.0 - max(_correlation(*_shifted(rate, velocity, lag)), 0.0) ** 2
-
-    # A filter's delay is no mistake, and the opposite sign explains what half a period's delay would.
-    usual = min(error(rate, lag) for rate in rates for lag in range(-_FILTER, _FILTER + 1))
-    errors = {lag: error(rates[0], lag) for lag in range(-most, most + 1)}
-    least = min(errors.values())
-    opposite = 1.0 - min(_correlation(rates[0], velocity), 0.0) ** 2
-    if usual <= _LEAST_ERROR or opposite <= _LEAST_ERROR or least > min(_BETTER * usual, 1.0 - _CLEAR**2):
-        return 0
-    # What repeats itself fits again a period later: the shortest delay among those that fit alike.
-    alike = [lag for lag in errors if errors[lag] <= 2.0 * least + 0.1 * _LEAST_ERROR]
-    shortest = min(alike, key=abs)
-    return min((lag for lag in alike if abs(lag - shortest) <= _FILTER), key=lambda lag: errors[lag])
-
-
 def _is_unlike(rate: FloatArray, velocity: FloatArray, fps: float) -> bool:
     frames = max(1, min(round(_CALM * fps), len(rate) // 4))
     calm, own = _smooth(rate, frames), _smooth(velocity, frames)
     return _rms(calm) >= _NOISE and abs(_correlation(calm, own)) < _POOR
-
-
-def _other(rates: list[list[FloatArray]], velocity: FloatArray, joint: int, correlation: float) -> int | None:
-    """The other joint whose velocities these are, by more than their own joint's correlation; None if there is none."""
-    fits = [0.0 if j == joint else max(_correlation(rate, velocity) for rate in rates[j]) for j in range(len(rates))]
-    best = int(np.argmax(fits))
-    return best if fits[best] > max(_OTHER, correlation) else None

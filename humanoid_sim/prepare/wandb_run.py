@@ -8,22 +8,16 @@ import os
 import re
 import shutil
 import threading
-import time
 from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeout
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from humanoid_sim.errors import InputError, MissingPackageError, reason_of
 
-__all__ = ["Progress", "cache_folder", "fetch_checkpoint"]
-
-Progress = Callable[[str, int, int], None]
-"""Called while a file comes in: its name, bytes so far, bytes in all (0: unknown)."""
-
 _RUN_PATH = re.compile(r"^[^/\s]+/[^/\s]+/[^/\s]+$")
 _NUMBER = re.compile(r"\d+")
-_POLL = 0.1
-"""s"""
 
 T = TypeVar("T")
 
@@ -34,9 +28,7 @@ def cache_folder() -> Path:
     return Path(base) / "humanoid_sim" / "wandb"
 
 
-def fetch_checkpoint(
-    run_path: str, name: str | None, *, timeout: float, progress: Progress = lambda *_: None
-) -> tuple[Path, str]:
+def fetch_checkpoint(run_path: str, name: str | None, *, timeout: float) -> tuple[Path, str]:
     """A run's checkpoint as a local file, with the `.data` file of its external tensors if it has one.
 
     The newest `model_*.onnx` of the run's files by its number, else its only `.onnx`; failing that, the newest logged
@@ -45,8 +37,7 @@ def fetch_checkpoint(
     Args:
         run_path: entity/project/run.
         name: of the file in the run; None for the newest.
-        timeout: s without an answer, or without another byte, after which to give up.
-        progress: told about every download.
+        timeout: s without an answer about the run and its files after which to give up.
 
     Returns:
         The path, and a notice for the user or ''.
@@ -70,7 +61,7 @@ def fetch_checkpoint(
         return _from_cache(run_path, name, folder, str(error))
     wanted = [chosen, *([f"{chosen}.data"] if f"{chosen}.data" in files else [])]
     for file_name in wanted:
-        _download(run_path, files[file_name], folder, timeout, progress)
+        _download(run_path, files[file_name], folder)
     return folder / chosen, ""
 
 
@@ -78,41 +69,29 @@ class _UnreachableError(Exception):
     """No answer from the service."""
 
 
-class _Call(Generic[T]):
-    """A call that may hang, in a thread of its own, which ends with the process."""
-
-    def __init__(self, call: Callable[[], T]) -> None:
-        self.done = threading.Event()
-        self._call, self._results = call, list[T]()
-        self._error: BaseException | None = None
-        threading.Thread(target=self._run, name="wandb", daemon=True).start()
-
-    def _run(self) -> None:
-        try:
-            self._results.append(self._call())
-        except BaseException as error:
-            self._error = error
-        finally:
-            self.done.set()
-
-    def result(self) -> T:
-        """What a call that is done gave, or its error as the user is told it."""
-        if self._error is not None:
-            raise _told(self._error) from None
-        return self._results[0]
-
-
 def _within(timeout: float, function: Callable[[], T]) -> T:
-    """The result of a call that may hang.
+    """Return the result of a call that may hang, made in a thread that ends with the process.
 
     Raises:
         InputError: if the service answers with an error.
         _UnreachableError: if there is no answer.
     """
-    call = _Call(function)
-    if not call.done.wait(timeout):
-        raise _UnreachableError(f"no answer within {timeout:g} s (is this machine logged in? try: wandb login)")
-    return call.result()
+    answer: Future[T] = Future()
+
+    def call() -> None:
+        try:
+            answer.set_result(function())
+        except BaseException as error:
+            answer.set_exception(error)
+
+    threading.Thread(target=call, name="wandb", daemon=True).start()
+    try:
+        return answer.result(timeout)
+    except FutureTimeout:
+        reason = f"no answer within {timeout:g} s (is this machine logged in? try: wandb login)"
+        raise _UnreachableError(reason) from None
+    except Exception as error:
+        raise _told(error) from None
 
 
 def _told(error: BaseException) -> Exception:
@@ -178,41 +157,25 @@ def _from_cache(run_path: str, name: str | None, folder: Path, reason: str) -> t
     raise InputError(f"--wandb-run-path: run {run_path} cannot be reached: {reason}{hint}")
 
 
-def _download(run_path: str, file: Any, folder: Path, timeout: float, progress: Progress) -> None:
+def _download(run_path: str, file: Any, folder: Path) -> None:
     target = folder / file.name
     if target.is_file() and _is_same(target, file):
         return
     incoming = folder / f".incoming-{os.getpid()}"
     partial = incoming / file.name
-    size = int(getattr(file, "size", 0) or 0)
     try:
         incoming.mkdir(parents=True, exist_ok=True)
-        call = _Call(lambda: file.download(root=str(incoming), replace=True).close())
-        _watch(partial, size, call.done, timeout, lambda so_far: progress(file.name, so_far, size))
-        call.result()
+        file.download(root=str(incoming), replace=True).close()
         if not partial.is_file() or not _is_same(partial, file):
             raise InputError(f"--wandb-run-path: '{file.name}' of run {run_path} arrived incomplete; try again")
         target.parent.mkdir(parents=True, exist_ok=True)
         partial.replace(target)
-    except _UnreachableError as error:
-        raise InputError(f"--wandb-run-path: fetching '{file.name}' of run {run_path}: {error}") from None
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    except InputError:
+        raise
+    except Exception as error:  # of a disk, of the network, or of the package's own
+        raise InputError(f"--wandb-run-path: fetching '{file.name}' of run {run_path}: {reason_of(error)}") from None
     finally:
         shutil.rmtree(incoming, ignore_errors=True)
-
-
-def _watch(partial: Path, size: int, done: threading.Event, timeout: float, tell: Callable[[int], None]) -> None:
-    """Wait for a download; what counts is that bytes keep coming, however long it takes."""
-    last, since = -1, time.monotonic()
-    while not done.wait(_POLL):
-        so_far = partial.stat().st_size if partial.exists() else 0
-        if so_far != last:
-            last, since = so_far, time.monotonic()
-            tell(so_far)
-        elif time.monotonic() - since > timeout:
-            raise _UnreachableError(f"no data for {timeout:g} s, {so_far} of {size} bytes received")
-    tell(size)
 
 
 def _is_same(path: Path, file: Any) -> bool:

@@ -19,8 +19,6 @@ from humanoid_sim.messages import QPOS_DOCUMENT, URDF_DOCUMENT, SessionHeader, T
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["BodyError", "RecordedBody", "UrdfJoint"]
-
 _MOVING = ("revolute", "continuous", "prismatic")
 _LARGEST = 16 << 20
 """Characters of a URDF."""
@@ -89,7 +87,7 @@ class RecordedBody:
 
     @classmethod
     def of(cls, header: SessionHeader, documents: Mapping[str, str] | None = None) -> Self | None:
-        """The body that a header describes; None if it describes none, as those of earlier versions.
+        """The body that a header describes; None if it describes none.
 
         Args:
             header: of the recording.

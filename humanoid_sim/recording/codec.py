@@ -32,8 +32,6 @@ from humanoid_sim.messages import (
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.ros2.cdr import ENCAPSULATION, CdrError, CdrReader, CdrWriter, layout
 
-__all__ = ["INTENT_CODES", "TickEncoder", "decode_event", "decode_tick", "encode_event"]
-
 INTENT_CODES = {intent: code for code, intent in enumerate(Intent)}
 """`INTENT_…` of the message definition."""
 
@@ -194,23 +192,15 @@ def _command_arrays(command: MITCommand) -> tuple[FloatArray, ...]:
     return command.position, command.velocity, command.effort, command.stiffness, command.damping
 
 
-def decode_tick(message: bytes, *, has_policy_error: bool = True) -> TickRecord:
-    """The tick of one message.
-
-    Args:
-        message: the bytes.
-        has_policy_error: the message has the field; those of earlier versions end before it.
-
-    Raises:
-        CdrError: if the bytes are no tick.
-    """
+def decode_tick(message: bytes) -> TickRecord:
+    """Decode the tick of one message. Raises `CdrError` if the bytes are not one."""
     try:
-        return _decode(CdrReader(message), has_policy_error)
+        return _decode(CdrReader(message))
     except ValueError as error:  # an unknown mode or level, arrays that do not fit each other
         raise CdrError(str(error)) from None
 
 
-def _decode(reader: CdrReader, has_policy_error: bool) -> TickRecord:
+def _decode(reader: CdrReader) -> TickRecord:
     index, time, duration = reader.unpack("Qdd")
     quaternion, angular_velocity, linear_acceleration = (reader.fixed_array(np.float64, width) for width in (4, 3, 3))
     overrun, has_quit, has_qpos, mode = reader.unpack(_FLAG_CODES)
@@ -232,7 +222,7 @@ def _decode(reader: CdrReader, has_policy_error: bool) -> TickRecord:
         for _ in range(reader.count(16))
     )
     refusals = reader.strings()
-    policy_error = _optional(reader, CdrReader.string) if has_policy_error else None
+    policy_error = _optional(reader, CdrReader.string)
     reader.finish()
     tick_input = TickInput(state, safety, intents, remote)
     output = TickOutput(command, control_mode, standby, has_quit, faults, refusals, step, policy_error)
@@ -294,24 +284,13 @@ def encode_event(event: Event) -> bytes:
     return writer.message()
 
 
-def decode_event(message: bytes, *, has_kind: bool = True) -> Event:
-    """The event of one message.
-
-    Args:
-        message: the bytes.
-        has_kind: the message has the field; those of earlier versions end before it, and come out as a note.
-
-    Raises:
-        CdrError: if the bytes are no event.
-    """
+def decode_event(message: bytes) -> Event:
+    """Decode the event of one message. Raises `CdrError` if the bytes are not one."""
     reader = CdrReader(message)
     (time,) = reader.unpack("d")
     text = reader.string()
-    kind = EventKind.NOTE
-    if has_kind:
-        (code,) = reader.unpack("B")
-        if code >= len(EventKind):
-            raise CdrError(f"event of kind {code}, expected one below {len(EventKind)}")
-        kind = EventKind(code)
+    (code,) = reader.unpack("B")
+    if code >= len(EventKind):
+        raise CdrError(f"event of kind {code}, expected one below {len(EventKind)}")
     reader.finish()
-    return Event(time, text, kind)
+    return Event(time, text, EventKind(code))

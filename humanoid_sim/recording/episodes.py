@@ -13,8 +13,6 @@ from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.recording.reader import Recording
 
-__all__ = ["Episode", "read_episodes"]
-
 _DEFAULT_RATE = 50.0
 """Frames per second where no policy step says better; the control rate if that is lower."""
 

@@ -13,8 +13,6 @@ from humanoid_sim.messages import SessionHeader
 from humanoid_sim.ros2.mcap_writer import ChunkedWriter
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["DOCUMENTS", "EARLIER_FORMAT", "SESSION", "HeaderError", "header_metadata", "parse_header", "write_header"]
-
 SESSION = "humanoid_sim.session"
 """Metadata record with the header's own fields and a digest; the last part, so where it is the header is whole."""
 DOCUMENTS = "humanoid_sim.documents"
@@ -24,8 +22,6 @@ _FORMAT = "2"
 """Changes when earlier readers would misread, or stumble over, a recording."""
 _SHORTEST_PERIOD, _LONGEST_PERIOD = 1e-6, 1e3
 """s between two ticks of any robot."""
-EARLIER_FORMAT = "1"
-"""Of recordings whose events have no kind, and whose ticks do not say what the policy raised; see `earlier`."""
 
 
 class HeaderError(ValueError):
@@ -64,8 +60,8 @@ def parse_header(
     Raises:
         HeaderError: if a part is missing or damaged, or the format is unknown.
     """
-    if session.get("format") not in (EARLIER_FORMAT, _FORMAT):
-        raise HeaderError(f"header has format '{session.get('format')}', expected '{EARLIER_FORMAT}' or '{_FORMAT}'")
+    if session.get("format") != _FORMAT:
+        raise HeaderError(f"header has format '{session.get('format')}', expected '{_FORMAT}'")
     fields = {key: value for key, value in session.items() if key != "digest"}
     if session.get("digest") != _digest(fields, documents):
         raise HeaderError("header is damaged (its digest is wrong)")

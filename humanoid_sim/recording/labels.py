@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["LABELS_DOCUMENT", "Labels", "labels_document", "read_labels"]
-
 LABELS_DOCUMENT = "labels"
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, TypeAlias
+from typing import IO, Any, TypeAlias
 
 from mcap.records import Attachment, Channel, Metadata, Schema
 
@@ -16,14 +16,11 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import decode_event, decode_tick
-from humanoid_sim.recording.earlier import decode_earlier_event, decode_earlier_tick
-from humanoid_sim.recording.header import DOCUMENTS, EARLIER_FORMAT, SESSION, HeaderError, parse_header
+from humanoid_sim.recording.header import DOCUMENTS, SESSION, HeaderError, parse_header
 from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
-
-__all__ = ["Entry", "Recording", "TopicCount", "messages_of", "open_recording"]
-
+from humanoid_sim.strict_json import parse_json
 
 Entry: TypeAlias = TickRecord | Event
 _Decoder: TypeAlias = Callable[[bytes], Entry]
@@ -40,9 +37,8 @@ class TopicCount:
 class Recording:
     """One recording. Reading streams the file, so a long one takes no more memory than a short one."""
 
-    def __init__(self, path: Path, header: SessionHeader, *, is_earlier: bool = False) -> None:
-        """Made by `open_recording`; `is_earlier` for one of the earlier format."""
-        self._decoders = _EARLIER_DECODERS if is_earlier else _DECODERS
+    def __init__(self, path: Path, header: SessionHeader) -> None:
+        """Made by `open_recording`."""
         self._loads = 0
         self.path = path
         self.header = header
@@ -89,7 +85,7 @@ class Recording:
                         raise InputError(f"{self.path}: a message on channel {record.channel_id}, which is not defined")
                     topics[topic].messages += 1
                     sound_to = len(stream.damages) if topic == TICK_TOPIC else sound_to
-                    if topic in self._decoders:
+                    if topic in _DECODERS:
                         entry = self._decode(topic, record)
                         if isinstance(entry, TickRecord):
                             headers.take()  # that of the whole run
@@ -144,13 +140,12 @@ class Recording:
 
     def _decode(self, topic: str, message: Message) -> Entry:
         try:
-            return self._decoders[topic](message.data)
+            return _DECODERS[topic](message.data)
         except CdrError as error:
             raise InputError(f"{self.path}: message {message.sequence} of {topic}: {error}") from None
 
 
 _DECODERS: dict[str, _Decoder] = {TICK_TOPIC: decode_tick, EVENT_TOPIC: decode_event}
-_EARLIER_DECODERS: dict[str, _Decoder] = {TICK_TOPIC: decode_earlier_tick, EVENT_TOPIC: decode_earlier_event}
 
 
 def open_recording(path: str | os.PathLike[str]) -> Recording:
@@ -170,7 +165,7 @@ def open_recording(path: str | os.PathLike[str]) -> Recording:
                 raise InputError(f"{path}: {error}") from None
             header = parts.take()
             if header is not None:
-                return Recording(path, header, is_earlier=parts.is_earlier)
+                return Recording(path, header)
             if isinstance(record, Message):
                 break
     reason = stream.damage or f"an MCAP file, but no recording of this program: it has no metadata record '{SESSION}'"
@@ -184,8 +179,6 @@ class _HeaderParts:
         self._documents: dict[str, str] = {}
         self._attachments: dict[str, bytes] = {}
         self._header: SessionHeader | None = None
-        self.is_earlier = False
-        """True if the header is of the earlier format."""
 
     def look(self, record: object) -> None:
         """Take a record of the file. Raises `HeaderError` if it completes a header that is damaged."""
@@ -194,7 +187,6 @@ class _HeaderParts:
         elif isinstance(record, Metadata) and record.name == DOCUMENTS:
             self._documents = record.metadata
         elif isinstance(record, Metadata) and record.name == SESSION:
-            self.is_earlier = record.metadata.get("format") == EARLIER_FORMAT
             documents, attachments = self._documents, self._attachments
             self._documents, self._attachments = {}, {}
             self._header = parse_header(record.metadata, documents, attachments)
@@ -225,3 +217,22 @@ def _open(path: Path) -> IO[bytes]:
         return regular_file(path, "a recording (.mcap)").open("rb")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def recorded_settings(path: str | Path, header: SessionHeader) -> dict[str, Any]:
+    """The settings of a run; empty if its header says nothing.
+
+    Args:
+        path: of the recording, for messages.
+        header: of the recording.
+
+    Raises:
+        InputError: what it says is no JSON object.
+    """
+    try:
+        settings = parse_json(header.documents.get("settings", "{}"))
+    except ValueError as error:
+        raise InputError(f"{path}: its header's 'settings' are no JSON: {error}") from None
+    if not isinstance(settings, dict):
+        raise InputError(f"{path}: its header's 'settings' are a {type(settings).__name__}, expected a JSON object")
+    return settings

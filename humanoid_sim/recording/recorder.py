@@ -31,8 +31,6 @@ from humanoid_sim.ros2.definitions import EVENT, SCHEMA_ENCODING, TICK, schema_t
 from humanoid_sim.ros2.mcap_writer import ChunkedWriter
 from humanoid_sim.ros2.topics import kind_of
 
-__all__ = ["EVENT_TOPIC", "FLUSH_PERIOD", "QUEUE_LIMIT", "TICK_TOPIC", "McapRecorder"]
-
 TICK_TOPIC = "/humanoid_sim/tick"
 EVENT_TOPIC = "/humanoid_sim/event"
 

@@ -14,8 +14,6 @@ from humanoid_sim.recording.recorder import TICK_TOPIC
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
 from humanoid_sim.ros2.mcap_writer import ChunkedWriter
 
-__all__ = ["Recovery", "default_output", "recover"]
-
 
 @dataclass(frozen=True, slots=True)
 class Recovery:

@@ -18,20 +18,7 @@ from humanoid_sim.controllers.supervisor import STARTED, start_reason
 from humanoid_sim.messages import EventKind, PolicyStep, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, MITState
 from humanoid_sim.recording.reader import Entry, Recording
-from humanoid_sim.recording.rules import Correction, shown_correction
 from humanoid_sim.recording.start import start_memory
-
-__all__ = [
-    "ControlStack",
-    "Difference",
-    "InferenceReport",
-    "RecordedPolicy",
-    "RepeatReport",
-    "StackBuilder",
-    "first_difference",
-    "repeat_run",
-    "state_difference",
-]
 
 _UNSIGNED = {4: np.uint32, 8: np.uint64}
 
@@ -247,8 +234,6 @@ class RepeatReport:
     ticks: int = 0
     """Ticks repeated and found identical."""
     difference: Difference | None = None
-    correction: Correction | None = None
-    """Of a rule, made since the recording, that the tick which differs turns on."""
     tick: int | None = None
     """Index of the tick that differs, or before which ticks are missing."""
     time: float | None = None
@@ -318,8 +303,6 @@ def repeat_run(
             policy.expect(record.output)
             memory, output = stack.step(memory, record.input)
             report.difference = first_difference(header, record.output, output)
-            if report.difference is not None:
-                report.correction = shown_correction(header, record.input, record.output, output)
         if not report.can_continue and report.tick is None:
             report.tick, report.time = record.index, float(record.input.state.time)
         if report.difference is not None:

@@ -27,20 +27,6 @@ from humanoid_sim.ros2.definitions import MIT_COMMAND, SHADOW_STEP
 from humanoid_sim.ros2.messages import encode_mit_command
 from humanoid_sim.strict_json import parse_json
 
-__all__ = [
-    "SHADOW_CONTRACT_DOCUMENT",
-    "SHADOW_DOCUMENT",
-    "SHADOW_TOPIC",
-    "ShadowStep",
-    "ShadowTopics",
-    "decode_shadow_step",
-    "encode_shadow_step",
-    "read_shadow_steps",
-    "shadow_documents",
-    "shadow_values",
-    "shadow_width",
-]
-
 SHADOW_DOCUMENT = "shadow"
 """Of a header: the shadow policy's file and the terms of its observation."""
 SHADOW_CONTRACT_DOCUMENT = "shadow_contract"

@@ -31,8 +31,6 @@ from humanoid_sim.messages import PolicyStep, SessionHeader, StandbyState
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["START_DOCUMENT", "start_document", "start_memory"]
-
 START_DOCUMENT = "start"
 
 _TYPES: Mapping[str, type[Any]] = MappingProxyType(

@@ -13,8 +13,6 @@ from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, TickReco
 from humanoid_sim.recording.reader import Recording, TopicCount
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["ModeSpan", "Remark", "Summary", "summarize"]
-
 
 @dataclass(slots=True)
 class ModeSpan:

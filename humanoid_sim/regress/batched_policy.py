@@ -14,8 +14,6 @@ import onnx
 
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
 
-__all__ = ["BatchedPolicy"]
-
 Float32Array = npt.NDArray[np.float32]
 
 _TRIED_SIZES = (67, 2, 5)

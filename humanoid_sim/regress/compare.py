@@ -36,19 +36,6 @@ from humanoid_sim.regress.results import (
 )
 from humanoid_sim.regress.suite import Suite
 
-__all__ = [
-    "FEW_SEEDS",
-    "POWER",
-    "Interval",
-    "compare_runs",
-    "detectable_changes",
-    "fewest_seeds",
-    "judge",
-    "mean_interval",
-    "mean_of_cases",
-    "student_quantile",
-]
-
 POWER = 0.8
 """Probability with which a change of the size that is announced is found."""
 FEW_SEEDS = 6

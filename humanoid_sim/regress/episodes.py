@@ -25,8 +25,6 @@ from humanoid_sim.regress.results import Episode
 from humanoid_sim.regress.suite import Disturbance, Pushes
 from humanoid_sim.simulation.batch import BatchSimulation
 
-__all__ = ["LONGEST_TRACE", "EpisodeBatch", "Step", "episode_keys", "run_episodes", "thinned"]
-
 Float32Array = npt.NDArray[np.float32]
 Trace = tuple[float | None, ...]
 

@@ -32,8 +32,6 @@ from humanoid_sim.regress.results import Episode
 from humanoid_sim.regress.suite import Disturbance, Suite
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["LOCAL", "Advance", "Executor", "LocalExecutor", "Parcel", "RayExecutor", "pack_case", "unpack_case"]
-
 Advance = Callable[[int], None]
 """Told how many episodes have just ended."""
 

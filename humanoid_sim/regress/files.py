@@ -27,8 +27,6 @@ from humanoid_sim.regress.results import (
     describe_margin,
 )
 
-__all__ = ["json_of", "junit_xml", "matching_baseline", "read_baseline"]
-
 _UNWRITABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """What XML 1.0 cannot hold, not even escaped."""
 

@@ -15,8 +15,6 @@ from humanoid_sim.regress.results import Episode, Margin, MarginComparison, quan
 from humanoid_sim.regress.suite import AXES, Disturbance, Margins, Pushes, Suite, Sweep
 from humanoid_sim.simulation.batch import Randomisation
 
-__all__ = ["compare_margins", "disturbance_at", "measure_margins", "planned_levels"]
-
 _RATE_NOISE = 10.0
 """rad/s of noise in joint and angular velocities per rad of noise in positions and orientation."""
 

@@ -24,19 +24,6 @@ from humanoid_sim.mit import KEY_PRESSED, FloatArray, MITCommand
 from humanoid_sim.regress.results import MetricInfo
 from humanoid_sim.simulation.batch import BatchSimulation
 
-__all__ = [
-    "ALWAYS",
-    "METRICS",
-    "Measures",
-    "Metric",
-    "PianoMeasures",
-    "TaskName",
-    "TrackingMeasures",
-    "VelocityMeasures",
-    "has_metric",
-    "summarise",
-]
-
 TaskName = Literal["tracking", "velocity", "piano"]
 Summary = Literal["rms", "mean", "episode"]
 """How an episode's steps become its value: root mean square, mean, or not at all: it is of the episode as a whole."""

@@ -13,8 +13,6 @@ from humanoid_sim.assets import policy_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
 
-__all__ = ["RegressConfig", "check_outputs", "with_files"]
-
 
 @dataclass(frozen=True)
 class RegressConfig:

@@ -27,16 +27,6 @@ from humanoid_sim.regress.metrics import TaskName
 from humanoid_sim.regress.suite import Case, Suite
 from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots
 
-__all__ = [
-    "PreparedCase",
-    "PreparedSuite",
-    "TestedPolicy",
-    "distinct_names",
-    "prepare_case",
-    "prepare_policy",
-    "prepare_suite",
-]
-
 _JUDGING = ("seeds", "first_seed", "tolerances", "case_tolerance", "confidence", "resamples", "margins")
 _POLICIES: Mapping[TaskName, tuple[str, str]] = {
     "tracking": ("tracking", "a policy that follows motions"),

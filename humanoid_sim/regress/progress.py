@@ -9,8 +9,6 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-__all__ = ["EpisodeProgress"]
-
 _EVERY = 10.0
 """s between two lines where nobody watches."""
 

@@ -33,8 +33,6 @@ from humanoid_sim.regress.suite import Disturbance
 from humanoid_sim.robots.schema import RobotDescription, StandbySettings
 from humanoid_sim.stack import build_supervisor, run_header
 
-__all__ = ["choose_failures", "record_episode", "recording_name"]
-
 _LONGEST_STANDBY = 100
 """Ticks within which a standby of one policy step has ended, whatever the period."""
 

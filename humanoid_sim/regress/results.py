@@ -12,32 +12,6 @@ from typing import Literal, get_args
 
 import msgspec
 
-__all__ = [
-    "FAILING",
-    "OPEN",
-    "Candidate",
-    "CaseComparison",
-    "Comparison",
-    "Detectable",
-    "Episode",
-    "Margin",
-    "MarginComparison",
-    "MetricInfo",
-    "PolicyRun",
-    "Results",
-    "SuiteInfo",
-    "Verdict",
-    "describe_change",
-    "describe_detectable",
-    "describe_left_out",
-    "describe_limit",
-    "describe_margin",
-    "describe_share",
-    "describe_verdicts",
-    "displayed_unit",
-    "quantity",
-]
-
 Verdict = Literal[
     "lost",
     "worse beyond tolerance",

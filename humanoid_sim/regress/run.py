@@ -37,8 +37,6 @@ from humanoid_sim.regress.suite_file import chosen_suite, load_suite
 if TYPE_CHECKING:
     from humanoid_sim.regress.report.pictures import Picture
 
-__all__ = ["regress", "run_policy"]
-
 _RECORDINGS = Path("runs")
 """Where --episode writes, unless --record-failures says."""
 

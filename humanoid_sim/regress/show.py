@@ -21,8 +21,6 @@ from humanoid_sim.regress.results import (
     quantity,
 )
 
-__all__ = ["show_candidate", "show_detectable", "show_run", "show_verdict"]
-
 _COLOURS = {
     "lost": "red",
     "worse beyond tolerance": "red",

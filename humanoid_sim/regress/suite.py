@@ -17,8 +17,6 @@ from humanoid_sim.regress.results import MetricInfo
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.plant import BatchActuation
 
-__all__ = ["AXES", "Axis", "Case", "Disturbance", "Margins", "Pushes", "Start", "Suite", "Sweep", "Tolerance"]
-
 Axis = Literal["delay", "jitter", "gains", "friction", "joint_friction", "mass", "push", "noise"]
 AXES: Mapping[str, tuple[str, float]] = {
     "delay": ("s", 0.0),

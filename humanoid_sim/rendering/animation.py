@@ -14,8 +14,6 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.offscreen import PoseRenderer
 
-__all__ = ["animated_poses", "animated_webp", "video_frames"]
-
 
 def video_frames(path: Path, begin: float, end: float, *, size: tuple[int, int], rate: float) -> list[Image.Image]:
     """Take `rate` frames per second of a video, from `begin` to `end`, s, in the size of width and height.

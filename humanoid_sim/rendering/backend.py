@@ -17,8 +17,6 @@ from typing import Literal
 
 from humanoid_sim.errors import InputError
 
-__all__ = ["Choice", "check_environment", "choose_backend", "egl_works", "has_display"]
-
 OpenGL = Literal["glfw", "osmesa", "egl", "none"]
 
 _REQUESTS: Mapping[str, OpenGL] = {

@@ -12,8 +12,6 @@ from PIL import Image, ImageDraw, ImageFont
 from humanoid_sim.errors import one_line
 from humanoid_sim.messages import Mode, TickRecord
 
-__all__ = ["Caption", "draw_caption"]
-
 _MODE_COLOURS = {
     Mode.ZERO_TORQUE: (150, 156, 164),
     Mode.DAMPING: (232, 168, 56),

@@ -18,8 +18,6 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
 from humanoid_sim.simulation.model import JointAddresses, joint_addresses
 
-__all__ = ["ReferenceGhost", "ShownReference", "commanded_pose"]
-
 
 def commanded_pose(command: MITCommand, qpos: FloatArray, addresses: JointAddresses) -> FloatArray | None:
     """Where a command pulls the robot, shape (nq,): joints with a K_p at their commanded positions; None without any.

@@ -9,8 +9,6 @@ from PIL import Image, ImageDraw, ImageFont
 from humanoid_sim.policy.song import key_name
 from humanoid_sim.robots.piano import Key
 
-__all__ = ["draw_reach"]
-
 _WIDTH, _TOP, _MARGIN = 1280, 34, 12
 _PAPER, _EDGE, _INK = "#ffffff", "#8a8f98", "#2b2f36"
 _LEFT, _RIGHT, _BOTH = "#4c78a8", "#f2b134", "#3a9d5d"

@@ -17,8 +17,6 @@ from humanoid_sim.rendering.caption import Caption
 from humanoid_sim.rendering.offscreen import make_camera, update_pose
 from humanoid_sim.session.sinks import Sink
 
-__all__ = ["NativeViewerSink", "check_window", "open_window"]
-
 _INSTEAD = "use --video out.mp4 instead"
 _REFRESH_PERIOD = 1 / 60
 _OPENING_TIMEOUT = 30.0

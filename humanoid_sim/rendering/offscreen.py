@@ -22,8 +22,6 @@ from humanoid_sim.rendering.appearance import keyboard_box, robot_box, tint_limb
 from humanoid_sim.rendering.backend import Choice, choose_backend, egl_works
 from humanoid_sim.rendering.painter import GHOST, GHOST_OPACITY, Painter
 
-__all__ = ["PoseRenderer", "make_camera", "make_renderer", "update_pose"]
-
 _AZIMUTH = 155.0
 """Degrees. 180 looks along -x, straight at the face of a robot whose front is +x; 155 shows a little of its left."""
 _ELEVATION = -14.0

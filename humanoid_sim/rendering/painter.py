@@ -17,8 +17,6 @@ from PIL import Image, ImageChops, ImageDraw, ImageFilter
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.polygons import DepthBuffer, Mesh, View, tessellate
 
-__all__ = ["GHOST", "GHOST_OPACITY", "Painter"]
-
 _SKY, _HORIZON = np.array([0.60, 0.71, 0.83]), np.array([0.90, 0.93, 0.95])
 _SUN = np.array([0.42, 0.35, 0.84])
 """Unit vector towards the light where the model has none, world frame: above, in front and to the left."""

@@ -8,8 +8,6 @@ from PIL import Image, ImageDraw, ImageFont
 
 from humanoid_sim.policy.song import key_name
 
-__all__ = ["HIT", "MISSED", "WRONG", "draw_piano_roll", "rgb"]
-
 _WIDTH, _ROW, _LEFT, _TOP, _BOTTOM = 1280, 14, 52, 34, 26
 _LINES = 900
 """px, the most that the keys may take."""

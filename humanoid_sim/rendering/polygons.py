@@ -20,8 +20,6 @@ import numpy.typing as npt
 
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["DepthBuffer", "Mesh", "View", "tessellate"]
-
 Mesh = tuple[FloatArray, npt.NDArray[np.intp]]
 
 _AROUND = (12, 40)

@@ -13,8 +13,6 @@ from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.mit import KEY_PRESSED, FloatArray
 from humanoid_sim.recording.body import RecordedBody
 
-__all__ = ["RerunLog", "rerun_module"]
-
 
 def rerun_module(purpose: str) -> Any:
     """The library, an extra. Raises `MissingPackageError` where it is not installed; `purpose` says what for."""

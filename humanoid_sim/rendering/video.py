@@ -32,8 +32,6 @@ from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.rendering.piano_sound import Stroke, strokes_between
 from humanoid_sim.session.sinks import Sink
 
-__all__ = ["VideoReport", "VideoSink", "save_snapshot"]
-
 _SNAPSHOT_FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 
 _LONGEST_PAUSE = 1.0

@@ -11,8 +11,6 @@ from rich.progress import Progress
 
 from humanoid_sim.rendering.video import VideoReport, VideoSink
 
-__all__ = ["finish_video"]
-
 _LINE_EVERY = 10.0
 """s between two lines where no terminal shows a bar."""
 

@@ -14,8 +14,6 @@ from humanoid_sim.robots.piano import KEY_COUNT, PIANOS
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import Accepted, MotorDescription, RobotDescription, StandbySettings
 
-__all__ = ["description_problems"]
-
 _TOPIC_PREFIX = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -20,7 +20,6 @@ from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.names import near_miss
 from humanoid_sim.robots.checks import description_problems
-from humanoid_sim.robots.completion import bounded, completed, is_partial
 from humanoid_sim.robots.public import PREFIX, public_mjcf, public_name
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
 from humanoid_sim.strict_yaml import read_strictly, type_at, value_at
@@ -50,7 +49,7 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
 
     A YAML's MJCF must exist; its content is checked when a simulation is built. A path that ends in `.xml` is any
     user's MJCF: `humanoid_sim.robots.mjcf` says what is read from it. A YAML without a list of joints changes single
-    fields of that: see `humanoid_sim.robots.completion`.
+    fields of that, as in `joints: {left_knee: {effort_limit: 60}}`, and its poses may be mappings too.
 
     Raises:
         InputError: one line, such as `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
@@ -85,10 +84,10 @@ def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
         raise InputError(f"{label}: is a {_kind(document)}, expected a mapping with name, mjcf, joints, …")
     if "folder" in document:
         raise InputError(f"{label}: folder: is not a field of the file; give 'mjcf' relative to the file instead")
-    partial = is_partial(document)
+    partial = _is_partial(document)
     if partial:
         try:
-            document = completed(document, folder)
+            document = _completed(document, folder)
         except InputError as error:
             raise InputError(f"{label}: {error}") from None
     document = {**document, "folder": str(folder.resolve())}
@@ -96,7 +95,7 @@ def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
         robot = msgspec.convert(document, RobotDescription)
     except msgspec.ValidationError as error:
         raise InputError(f"{label}: {_field_and_problem(str(error), document)}") from None
-    for problem in description_problems(bounded(robot) if partial else robot):
+    for problem in description_problems(_bounded(robot) if partial else robot):
         raise InputError(f"{label}: {problem}")
     if not is_file(robot.mjcf_path):
         raise InputError(f"{label}: mjcf: '{robot.mjcf}' is no file; it is looked up beside the description")
@@ -287,3 +286,77 @@ def with_joint_limits(contract: PolicyContract, description: RobotDescription) -
     places = [description.joint_names.index(name) for name in contract.action_joint_names]
     ranges = np.stack([description.lower[places], description.upper[places]], axis=1)
     return dataclasses.replace(contract, position_clip=ranges)
+
+
+_FAR = 1e6
+"""rad, or N·m: stands for no limit where limits are compared."""
+_POSE = "initial_position"
+
+
+def _is_partial(document: Mapping[str, Any]) -> bool:
+    """Whether a robot file leaves its joints to the MJCF, or changes some of them."""
+    return isinstance(document.get("joints", {}), dict) and isinstance(document.get("mjcf"), str)
+
+
+def _completed(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The whole document of a robot file that gives only what differs from its MJCF.
+
+    Args:
+        document: the file's.
+        folder: that its MJCF is relative to.
+
+    Raises:
+        InputError: without the file's name: the MJCF cannot be read, or a joint is not in it.
+    """
+    from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where it is needed
+
+    path = folder / document["mjcf"]
+    if not is_file(path):
+        raise InputError(f"mjcf: '{document['mjcf']}' is no file; it is looked up beside the description")
+    described = describe_mjcf(path)
+    whole: dict[str, Any] = msgspec.to_builtins(described)
+    del whole["folder"]
+    names = described.joint_names
+    changes = dict(document)
+    by_joint = changes.pop("joints", {})
+    for name, fields in by_joint.items():
+        joint = whole["joints"][_place("joints", name, names)]
+        if not isinstance(fields, dict):
+            raise InputError(f"joints.{name}: is {fields!r}, expected a mapping, such as {{effort_limit: 60}}")
+        if "name" in fields:
+            raise InputError(f"joints.{name}.name: is given twice, expected it as the key alone")
+        joint.update(fields)
+    if isinstance(changes.get(_POSE), dict):
+        pose = list(whole[_POSE])
+        for name, value in changes[_POSE].items():
+            pose[_place(_POSE, name, names)] = value
+        changes[_POSE] = pose
+    if _POSE in changes:  # a robot stands where it starts
+        for standby in ("standby_controller_a", "standby_controller_b"):
+            whole[standby]["pose_segments"] = [changes[_POSE]]
+    return _merged(whole, changes)
+
+
+def _place(where: str, name: Any, names: tuple[str, ...]) -> int:
+    if name not in names:
+        raise InputError(f"{where}: {known_names('joint', str(name), names)}")
+    return names.index(name)
+
+
+def _merged(whole: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Mappings field by field, anything else as it was changed."""
+    for name, value in changes.items():
+        own = whole.get(name)
+        whole[name] = _merged(own, value) if isinstance(own, dict) and isinstance(value, dict) else value
+    return whole
+
+
+def _bounded(robot: RobotDescription) -> RobotDescription:
+    """The robot with limits far away where its MJCF gives none, for checks of a file that does not have to give any."""
+
+    def joint_bounded(joint: Any) -> Any:
+        limits = {name: getattr(joint, name) for name in ("lower", "upper", "effort_limit")}
+        far = {name: math.copysign(_FAR, value) for name, value in limits.items() if math.isinf(value)}
+        return msgspec.structs.replace(joint, **far)
+
+    return msgspec.structs.replace(robot, joints=tuple(map(joint_bounded, robot.joints)))

@@ -14,8 +14,6 @@ from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.ros2.parameters import node_names, node_parameters
 from humanoid_sim.strict_yaml import read_yaml
 
-__all__ = ["convert_parameters"]
-
 _STANDBY = ("standby_controller_a", "standby_controller_b")
 _FIELDS = {
     **dict.fromkeys(_STANDBY, ("target_stiffness", "target_damping", "segment_durations")),

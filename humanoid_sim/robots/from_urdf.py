@@ -12,8 +12,6 @@ from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import regular_file
 from humanoid_sim.robots.mjcf import compile_spec, read_spec
 
-__all__ = ["BaseKind", "convert_urdf"]
-
 BaseKind = Literal["floating", "fixed"]
 
 

@@ -10,8 +10,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 from humanoid_sim.robots.schema import FollowingGuard, LimitGuard, RobotDescription, SpeedGuard
 
-__all__ = ["GuardRecord", "describe_unwatched", "guards_of", "speed_limit"]
-
 Bounds = tuple[float | None, ...]
 """One per joint; none: not watched."""
 
@@ -20,8 +18,7 @@ class _Following(msgspec.Struct, frozen=True):
     effort: Bounds
     time: float
     progress: float
-    within: bool = False
-    """Older recordings do not say: their guards took every command as it was."""
+    within: bool
 
 
 class _Limit(msgspec.Struct, frozen=True):
@@ -32,8 +29,7 @@ class _Limit(msgspec.Struct, frozen=True):
 class _Speed(msgspec.Struct, frozen=True):
     limit: Bounds
     time: float
-    assumed: tuple[str, ...] = ()
-    """Older recordings do not say, and neither do their messages."""
+    assumed: tuple[str, ...]
 
 
 class GuardRecord(msgspec.Struct, frozen=True):

@@ -8,8 +8,6 @@ import mujoco
 
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["find_imu", "imu_line"]
-
 _GYRO = (mujoco.mjtSensor.mjSENS_GYRO,)
 _FRAME = (
     mujoco.mjtSensor.mjSENS_ACCELEROMETER,

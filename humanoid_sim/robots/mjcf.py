@@ -30,8 +30,6 @@ from humanoid_sim.robots.schema import (
 )
 from humanoid_sim.robots.silence import mujoco_silenced
 
-__all__ = ["bare_model", "compile_spec", "describe_mjcf", "own_joint_damping", "prefix_line", "read_spec"]
-
 _UNNAMED = "MuJoCo Model"
 """The name that MuJoCo gives to a model that has none."""
 

@@ -14,17 +14,6 @@ from types import MappingProxyType
 
 from humanoid_sim.errors import InputError, known_names
 
-__all__ = [
-    "FAMILIES",
-    "MOTORS",
-    "POSITION_RANGE",
-    "SITO_COUNTS_PER_RAD",
-    "MotorFamily",
-    "MotorModel",
-    "id_problem",
-    "motor_model",
-]
-
 _FULL_SCALE = 65535
 POSITION_RANGE = 4.0 * math.pi
 """rad, full scale of a Robstride motor's positions: the manuals' tables and the reference. The manuals' sample code

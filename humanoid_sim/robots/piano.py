@@ -12,18 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-__all__ = [
-    "FIRST_NOTE",
-    "KEY_COUNT",
-    "PIANOS",
-    "TRIGGER",
-    "Box",
-    "Key",
-    "PianoFigures",
-    "key_joint_names",
-    "piano_mjcf",
-]
-
 KEY_COUNT = 88
 FIRST_NOTE = 21
 """MIDI number of the lowest key, A0."""

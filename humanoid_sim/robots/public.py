@@ -11,8 +11,6 @@ from pathlib import Path
 from humanoid_sim.errors import InputError, MissingPackageError, known_names, reason_of
 from humanoid_sim.names import near_miss
 
-__all__ = ["PREFIX", "public_mjcf", "public_name", "public_robots"]
-
 PREFIX = "robot_descriptions:"
 _MJCF, _URDF = "_mj_description", "_description"
 

@@ -6,8 +6,6 @@ import math
 
 from humanoid_sim.errors import InputError
 
-__all__ = ["MOST_STEPS", "steps_per_period"]
-
 MOST_STEPS = 10_000
 """Steps of one period that are accepted: beyond it a period would take seconds to compute, or never end."""
 

@@ -18,25 +18,6 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray, frozen_array
 
-__all__ = [
-    "Accepted",
-    "BaseSettings",
-    "DampingSettings",
-    "FollowingGuard",
-    "GuardSettings",
-    "HardwareSettings",
-    "JointDescription",
-    "LimitGuard",
-    "MotorDescription",
-    "PianoSettings",
-    "RemoteSettings",
-    "RobotDescription",
-    "SignSettings",
-    "SimulationSettings",
-    "SpeedGuard",
-    "StandbySettings",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Accepted:

@@ -6,8 +6,6 @@ from threading import Lock
 
 import mujoco
 
-__all__ = ["mujoco_silenced"]
-
 
 class _Silence:
     """`with mujoco_silenced:` nothing is written to stderr, and no file MUJOCO_LOG.TXT; `MjData.warning` still counts.

@@ -14,8 +14,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["ENCAPSULATION", "CdrError", "CdrReader", "CdrWriter", "layout"]
-
 ENCAPSULATION = b"\x00\x01\x00\x00"
 """The header of a plain little-endian CDR body."""
 

@@ -11,27 +11,6 @@ from typing import NamedTuple
 
 from humanoid_sim.messages import EventKind, Intent, Mode, SafetyLevel
 
-__all__ = [
-    "CLOCK",
-    "CONTROL_MODE",
-    "EVENT",
-    "FLOAT32_MULTI_ARRAY",
-    "IMU",
-    "JOINT_STATE",
-    "MIT_COMMAND",
-    "POSE_STAMPED",
-    "SAFETY_STATUS",
-    "SCHEMA_ENCODING",
-    "SHADOW_STEP",
-    "STANDBY_STATE",
-    "STRING",
-    "TF_MESSAGE",
-    "TICK",
-    "MessageField",
-    "message_fields",
-    "schema_text",
-]
-
 SCHEMA_ENCODING = "ros2msg"
 
 CLOCK = "rosgraph_msgs/msg/Clock"

@@ -24,8 +24,6 @@ from mcap.writer import MCAP0_MAGIC
 
 from humanoid_sim.bounds import MCAP_CHUNK_BYTES, MCAP_RECORD_BYTES
 
-__all__ = ["Damage", "McapStream", "Message", "Record"]
-
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _INDEX_HEAD, _INDEX_ENTRY = struct.Struct("<HI"), 16

@@ -32,8 +32,6 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-__all__ = ["ChunkedWriter", "Output"]
-
 _MESSAGE = struct.Struct("<BQHIQQ")
 """Opcode and length of the record; channel, sequence, log time, publish time; the data follow."""
 _MESSAGE_FIELDS = _MESSAGE.size - 9

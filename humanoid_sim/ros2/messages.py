@@ -14,26 +14,6 @@ from humanoid_sim.messages import ControlMode, SafetyStatus, StandbyState
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.ros2.cdr import ENCAPSULATION, CdrError, CdrReader, CdrWriter
 
-__all__ = [
-    "SESSION_FRAME",
-    "ForeignStatus",
-    "TransformEncoder",
-    "decode_float32_array",
-    "decode_mit_command",
-    "decode_safety_status",
-    "encode_clock",
-    "encode_control_mode",
-    "encode_float32_array",
-    "encode_imu",
-    "encode_joint_state",
-    "encode_mit_command",
-    "encode_named_values",
-    "encode_pose",
-    "encode_safety_status",
-    "encode_standby_state",
-    "encode_string",
-]
-
 _IMU_FRAME = struct.pack("<I4s", 4, b"imu")
 """As CDR's string: its length, the bytes and a NUL."""
 _STAMP = struct.Struct("<iI")

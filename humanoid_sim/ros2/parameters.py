@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-__all__ = ["node_names", "node_parameters"]
-
 _SECTION = "ros__parameters"
 _ANY = ("*", "**", "")
 """Parts of a node's path that stand for any node or namespace."""

@@ -22,26 +22,6 @@ from humanoid_sim.ros2.definitions import (
     TF_MESSAGE,
 )
 
-__all__ = [
-    "CLOCK_TOPIC",
-    "COMMAND_TOPIC",
-    "CONTROL_MODE_TOPIC",
-    "DESCRIPTION_TOPIC",
-    "IMU_TOPIC",
-    "LIVE_INPUT",
-    "SAFETY_TOPIC",
-    "STANDBY_TOPIC",
-    "STANDBY_TOPICS",
-    "TF_STATIC_TOPIC",
-    "TF_TOPIC",
-    "TOPICS",
-    "Topic",
-    "is_used",
-    "joint_states_topic",
-    "kind_of",
-    "standby_topic",
-]
-
 
 class Topic(NamedTuple):
     """What is known of a topic beside its name. All are reliable."""

@@ -32,13 +32,109 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITCommand
 from humanoid_sim.session.intent_socket import listening, queue_length
-from humanoid_sim.session.ownership import Producer, Turn
-from humanoid_sim.session.refusals import Refusals
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import ExternSource, RemoteInbox, VelocityCommand
 from humanoid_sim.session.telling import BoundedTelling
 
-__all__ = ["DataSocket"]
+
+@dataclass(frozen=True, slots=True)
+class Producer:
+    """A program that sends data."""
+
+    name: str
+    process: int
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.process})"
+
+
+class Turn:
+    """Belongs to the first producer that is accepted, until it is stale; others are refused meanwhile."""
+
+    def __init__(self, timeout: float) -> None:
+        """Start without an owner; `timeout` s after its last sample an owner has none of it any more."""
+        self.timeout = timeout
+        self.owner: Producer | None = None
+        self._heard = -math.inf
+
+    def expire(self, time: float) -> None:
+        """Take the turn from an owner that is stale; `time` in s, robot's clock."""
+        if self.owner is not None and not time - self._heard <= self.timeout:
+            self.owner = None
+
+    def clear(self) -> None:
+        """Take the turn from whoever has it."""
+        self.owner = None
+
+    def admit(self, producer: Producer, arrival_time: float) -> bool:
+        """Whether a sample of that producer counts; if nobody has the turn, it is the producer's from here on."""
+        if self.owner is not None and self.owner != producer:
+            return False
+        self._heard = arrival_time if self.owner is None else max(arrival_time, self._heard)
+        self.owner = producer
+        return True
+
+
+_LINE_PERIOD = 1.0
+"""s between two lines about one producer."""
+_LONGEST_REASON = 1000
+"""Characters of a reason."""
+_MOST_REFUSALS = 256
+"""Different refusals that are remembered, so that each is told once, and producers that are told apart."""
+
+
+class Refusals:
+    """Each reason of a producer's is told once until `forget`, and of one producer at most one line per second."""
+
+    def __init__(self, tell: Callable[[str], object]) -> None:
+        """Start with none; `tell` takes a line."""
+        self._tell = tell
+        self._reasons: dict[tuple[str, str], bool] = {}
+        """Whether a producer's reason is still to be told."""
+        self._told_at: dict[str, float] = {}
+        """s, robot's clock, by producer."""
+        self.counts: dict[str, int] = {}
+        """Samples of each producer's, since the session began; of those beyond the first so many under `others`."""
+        self.latest = ""
+        """The latest, as one line."""
+
+    @property
+    def count(self) -> int:
+        """Samples, since the session began."""
+        return sum(self.counts.values())
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """What was refused since the last `forget`, one line each."""
+        return tuple(f"{producer}: {reason}" for producer, reason in sorted(self._reasons))
+
+    def add(self, producer: Producer, reason: str, count: int = 1) -> None:
+        """Count a refusal; `count` samples for this reason."""
+        name = str(producer) if str(producer) in self.counts or len(self.counts) < _MOST_REFUSALS else "others"
+        self.counts[name] = self.counts.get(name, 0) + count
+        # Others chose these words: no line ends and nothing that steers a terminal, and not too many of them.
+        reason = "".join(c if c.isprintable() else "?" for c in reason[:_LONGEST_REASON])
+        self.latest = f"{producer}: {reason}"
+        if len(self._reasons) < _MOST_REFUSALS:
+            self._reasons.setdefault((str(producer), reason), True)
+
+    def forget(self) -> None:
+        """What is refused from here on is told again."""
+        self._reasons = {key: True for key, is_new in self._reasons.items() if is_new}
+
+    def flush(self, time: float) -> None:
+        """Tell what may be told at a time in s, robot's clock."""
+        if not any(self._reasons.values()):
+            return
+        if len(self._told_at) > _MOST_REFUSALS:
+            self._told_at.clear()
+        for (producer, reason), is_new in self._reasons.items():
+            # Also when the clock has jumped back.
+            if is_new and not abs(time - self._told_at.get(producer, -math.inf)) < _LINE_PERIOD:
+                self._told_at[producer] = time
+                self._reasons[producer, reason] = False
+                self._tell(f"refused of {producer}: {reason}")
+
 
 _LONGEST = 1 << 14
 """Bytes; a longer datagram is no message."""

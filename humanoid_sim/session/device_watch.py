@@ -8,8 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from humanoid_sim.messages import Intent, Mode, TickOutput
 from humanoid_sim.session.sources import IntentSource
 
-__all__ = ["DEVICE_TIMEOUT", "DeviceWatch"]
-
 DEVICE_TIMEOUT = 0.2
 """s without a heartbeat after which a device is lost."""
 

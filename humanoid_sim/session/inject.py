@@ -15,8 +15,6 @@ from humanoid_sim.errors import InputError, meant
 from humanoid_sim.messages import RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session.sources import RemoteSource
 
-__all__ = ["FaultKind", "Injection", "Injector", "parse_injections"]
-
 FaultKind = Literal["nan_policy", "safety", "silent_remote"]
 
 _PULSE = 0.1

@@ -13,8 +13,6 @@ from collections.abc import Callable, Sequence
 from humanoid_sim.messages import Intent, TickOutput
 from humanoid_sim.session.sources import IntentSource
 
-__all__ = ["Interruption", "running_time"]
-
 _LATE = 1.5
 """Control periods after which a loop that was told to continue has missed a tick."""
 

@@ -19,8 +19,6 @@ from humanoid_sim.messages import Intent, TickOutput
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.sources import VELOCITY_KEYS, IntentQueue, IntentSource, VelocityCommand, velocity_key_help
 
-__all__ = ["HELP_KEYS", "KEYS", "REACTIVATE_KEY", "KeyReader", "Keyboard", "key_help", "key_of"]
-
 KEYS = MappingProxyType(
     {
         " ": Intent.DAMP,

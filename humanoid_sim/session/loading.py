@@ -15,8 +15,6 @@ from humanoid_sim.messages import Mode, SessionHeader, TickRecord
 from humanoid_sim.session.reactivation import Answer
 from humanoid_sim.session.sinks import Sink
 
-__all__ = ["LOADABLE", "Loading", "PreparedPolicy", "considerate", "load_refusal"]
-
 LOADABLE = (Mode.ZERO_TORQUE, Mode.DAMPING, Mode.STANDBY)
 """Modes in which a policy is replaced: in the others it, or a remote producer, drives the robot."""
 _SWITCH_INTERVAL = 0.0005

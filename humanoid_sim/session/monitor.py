@@ -21,8 +21,6 @@ from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.sinks import WorkerSink
 from humanoid_sim.simulation.floating_base import BaseObserver
 
-__all__ = ["RunMonitor", "Tracker"]
-
 _KEPT = 1000
 """Mode spans, faults, refusals and safety statuses beyond this many are counted but not kept."""
 

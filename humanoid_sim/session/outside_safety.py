@@ -17,8 +17,6 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["OutsideSafety", "parse_watchdogs"]
-
 _MOST_SOURCES = 32
 """Sources that are told apart; a fault of a further one still damps."""
 _FURTHER = "further sources"

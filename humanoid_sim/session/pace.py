@@ -9,8 +9,6 @@ from time import perf_counter, sleep
 
 import numpy as np
 
-__all__ = ["DurationHistogram", "LoopSettings", "Pace"]
-
 
 @dataclass(frozen=True, slots=True)
 class LoopSettings:

@@ -10,16 +10,6 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Mode
 from humanoid_sim.robots.robot import Robot
 
-__all__ = [
-    "HOW_TO_REACTIVATE",
-    "REACTIVABLE",
-    "REACTIVATE",
-    "Answer",
-    "Reactivation",
-    "flattened",
-    "reactivation_refusal",
-]
-
 REACTIVATE = "reactivate"
 """What operators call it, beside the intents: it is none, because the FSM takes no part in it but to begin again."""
 

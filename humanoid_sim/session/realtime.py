@@ -23,8 +23,6 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["punctual_threads", "real_time"]
-
 _PRIORITY = 50
 """Of 1 to 99: before everything ordinary, behind the kernel's own threads for interrupts and timers."""
 _SWITCH_INTERVAL = 0.0005

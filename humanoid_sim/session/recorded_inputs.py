@@ -9,8 +9,6 @@ from humanoid_sim.mit import VELOCITY_COMMAND, Extern
 from humanoid_sim.recording.reader import Entry
 from humanoid_sim.session.sources import RemoteSource, VelocityCommand
 
-__all__ = ["RecordedInputs"]
-
 
 class RecordedInputs:
     """Plays a recording's inputs, each tick's at its time on the robot's clock.

@@ -11,8 +11,6 @@ from pathlib import Path
 from humanoid_sim.client import REPLY_SUFFIX, SUFFIX, SessionError, session_folder
 from humanoid_sim.errors import InputError
 
-__all__ = ["Registration", "made_session_folder"]
-
 _SOCKETS = (".intents", ".data")
 
 

@@ -13,8 +13,6 @@ from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.robots.robot import Robot
 
-__all__ = ["RestDetector", "damp_without_supervisor"]
-
 _REST_VELOCITY = 0.02
 """rad/s below which a joint counts as slow."""
 _REST_TIME = 0.5

@@ -11,8 +11,6 @@ from humanoid_sim.errors import InputError, meant
 from humanoid_sim.messages import Intent, Mode, SafetyStatus, TickOutput
 from humanoid_sim.session.sources import IntentSource
 
-__all__ = ["OverriddenScript", "Planned", "Script", "ScriptStep", "parse_script"]
-
 _INTENTS = {intent.value: intent for intent in Intent}
 _GRAMMAR = f"{', '.join(_INTENTS)}, wait, motion, hold SECONDS"
 

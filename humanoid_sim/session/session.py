@@ -39,8 +39,6 @@ from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
 from humanoid_sim.session.sinks import Sink, SinkGroup
 from humanoid_sim.session.sources import ExternSource, IntentSource, RemoteSource
 
-__all__ = ["SafetyFilter", "Session", "SessionResult"]
-
 _PATIENCE = 0.001
 """s between two looks at a sink that lags."""
 

@@ -19,8 +19,6 @@ from humanoid_sim.mit import FloatArray, MITCommand, mit_torque
 from humanoid_sim.recording.shadow import ShadowStep
 from humanoid_sim.session.sinks import WorkerSink
 
-__all__ = ["WATCHED_MODES", "ShadowSink"]
-
 WATCHED_MODES = frozenset((Mode.DAMPING, Mode.STANDBY))
 """In which a shadow policy runs."""
 _LATEST = 1.0

@@ -11,8 +11,6 @@ from typing import Protocol
 
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 
-__all__ = ["BACKLOG_LIMIT", "QUEUE_LIMIT", "Sink", "SinkGroup", "WorkerSink"]
-
 QUEUE_LIMIT = 4096
 """Ticks and events that may wait (20 s at 200 Hz). Beyond that they are left out and counted."""
 BACKLOG_LIMIT = 2000

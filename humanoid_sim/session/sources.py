@@ -15,21 +15,6 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import Intent, RemoteCommand, TickOutput
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand
 
-__all__ = [
-    "KEYBOARD",
-    "VELOCITY_KEYS",
-    "ExternSource",
-    "IntentQueue",
-    "IntentSource",
-    "RemoteInbox",
-    "RemoteSource",
-    "VelocityCommand",
-    "parse_velocity",
-    "remote_problem",
-    "velocity_key_help",
-    "velocity_numbers",
-]
-
 
 class IntentSource(Protocol):
     """An operator, a script, a gamepad."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-__all__ = ["BoundedTelling"]
-
 _MOST_LINES = 10
 """Per second, and at once."""
 

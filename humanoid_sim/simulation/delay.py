@@ -7,8 +7,6 @@ from typing import Generic, TypeVar
 
 from humanoid_sim.errors import InputError
 
-__all__ = ["LONGEST_DELAY", "DelayLine", "delay_steps"]
-
 T = TypeVar("T")
 
 LONGEST_DELAY = 10.0

@@ -17,8 +17,6 @@ from humanoid_sim.robots.piano import KEY_COUNT, PIANOS, Key
 from humanoid_sim.simulation.inverse_kinematics import damped_step
 from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
 
-__all__ = ["DEPTH", "HANDS", "HOVER", "LIFT", "Fingers", "Strike"]
-
 HANDS = ("left", "right")
 """In the order of `PianoSettings.fingers`."""
 HOVER = 0.016

@@ -20,18 +20,6 @@ from humanoid_sim.simulation.stance import CentreOfMass, Floor, clearance, stand
 if TYPE_CHECKING:
     from humanoid_sim.simulation.model import JointAddresses
 
-__all__ = [
-    "BaseObserver",
-    "BaseState",
-    "FloatingBase",
-    "StartPose",
-    "Supported",
-    "add_support",
-    "base_addresses",
-    "move_support",
-    "support_in_mode",
-]
-
 _LIFT_SPEED = 0.1
 """m/s, of a support that lifts the base."""
 

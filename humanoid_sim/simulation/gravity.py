@@ -15,8 +15,6 @@ from humanoid_sim.simulation.floating_base import base_addresses
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.sensors import Imu
 
-__all__ = ["GravityLevers", "LeverSamples"]
-
 _ANGLE = 0.03
 """rad, of the IMU's mounting, the encoders' zeros and the sag of links together."""
 _BEYOND = 0.03

@@ -15,8 +15,6 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import base_body, named_frame
 from humanoid_sim.simulation.stance import fixed_geoms
 
-__all__ = ["HeightScanner"]
-
 _STEEP = 0.1
 """Length of an axis' horizontal part below which it has no heading."""
 _DOWN = (0.0, 1.0, 0.0, 0.0)

@@ -9,8 +9,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
 
-__all__ = ["InverseKinematics", "damped_step"]
-
 _LENGTH = 0.3
 """m per rad: how an orientation error is weighed against a position error; about the length of a forearm with hand."""
 _LARGEST_STEP = 0.3

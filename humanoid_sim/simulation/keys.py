@@ -14,8 +14,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.piano import TRIGGER, key_joint_names
 from humanoid_sim.simulation.model import joint_addresses
 
-__all__ = ["PianoKeys", "Touch", "hardest_touch"]
-
 
 @dataclass(frozen=True, slots=True)
 class Touch:

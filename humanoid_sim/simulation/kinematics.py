@@ -10,8 +10,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
 
-__all__ = ["ForwardKinematics", "GravityTorque", "MassMatrix"]
-
 
 class ForwardKinematics:
     """Poses of named bodies relative to the base: the body that holds the arms, the chest of the Lite.

@@ -19,8 +19,6 @@ from humanoid_sim.simulation.floating_base import add_support
 from humanoid_sim.simulation.scene import add_floor, add_scene
 from humanoid_sim.simulation.terrain import Terrain
 
-__all__ = ["JointAddresses", "base_body", "body_ids", "build_model", "joint_addresses", "model_bytes", "named_frame"]
-
 _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 

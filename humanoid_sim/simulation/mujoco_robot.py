@@ -26,8 +26,6 @@ from humanoid_sim.simulation.sensors import BodySample, BodySensors
 from humanoid_sim.simulation.stability import DampingStability
 from humanoid_sim.simulation.terrain import Terrain
 
-__all__ = ["MujocoRobot", "StateSampling"]
-
 StateSampling = Literal["now", "on_command"]
 
 _SOURCE = "mujoco"

@@ -27,20 +27,6 @@ from humanoid_sim.robots.silence import mujoco_silenced
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.terrain import Terrain
 
-__all__ = [
-    "IMPLICIT_TIMESTEP",
-    "Actuation",
-    "AffinePlant",
-    "BatchActuation",
-    "ImplicitPlant",
-    "MotorPlant",
-    "Plant",
-    "QfrcPlant",
-    "check_actuation",
-    "make_plant",
-    "timestep_of",
-]
-
 Actuation = Literal["qfrc_applied", "affine", "implicit"]
 """The forms of the plant."""
 BatchActuation = Literal["affine", "implicit"]

@@ -14,8 +14,6 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 
-__all__ = ["PUSH_DURATION", "Push", "Pushes", "parse_pushes", "push_wrench"]
-
 PUSH_DURATION = 0.1
 """s"""
 _FASTEST = 10.0

@@ -15,8 +15,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.terrain import Terrain, add_terrain
 
-__all__ = ["CAMERAS", "OFFSCREEN_SIZE", "add_floor", "add_scene"]
-
 OFFSCREEN_SIZE = (1920, 1440)
 """px, width and height of the largest image that can be rendered off screen."""
 

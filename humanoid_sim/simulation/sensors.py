@@ -32,8 +32,6 @@ from humanoid_sim.simulation.height_scan import HeightScanner
 from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import body_ids, named_frame
 
-__all__ = ["BodySample", "BodySensors", "Imu", "ImuSample", "live_inputs"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuSample:

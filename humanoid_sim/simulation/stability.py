@@ -23,8 +23,6 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import joint_addresses
 
-__all__ = ["REFUSED_ABOVE", "WARNED_ABOVE", "DampingMeasure", "DampingStability"]
-
 WARNED_ABOVE = 1.0
 REFUSED_ABOVE = 2.0
 

@@ -12,8 +12,6 @@ import numpy.typing as npt
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.silence import mujoco_silenced
 
-__all__ = ["CentreOfMass", "Floor", "clearance", "fixed_geoms", "standing_height"]
-
 _FLAT = 1e-9
 """m, and 1: planes that differ by less in level and direction are one floor."""
 

@@ -14,8 +14,6 @@ import numpy as np
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["Terrain", "TerrainKind", "add_terrain"]
-
 TerrainKind = Literal["rough", "slopes", "steps", "mixed"]
 
 _NAME = "humanoid_sim_terrain"

@@ -19,19 +19,6 @@ from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.messages import RemoteCommand, TickInput
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand
 
-__all__ = [
-    "GuardWatch",
-    "RemoteWatch",
-    "SafetyViolationError",
-    "check_complete",
-    "check_damping",
-    "check_policy",
-    "check_standby",
-    "check_zero",
-    "fingerprint",
-    "require",
-]
-
 _ROUNDING = 1e-9
 """s. Times are decimal fractions that binary numbers round."""
 _HEARD = 0.1

@@ -22,8 +22,6 @@ from humanoid_sim.testing.policies import Answer, ScriptedPolicy, misbehaviours,
 from humanoid_sim.testing.properties import REMOTE, RL, STANDBY_A, STANDBY_B, SafetyProperties
 from humanoid_sim.testing.strategies import EXTERN_NAMES
 
-__all__ = ["StackDriver"]
-
 _TARGETS = {
     Intent.LOAD_A: STANDBY_A,
     Intent.LOAD_B: STANDBY_B,

@@ -11,8 +11,6 @@ import numpy as np
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyStatus, TickInput
 from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITCommand, MITState
 
-__all__ = ["ObedientJoints", "healthy_externs", "healthy_state", "healthy_tick"]
-
 _UPRIGHT_AT_ORIGIN = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 """Position in m and quaternion w x y z."""
 

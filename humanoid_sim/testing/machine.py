@@ -33,8 +33,6 @@ from humanoid_sim.testing.strategies import (
     valid_commands,
 )
 
-__all__ = ["StackMachine"]
-
 _POSES = st.sampled_from([Intent.LOAD_A, Intent.LOAD_B])
 _STARTS = st.sampled_from([Intent.START_LOCOMOTION, Intent.START_REMOTE])
 _ANSWERS = st.sampled_from(["well behaved", *sorted(misbehaviours(1))])

@@ -13,8 +13,6 @@ from hypothesis.strategies import SearchStrategy
 
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 
-__all__ = ["Misbehaviour", "ScriptedPolicy", "misbehaviours", "policies_that_misbehave", "well_behaved"]
-
 Answer = Callable[[npt.NDArray[np.float32], int], Any]
 """`(observation of shape (N,), reference frame) -> action`, which need not be one."""
 

@@ -8,8 +8,6 @@ from contextlib import contextmanager
 from hypothesis.internal.conjecture import engine
 from hypothesis.reporting import current_reporter, with_reporter
 
-__all__ = ["SHRINK_SECONDS", "shrinking_for"]
-
 SHRINK_SECONDS = 30.0
 """s, unless another time is given."""
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from drive import Drive
 
-from humanoid_sim.frontends.gravity import GravityForm, gravity_command
+from humanoid_sim.gravity import GravityForm, gravity_command
 from humanoid_sim.messages import Intent, Mode, RemoteCommand
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.simulation.kinematics import GravityTorque

@@ -9,8 +9,6 @@ import sys
 import pytest
 
 from humanoid_sim.cli import main
-from humanoid_sim.command_line import parse
-from humanoid_sim.training import TrainConfig
 
 HELP = "--help' says what is accepted"
 
@@ -50,11 +48,8 @@ HELP = "--help' says what is accepted"
             ("play", "--robt", "lite"),
             "unknown option '--robt' (did you mean '--robot'?); ",
         ),
-        (("training", "train", "--num-envs", "64"), "unknown option '--num-envs' (did you mean '--robots'?); "),
-        (("training", "train", "--total_timesteps=9"), "unknown option '--total_timesteps' (did you mean '--steps'?)"),
         (("training", "train", "--steps", "1.5"), "--steps: is '1.5', expected a whole number; "),
-        (("training", "train", "--steps", "15e-1"), "--steps: is '15e-1', expected a whole number; "),
-        (("training", "train", "--steps", "1.25e1"), "--steps: is '1.25e1', expected a whole number; "),
+        (("training", "train", "--steps", "2e6"), "--steps: is '2e6', expected a whole number; "),
         (("play", "--xyz=3"), "unknown option '--xyz'; 'python -m humanoid_sim.play --help' lists all"),
         (("play", "--no-console"), "unknown option '--no-console' (did you mean '--console'?); "),
         (
@@ -65,26 +60,6 @@ HELP = "--help' says what is accepted"
         (("play", "--yaw", "x"), f"--yaw: is 'x', expected a number; 'python -m humanoid_sim.play {HELP}"),
         (("play", "--duration", "x"), "--duration: is 'x', expected a number; "),
         (("play", "--host-id", "3.5"), "--host-id: is '3.5', expected a whole number; "),
-        (
-            ("play", "--robot", "lite", "--yaw", "-1", "--robot=lite_biped"),
-            "--robot: is given twice, as 'lite' and 'lite_biped', expected once\n",
-        ),
-        (
-            ("play", "--policy_seconds", "1", "--policy-seconds", "2"),
-            "--policy-seconds: is given twice, as '1' and '2'",
-        ),
-        (
-            ("play", "--push", "1:2:3", "--push", "4:5:6"),
-            "--push: is given twice, as '1:2:3' and '4:5:6', expected once, followed by all its values\n",
-        ),
-        (
-            ("policy", "stamp", "x.onnx", "-o", "a.onnx", "--output", "b.onnx"),
-            "--output: is given twice, as 'a.onnx' and 'b.onnx', expected once\n",
-        ),
-        (
-            ("prepare", "--policy", "a", "--checkpoint-file", "b"),
-            "--policy: is given twice, as 'a' and 'b', expected once\n",
-        ),
         (
             ("play", "--policy", "lite_pino"),
             "--policy: unknown policy 'lite_pino' (did you mean 'lite_piano'?); known: lite_biped_velocity, "
@@ -110,12 +85,8 @@ HELP = "--help' says what is accepted"
         ),
         (("play", "--script"), "--script: its value is missing; "),
         (
-            ("play", "--fault", "silent:14"),
-            "unknown option '--fault' (hardware emulate --fault injects faults into emulated motors)",
-        ),
-        (
             ("hardware", "set-id", "can0", "127", "14"),
-            "unexpected: 14; set-id takes the new id only; the motor's old id is found",
+            f"unexpected: 14; 'python -m humanoid_sim.hardware set-id {HELP}",
         ),
         (("play", "x.onnx"), f"unexpected: x.onnx; 'python -m humanoid_sim.play {HELP}"),
         (("play", "--robot", "lite_bipd"), "unknown robot 'lite_bipd' (did you mean 'lite_biped'?); known: lite, "),
@@ -155,15 +126,6 @@ def test_whatever_the_terminal_can_show(encoding: str) -> None:
     )
     assert (run.returncode, run.stdout) == (2, "")
     assert run.stderr == f"error: --yaw: is '{'x' * 300}', expected a number; 'python -m humanoid_sim.play {HELP}\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "value"), [("2e6", 2_000_000), ("1.5e3", 1500), ("2E+6", 2_000_000), ("7", 7), ("1_000", 1000)]
-)
-def test_whole_numbers_may_be_written_briefly(text: str, value: int) -> None:
-    assert parse(TrainConfig, "train", ["--steps", text]).steps == value
-    assert parse(TrainConfig, "train", [f"--steps={text}"]).steps == value
-    assert parse(TrainConfig, "train", ["--folder", "2e6"]).folder == "2e6"  # no number
 
 
 @pytest.mark.parametrize("words", [("training",), ("policy",)])

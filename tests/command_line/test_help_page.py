@@ -18,17 +18,16 @@ from humanoid_sim import mode
 from humanoid_sim.cli import VERBS, ExitStatus, load_program
 from humanoid_sim.cli import main as start
 from humanoid_sim.command_line import description_of
-from humanoid_sim.command_line.description import Command, describe
-from humanoid_sim.command_line.help_page import STATUS_LINE, help_page
+from humanoid_sim.command_line.description import STATUS_LINE, Program, describe, name_of
 
 OTHERS = {"ros2_services"}
 """Verbs that run in other environments, with the standard library's parser."""
 
 
-def commands() -> Iterator[Command]:
-    def inner(command: Command) -> Iterator[Command]:
+def commands() -> Iterator[Program]:
+    def inner(command: Program) -> Iterator[Program]:
         yield command
-        for one in command.subcommands:
+        for one in command.commands.values():
             yield from inner(one)
 
     for verb in VERBS:
@@ -39,22 +38,22 @@ def commands() -> Iterator[Command]:
 
 
 COMMANDS = tuple(commands())
-LEAVES = [command for command in COMMANDS if not command.subcommands]
+LEAVES = [command for command in COMMANDS if not command.commands]
 
 
-def named(command: Command) -> str:
+def named(command: Program) -> str:
     return " ".join(command.words)
 
 
 FIRST = ("arguments", "most used")
 
 
-def is_grouped(command: Command) -> bool:
-    return any(title == "most used" for title, _ in command.groups)
+def is_grouped(command: Program) -> bool:
+    return "most used" in command.groups
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=named)
-def test_help_at_80_columns(command: Command, capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:
+def test_help_at_80_columns(command: Program, capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     for flag in ("--help", "-h"):
         with pytest.raises(SystemExit) as ended:
@@ -67,26 +66,19 @@ def test_help_at_80_columns(command: Command, capsys: pytest.CaptureFixture[str]
         text = "\n".join(lines)
         assert re.search(r"None}|STR\b|FLOAT|\{\w+\}", text) is None
         shown = set(re.findall(r"^  (?:-\w, )?(--[\w.-]+)", text, re.MULTILINE))
-        groups = (
-            [g for g in command.groups if g[0] in FIRST] if flag == "-h" and is_grouped(command) else command.groups
-        )
-        flags = [option.flags for _, held in groups for option in held if option.flags]
-        flags = [next(name for name in names if name.startswith("--")) for names in flags]
-        assert shown == set(flags)
-        for inner in command.subcommands:
-            assert re.search(rf"^  {inner.words[-1]}  +\w", text, re.MULTILINE)
+        is_brief = flag == "-h" and is_grouped(command)
+        fields = [name for title in command.groups if title in FIRST or not is_brief for name in command.groups[title]]
+        assert shown == {name_of(option) for field in fields if (option := command.options[field]).option_strings}
+        for name in command.commands:
+            assert re.search(rf"^  {name}  +\w", text, re.MULTILINE)
 
 
 @pytest.mark.parametrize("command", LEAVES, ids=named)
-def test_every_option_is_in_one_group_and_says_something(command: Command) -> None:
-    fields = [option.field for option in command.options]
-    assert len(fields) == len(set(fields))
-    assert [name for name in fields if name.startswith("joy.") is False and not by_field(command)[name].help] == []
-    assert not any(option.flags and option.flags[0].startswith("--no-no") for option in command.options)
-
-
-def by_field(command: Command) -> dict[str, Any]:
-    return {option.field: option for option in command.options}
+def test_every_option_is_in_one_group_and_says_something(command: Program) -> None:
+    assert sorted(name for names in command.groups.values() for name in names) == sorted(command.options)
+    options = {name: option for name, option in command.options.items() if not name.startswith("joy.")}
+    assert [name for name, option in options.items() if not option.help] == []
+    assert not any(flag.startswith("--no-no") for flag in command.flags)
 
 
 class _ParsedError(Exception):
@@ -95,8 +87,8 @@ class _ParsedError(Exception):
 
 def examples() -> Iterator[tuple[str, str]]:
     for command in LEAVES:
-        for words, _ in command.examples:
-            yield named(command), words
+        for line in command.examples.splitlines()[1::2]:
+            yield named(command), line.strip().removeprefix(command.invocation)
 
 
 @pytest.mark.parametrize(("command", "words"), list(examples()))
@@ -121,9 +113,12 @@ def test_most_programs_have_examples_and_the_large_ones_groups() -> None:
     assert [named(command) for command in large if len(command.groups) < 3] == []
 
 
-def test_the_first_screen_of_play_fits_one(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_first_screen_of_play_fits_one(capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
     (play,) = [command for command in COMMANDS if named(command) == "play"]
-    brief, whole = help_page(play, brief=True, width=80), help_page(play, width=80)
+    with pytest.raises(SystemExit):
+        start(["play", "-h"])
+    brief, whole = capsys.readouterr().out, play.format_help()
     assert len(brief.splitlines()) < 66 < len(whole.splitlines())
     assert "lite, lite_biped, lite_neck, " in " ".join(brief.split())
     assert "robot_descriptions:" in brief
@@ -136,7 +131,7 @@ def test_the_first_screen_of_play_fits_one(capsys: pytest.CaptureFixture[str]) -
 
 def test_the_options_are_those_that_the_parser_knows() -> None:
     """What is described and what is read are made of one dataclass, in two ways."""
-    from humanoid_sim.frontends.gamepad.program import GamepadConfig  # noqa: PLC0415
+    from humanoid_sim.gamepad import GamepadConfig  # noqa: PLC0415
     from humanoid_sim.hardware.tools.options import Budget, Emulate, Set  # noqa: PLC0415
     from humanoid_sim.play.options import PlayConfig  # noqa: PLC0415
     from humanoid_sim.prepare import PrepareOptions  # noqa: PLC0415
@@ -146,9 +141,9 @@ def test_the_options_are_those_that_the_parser_knows() -> None:
             parser = tyro.extras.get_parser(owner, config=(tyro.conf.FlagCreatePairsOff,))
         read = {flag for action in parser._actions for flag in action.option_strings} - {"-h", "--help"}
         described = describe(owner, ("x",))
-        assert {flag for option in described.options for flag in option.flags} == read
+        assert set(described.flags) == read
         unnamed = [action for action in parser._actions if not action.option_strings]
-        assert len(unnamed) == len([option for option in described.options if not option.flags])
+        assert len(unnamed) == len([option for option in described.options.values() if not option.option_strings])
 
 
 def test_the_line_of_exit_statuses_is_that_of_the_programs() -> None:
@@ -175,9 +170,10 @@ class _Sample:
     EXAMPLES: ClassVar[Sequence[tuple[str, str]]] = (("--where here", "once"),)
 
 
-def test_a_page_literally() -> None:
+def test_a_page_literally(monkeypatch: Any) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
     assert (
-        help_page(describe(_Sample, ("play",)), width=80)
+        describe(_Sample, ("play",)).format_help()
         == f"""\
 usage: python -m humanoid_sim.play --where WHERE [options]
 
@@ -186,17 +182,18 @@ Do something.
 And more of it.
 
 options:
-  --where WHERE           The place. Required.
-  --often N               How often. Default: 3.
-  --quietly               Without noise.
-  --no-loudly             Do not make noise.
-  --many X ...            Numbers. Default: 1 0.5.
+  --where WHERE  The place. Required.
+  --often N      How often. Default: 3.
+  --quietly      Without noise.
+  --no-loudly    Do not make noise.
+  --many X ...   Numbers. Default: 1 0.5.
 
 examples:
   # once
   python -m humanoid_sim.play --where here
 
-{STATUS_LINE}"""
+{STATUS_LINE}
+"""
     )
 
 

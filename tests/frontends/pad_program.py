@@ -8,8 +8,8 @@ import sys
 
 from virtual_pads import VirtualPad
 
+from humanoid_sim import gamepad as program
 from humanoid_sim.cli import run_program
-from humanoid_sim.frontends.gamepad import program
 from humanoid_sim.frontends.gamepad.device import Pad, Pads
 
 

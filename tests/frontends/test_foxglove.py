@@ -17,8 +17,8 @@ from local_session import LocalSession, ticking
 
 from humanoid_sim.client import Feed
 from humanoid_sim.errors import InputError
+from humanoid_sim.foxglove import main, service_words
 from humanoid_sim.frontends import Wanted
-from humanoid_sim.frontends.foxglove import main, service_words
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.play.front_ends import wanted_front_ends

@@ -15,7 +15,7 @@ from local_session import LocalSession
 
 from humanoid_sim.client import Feed
 from humanoid_sim.frontends.attach import Attachment
-from humanoid_sim.frontends.gravity import GravityForm, GravityProducer, gravity_command
+from humanoid_sim.gravity import GravityForm, GravityProducer, gravity_command
 from humanoid_sim.messages import ControlMode, Mode, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import FloatArray, MITCommand, MITState, mit_torque
 from humanoid_sim.robots.description import RobotDescription, load_robot

@@ -16,11 +16,11 @@ from waiting import until
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted
-from humanoid_sim.frontends.rerun import main, status_text
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.play.front_ends import wanted_front_ends
 from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.rerun import main, status_text
 
 needs_rerun = pytest.mark.skipif(find_spec("rerun") is None, reason="rerun-sdk is not installed (rerun)")
 

@@ -16,11 +16,11 @@ from waiting import until
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted
 from humanoid_sim.frontends.attach import behind
-from humanoid_sim.frontends.viewer import main, window_texts
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.play.front_ends import wanted_front_ends
 from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.viewer import main, window_texts
 
 RECORD = TickRecord(
     0,

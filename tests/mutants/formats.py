@@ -19,7 +19,7 @@ from mutate import mutated_bytes, mutated_document, odd, written
 from humanoid_sim.recording import header as header_module
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
 
-__all__ = ["mutated_json", "mutated_mcap", "mutated_npz", "mutated_onnx", "mutated_xml", "rewritten", "shortened"]
+__all__ = ["mutated_json", "mutated_mcap", "mutated_npz", "mutated_onnx", "mutated_xml", "shortened"]
 
 _HOSTILE = ("[" * 100_000, "{", "\udcff", "", "0", "-1", "1e400", "null", '{"version": 1}', "NaN", "9" * 5000)
 """Texts where another format is expected inside a record."""
@@ -65,13 +65,6 @@ def mutated_mcap(data: bytes, rng: np.random.Generator) -> bytes:
             break
     if rng.random() < 0.9:
         _sign(records)
-    return _written(records)
-
-
-def rewritten(data: bytes, change: Callable[[Any], Any]) -> bytes:
-    """An MCAP file with every record changed, and a header's digest that is right."""
-    records = [change(record) for record in McapStream(BytesIO(data))]
-    _sign(records)
     return _written(records)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from formats import rewritten, shortened
+from formats import shortened
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import load_program
@@ -255,28 +255,7 @@ def _hopper(folder: Path) -> bytes:
 
 def _recording(folder: Path) -> bytes:
     whole = (_DATA / "recordings" / "simulated_locomotion.mcap").read_bytes()
-    short = shortened(whole, messages=400, skip=800)
-    (folder / "short.mcap").write_bytes(short)
-    return _with_body(short, folder / "short.mcap")
-
-
-def _with_body(data: bytes, path: Path) -> bytes:
-    """The recording with the robot's body in its header, as today's have it."""
-    from mcap.records import Metadata  # noqa: PLC0415
-
-    from humanoid_sim.recording import header as header_module  # noqa: PLC0415
-    from humanoid_sim.recording.reader import open_recording  # noqa: PLC0415
-    from humanoid_sim.robots.description import load_robot  # noqa: PLC0415
-    from humanoid_sim.robots.urdf import body_documents  # noqa: PLC0415
-
-    body = body_documents(load_robot(open_recording(path).header.robot))
-
-    def changed(record: Any) -> Any:
-        if isinstance(record, Metadata) and record.name == header_module.DOCUMENTS:
-            record.metadata |= body
-        return record
-
-    return rewritten(data, changed)
+    return shortened(whole, messages=400, skip=1200)
 
 
 def _read_recording(path: Path) -> None:

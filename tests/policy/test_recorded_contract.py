@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -17,7 +16,6 @@ from humanoid_sim.controllers.terms import Term
 from humanoid_sim.messages import SessionHeader, TickInput
 from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, Extern, MITState
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
-from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.stack import build_supervisor, rebuild_supervisor, run_header
@@ -122,14 +120,3 @@ def test_a_run_is_repeated_bit_for_bit(contract: PolicyContract) -> None:
     again = commands(rebuild_supervisor(header(loaded), policy).controllers[RL_POLICY])
     assert again == ran
     assert len(set(ran)) > 30
-
-
-def test_a_header_of_thirteen_keys_is_still_read() -> None:
-    contract = models.contract(
-        joint_names=JOINTS, action_joint_names=JOINTS[:6], joint_stiffness=50.0, joint_damping=2.0,
-        default_joint_pos=0.1, action_scale=0.3,
-    )  # fmt: skip
-    loaded = load_policy(contract, policy, None)
-    ran = commands(build_supervisor(LITE, PERIOD, loaded).controllers[RL_POLICY])
-    old = header(loaded, contract=json.dumps(write_metadata(contract)))
-    assert commands(rebuild_supervisor(old, policy).controllers[RL_POLICY]) == ran

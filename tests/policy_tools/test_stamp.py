@@ -20,7 +20,7 @@ from humanoid_sim.policy.contract_json import STAMP_KEY
 from humanoid_sim.policy.external_tensors import TENSORS_KEY
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, decode_samples
 from humanoid_sim.policy.golden.verify import golden_problem
-from humanoid_sim.policy.metadata import METADATA_KEYS, parse_metadata, write_metadata
+from humanoid_sim.policy.metadata import METADATA_KEYS, read_own, write_metadata
 from humanoid_sim.policy.onnx_policy import read_header
 from humanoid_sim.policy_tools.stamp import add_metadata
 from humanoid_sim.robots.description import load_robot
@@ -89,9 +89,9 @@ def test_mjlabs_velocity_is_not_that_of_the_bases_origin(cli, tmp_path: Path) ->
 def test_writes_the_thirteen_keys_the_contract_and_the_samples(stamped: Path) -> None:
     metadata = read_header(stamped)[0]
     assert set(metadata) == {*METADATA_KEYS, STAMP_KEY, GOLDEN_KEY, TENSORS_KEY}
-    thirteen = parse_metadata(metadata, "stamped")
-    assert thirteen.joint_names == contract().joint_names
-    np.testing.assert_array_equal(thirteen.joint_damping, contract().joint_damping)
+    thirteen = read_own(metadata, "stamped").fields
+    assert thirteen["joint_names"].value == contract().joint_names
+    np.testing.assert_array_equal(thirteen["joint_damping"].value, contract().joint_damping)
     samples = decode_samples(metadata[GOLDEN_KEY], "stamped")
     assert (samples.origin, samples.target_origin, samples.source, len(samples)) == (
         "trainer",

@@ -62,10 +62,10 @@ def test_bodies_in_each_others_place_cannot_be_reached(contract: PolicyContract,
 
 
 @pytest.mark.parametrize(
-    ("length", "conjugate", "words"),
-    [(100.0, False, "--length-unit cm"), (1.0, True, "--conjugate"), (1000.0, True, "--length-unit mm --conjugate")],
+    ("length", "conjugate"),
+    [(100.0, False), (1.0, True), (1000.0, True)],
 )
-def test_bodies_alone_in_other_units(contract: PolicyContract, length: float, conjugate: bool, words: str) -> None:
+def test_bodies_alone_in_other_units(contract: PolicyContract, length: float, conjugate: bool) -> None:
     motion = bodies_alone()
     assert motion.body_position is not None
     assert motion.body_quaternion is not None
@@ -73,7 +73,7 @@ def test_bodies_alone_in_other_units(contract: PolicyContract, length: float, co
         body_position=length * motion.body_position,
         body_quaternion=motion.body_quaternion * ([1.0, -1.0, -1.0, -1.0] if conjugate else 1.0),
     )
-    with pytest.raises(InputError, match=f"it would fit with {words}$"):
+    with pytest.raises(InputError, match="its lengths in --length-unit, its orientations in rows, or"):
         found(wrong, contract)
 
 

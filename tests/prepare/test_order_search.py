@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from motion_samples import FPS, joint_path, lite, state_of
 
+from humanoid_sim.prepare.acceptance import what_would_fit
 from humanoid_sim.prepare.conventions import Conventions
 from humanoid_sim.prepare.motion_fit import Tolerance
-from humanoid_sim.prepare.order_search import search_joint_order, what_would_fit
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
-from tools.samples.motions import BODIES
 
 SKELETON = Skeleton(lite())
 TOLERANCE = Tolerance(0.01, np.radians(2.0))
@@ -75,42 +74,6 @@ BREADTH_BODIES = places(SKELETON.body_orders["breadth_first"], SKELETON.bodies)
 )
 def test_orders_with_a_name(changes, words: str) -> None:
     assert fit(with_columns(source(), **changes)) == f"it would fit with {words}"
-
-
-def test_two_joints_exchanged() -> None:
-    order = list(range(14))
-    order[3], order[10] = order[10], order[3]
-    expected = "it would fit with the joints left_elbow_pitch and right_elbow_pitch exchanged"
-    assert fit(with_columns(source(), joints=order)) == expected
-    assert fit(with_columns(source(), joints=order, xyzw=True)) == f"{expected} and --quaternions xyzw"
-
-
-@pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("bodies", [SKELETON.bodies, ("chest", *BODIES)])
-def test_any_order_of_joints(seed: int, bodies: tuple[str, ...]) -> None:
-    order = np.random.default_rng(seed).permutation(14)
-    names = ",".join(SKELETON.joints[i] for i in order)
-    assert fit(with_columns(source(bodies), joints=order), bodies) == f"it would fit with --joint-order {names}"
-
-
-def test_the_search_alone_finds_the_joints() -> None:
-    order = np.random.default_rng(9).permutation(14)
-    motion = with_columns(source(("chest", *BODIES)), joints=order).select(np.arange(0, 40, 8))
-    conventions = Conventions(SKELETON.joints, ("chest", *BODIES), "wxyz")
-    assert search_joint_order(motion, conventions, SKELETON) == tuple(SKELETON.joints[i] for i in order)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_any_order_of_bodies(seed: int) -> None:
-    order = np.random.default_rng(seed).permutation(18)
-    names = ",".join(SKELETON.bodies[i] for i in order)
-    assert fit(with_columns(source(), bodies=order)) == f"it would fit with --body-order {names}"
-
-
-@pytest.mark.parametrize("order", [[1, 0, 3, 2], [3, 0, 1, 2], [0, 2, 1, 3]])
-def test_any_order_of_bodies_without_the_base(order: list[int]) -> None:
-    names = ",".join(BODIES[i] for i in order)
-    assert fit(with_columns(source(BODIES), bodies=order), BODIES) == f"it would fit with --body-order {names}"
 
 
 def test_the_motion_of_another_robot() -> None:

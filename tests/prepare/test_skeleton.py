@@ -15,9 +15,3 @@ def test_orders_of_the_lite() -> None:
     breadth_first = skeleton.body_orders["breadth_first"]
     assert breadth_first[:4] == ("chest", "left_shoulder_pitch", "right_shoulder_pitch", "neck_yaw")
     assert sorted(breadth_first) == sorted(skeleton.bodies)
-
-
-def test_links_of_the_lite() -> None:
-    link = Skeleton(load_robot("lite")).links["left_shoulder_roll"]
-    assert link.parent == "left_shoulder_pitch"
-    assert [hinge.name for hinge in link.hinges] == ["left_shoulder_roll"]

@@ -100,18 +100,13 @@ def test_measured_velocities_pass(path: str) -> None:
 PLANTED: dict[str, tuple[Change, str]] = {
     "zero": (lambda v: 0.0 * v, "all 14 joints: velocities are all zero"),
     "one zero": (at_elbow(lambda v: 0.0 * v), "left_elbow_pitch: velocities are all zero"),
-    "one halved": (at_elbow(lambda v: 0.5 * v), "left_elbow_pitch: velocities are half of the derivative"),
-    "one twice": (at_elbow(lambda v: 2.0 * v), "left_elbow_pitch: velocities are twice the derivative"),
+    "one halved": (at_elbow(lambda v: 0.5 * v), "left_elbow_pitch: velocities are 0.5 times the derivative"),
+    "one twice": (at_elbow(lambda v: 2.0 * v), "left_elbow_pitch: velocities are 2 times the derivative"),
     "one too large": (at_elbow(lambda v: 1.3 * v), "left_elbow_pitch: velocities are 1.3 times the derivative"),
-    "one negative": (at_elbow(lambda v: -v), "left_elbow_pitch: velocities are the negative of the derivative"),
-    "negative": (lambda v: -v, "all 14 joints: velocities are the negative of the derivative"),
-    "late": (late(10), "all 14 joints: velocities are 10 frames late"),
-    "rolled": (lambda v: np.roll(v, -10, axis=0), "all 14 joints: velocities are 10 frames early"),
-    "one late": (at_elbow(late(10)), "left_elbow_pitch: velocities are 10 frames late"),
-    "late and halved": (
-        at_elbow(lambda v: 0.5 * late(10)(v)),
-        "left_elbow_pitch: velocities are 10 frames late, and half of the derivative",
-    ),
+    "one negative": (at_elbow(lambda v: -v), "left_elbow_pitch: velocities are -1 times the derivative"),
+    "negative": (lambda v: -v, "all 14 joints: velocities are -1 times the derivative"),
+    "late": (late(10), "velocities are unlike the derivative"),
+    "rolled": (lambda v: np.roll(v, -10, axis=0), "velocities are unlike the derivative"),
     "degrees": (np.degrees, "all 14 joints: velocities are in degrees per second, and the positions in radians"),
     "per frame": (lambda v: v / FPS, "all 14 joints: velocities are per frame, not per second"),
     "noise": (
@@ -131,10 +126,10 @@ def test_a_planted_mistake_is_named(path: str, name: str) -> None:
     assert message.startswith("a.npz: ")
 
 
-def test_ratio_and_delay_are_measured() -> None:
+def test_the_ratio_is_measured() -> None:
     q = PATHS["long"]
-    (found,) = faults(q, at_elbow(lambda v: 0.5 * late(10)(v))(central(q)))
-    assert (found.joint, found.lag) == ("left_elbow_pitch", 10)
+    (found,) = faults(q, at_elbow(lambda v: 0.5 * v)(central(q)))
+    assert found.joint == "left_elbow_pitch"
     assert found.ratio == pytest.approx(0.5, abs=0.01)
     assert found.correlation > 0.999
 
@@ -151,8 +146,8 @@ def test_what_a_simulated_robot_did_passes() -> None:
 def test_velocities_of_another_joint() -> None:
     found = faults(PATHS["long"], exchanged(central(PATHS["long"])))
     assert [(check.joint, check.fault) for check in found] == [
-        ("left_elbow_pitch", "those of right_elbow_pitch"),
-        ("right_elbow_pitch", "those of left_elbow_pitch"),
+        ("left_elbow_pitch", "unlike the derivative of the positions"),
+        ("right_elbow_pitch", "unlike the derivative of the positions"),
     ]
 
 

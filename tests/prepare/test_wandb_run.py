@@ -58,13 +58,6 @@ def test_a_run_whose_checkpoint_is_an_artifact(service: Service) -> None:
     assert fetch().name == "model_50.onnx"  # the newest artifact's, whatever its number
 
 
-def test_progress_is_told(service: Service) -> None:
-    service.add(RUN, "model_3.onnx")
-    told: list[tuple[str, int, int]] = []
-    fetch(progress=lambda *step: told.append(step))
-    assert told[-1] == ("model_3.onnx", 180, 180)
-
-
 @pytest.mark.parametrize(
     ("files", "name", "reason"),
     [
@@ -96,13 +89,6 @@ def test_no_answer_is_no_hang(service: Service) -> None:
     with pytest.raises(InputError, match=r"run lab/arms/7xk2 cannot be reached: no answer within 0\.2 s"):
         fetch(timeout=0.2)
     assert time.monotonic() - before < 5.0
-
-
-def test_a_download_that_stops(service: Service) -> None:
-    service.add(RUN, "model_3.onnx").inside[0].hangs = True
-    with pytest.raises(InputError, match=r"no data for 0\.3 s, 90 of 180 bytes received"):
-        fetch(timeout=0.3)
-    assert not (cache_folder() / RUN / "model_3.onnx").exists()
 
 
 def test_a_download_that_is_torn(service: Service) -> None:

@@ -17,8 +17,7 @@ from humanoid_sim.play.policies import with_recorded_options
 from humanoid_sim.record import main as record_main
 from humanoid_sim.recording import header as header_module
 from humanoid_sim.recording.header import HeaderError, parse_header
-from humanoid_sim.recording.reader import open_recording
-from humanoid_sim.recording.settings import recorded_settings
+from humanoid_sim.recording.reader import open_recording, recorded_settings
 from humanoid_sim.replay import main as replay_main
 
 record, replay = partial(run_program, record_main), partial(run_program, replay_main)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.rendering.appearance import keyboard_box
-from humanoid_sim.rendering.key_lights import KeyLights
+from humanoid_sim.rendering.drawing import KeyLights
 from humanoid_sim.rendering.offscreen import make_camera
 from humanoid_sim.rendering.piano_sound import Stroke
 from humanoid_sim.robots.description import load_robot

@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.robots.links import links_of
 from humanoid_sim.robots.mjcf import bare_model
-from humanoid_sim.robots.urdf import urdf_of
+from humanoid_sim.robots.urdf import links_of, urdf_of
 
 yourdfpy = pytest.importorskip("yourdfpy", reason="yourdfpy is not installed (extra 'test-frontends')")
 

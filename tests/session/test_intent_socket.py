@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 from local_session import LocalSession, datagram
+from loopback import LoopbackRobot
 
 from humanoid_sim.client import Answer, SessionError
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.robot import LoopbackRobot
 from humanoid_sim.session.intent_socket import IntentSocket, queue_length
 
 

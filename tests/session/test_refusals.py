@@ -6,8 +6,7 @@ import os
 
 from local_session import LocalSession
 
-from humanoid_sim.session.ownership import Producer
-from humanoid_sim.session.refusals import Refusals
+from humanoid_sim.session.data_socket import Producer, Refusals
 
 ONE, OTHER = Producer("one", 1), Producer("other", 2)
 

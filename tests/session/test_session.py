@@ -17,6 +17,7 @@ from fakes import (
     is_zero,
     session,
 )
+from loopback import LoopbackRobot
 
 import humanoid_sim.session.session as loop
 from humanoid_sim.controllers.live_inputs import LiveInputs
@@ -28,7 +29,6 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
 from humanoid_sim.mit import Extern, MITState
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.robot import LoopbackRobot
 from humanoid_sim.session import pace
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.session import Session

@@ -342,7 +342,6 @@ class TestLift:
         assert base_of(robot).height == pytest.approx(stopped, abs=1e-3)
 
     def test_not_where_it_began_on_the_floor(self, hopper: Path) -> None:
-        """Recordings of earlier versions began so, and are simulated again."""
         robot, low = self.caught(hopper, 0.0)
         support_in_mode(robot, Mode.STANDBY)
         run(robot, 0.5)

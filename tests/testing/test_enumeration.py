@@ -9,7 +9,7 @@ from planted_defects import DEFECTS, SOUND, Stack, changed
 
 from humanoid_sim.messages import Intent, Mode
 from humanoid_sim.testing import SafetyViolationError, StackMachine
-from humanoid_sim.testing.enumeration import every_mode_lasts, every_report_and_intent
+from humanoid_sim.testing.fuzz import every_mode_lasts, every_report_and_intent
 
 
 def machine(build):

@@ -13,8 +13,6 @@ from enum import Enum
 
 from humanoid_sim.errors import InputError
 
-__all__ = ["Access", "Gate", "RateLimit", "RefusedError", "checked_host"]
-
 _HTTP_PORT = 80
 """That browsers leave out."""
 

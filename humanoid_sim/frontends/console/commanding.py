@@ -26,8 +26,6 @@ from humanoid_sim.mit import COMMAND_FIELDS, VELOCITY_COMMAND, FloatArray, MITCo
 from humanoid_sim.session.intent_socket import MARK
 from humanoid_sim.session.sources import VELOCITY_KEYS, velocity_key_help
 
-__all__ = ["Commanding"]
-
 _PERIOD = 0.02
 """s between two commands, where the session's timeout is at least four times that."""
 _STANDS_STILL = 0.5

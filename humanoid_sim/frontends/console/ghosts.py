@@ -15,8 +15,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.rendering.ghost import ReferenceGhost, ShownReference, commanded_pose
 from humanoid_sim.simulation.model import JointAddresses
 
-__all__ = ["COMMAND", "REFERENCE", "Figure", "Ghosts"]
-
 REFERENCE, COMMAND = "reference", "command"
 _COLORS: Mapping[str, tuple[int, int, int]] = MappingProxyType({REFERENCE: (64, 200, 120), COMMAND: (255, 170, 60)})
 _OPACITY = 0.45

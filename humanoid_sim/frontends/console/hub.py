@@ -32,8 +32,6 @@ from humanoid_sim.recording.shadow import decode_shadow_step
 from humanoid_sim.session.intent_socket import MARK
 from humanoid_sim.session.reactivation import REACTIVATE
 
-__all__ = ["Hub"]
-
 _PERIOD = 0.1
 """s between two states that a page is told."""
 _EVENTS = 200

@@ -20,8 +20,6 @@ from humanoid_sim.recording.shadow import ShadowStep, shadow_values
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.stack import no_policy, recorded_motion, recorded_policy
 
-__all__ = ["MOST_CHARTS", "Chart", "History", "Plots", "Watch", "bus_loads"]
-
 MOST_CHARTS = 8
 """That one page plots at once."""
 _ROWS = 3000

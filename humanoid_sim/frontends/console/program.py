@@ -15,8 +15,6 @@ from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, RobotElsewhere, attached, ready
 from humanoid_sim.frontends.console.access import Access, checked_host
 
-__all__ = ["ConsoleConfig", "main"]
-
 _LOCAL = "127.0.0.1"
 _LOOK = 0.04
 """s between two looks at the feed: the view moves 25 times a second."""

@@ -21,8 +21,6 @@ from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import joint_addresses
 
-__all__ = ["VISER_PAGE", "Scene", "may_pass"]
-
 VISER_PAGE = Path(viser.__file__).parent / "client" / "build" / "index.html"
 """viser's own page, which is one file."""
 _FROM_PAGES = frozenset({"ViewerCameraMessage"})

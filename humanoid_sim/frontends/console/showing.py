@@ -5,16 +5,58 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.frontends.console.ghosts import Ghosts
-from humanoid_sim.frontends.console.keys import ShownKeys
-from humanoid_sim.frontends.console.motors import motor_table
 from humanoid_sim.frontends.console.plots import Plots, Watch, bus_loads
-from humanoid_sim.messages import TickRecord
-from humanoid_sim.recording.settings import recorded_settings
+from humanoid_sim.messages import SessionHeader, TickRecord
+from humanoid_sim.mit import KEY_PRESSED, FloatArray
+from humanoid_sim.recording.reader import recorded_settings
 from humanoid_sim.recording.shadow import ShadowStep
+from humanoid_sim.rendering.ghost import ShownReference
+from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.motors import MOTORS
+from humanoid_sim.robots.piano import KEY_COUNT
+from humanoid_sim.stack import no_policy, recorded_policy
 
-__all__ = ["Showing"]
+_SHOWN = 0.1
+"""s for which a stroke is shown at least: pages are told ten times a second."""
+
+
+class ShownKeys:
+    """Of one session, for all pages."""
+
+    def __init__(self, header: SessionHeader) -> None:
+        """Find the goals. Raises `InputError` if the header is damaged."""
+        loaded = recorded_policy(header, no_policy)
+        self._goals = None if loaded is None else loaded.reference.terms.get("target_keys")
+        self._reference = ShownReference()
+        self._last: FloatArray = np.full(KEY_COUNT, -np.inf)
+        """Shape (88,), s: when each key was down, the last time."""
+
+    def look(self, record: TickRecord) -> None:
+        """Take a tick, of which every one must be seen."""
+        self._reference.look(record)
+        now, heard = float(record.input.state.time), record.input.state.extern.get(KEY_PRESSED)
+        if (self._last > now).any():  # time begins again after a reactivation
+            self._last[:] = -np.inf
+        if heard is not None and heard.value.shape == (KEY_COUNT,):
+            self._last[heard.at(now) > 0.0] = now
+
+    def told(self, record: TickRecord) -> dict[str, Any] | None:
+        """For all pages; None of a session that has nothing to do with a piano.
+
+        `down` and `wanted` are the numbers of keys, the lowest is 0: null while nobody knows which are down, and while
+        no policy plays.
+        """
+        now, heard = float(record.input.state.time), record.input.state.extern.get(KEY_PRESSED)
+        if heard is None and self._goals is None:
+            return None
+        frame = self._reference.frame
+        is_known = heard is not None and now - heard.arrival_time <= heard.timeout
+        wanted = None if self._goals is None or frame is None else np.flatnonzero(self._goals[frame]).tolist()
+        return {"down": np.flatnonzero(self._last > now - _SHOWN).tolist() if is_known else None, "wanted": wanted}
 
 
 class Showing:
@@ -83,3 +125,34 @@ class Showing:
         if not isinstance(name, str) or not isinstance(on, bool):
             return "show not understood, expected the name of a figure, and on: true or false"
         return self._ghosts.switch(name, on=on)
+
+
+def motor_table(
+    description: RobotDescription, robot: Mapping[str, Any] | None, loads: Mapping[str, float], record: TickRecord
+) -> dict[str, Any] | None:
+    """Motors and buses, as JSON; None in simulation.
+
+    Args:
+        description: of the robot.
+        robot: what the feed's status tells of it.
+        loads: of the buses, 0 to 1.
+        record: the newest tick.
+    """
+    if robot is None:
+        return None
+    temperature, faults = robot["temperature"], robot["faults"]
+    ages = record.input.state.joint_age.tolist()
+    motors = []
+    for joint, age in zip(description.joints, ages, strict=True):
+        model = MOTORS.get(joint.motor.model) if joint.motor is not None else None
+        motors.append(
+            {
+                "name": joint.name,
+                "temperature": temperature.get(joint.name),
+                "warning": None if model is None else model.warning_temperature,
+                "heard": age,
+                "faults": faults.get(joint.name, []),
+            }
+        )
+    buses = [{"name": channel["source"], "load": loads.get(channel["source"])} for channel in robot["channels"]]
+    return {"motors": motors, "buses": buses}

@@ -23,8 +23,6 @@ from humanoid_sim.robots.guards import speed_limit
 from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import JointDescription, RobotDescription
 
-__all__ = ["Bounds", "Goals", "SliderState", "Sliders"]
-
 _POSITION_RATE = 1.0
 """rad/s at which the commanded position moves."""
 _RAMP = 1.0

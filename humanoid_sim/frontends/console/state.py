@@ -14,8 +14,6 @@ from humanoid_sim.messages import Intent, SafetyFlag, SafetyStatus, SessionHeade
 from humanoid_sim.session.loading import load_refusal
 from humanoid_sim.session.reactivation import REACTIVATE, reactivation_refusal
 
-__all__ = ["FLAG_MEANINGS", "available_controllers", "refusals", "state"]
-
 FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
     {
         SafetyFlag.BUS_OFF: "a CAN interface has left its bus after too many errors",

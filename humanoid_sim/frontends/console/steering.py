@@ -13,8 +13,6 @@ from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.session.sources import VELOCITY_KEYS
 
-__all__ = ["Due", "Steering"]
-
 _DELIBERATE = 0.1
 """s for which a change is told as one: of what arrives within one tick only the newest counts."""
 _SEEN_WITHIN = 1.0

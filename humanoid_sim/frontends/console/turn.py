@@ -11,8 +11,6 @@ from humanoid_sim.frontends.console.sliders import Goals, Sliders, SliderState
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["SliderTurn"]
-
 _HEARD_WITHIN = 0.5
 """s without a beat of the page after which its turn is over."""
 _SEEN_WITHIN = 1.0

@@ -7,8 +7,6 @@ import msgspec
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.console.sliders import Goals
 
-__all__ = ["Beat", "LetGo", "Press", "Snap", "Steer", "Take", "Wish", "parse_wish"]
-
 
 class _Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do"):
     """`do` says which one."""

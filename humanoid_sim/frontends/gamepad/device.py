@@ -10,8 +10,6 @@ import os
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Pad", "Pads"]
-
 _BUTTONS = ("A", "B", "X", "Y", "LEFTSHOULDER", "RIGHTSHOULDER", "BACK", "START")
 _AXES = ("LEFTX", "LEFTY", "RIGHTX", "RIGHTY", "TRIGGERLEFT", "TRIGGERRIGHT")
 _FULL = 32767.0

@@ -15,8 +15,6 @@ from humanoid_sim.frontends.gamepad.sticks import Sticks
 from humanoid_sim.ros2.parameters import node_parameters
 from humanoid_sim.strict_yaml import read_yaml
 
-__all__ = ["PadLayout", "chosen_layout"]
-
 _NODE = "mode_manager"
 """ROS 2 node whose parameters `joy.*` are read too."""
 _Section = TypeVar("_Section", JoyBindings, Sticks)

@@ -12,8 +12,6 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["SpeedRange", "Sticks", "policy_speeds", "speed_range"]
-
 SpeedRange = npt.NDArray[np.float64]
 """Shape (3, 2): lowest and highest vx, vy (m/s) and yaw rate (rad/s), zero among them."""
 

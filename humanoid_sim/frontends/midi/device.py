@@ -21,8 +21,6 @@ from typing import Any
 
 from humanoid_sim.errors import InputError, reason_of
 
-__all__ = ["STANDARD_INPUT", "ByteDevice", "Port", "Source", "port_names"]
-
 STANDARD_INPUT = "-"
 _MOST_BYTES = 256
 """That are taken at once: 80 ms of them on a MIDI cable."""

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-__all__ = ["Message", "MidiStream"]
-
 _REAL_TIME = 0xF8
 """The least status byte that stands for itself, and may come anywhere."""
 _SYSTEM = 0xF0

@@ -31,9 +31,6 @@ from humanoid_sim.policy.golden.verify import golden_problem, memory_fields, obs
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion
 
-__all__ = ["SAMPLE_COUNT", "blind_spots", "own_samples", "trainer_samples"]
-
-
 SAMPLE_COUNT = 8
 _OWN_STEPS = 64
 """Steps of a made-up run, long enough to fill any usual history."""

@@ -19,16 +19,6 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import Extern, FloatArray, MITState
 from humanoid_sim.strict_json import parse_json
 
-__all__ = [
-    "GOLDEN_KEY",
-    "STATE_ARRAYS",
-    "GoldenSamples",
-    "Origin",
-    "decode_samples",
-    "encode_samples",
-    "recorded_state",
-]
-
 GOLDEN_KEY = "humanoid_sim_golden"
 """Metadata key of the samples."""
 

@@ -30,8 +30,6 @@ from humanoid_sim.mit import (
 from humanoid_sim.npz_file import read_arrays
 from humanoid_sim.policy.golden.samples import STATE_ARRAYS, recorded_state
 
-__all__ = ["BodyReader", "Recorded", "Trace", "read_trace"]
-
 BodyReader = Callable[[FloatArray, FloatArray, tuple[str, ...]], Mapping[str, FloatArray]]
 """`(qpos (F, nq), qvel (F, nv), names of its joints) -> arrays` of what a robot's model knows beside its joints."""
 

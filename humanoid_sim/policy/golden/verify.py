@@ -23,19 +23,6 @@ from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
 
-__all__ = [
-    "ACTION_TOLERANCE",
-    "OBSERVATION_TOLERANCE",
-    "TARGET_TOLERANCE",
-    "golden_problem",
-    "memory_fields",
-    "observe",
-    "recorded_wiring",
-    "samples_wiring",
-    "value_name",
-    "verify_golden",
-]
-
 OBSERVATION_TOLERANCE = 1e-4
 """Absolute for values up to 1, relative beyond: float32 sums in another order stay below, wrong wiring does not."""
 ACTION_TOLERANCE = 1e-3

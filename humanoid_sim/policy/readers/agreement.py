@@ -12,8 +12,6 @@ from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.policy.readers.partial import Given, PartialContract
 from humanoid_sim.policy.readers.values import shown
 
-__all__ = ["Kinds", "agreed", "contradiction"]
-
 _EQUAL = 1e-9
 """Relative. What is left of a number that was written with nine digits, or went through a float32 and back, does not
 count; gains and scales that mean something else differ by far more."""

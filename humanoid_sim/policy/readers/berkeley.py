@@ -17,8 +17,6 @@ from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed,
 from humanoid_sim.policy.readers.values import cut, is_number, plain_numbers
 from humanoid_sim.strict_yaml import read_yaml
 
-__all__ = ["find_berkeley", "read_berkeley"]
-
 _KEYS = frozenset({"joint_kp", "joint_kd", "default_joint_positions", "num_observations", "action_indices"})
 """By which the dialect is known."""
 _TERMS = ("velocity_commands", "base_ang_vel", "projected_gravity", "joint_pos", "joint_vel", "last_action")

@@ -13,8 +13,6 @@ from humanoid_sim.controllers.term_kinds import TermKind, term_kind
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.policy.readers.partial import Given, derived, from_robot, is_assumed, is_from_robot
 
-__all__ = ["IncompleteContractError", "UnnamedJointsError", "UnnamedRobot", "complete", "missing_fields"]
-
 
 class IncompleteContractError(InputError):
     """No source gives some fields that a contract cannot do without."""

@@ -12,8 +12,6 @@ from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed
 from humanoid_sim.policy.readers.values import cut, numbers, pair_of_numbers, plain_numbers
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["HOLOSOMA_SOURCE", "is_holosoma", "read_holosoma"]
-
 HOLOSOMA_SOURCE = "holosoma metadata"
 
 _COMMANDS = ("lin_vel_x", "lin_vel_y", "ang_vel_yaw")

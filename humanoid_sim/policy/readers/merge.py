@@ -18,9 +18,6 @@ from humanoid_sim.policy.readers.complete import (
 )
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, PartialContract
 
-__all__ = ["build_contract", "merge"]
-
-
 _OPTIONS = frozenset(field.name for field in fields(Term)) - {"name"}
 
 

@@ -14,8 +14,6 @@ from humanoid_sim.mit import BASE, HEIGHT_SCAN, IMU
 from humanoid_sim.policy.readers import values
 from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed, given
 
-__all__ = ["GAIT_CLOCK", "MJLAB_SOURCE", "is_mjlab", "read_mjlab"]
-
 MJLAB_SOURCE = "mjlab metadata"
 
 _FIELDS = {

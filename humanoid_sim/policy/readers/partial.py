@@ -7,20 +7,6 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-__all__ = [
-    "NOT_STATED",
-    "Given",
-    "PartialContract",
-    "assumed",
-    "derived",
-    "from_robot",
-    "given",
-    "is_assumed",
-    "is_derived",
-    "is_from_robot",
-    "is_stated",
-]
-
 NOT_STATED = "default"
 """Source of a field that no source gives: the usual meaning stands."""
 _ASSUMED, _DERIVED = "assumed", "follows from"

@@ -22,8 +22,6 @@ from humanoid_sim.policy.readers.partial import PartialContract, is_assumed
 from humanoid_sim.policy.readers.unitree import find_deploy, read_deploy
 from humanoid_sim.policy.readers.values import shown
 
-__all__ = ["assemble_contract", "assumptions", "metadata_contract"]
-
 _DIALECTS = ((MJLAB_SOURCE, is_mjlab, read_mjlab), (HOLOSOMA_SOURCE, is_holosoma, read_holosoma))
 """Of trainers that write into a model's metadata: their name, whether it is there, and what it says. A new dialect is a
 module, and a line here or below."""

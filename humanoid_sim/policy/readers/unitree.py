@@ -20,8 +20,6 @@ from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed,
 from humanoid_sim.policy.readers.values import cut, is_number, pair_of_numbers, plain_numbers
 from humanoid_sim.strict_yaml import read_yaml
 
-__all__ = ["DEPLOY_FILE", "find_deploy", "read_deploy"]
-
 DEPLOY_FILE = "deploy.yaml"
 _SCAN: Mapping[str, Any] = MappingProxyType(
     {

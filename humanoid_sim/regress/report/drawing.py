@@ -13,8 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-__all__ = ["COLOURS", "COLUMNS", "LIGHT", "SETTINGS", "candidate_colour", "panels", "style_axes", "svg_of"]
-
 COLOURS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "ink": ("#1c2733", "#e3e8ed"),

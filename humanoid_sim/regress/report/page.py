@@ -28,8 +28,6 @@ from humanoid_sim.regress.results import (
     quantity,
 )
 
-__all__ = ["IntervalBar", "interval_bar", "render", "scale_end"]
-
 _WORST = 10
 _POWERS = 6
 """Of ten: no bar reaches further."""

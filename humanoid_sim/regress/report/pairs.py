@@ -10,8 +10,6 @@ import numpy as np
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.regress.results import Episode, MetricInfo, PolicyRun
 
-__all__ = ["Pair", "by_case", "mean_over_cases", "metric_values", "pair_up", "trace", "trace_difference", "worst"]
-
 
 @dataclass(frozen=True, slots=True)
 class Pair:

@@ -17,8 +17,6 @@ from humanoid_sim.regress.results import Episode, MetricInfo, PolicyRun, Results
 from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.simulation.model import build_model
 
-__all__ = ["Picture", "worst_moment", "worst_pictures"]
-
 _SIZE = (480, 400)
 """Pixels."""
 

@@ -15,8 +15,6 @@ from humanoid_sim.regress.report.drawing import COLUMNS, LIGHT, candidate_colour
 from humanoid_sim.regress.report.pairs import Pair, by_case, metric_values, pair_up, trace, trace_difference
 from humanoid_sim.regress.results import Episode, Margin, MetricInfo, PolicyRun, Results, Verdict, displayed_unit
 
-__all__ = ["case_plot", "margin_plot", "moved_metrics", "trace_plot"]
-
 _SPREAD = 0.618033988749895
 """Multiples of it, less their whole part, spread evenly over an interval however many there are."""
 _LONGEST_NAME = 30

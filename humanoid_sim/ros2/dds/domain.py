@@ -16,8 +16,6 @@ from typing import Any, Self
 from humanoid_sim.client import network_on
 from humanoid_sim.errors import InputError, MissingPackageError, known_names
 
-__all__ = ["LOOPBACK", "Participant", "check_network_interface", "configuration", "domain_id", "is_wireless"]
-
 LOOPBACK = "lo"
 _LARGEST_DOMAIN = 232
 """Beyond it there are no UDP ports for one (DDSI-RTPS 2.5, 9.6.2)."""

@@ -6,13 +6,51 @@ layer below it.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, NamedTuple
 
 from humanoid_sim.ros2.dds.domain import Participant
-from humanoid_sim.ros2.dds.types import dds_topic, idl_type
+from humanoid_sim.ros2.definitions import message_fields
 from humanoid_sim.ros2.topics import Topic
 
-__all__ = ["Reader", "Received", "Writer"]
+_PREFIX = "rt"
+"""Of topics, as opposed to services."""
+
+
+def dds_topic(topic: str) -> str:
+    """The DDS name of a ROS 2 topic: `rt/control_mode` for `/control_mode`."""
+    return f"{_PREFIX}{topic}"
+
+
+def dds_type(schema: str) -> str:
+    """The DDS name of a message type: `std_msgs::msg::dds_::Header_` for `std_msgs/msg/Header`."""
+    package, kind, name = schema.split("/")
+    return f"{package}::{kind}::dds_::{name}_"
+
+
+@cache
+def idl_type(schema: str) -> Any:
+    """A message type as Cyclone DDS's `IdlStruct`."""
+    from cyclonedds.idl import make_idl_struct, types  # noqa: PLC0415 - an extra
+
+    primitives = {
+        "bool": bool,
+        "string": str,
+        "uint8": types.uint8,
+        "int32": types.int32,
+        "uint32": types.uint32,
+        "int64": types.int64,
+        "uint64": types.uint64,
+        "float32": types.float32,
+        "float64": types.float64,
+    }
+    fields = {}
+    for field in message_fields(schema):
+        kind = primitives[field.kind] if field.kind in primitives else idl_type(field.kind)
+        if field.length is not None:
+            kind = types.array[kind, field.length] if field.length else types.sequence[kind]
+        fields[field.name] = kind
+    return make_idl_struct(f"{schema.rpartition('/')[2]}_", dds_type(schema), fields)
 
 
 class Received(NamedTuple):

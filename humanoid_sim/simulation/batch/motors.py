@@ -13,8 +13,6 @@ from humanoid_sim.mit import FloatArray, MITCommand, affine_law, affine_torque
 from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.physics import ModelPool
 
-__all__ = ["BatchMotors", "MotorDifferences"]
-
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.intp]
 

@@ -16,8 +16,6 @@ from mujoco import rollout
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.silence import mujoco_silenced
 
-__all__ = ["BatchPhysics", "ModelPool", "PhysicalStates", "usable_processors"]
-
 BoolArray = npt.NDArray[np.bool_]
 IndexArray = npt.NDArray[np.intp]
 

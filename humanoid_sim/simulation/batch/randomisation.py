@@ -10,8 +10,6 @@ from typing import Any
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.simulation.push import PUSH_DURATION
 
-__all__ = ["LONGEST_DELAY", "Randomisation", "Range"]
-
 Range = tuple[float, float]
 """Least and greatest of a uniform distribution."""
 

@@ -33,8 +33,6 @@ from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import JointAddresses, body_ids, build_model
 from humanoid_sim.simulation.sensors import Imu, live_inputs
 
-__all__ = ["BatchSensors", "SensorDifferences"]
-
 IndexArray = npt.NDArray[np.intp]
 
 _SENSOR = mujoco.mjtSensor.__members__

@@ -15,22 +15,21 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.rates import steps_per_period
+from humanoid_sim.robots.silence import mujoco_silenced
 from humanoid_sim.simulation.batch.draws import FULL, Draws
 from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
 from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool, usable_processors
-from humanoid_sim.simulation.batch.pushes import RandomPushes
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.batch.sensors import BatchSensors
-from humanoid_sim.simulation.batch.touches import BatchTouches
 from humanoid_sim.simulation.batch.variation import vary_models
 from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose, base_addresses
+from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
 from humanoid_sim.simulation.plant import BatchActuation, check_actuation, timestep_of
+from humanoid_sim.simulation.push import PUSH_DURATION
 from humanoid_sim.simulation.stability import DampingStability
 from humanoid_sim.simulation.terrain import Terrain
-
-__all__ = ["BatchSimulation"]
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 BoolArray = npt.NDArray[np.bool_]
@@ -157,7 +156,7 @@ class BatchSimulation:
             bodies=bodies,
         )
         self._effort = np.zeros((count, len(self._joints.dof)))
-        self._touches = None if description.piano is None else BatchTouches(self._pool, self._physics)
+        self._touches = None if description.piano is None else _BatchTouches(self._pool, self._physics)
         self._step = np.zeros(count, dtype=np.int64)
         self._fault = np.zeros(count, dtype=np.bool_)
         self._truth: MITState | None = None
@@ -453,3 +452,76 @@ def _read_only(array: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
     view = array.view()
     view.setflags(write=False)
     return view
+
+
+class RandomPushes:
+    """One push of `PUSH_DURATION` in each stretch of `push_interval`, at a moment and in a direction that are drawn."""
+
+    def __init__(self, draws: Draws, mass: float, control_period: float) -> None:
+        """Set up.
+
+        Args:
+            draws: of the N environments; their randomisation has pushes.
+            mass: kg, of the robot as its model is.
+            control_period: s.
+        """
+        self._draws, self._mass, self._period = draws, mass, control_period
+        self._interval = max(round(draws.randomisation.push_interval / control_period), 1)
+        self._duration = min(max(round(PUSH_DURATION / control_period), 1), self._interval)
+
+    def wrench(self, step: npt.NDArray[np.int64]) -> FloatArray:
+        """Force and torque in the control periods that begin now, shape (N, 6), N and N·m, world frame.
+
+        Args:
+            step: shape (N,), control periods since each environment's start.
+        """
+        draws = self._draws
+        stretch, since = np.divmod(step, self._interval)
+        moment, direction, strength = draws.shares("push", stretch, 3).T
+        begin = np.floor(moment * (self._interval - self._duration + 1))
+        low, high = draws.randomisation.push
+        speed = (low + (high - low) * strength) * draws.amount("push")[:, 0]
+        lasts = (begin <= since) & (since < begin + self._duration)
+        force = np.where(lasts, self._mass * speed / (self._duration * self._period), 0.0)
+        wrench = np.zeros((len(step), 6))
+        wrench[:, 0] = force * np.cos(2.0 * np.pi * direction)
+        wrench[:, 1] = force * np.sin(2.0 * np.pi * direction)
+        return wrench
+
+
+_MOVED = 1e-4
+"""rad from where the spring holds a key: one that has not come so far was not touched."""
+
+
+class _BatchTouches:
+    """Works out anew the contacts of the steps in which a key is down, which `mujoco.rollout` does not tell."""
+
+    def __init__(self, pool: ModelPool, physics: BatchPhysics) -> None:
+        """For robots with a piano.
+
+        Raises:
+            InputError: they have none.
+        """
+        self._pool, self._physics = pool, physics
+        self._keys = PianoKeys(pool.nominal)
+
+    def hardest(self) -> FloatArray:
+        """With which force the key of each robot that was touched hardest was, in the latest control period.
+
+        Returns:
+            Shape (N,), N, normal to the surfaces; 0 where none was touched, and where a robot stood still.
+        """
+        found = np.zeros(len(self._physics.qpos))
+        data = self._pool.room
+        for i, states, controls in self._physics.latest():
+            model = self._pool[i]
+            angles = states[:, 1 + self._keys.qpos]
+            moved = np.asarray((angles > _MOVED).any(axis=1))
+            for step in np.flatnonzero(moved[:-1] | moved[1:]).tolist():
+                mujoco.mj_setState(model, data, states[step], int(mujoco.mjtState.mjSTATE_FULLPHYSICS))
+                data.ctrl[:] = controls[step]
+                data.qacc_warmstart[:] = 0.0  # whatever was computed before: each robot gives what it would give alone
+                with mujoco_silenced:
+                    mujoco.mj_forward(model, data)
+                found[i] = max(found[i], float(self._keys.force(model, data).max()))
+        return found

@@ -11,8 +11,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.physics import ModelPool
 
-__all__ = ["gravity_turns", "vary_models"]
-
 IndexArray = npt.NDArray[np.intp]
 
 _INERTIAL = "mass", "centre_of_mass", "payload", "armature"

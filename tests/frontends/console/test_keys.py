@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from local_session import LocalSession
 
-from humanoid_sim.frontends.console import keys as keys_module
-from humanoid_sim.frontends.console.keys import ShownKeys
+from humanoid_sim.frontends.console import showing
+from humanoid_sim.frontends.console.showing import ShownKeys
 from humanoid_sim.messages import ControlMode, Mode, PolicyStep, SessionHeader, TickRecord
 from humanoid_sim.mit import Extern
 
@@ -25,7 +25,7 @@ class Loaded:
 
 @pytest.fixture
 def shown(monkeypatch: pytest.MonkeyPatch) -> ShownKeys:
-    monkeypatch.setattr(keys_module, "recorded_policy", lambda *_: Loaded())
+    monkeypatch.setattr(showing, "recorded_policy", lambda *_: Loaded())
     return ShownKeys(SessionHeader("three", ("a",), 0.005, 0, {}))
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from humanoid_sim.frontends.console.motors import motor_table
+from humanoid_sim.frontends.console.showing import motor_table
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.robots.description import load_robot

@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 import rig
 from local_session import LocalSession
+from loopback import LoopbackRobot
 
 from humanoid_sim.controllers.fsm import MODES
 from humanoid_sim.frontends.console.state import FLAG_MEANINGS, available_controllers, refusals, state
 from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.robot import LoopbackRobot
 
 pytest.importorskip("mjviser", reason="viser and mjviser are not installed (extra 'console')")
 

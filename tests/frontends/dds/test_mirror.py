@@ -25,10 +25,10 @@ from humanoid_sim.client import Feed, running_sessions
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends.console.program import main as console
 from humanoid_sim.frontends.dds.mirror import Mirror, mirrored
-from humanoid_sim.frontends.rerun import main as rerun
 from humanoid_sim.messages import ControlMode, Mode, SafetyLevel
 from humanoid_sim.mit import MITState
 from humanoid_sim.recording.body import RecordedBody
+from humanoid_sim.rerun import main as rerun
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.urdf import body_documents
 from humanoid_sim.ros2.dds.domain import Participant

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from humanoid_sim.frontends.midi.keys import PressedKeys
+from humanoid_sim.frontends.midi.keyboard import PressedKeys
 from humanoid_sim.frontends.midi.stream import MidiStream
 
 

@@ -18,8 +18,8 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.frontends.midi.device import ByteDevice
 from humanoid_sim.frontends.midi.keyboard import Keyboard
-from humanoid_sim.frontends.midi.program import Teller, main
 from humanoid_sim.messages import TickRecord
+from humanoid_sim.midi import Teller, main
 
 PATIENCE = 60.0
 """s for anything that only has to happen."""

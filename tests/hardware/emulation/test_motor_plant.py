@@ -8,7 +8,7 @@ from bus_rig import LITE
 from msgspec.structs import replace
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.emulation.drives import RATED_RISE, TIME_CONSTANT, heat
+from humanoid_sim.hardware.emulation.motors import RATED_RISE, TIME_CONSTANT, heat
 from humanoid_sim.hardware.emulation.plant import MotorPlant
 from humanoid_sim.hardware.emulation.settings import NEW_FIRMWARE, EmulationSettings, motor_identities
 from humanoid_sim.hardware.tools.emulate import HandSweep

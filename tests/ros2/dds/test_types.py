@@ -13,7 +13,7 @@ sys.path.append(str(Path(__file__).parents[2] / "frontends" / "dds"))
 
 import stranger
 
-from humanoid_sim.ros2.dds.types import dds_topic, dds_type, idl_type
+from humanoid_sim.ros2.dds.endpoints import dds_topic, dds_type, idl_type
 from humanoid_sim.ros2.definitions import JOINT_STATE
 from humanoid_sim.ros2.topics import TOPICS, joint_states_topic
 

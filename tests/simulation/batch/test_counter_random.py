@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from humanoid_sim.simulation.batch.counter_random import normals, philox, seed_keys, uniforms, uniforms_of_streams
+from humanoid_sim.simulation.batch.draws import normals, philox, seed_keys, uniforms, uniforms_of_streams
 
 FULL = 0xFFFFFFFF
 
