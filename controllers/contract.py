@@ -27,21 +27,6 @@ from humanoid_sim.mit import (
     point_velocity,
 )
 
-__all__ = [
-    "FORMS",
-    "JOINT_LIMITS",
-    "Form",
-    "HistoryLayout",
-    "LiveTopic",
-    "ModelDamping",
-    "PhaseRule",
-    "PolicyContract",
-    "Speed",
-    "TaskType",
-    "TensorNames",
-    "live_topic",
-]
-
 TaskType = Literal["tracking", "piano", "locomotion"]
 HistoryLayout = Literal["per_term", "per_step"]
 ModelDamping = Literal["undecided", "keep", "drop"]

@@ -13,8 +13,6 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.mit import Extern, MITState
 
-__all__ = ["LiveInput", "LiveInputs"]
-
 LiveInput = Callable[[MITState], npt.ArrayLike]
 """Given the state that a robot reports, the value: shape (width,), in the term's own unit; (..., width) for a batch."""
 

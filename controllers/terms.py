@@ -19,19 +19,6 @@ from humanoid_sim.controllers.term_kinds import TERM_KINDS, TERM_NAMES, is_known
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import BASE, HEIGHT_SCAN, IMU, FloatArray, frozen_array
 
-__all__ = [
-    "SCAN_OPTIONS",
-    "UPRIGHT",
-    "ActionForm",
-    "Frame",
-    "HeightScan",
-    "HistoryOrder",
-    "OrientationLayout",
-    "QuaternionOrder",
-    "RayOrder",
-    "Term",
-]
-
 Frame = Literal["body", "world"]
 OrientationLayout = Literal["rows", "columns", "two_rows"]
 QuaternionOrder = Literal["wxyz", "xyzw"]

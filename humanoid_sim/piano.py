@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from humanoid_sim.evaluation.piano_run import PlayedSong
 
-__all__ = ["Reach", "Score", "Table", "main", "read_performance"]
-
 _UNSEEN = 8
 """Songs that no training has seen, in the table unless others are named."""
 

@@ -13,8 +13,6 @@ from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.doctor.edits import LIMBS, RATE_DOUBT, STRONG_DOUBT, Change, Edit, RobotFacts, limb, set_fields
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["action_scales", "default_poses", "gains", "group_gains", "model_damping", "rates"]
-
 _SCALES = (1.0, 0.5, 0.25)
 _SCALE_FACTORS = (0.5, 2.0, 4.0)
 _GAIN_FACTORS = (0.5, 2.0)

@@ -12,23 +12,6 @@ from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray
 
-__all__ = [
-    "DOUBT",
-    "JOINT_DOUBT",
-    "LIMBS",
-    "RATE_DOUBT",
-    "STRONG_DOUBT",
-    "Change",
-    "Edit",
-    "RobotFacts",
-    "change_terms",
-    "limb",
-    "mirrored",
-    "set_fields",
-    "term_edit",
-    "terms_with",
-]
-
 Change = Callable[[PolicyContract], PolicyContract]
 
 DOUBT = 0.05

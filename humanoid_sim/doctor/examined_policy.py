@@ -27,8 +27,6 @@ from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
 from humanoid_sim.simulation.model import base_body, build_model
 from humanoid_sim.simulation.plant import BatchActuation
 
-__all__ = ["ExaminedPolicy", "breadth_first", "load_examined", "robot_facts"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExaminedPolicy:

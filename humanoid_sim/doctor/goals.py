@@ -21,8 +21,6 @@ from humanoid_sim.evaluation.tracking import TrackingErrors
 from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITCommand, MITState
 from humanoid_sim.simulation.floating_base import BaseState
 
-__all__ = ["BodiesGoal", "Goal", "MotionGoal", "Quality", "Strain", "UprightGoal", "VelocityGoal"]
-
 
 class Goal(Protocol):
     """Judges a run step by step. Its measures must not depend on the contract that is being tried."""

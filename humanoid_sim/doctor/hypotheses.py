@@ -23,8 +23,6 @@ from humanoid_sim.doctor.joint_edits import joint_signs, swapped_gains, swapped_
 from humanoid_sim.doctor.observation_edits import conventions, imu_turns, phases, reference_conventions, scales, zeroed
 from humanoid_sim.doctor.order_edits import history_orders, joint_orders, term_orders
 
-__all__ = ["Hypothesis", "pairs", "present", "same_contract", "same_value", "singles", "spared"]
-
 _FAMILIES: tuple[Callable[[PolicyContract, RobotFacts], Iterator[Edit]], ...] = (
     joint_orders,
     term_orders,

@@ -25,8 +25,6 @@ from humanoid_sim.doctor.edits import (
 )
 from humanoid_sim.doctor.order_edits import relabelled
 
-__all__ = ["joint_signs", "swapped_gains", "swapped_sides"]
-
 
 def joint_signs(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     """One joint turns the other way, in all that the policy sees of it and does with it."""

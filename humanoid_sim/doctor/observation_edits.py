@@ -21,8 +21,6 @@ from humanoid_sim.doctor.edits import (
 )
 from humanoid_sim.mit import BASE, IMU
 
-__all__ = ["conventions", "imu_turns", "phases", "reference_conventions", "scales", "zeroed"]
-
 _LEGGED_GYM: Mapping[str, float] = {"base_ang_vel": 0.25, "joint_vel": 0.05}
 """Scales of legged_gym, kept by many of its descendants."""
 _LEGGED_GYM_COMMANDS: Mapping[str, float | tuple[float, ...]] = {

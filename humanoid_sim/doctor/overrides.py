@@ -18,8 +18,6 @@ from humanoid_sim.policy.contract_json import plain_value
 from humanoid_sim.policy.readers.contract_yaml import own_contract
 from humanoid_sim.strict_yaml import read_yaml
 
-__all__ = ["Pasting", "change_lines", "overrides", "pasting_for"]
-
 _MANY = 3
 """Lists that have all moved from which on they are not shown one by one."""
 _LINE = 110

@@ -10,8 +10,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from humanoid_sim.doctor.ranking import Ranking
 from humanoid_sim.doctor.search import Plan
 
-__all__ = ["SearchProgress"]
-
 _EVERY = 10.0
 """s between two lines where nobody watches."""
 

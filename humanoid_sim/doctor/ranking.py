@@ -10,8 +10,6 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.hypotheses import Hypothesis
 from humanoid_sim.doctor.trials import Outcome
 
-__all__ = ["Ranking", "Verdict"]
-
 _WORTH = 0.15
 """Share of the cost that a second change must save: two changes explain anything a little better than one."""
 _LONGER = 0.05

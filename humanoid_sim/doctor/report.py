@@ -12,8 +12,6 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.overrides import Pasting, change_lines
 from humanoid_sim.doctor.ranking import Ranking, Verdict
 
-__all__ = ["conclusion", "print_ranking", "ranking_document"]
-
 _EQUALS = 5
 """Changes that are named as good as the first."""
 

@@ -22,8 +22,6 @@ from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import load_robot, with_imu
 from humanoid_sim.session.sources import parse_velocity
 
-__all__ = ["doctor"]
-
 
 def doctor(config: DoctorConfig) -> int:
     """Search and print.

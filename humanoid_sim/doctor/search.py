@@ -26,8 +26,6 @@ from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, present, singles, 
 from humanoid_sim.doctor.ranking import Ranking, Verdict
 from humanoid_sim.doctor.trials import Outcome, Trial, TrialRunner
 
-__all__ = ["Plan", "Progress", "make_plan", "search"]
-
 Progress = Callable[[str, int, int], None]
 """Told the stage, and how many of how many changes it has tried; the contract as it is is none."""
 

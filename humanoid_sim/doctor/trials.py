@@ -28,8 +28,6 @@ from humanoid_sim.robots.description import with_contract, with_joint_limits
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
-__all__ = ["Outcome", "Trial", "TrialRunner"]
-
 _ROBOTS = 64
 """Simulated robots that are kept: each takes about 1 MB, and pairs of changes need thousands."""
 _TIMESTEPS = (0.005, 0.0025, 0.002, 0.001, 0.0005)

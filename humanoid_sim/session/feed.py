@@ -34,8 +34,6 @@ from humanoid_sim.recording.header import header_metadata
 from humanoid_sim.ros2.definitions import EVENT, SHADOW_STEP, TICK, schema_text
 from humanoid_sim.session.sinks import Sink
 
-__all__ = ["MODEL_BLOB", "FeedWriter"]
-
 MODEL_BLOB = "model.mjb"
 """The robot's compiled model; `qpos` of the ticks is its."""
 _TICKS, _EVENTS, _STATUSES, _SHADOWS = 64, 256, 4, 64

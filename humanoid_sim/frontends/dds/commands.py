@@ -25,8 +25,6 @@ from humanoid_sim.ros2.messages import decode_mit_command
 from humanoid_sim.ros2.topics import COMMAND_TOPIC, SAFETY_TOPIC
 from humanoid_sim.session.sources import remote_problem
 
-__all__ = ["DEPTH", "ArrivalClock", "CommandReader", "read_command"]
-
 _WAIT = 0.005
 """s between two looks at most: by so much a sample may be younger than it is said to be."""
 _STOOD_STILL = 0.05

@@ -15,8 +15,6 @@ from humanoid_sim.ros2.dds.endpoints import Reader, Received
 from humanoid_sim.ros2.messages import decode_float32_array
 from humanoid_sim.ros2.topics import LIVE_INPUT
 
-__all__ = ["LiveForwarder", "Wanted", "wanted_inputs"]
-
 
 class Wanted(NamedTuple):
     """A live input that the session takes from outside."""

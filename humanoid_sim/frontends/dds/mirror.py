@@ -54,8 +54,6 @@ from humanoid_sim.ros2.topics import (
 )
 from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
 
-__all__ = ["Mirror", "mirrored", "watched"]
-
 _PERIOD = 0.02
 """s between two messages of a robot's topics on hardware."""
 _DEPTH = 64

@@ -18,8 +18,6 @@ from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant, is_wireless
 from humanoid_sim.ros2.dds.endpoints import Reader
 from humanoid_sim.ros2.topics import COMMAND_TOPIC, SAFETY_TOPIC, TOPICS
 
-__all__ = ["DdsConfig", "main"]
-
 _LOOK_PERIOD = 0.5
 """s between two looks whether the session is still there."""
 _NEWS_PERIOD = 1.0

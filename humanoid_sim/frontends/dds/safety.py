@@ -11,8 +11,6 @@ from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.dds.endpoints import Received
 from humanoid_sim.ros2.messages import SESSION_FRAME, ForeignStatus, decode_safety_status
 
-__all__ = ["StatusForwarder"]
-
 _REPEAT = 0.05
 """s between two reports of a source, unless it has just ceased to be OK: a flood costs the session no more."""
 _MOST_SOURCES = 64

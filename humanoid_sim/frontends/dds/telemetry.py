@@ -30,8 +30,6 @@ from humanoid_sim.ros2.topics import (
     joint_states_topic,
 )
 
-__all__ = ["Telemetry", "local_topics", "network_topics"]
-
 _ACROSS = (IMU_TOPIC, CONTROL_MODE_TOPIC, DESCRIPTION_TOPIC, TF_TOPIC, TF_STATIC_TOPIC)
 """The topics that may leave the machine, beside the joint states."""
 

@@ -13,8 +13,6 @@ from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.training.ppo.journal import PROGRESS, read_progress
 from humanoid_sim.training.ppo.options import CurvesConfig
 
-__all__ = ["Run", "curves", "read_run"]
-
 _LIBRARIES = {"ppo-sb3": "stable-baselines3", "ppo-rsl_rl": "rsl_rl"}
 
 

@@ -22,8 +22,6 @@ from humanoid_sim.simulation.terrain import Terrain
 from humanoid_sim.strict_yaml import read_yaml
 from humanoid_sim.training.ppo.options import TrainConfig
 
-__all__ = ["ARGUMENTS", "ONLY_TRAINED", "Argument", "arguments_of", "as_options", "own_object"]
-
 _YAML = (".yaml", ".yml")
 _FORM = "FILE.py:NAME or MODULE:NAME"
 

@@ -26,8 +26,6 @@ from humanoid_sim.policy_tools.stamp import stamp
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.training.ppo.network import Float32Array, Network, require_same_answers, write_network
 
-__all__ = ["Actor", "actor_of", "export", "motion_file"]
-
 _CHANGING = (gymnasium.ObservationWrapper, gymnasium.ActionWrapper, VectorObservationWrapper, VectorActionWrapper)
 _INSIDE = ("env", "venv", "envs")
 """Where wrappers of Gymnasium and of the libraries keep what they wrap."""

@@ -15,8 +15,6 @@ from humanoid_sim.strict_json import parse_json
 from humanoid_sim.training.ppo.learner import PPOSettings
 from humanoid_sim.training.ppo.options import TrainConfig
 
-__all__ = ["RunFolder", "replace_file"]
-
 _MAY_DIFFER = (
     *("steps", "minutes", "folder", "output", "resume", "checkpoint_seconds", "video_minutes", "tensorboard"),
     *("regress", "threads"),

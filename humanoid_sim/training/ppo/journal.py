@@ -18,8 +18,6 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.files import is_file, whole_file
 
-__all__ = ["COLUMNS", "PROGRESS", "EpisodeMeter", "Journal", "Update", "read_progress"]
-
 PROGRESS = "progress.csv"
 COLUMNS = ("steps", "seconds", "steps_per_second", "return", "episode_steps", "failed", "spread")
 """Of `progress.csv`: policy steps, s of training, 1/s, mean return and length of the latest episodes that ended, the

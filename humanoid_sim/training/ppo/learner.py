@@ -15,8 +15,6 @@ from humanoid_sim.errors import MissingPackageError
 from humanoid_sim.training.ppo.journal import Update
 from humanoid_sim.training.ppo.network import Float32Array
 
-__all__ = ["ALGORITHMS", "SETTINGS", "EndedError", "Learner", "PPOSettings", "first_spread", "learner_class"]
-
 ALGORITHMS = ("ppo-sb3", "ppo-rsl_rl")
 
 

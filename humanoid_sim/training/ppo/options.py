@@ -8,8 +8,6 @@ from typing import Annotated, ClassVar, Literal
 
 import tyro
 
-__all__ = ["CurvesConfig", "TrainConfig"]
-
 
 @dataclass(frozen=True)
 class TrainConfig:

@@ -22,8 +22,6 @@ from humanoid_sim.training.ppo.journal import Update
 from humanoid_sim.training.ppo.learner import EndedError, PPOSettings
 from humanoid_sim.training.ppo.network import Float32Array, Network, as_array, linear_layers
 
-__all__ = ["RslRlActor", "RslRlLearner"]
-
 
 class _Reporter:
     """In the place of rsl_rl's own logger, which prints a page for each update and copies the repository's state."""

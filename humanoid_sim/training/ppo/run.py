@@ -27,8 +27,6 @@ from humanoid_sim.training.ppo.options import TrainConfig
 from humanoid_sim.training.ppo.subject import Subject, subject_of
 from humanoid_sim.training.ppo.videos import Videos
 
-__all__ = ["Interruption", "measure", "seed_of", "train"]
-
 _CTRL_C = b"Ctrl-C: ends after this update, with a checkpoint; once more ends at once\n"
 
 

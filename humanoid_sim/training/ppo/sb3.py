@@ -23,8 +23,6 @@ from humanoid_sim.training.ppo.journal import Update
 from humanoid_sim.training.ppo.learner import EndedError, PPOSettings
 from humanoid_sim.training.ppo.network import Float32Array, Network, as_array, linear_layers
 
-__all__ = ["NormalisedObservation", "StableBaselinesActor", "StableBaselinesLearner"]
-
 
 class NormalisedObservation(BaseFeaturesExtractor):
     """Observations less their mean, over their standard deviation, both of all that was ever seen in training.

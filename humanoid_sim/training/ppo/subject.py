@@ -18,8 +18,6 @@ from humanoid_sim.training.ppo.environment import ONLY_TRAINED, arguments_of, as
 from humanoid_sim.training.ppo.learner import ALGORITHMS
 from humanoid_sim.training.ppo.options import TrainConfig
 
-__all__ = ["Subject", "subject_of"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Subject:

@@ -17,8 +17,6 @@ from humanoid_sim.simulation.model import build_model
 from humanoid_sim.training.ppo.learner import Learner
 from humanoid_sim.training.ppo.subject import Subject
 
-__all__ = ["Videos"]
-
 _SECONDS = 8.0
 """s of an episode that are shown, at most."""
 _SHARE = 0.5
