@@ -38,17 +38,17 @@ _ENDS = {"robots": ".yaml", "suites": ".yaml", "motions": ".mcap", "policies": "
 
 
 def sample_policy(robot: str) -> Path:
-    """The policy that ships for a robot of this name; for one that has none, that of the arms."""
+    """Return the policy that ships for a robot of this name; for one that has none, that of the arms."""
     return {"lite_biped": WALKING_POLICY, "lite_piano": PIANO_POLICY}.get(robot, SAMPLE_POLICY)
 
 
 def asset_path(*parts: str) -> Path:
-    """The path of a file or folder that ships with the package."""
+    """Return the path of a file or folder that ships with the package."""
     return ASSETS.joinpath(*parts)
 
 
 def shipped(kind: str) -> tuple[str, ...]:
-    """The names of what ships with the package: of `robots`, `suites`, `motions`, `songs`, `policies`."""
+    """Return the names of what ships with the package: of `robots`, `suites`, `motions`, `songs`, `policies`."""
     return tuple(path.name.removesuffix(_ENDS[kind]) for path in _ending(kind, _ENDS[kind]))
 
 
@@ -57,7 +57,7 @@ def _ending(kind: str, end: str) -> list[Path]:
 
 
 def motion_path(name: str) -> Path:
-    """A sample motion by name, else a file by path.
+    """Return a sample motion by name, else a file by path.
 
     Raises:
         InputError: if it is neither.
@@ -74,7 +74,7 @@ def motion_path(name: str) -> Path:
 def policy_path(
     name: str | Path, option: str = "--policy", *, also: Sequence[str] = (), contracts: bool = False
 ) -> Path:
-    """The file of a policy: a path where a file of this name exists, else a sample policy by name.
+    """Return the file of a policy: a path where a file of this name exists, else a sample policy by name.
 
     What cannot be a name (it has a folder or a suffix) is a path, and opening it says what is wrong with it.
 
@@ -106,7 +106,7 @@ def sample_songs() -> tuple[str, ...]:
 
 
 def song_path(name: str) -> Path:
-    """A sample song by name, else a MIDI file by path.
+    """Return a sample song by name, else a MIDI file by path.
 
     Raises:
         InputError: if it is neither.

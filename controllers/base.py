@@ -49,7 +49,7 @@ class Controller(Protocol):
         """Joint names in the order of every per-joint array."""
 
     def activate(self, tick_input: TickInput) -> Any | Fault:
-        """The memory to start from. Called in the tick of the transition, before the first `update`."""
+        """Return the memory to start from. Called in the tick of the transition, before the first `update`."""
 
     def update(self, memory: Any, tick_input: TickInput) -> tuple[Any, MITCommand] | Fault:
-        """The next memory, and a command for every joint."""
+        """Return the next memory, and a command for every joint."""

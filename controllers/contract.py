@@ -228,11 +228,11 @@ class PolicyContract:
         return tuple(term for term in self.observation if isinstance(term, Term))
 
     def kind(self, term: Term) -> TermKind:
-        """What a term means here; `command` stands for the motion or the velocity, as `command_names` says."""
+        """Return what a term means here; `command` stands for the motion or the velocity, as `command_names` says."""
         return term_kind(term.kind, self.command_names) if term.width is None else live_kind(term.kind)
 
     def requires(self, field: str) -> bool:
-        """Whether the observation has a term that means nothing without this field."""
+        """Return whether the observation has a term that means nothing without this field."""
         return any(self.kind(term).requires == field for term in self.terms)
 
     @property
@@ -289,7 +289,7 @@ class PolicyContract:
         return len(self.action_joint_names)
 
     def _checked(self, name: str, form: Form, value: Any) -> Any:
-        """The value as it is kept; the fields before it are checked already."""
+        """Return the value as it is kept; the fields before it are checked already."""
         if (value is None or isinstance(value, str)) and value in form.instead:
             return value
         if form.joints or form.kind in ("names", "axes"):

@@ -65,7 +65,7 @@ class DampingController:
         return DampingMemory(command=damped_command(position, self.damping))
 
     def update(self, memory: DampingMemory, tick_input: TickInput) -> tuple[DampingMemory, MITCommand] | Fault:
-        """The captured command; it depends on no later state."""
+        """Return the captured command; it depends on no later state."""
         if memory.command is None:
             return Fault("not activated")
         return memory, memory.command
@@ -89,5 +89,5 @@ class ZeroTorqueController:
         return Memory()
 
     def update(self, memory: Memory, tick_input: TickInput) -> tuple[Memory, MITCommand]:
-        """The same zeros every tick."""
+        """Return the same zeros every tick."""
         return memory, self._command

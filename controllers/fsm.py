@@ -48,7 +48,7 @@ class Rule:
 
     @property
     def requirement(self) -> str:
-        """What is required, in words: `ZERO_TORQUE or DAMPING`, `finished STANDBY`."""
+        """Return what is required, in words: `ZERO_TORQUE or DAMPING`, `finished STANDBY`."""
         names = " or ".join(mode.name for mode in sorted(self.modes))
         return f"finished {names}" if self.standby_finished else names
 
@@ -114,7 +114,7 @@ def describe_safety(safety: SafetyStatus) -> str:
 
 
 def choose_intent(intents: Sequence[Intent]) -> tuple[Intent | None, tuple[Intent, ...]]:
-    """The one intent of a tick that counts, and the others: DAMP wins, then QUIT, then the first."""
+    """Return the one intent of a tick that counts, and the others: DAMP wins, then QUIT, then the first."""
     if not intents:
         return None, ()
     chosen = next((wanted for wanted in (Intent.DAMP, Intent.QUIT) if wanted in intents), intents[0])
@@ -139,7 +139,7 @@ def transition(
     contradiction: str = "",
     missing: Mapping[str, str] = MappingProxyType({}),
 ) -> Decision:
-    """Who is in control next.
+    """Return who is in control next.
 
     ================= ============================ ==============================
     intent            from                         to
@@ -185,7 +185,7 @@ def transition(
 def granted(
     current: str, safety: SafetyStatus, standby_finished: bool, available: Container[str]
 ) -> tuple[Intent, ...]:
-    """The intents that `transition` would not refuse; arguments as there."""
+    """Return the intents that `transition` would not refuse; arguments as there."""
     asked = ((intent, transition(current, safety, intent, standby_finished, available)) for intent in RULES)
     return tuple(intent for intent, decision in asked if not decision.refusal)
 

@@ -182,14 +182,14 @@ class Guards:
         return spring
 
     def tripped(self, memory: GuardMemory | None) -> BoolArray:
-        """Which robots a guard has tripped for, shape (...)."""
+        """Return which robots a guard has tripped for, shape (...)."""
         if memory is None:
             return np.zeros((), dtype=bool)
         late = (memory.held >= 0.0) & (memory.held >= self._times)
         return np.asarray(late.any(axis=(-2, -1)))
 
     def restarted(self, memory: GuardMemory | None, chosen: npt.NDArray[np.intp]) -> GuardMemory | None:
-        """The memory of a batch of which some robots, indices (k,), begin afresh."""
+        """Return the memory of a batch of which some robots, indices (k,), begin afresh."""
         if memory is None:
             return None
         held = memory.held.copy()
@@ -204,7 +204,7 @@ class Guards:
         return {i: self.problem(memory, state, command, i) for i in np.flatnonzero(tripped).tolist()}
 
     def problem(self, memory: GuardMemory | None, state: MITState, command: MITCommand, i: int | tuple[()] = ()) -> str:
-        """What the first guard that has tripped saw, and what may be the cause; '' if none has.
+        """Return what the first guard that has tripped saw, and what may be the cause; '' if none has.
 
         Args:
             memory: of `watch` with this state and command.
@@ -247,7 +247,7 @@ class Guards:
         )
 
     def _why_stuck(self, name: str, at: float, wanted: float, lower: float, upper: float) -> str:
-        """A stop keeps a joint from going out; one that cannot come in from its limit moves the wrong way round."""
+        """Tell a stop, which keeps a joint from going out, from a joint that cannot come in: it moves the wrong way."""
         near = 0.1 * (upper - lower) if np.isfinite(upper - lower) else 0.0
         inward_from_upper = upper - at <= near and wanted < at
         inward_from_lower = at - lower <= near and wanted > at

@@ -86,7 +86,7 @@ class JoyBindings:
 def pressed_intents(
     bindings: JoyBindings, buttons: Sequence[bool | int], before: Sequence[bool | int]
 ) -> tuple[Intent, ...]:
-    """The intents whose last missing button went down between two readings of the buttons.
+    """Return the intents whose last missing button went down between two readings of the buttons.
 
     Holding a combination does not repeat it. A gamepad that was just connected has `before = ()`: whatever is already
     held down is not taken for a press, except DAMP.

@@ -42,7 +42,7 @@ class LiveInputs:
         return {name: width for name, width in self.contract.sent_inputs.items() if name in self.sources}
 
     def heard(self, state: MITState) -> MITState:
-        """The state with the values that belong to it.
+        """Return the state with the values that belong to it.
 
         A value of the wrong shape, or one that is not finite, is refused where it is observed: there it is a fault.
         """

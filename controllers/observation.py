@@ -67,7 +67,7 @@ class ObservationLayout:
         return f"{term.name}[{value}]" + (f" of history step {step}" if term.term.history > 1 else "")
 
     def term_at(self, index: int) -> ObservationTerm:
-        """The term that the value at `index` of the whole observation belongs to."""
+        """Return the term that the value at `index` of the whole observation belongs to."""
         return self._place(index)[0]
 
     def _place(self, index: int) -> tuple[ObservationTerm, int, int]:
@@ -115,7 +115,7 @@ def resolve_observation(
 
 
 def pack(layout: ObservationLayout, context: ObservationContext) -> Float32Array:
-    """The values of this step, shape (..., step_width), float32; what a float32 cannot hold becomes infinite.
+    """Return the values of this step, shape (..., step_width), float32; what a float32 cannot hold becomes infinite.
 
     Where no term shows a history this is the observation.
 

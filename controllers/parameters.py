@@ -53,7 +53,7 @@ def joint_indices(wanted: tuple[str, ...], available: tuple[str, ...], what: str
 
 
 def number(owner: str, name: str, value: float, minimum: float = 0.0, *, above: bool = False) -> float:
-    """A finite number that is at least (or, with `above`, greater than) `minimum`."""
+    """Return a finite number that is at least (or, with `above`, greater than) `minimum`."""
     accepted = f"a finite number {'>' if above else '>='} {minimum:g}"
     if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
         raise FieldError(f"{owner}.{name}: is {value!r}, expected {accepted}")
@@ -89,7 +89,7 @@ def per_joint(
 
 
 def damping_values(owner: str, damping: npt.ArrayLike, damping_scalar: float, joints: tuple[str, ...]) -> FloatArray:
-    """The parameters `damping` and `damping_scalar` as one read-only array of shape (n,), N·m·s/rad.
+    """Return the parameters `damping` and `damping_scalar` as one read-only array of shape (n,), N·m·s/rad.
 
     An empty `damping` means `damping_scalar` for every joint. Both are checked, whichever counts.
     """
@@ -99,13 +99,13 @@ def damping_values(owner: str, damping: npt.ArrayLike, damping_scalar: float, jo
 
 
 def joints_problem(state: MITState, joints: tuple[str, ...]) -> str:
-    """What is wrong with the number of joints that a robot's state has; else ''."""
+    """Return what is wrong with the number of joints that a robot's state has; else ''."""
     shape = state.joint_position.shape
     return "" if shape == (len(joints),) else f"state has {shape} joint positions, expected ({len(joints)},)"
 
 
 def command_problem(command: MITCommand, joints: tuple[str, ...]) -> str:
-    """What keeps a command from being sent: a shape, a value that is out of bounds or not finite; else ''."""
+    """Return what keeps a command from being sent: a shape, a value that is out of bounds or not finite; else ''."""
     if command.position.shape != (len(joints),):
         return f"command has shape {command.position.shape}, expected ({len(joints)},)"
     # One array for all fields: this runs in every tick, and small arrays cost by the call.

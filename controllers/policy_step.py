@@ -32,7 +32,7 @@ _RAISE_IT = "--action-limit, or action_limit in a contract.yaml, raises it"
 
 
 def action_limit_of(contract: PolicyContract, given: float | None = None) -> float:
-    """The largest magnitude of a raw action: what was given, or else the contract's, or else `ACTION_LIMIT`."""
+    """Return the largest magnitude of a raw action: what was given, or else the contract's, or else `ACTION_LIMIT`."""
     if given is not None:
         return given
     return ACTION_LIMIT if contract.action_limit is None else contract.action_limit
@@ -108,7 +108,7 @@ class PolicyWiring:
         )
 
     def observe(self, memory: PolicyMemory, state: MITState) -> tuple[Float32Array, PolicyMemory]:
-        """The observation, shape (..., N), and the memory with it.
+        """Return the observation, shape (..., N), and the memory with it.
 
         Raises:
             FieldError: a live input has another shape than it was resolved with.
@@ -124,7 +124,7 @@ class PolicyWiring:
         return observation, PolicyMemory(memory.frame, memory.last_action, history, walked, memory.alignment)
 
     def observation_problem(self, observation: Float32Array) -> str:
-        """Why one observation, shape (N,), must not reach the policy: a value is not finite; '' if it may."""
+        """Return why one observation, shape (N,), must not reach the policy: a value is not finite; '' if it may."""
         finite = np.isfinite(observation)
         if finite.all():
             return ""
@@ -138,7 +138,7 @@ class PolicyWiring:
         return np.asarray(self._within(action).all(axis=-1))
 
     def action_problem(self, action: Float32Array) -> str:
-        """Why one raw action, shape (m,), is not accepted; '' if it is."""
+        """Return why one raw action, shape (m,), is not accepted; '' if it is."""
         if action.shape != (self.contract.action_count,):
             return f"action has shape {action.shape}, expected ({self.contract.action_count},)"
         within = self._within(action)
@@ -154,7 +154,7 @@ class PolicyWiring:
         return within
 
     def act(self, memory: PolicyMemory, action: Float32Array) -> tuple[PolicyMemory, MITCommand]:
-        """The command of an action, shape (..., m), and the memory with it, one frame on."""
+        """Return the command of an action, shape (..., m), and the memory with it, one frame on."""
         frame = self.reference.following(memory.frame)
         advanced = PolicyMemory(frame, action, memory.history, memory.walked, memory.alignment)
         return advanced, action_command(self.action_map, action)
@@ -270,7 +270,7 @@ def _advance(
 
 
 def shown_phase(rule: PhaseRule, walked: FloatArray | float, command: FloatArray, policy_dt: float) -> FloatArray:
-    """The phase that the latest observation shows, shape (..., k), rad; NaN while the robot stands.
+    """Return the phase that the latest observation shows, shape (..., k), rad; NaN while the robot stands.
 
     Args:
         rule: of the policy.

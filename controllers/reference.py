@@ -92,11 +92,11 @@ class MotionReference:
         return cls(sum(lengths), terms, lengths)
 
     def first(self, frame: Frame) -> Frame:
-        """The first frame of the motion that a frame belongs to."""
+        """Return the first frame of the motion that a frame belongs to."""
         return self._bound(0, frame)
 
     def last(self, frame: Frame) -> Frame:
-        """The last frame of the motion that a frame belongs to."""
+        """Return the last frame of the motion that a frame belongs to."""
         return self._bound(1, frame)
 
     def _bound(self, which: int, frame: Frame) -> Frame:
@@ -104,13 +104,13 @@ class MotionReference:
         return int(bound) if isinstance(frame, int) else bound
 
     def following(self, frame: Frame) -> Frame:
-        """The next frame of the same motion, or its last one again."""
+        """Return the next frame of the same motion, or its last one again."""
         if isinstance(frame, int):
             return min(frame + 1, int(self.last(frame)))
         return np.minimum(frame + 1, self.last(frame))
 
     def clamp(self, frame: Frame) -> Frame:
-        """The frame itself, or the last one from the end of the motion on: there it is held."""
+        """Return the frame itself, or the last one from the end of the motion on: there it is held."""
         if isinstance(frame, int):
             return min(frame, self.frame_count - 1)
         return np.minimum(frame, self.frame_count - 1)
@@ -129,7 +129,7 @@ class MotionReference:
         return np.where(length > 0, done / np.maximum(length, 1), 1.0)
 
     def anchor(self, frame: Frame, alignment: Alignment | None) -> tuple[FloatArray, FloatArray]:
-        """Where the anchor body should be: position (..., 3), m, and quaternion (..., 4), world frame."""
+        """Return where the anchor body should be: position (..., 3), m, and quaternion (..., 4), world frame."""
         position = self.term("anchor_pos", frame).astype(np.float64)
         quaternion = self.term("anchor_quat", frame).astype(np.float64)
         if alignment is None:
@@ -145,7 +145,7 @@ class MotionReference:
 
 
 def no_reference() -> MotionReference:
-    """The reference of a policy that follows none."""
+    """Return the reference of a policy that follows none."""
     return MotionReference(1, {})
 
 

@@ -76,7 +76,7 @@ class RemotePolicyController:
         return RemoteMemory(activation_time=float(time), time=float(time), ignored_stamp=seen)
 
     def update(self, memory: RemoteMemory, tick_input: TickInput) -> tuple[RemoteMemory, MITCommand] | Fault:
-        """The command in force, or the damped hold in its place."""
+        """Return the command in force, or the damped hold in its place."""
         state = tick_input.state
         if not np.isfinite(state.time).all():
             return Fault(f"time is {state.time}, expected a finite number")

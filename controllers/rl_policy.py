@@ -27,7 +27,7 @@ _RATE_TOLERANCE = 1e-6
 
 
 def ticks_per_step(policy_dt: float, control_period: float) -> tuple[int, bool]:
-    """How many control periods are nearest to a policy's period, both in s; and whether they make it up."""
+    """Return how many control periods are nearest to a policy's period, both in s; and whether they make it up."""
     ratio = policy_dt / control_period
     ticks = max(round(ratio), 1)
     return ticks, abs(ratio - ticks) <= _RATE_TOLERANCE * ratio
@@ -99,14 +99,14 @@ class RLPolicyController:
         return ""
 
     def activate(self, tick_input: TickInput) -> RLPolicyMemory | Fault:
-        """A fresh memory, and an inference due at once."""
+        """Return a fresh memory, and an inference due at once."""
         problem = joints_problem(tick_input.state, self.joints)
         if problem:
             return Fault(problem)
         return RLPolicyMemory(policy=self.wiring.activate(tick_input.state), held_ticks=self.decimation)
 
     def update(self, memory: RLPolicyMemory, tick_input: TickInput) -> tuple[RLPolicyMemory, MITCommand] | Fault:
-        """The command of a new inference when one is due, else the last one."""
+        """Return the command of a new inference when one is due, else the last one."""
         problem = joints_problem(tick_input.state, self.joints)
         if problem:
             return Fault(problem)
@@ -125,7 +125,7 @@ class RLPolicyController:
 
 
 def infer(wiring: PolicyWiring, policy: Policy, observation: Float32Array, frame: int) -> PolicyStep | Fault:
-    """The raw action of one robot's observation, shape (N,); whatever is wrong with either is a fault."""
+    """Return the raw action of one robot's observation, shape (N,); whatever is wrong with either is a fault."""
     observation.setflags(write=False)
     problem = wiring.observation_problem(observation)
     if problem:

@@ -12,13 +12,13 @@ from humanoid_sim.mit import FloatArray
 
 
 def conjugate(quaternion: FloatArray) -> FloatArray:
-    """The inverse rotation of a unit quaternion."""
+    """Return the inverse rotation of a unit quaternion."""
     inverse: FloatArray = quaternion * np.array([1.0, -1.0, -1.0, -1.0])
     return inverse
 
 
 def continuous(quaternion: FloatArray) -> FloatArray:
-    """The same rotations, (F, ..., 4), with each quaternion on its predecessor's side: q and -q are one rotation.
+    """Give the same rotations, (F, ..., 4), with each quaternion on its predecessor's side: q and -q are one rotation.
 
     The first frame keeps its sign.
     """
@@ -73,13 +73,13 @@ def seen_from(
 
 
 def gravity_direction(quaternion: FloatArray) -> FloatArray:
-    """The direction of gravity in the body frame, (0, 0, -1) when upright."""
+    """Return the direction of gravity in the body frame, (0, 0, -1) when upright."""
     w, x, y, z = (quaternion[..., i] for i in range(4))
     return np.stack([2.0 * (w * y - x * z), -2.0 * (w * x + y * z), 2.0 * (x * x + y * y) - 1.0], axis=-1)
 
 
 def matrix(quaternion: FloatArray) -> FloatArray:
-    """The rotation matrix, shape (..., 3, 3); its columns are the body's axes in the world frame."""
+    """Return the rotation matrix, shape (..., 3, 3); its columns are the body's axes in the world frame."""
     w, x, y, z = (quaternion[..., i] for i in range(4))
     rows = [
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
@@ -97,14 +97,14 @@ def heading(quaternion: FloatArray) -> FloatArray:
 
 
 def yaw_quaternion(quaternion: FloatArray) -> FloatArray:
-    """The heading alone: the rotation about the vertical that is closest to `quaternion`."""
+    """Return the heading alone: the rotation about the vertical that is closest to `quaternion`."""
     half = 0.5 * heading(quaternion)
     zero = np.zeros_like(half)
     return np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
 
 
 def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
-    """Unit quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3).
+    """Return unit quaternions (..., 4), w ≥ 0, of rotation matrices (..., 3, 3).
 
     4 q qᵀ is linear in the matrix; its row with the largest diagonal element, normalised, is ±q without cancellation
     (Shepperd 1978, "Quaternion from rotation matrix").

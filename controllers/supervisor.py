@@ -37,7 +37,7 @@ _START_REASONS = (STARTED, NOT_DRIVEN)
 
 
 def start_reason(status_message: str) -> str:
-    """Why the control stack was at its start, from the status message that was recorded of its first tick.
+    """Return why the control stack was at its start, from the status message that was recorded of its first tick.
 
     A message that says something else hides the reason, which then has no effect on any tick.
     """
@@ -137,7 +137,7 @@ class Supervisor:
             chain.append(fallback)
 
     def initial(self, reason: str = STARTED) -> SupervisorMemory:
-        """The start: ZERO_TORQUE; `reason` is what an operator is told of it."""
+        """Return the start: ZERO_TORQUE; `reason` is what an operator is told of it."""
         return SupervisorMemory(ZERO_TORQUE, None, reason)
 
     def step(self, memory: SupervisorMemory, tick_input: TickInput) -> tuple[SupervisorMemory, TickOutput]:
@@ -242,7 +242,7 @@ class Supervisor:
 
 
 def _checked(update: Any) -> _Result:
-    """What a controller's `update` gave, if it is what it must be: anything else is a bug, and raises."""
+    """Return what a controller's `update` gave, if it is what it must be: anything else is a bug, and raises."""
     memory, command = update
     if memory is None or isinstance(memory, Fault):
         raise TypeError(f"update gave {type(memory).__name__} for a memory")
@@ -253,7 +253,7 @@ def _checked(update: Any) -> _Result:
 
 
 def _has_finished(controller_memory: Any) -> bool:
-    """Whether the standby controller has arrived; a memory that cannot be asked has not."""
+    """Return whether the standby controller has arrived; a memory that cannot be asked has not."""
     try:
         return bool(controller_memory.standby.is_finished)
     except Exception:  # not a standby memory, or one whose properties raise: either way START is refused
@@ -261,7 +261,7 @@ def _has_finished(controller_memory: Any) -> bool:
 
 
 def _readable(fault: Fault) -> Fault:
-    """The fault with a message that can be printed and recorded, whatever a foreign controller put there."""
+    """Return the fault with a message that can be printed and recorded, whatever a foreign controller put there."""
     message = _printable(fault.message)
     error = None if fault.policy_error is None else _printable(fault.policy_error)
     return Fault(message, fault.policy_step, error)

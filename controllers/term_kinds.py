@@ -74,11 +74,11 @@ class TermKind:
     """Joint of each value, where each has one."""
 
     def is_relative(self, term: Term) -> bool:
-        """Whether the positions of such a term are less the default pose."""
+        """Return whether the positions of such a term are less the default pose."""
         return self.relative if term.relative is None else term.relative
 
     def input(self, term: Term) -> str:
-        """The field of `MITState`, or the live input, that such a term is made of; empty as in `reads`."""
+        """Return the field of `MITState`, or the live input, that such a term is made of; empty as in `reads`."""
         return point_velocity(term.at) if "at" in self.conventions else self.reads
 
     def source(self, request: Request) -> tuple[int, Source]:
@@ -112,7 +112,7 @@ _COMMAND = "command"
 
 
 def term_kind(name: str, command_names: tuple[str, ...] = ()) -> TermKind:
-    """The kind of a term by a name of it or of the kind; any other name is that of a live input.
+    """Return the kind of a term by a name of it or of the kind; any other name is that of a live input.
 
     Args:
         name: as an exporter or a contract has it.

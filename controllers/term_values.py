@@ -69,7 +69,7 @@ class Request:
     """Name and width of the live inputs that exist."""
 
     def missing(self, what: str) -> FieldError:
-        """The refusal of a term whose source does not exist."""
+        """Return the refusal of a term whose source does not exist."""
         return FieldError(f"observation term '{self.term.name}' needs {what}, and there is none")
 
 
@@ -106,7 +106,7 @@ def joint_position(request: Request) -> tuple[int, Source]:
 
 
 def joint_position_bounds(request: Request, limits: Limits) -> tuple[FloatArray, FloatArray]:
-    """A little beyond the robot's stops."""
+    """Return a little beyond the robot's stops."""
     order = _joint_order(request)
     low, high = limits.lower[order] - _BEYOND_STOP, limits.upper[order] + _BEYOND_STOP
     zero = _default_pose(request) if request.kind.is_relative(request.term) else 0.0
@@ -123,7 +123,7 @@ def joint_velocity(request: Request) -> tuple[int, Source]:
 
 
 def joint_names(term: Term, contract: PolicyContract) -> tuple[str, ...]:
-    """Of the joints that a term shows, in its order."""
+    """Return the names of the joints that a term shows, in its order."""
     return contract.joint_names if term.joints is None else term.joints
 
 
@@ -151,7 +151,7 @@ def last_action(request: Request) -> tuple[int, Source]:
 
 
 def action_bounds(request: Request, limits: Limits) -> tuple[npt.ArrayLike, npt.ArrayLike]:
-    """The limit of a raw action, or the contract's clip."""
+    """Return the limit of a raw action, or the contract's clip."""
     magnitude: npt.ArrayLike = min(limits.action, request.contract.action_clip)
     if request.term.form == "scaled":
         magnitude = magnitude * np.abs(request.contract.action_scale)
@@ -201,7 +201,7 @@ def linear_velocity(request: Request) -> tuple[int, Source]:
 
 
 def live(request: Request) -> tuple[int, Source]:
-    """A live input as it is, zero when it is missing or too old."""
+    """Return a live input as it is, zero when it is missing or too old."""
     name = request.kind.name
     width = request.extern[name]
     zeros = np.zeros(width)
@@ -215,7 +215,7 @@ def live(request: Request) -> tuple[int, Source]:
 
 
 def declared(request: Request) -> tuple[int, Source]:
-    """A live input of the width that its term declares; not a number where it is missing or too old."""
+    """Return a live input of the width that its term declares; not a number where it is missing or too old."""
     width = request.extern[request.kind.name]
     if width != request.term.width:
         raise FieldError(f"observation term '{request.term.name}': width is {request.term.width}, expected {width}")
@@ -223,7 +223,7 @@ def declared(request: Request) -> tuple[int, Source]:
 
 
 def heard(request: Request) -> tuple[int, Source]:
-    """A live input as it is; not a number where it is missing or too old."""
+    """Return a live input as it is; not a number where it is missing or too old."""
     name, width = request.kind.name, request.extern[request.kind.name]
     return width, lambda context: _nan_when_stale(context.state, name, width)
 
@@ -244,7 +244,7 @@ def height_scan_bounds(request: Request, _: Limits) -> tuple[float, float]:
 
 
 def live_command(state: MITState, contract: PolicyContract) -> FloatArray:
-    """The velocity command within the contract's ranges, shape (3,): zero if there is none, or it is too old."""
+    """Return the velocity command within the contract's ranges, shape (3,): zero if there is none, or it is too old."""
     heard = _live_input(state, VELOCITY_COMMAND, 3)
     command = np.zeros(3) if heard is None else heard.at(state.time)
     ranges = contract.command_ranges
@@ -252,7 +252,7 @@ def live_command(state: MITState, contract: PolicyContract) -> FloatArray:
 
 
 def velocity_command(part: slice) -> Resolve:
-    """Some of vx, vy in m/s and the yaw rate in rad/s."""
+    """Return some of vx, vy in m/s and the yaw rate in rad/s."""
 
     def resolve(request: Request) -> tuple[int, Source]:
         contract = request.contract
@@ -279,7 +279,7 @@ def phase(*functions: Callable[[FloatArray], FloatArray]) -> Resolve:
 
 
 def _live_input(state: MITState, name: str, width: int) -> Extern | None:
-    """The live input, its shape checked: assigned unchecked, one value would fill every slot."""
+    """Return the live input, its shape checked: assigned unchecked, one value would fill every slot."""
     heard = state.extern.get(name)
     if heard is not None and heard.value.shape not in ((width,), (*state.joint_position.shape[:-1], width)):
         raise FieldError(f"MITState.extern['{name}']: has shape {heard.value.shape}, expected ({width},)")
@@ -287,7 +287,7 @@ def _live_input(state: MITState, name: str, width: int) -> Extern | None:
 
 
 def _nan_when_stale(state: MITState, name: str, width: int) -> FloatArray:
-    """An estimate that is missing or too old: not a number, so that the policy stops instead of believing zeros."""
+    """Get an estimate that is missing or too old: not a number, so that the policy stops instead of believing zeros."""
     heard = _live_input(state, name, width)
     if heard is None:
         return np.full(width, np.nan)
@@ -313,7 +313,7 @@ def motion_command(request: Request) -> tuple[int, Source]:
 
 
 def motion_command_bounds(request: Request, _: Limits) -> tuple[float, float]:
-    """What the motion holds, and the default pose."""
+    """Return what the motion holds, and the default pose."""
     tables = [request.reference.terms[name] for name in ("reference_joint_pos", "reference_joint_vel")]
     largest = max(float(np.abs(table).max()) for table in tables)
     magnitude = largest + float(np.abs(request.contract.default_joint_pos).max())
@@ -357,7 +357,7 @@ def anchor_orientation(request: Request) -> tuple[int, Source]:
 
 
 def referenced(request: Request) -> tuple[int, Source]:
-    """The table of the reference that has the kind's name, as it stands."""
+    """Return the table of the reference that has the kind's name, as it stands."""
     name = request.kind.name
     if name not in request.reference.terms:
         raise request.missing(f"a {request.kind.task} motion")
@@ -365,7 +365,7 @@ def referenced(request: Request) -> tuple[int, Source]:
 
 
 def referenced_bounds(request: Request, _: Limits) -> tuple[float, float]:
-    """What the table holds, and at least 1."""
+    """Return what the table holds, and at least 1."""
     magnitude = max(1.0, float(np.abs(request.reference.terms[request.kind.name]).max()))
     return -magnitude, magnitude
 

@@ -275,7 +275,7 @@ class Term:
         return vector[..., ["xyz".index(axis[-1]) for axis in axes]] * signs
 
     def others(self, convention: str) -> tuple[str, ...]:
-        """What an option with a choice of words could be instead."""
+        """Return what an option with a choice of words could be instead."""
         if convention == "axes":
             return tuple(axes for axes in (UPRIGHT, *_TURNS) if axes != self.axes)
         if convention == "at":

@@ -38,7 +38,7 @@ class CopyableEnv:
 
     @property
     def spec(self) -> EnvSpec | None:
-        """What Gymnasium made it from, with the length of its episodes; None if it was built directly."""
+        """Return what Gymnasium made it from, with the length of its episodes; None if it was built directly."""
         return self._given_spec
 
     @spec.setter

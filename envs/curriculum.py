@@ -32,7 +32,7 @@ class Amounts:
 
 
 def amounts_at(curriculum: Curriculum | None, progress: float) -> Amounts:
-    """What counts in episodes that begin at this progress.
+    """Return what counts in episodes that begin at this progress.
 
     Raises:
         InputError: the curriculum names what there is not, or an amount is not a number in [0, 1].
@@ -53,7 +53,7 @@ def amounts_at(curriculum: Curriculum | None, progress: float) -> Amounts:
 
 
 def scheduled(points: Mapping[str, Any]) -> Curriculum:
-    """A curriculum of points: amounts that change evenly from one progress to the next, and hold before and after.
+    """Give a curriculum of points: amounts that change evenly from one progress to the next, and hold before and after.
 
     Args:
         points: for each name one amount, or pairs of a progress and an amount, such as `[[0.5, 0.0], [1.0, 1.0]]`.
@@ -71,7 +71,7 @@ def scheduled(points: Mapping[str, Any]) -> Curriculum:
 
 
 def _line(name: str, value: Any) -> tuple[list[float], list[float]]:
-    """The progress of each point, ascending, and its amount."""
+    """Return the progress of each point, ascending, and its amount."""
     pairs = [[0.0, value]] if _is_share(value) else value
     if not (
         isinstance(pairs, list)
@@ -92,7 +92,7 @@ def _is_share(value: Any) -> bool:
 
 
 def checked_progress(progress: float) -> float:
-    """The progress of training as a number.
+    """Return the progress of training as a number.
 
     Raises:
         InputError: it is not in [0, 1].

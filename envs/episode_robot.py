@@ -48,7 +48,7 @@ class PlantState:
 
     @classmethod
     def of(cls, robot: MujocoRobot) -> PlantState:
-        """A copy of a simulated robot's."""
+        """Return a copy of a simulated robot's."""
         data, (state, _) = robot.data, robot.read()
         return cls(
             data.qpos.copy(),
@@ -98,7 +98,7 @@ class EpisodeRobot(MujocoRobot):
         return StartPose(level, self.description, self._plant.addresses)
 
     def started(self, start: Start) -> PlantState:
-        """Where a task's start says, on its feet or on its stand."""
+        """Return where a task's start says, on its feet or on its stand."""
         return PlantState(*self._start_pose.arrays(**start.pose))
 
     def place(self, start: PlantState) -> None:
@@ -123,7 +123,7 @@ class EpisodeRobot(MujocoRobot):
         self._body_line.restart(self._step, self._body_sample())
 
     def snapshot(self) -> dict[str, Any]:
-        """A copy of all that later steps and reports depend on, for `restore` of a robot that was built alike."""
+        """Give a copy of all that later steps and reports depend on, for `restore` of a robot that was built alike."""
         kept = {name: copy.deepcopy(getattr(self, name)) for name in _KEPT}
         return kept | {"_plant": self._plant.snapshot()}
 
@@ -139,11 +139,11 @@ class EpisodeRobot(MujocoRobot):
         self.write(command)
 
     def state(self) -> MITState:
-        """What is seen now, late as it may be."""
+        """Return what is seen now, late as it may be."""
         return self.read()[0]
 
     def truth(self) -> MITState:
-        """What would be seen if neither delays nor sampling stood between."""
+        """Return what would be seen if neither delays nor sampling stood between."""
         if self._is_punctual:
             return self.state()
         position, velocity, effort = self._joint_sample()
@@ -172,7 +172,7 @@ class EpisodeRobot(MujocoRobot):
 
     @property
     def fault(self) -> str:
-        """What is wrong with the simulation, which then stands still; empty while it is sound."""
+        """Return what is wrong with the simulation, which then stands still; empty while it is sound."""
         return self._fault
 
     def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
@@ -191,7 +191,7 @@ class EpisodeRobot(MujocoRobot):
 
 
 def recorded_start(path: str | Path, description: RobotDescription) -> tuple[PlantState, MITState]:
-    """The plant and the robot's report in the tick in which LOCOMOTION began, bit for bit.
+    """Return the plant and the robot's report in the tick in which LOCOMOTION began, bit for bit.
 
     Args:
         path: a recording of `play` in simulation.

@@ -49,7 +49,7 @@ class EvaluatedEnv(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.Record
 
 
 def hub_entry(name: str, task: str = "", **options: Any) -> MakeEnv:
-    """The `make_env` that LeRobot calls.
+    """Return the `make_env` that LeRobot calls.
 
     Args:
         name: of a policy's environment, such as `humanoid_sim/LiteTracking-v0`: the name of the suite as well.

@@ -195,7 +195,7 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
         return observation, reward, output.quit, self._steps >= self.max_episode_steps, info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """The picture, shape (height, width, 3), in the mode `rgb_array`; the window of `human` shows itself."""
+        """Return the picture, shape (height, width, 3), in the mode `rgb_array`; the window of `human` shows itself."""
         return self._pictures.draw(self.robot.qpos) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
@@ -222,13 +222,13 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
         return replace(state, extern={**state.extern, VELOCITY_COMMAND: Extern(self._velocity, 0.0)}), safety
 
     def _observe(self, state: MITState, output: TickOutput | None, safety: tuple[SafetyStatus, ...]) -> dict[str, Any]:
-        """What is shown: of a simulation that is no longer sound the last state in which it was."""
+        """Return what is shown: of a simulation that is no longer sound the last state in which it was."""
         if all(status.is_ok for status in safety):
             self._sound = state
         return modes_observation(self._sound, output, safety)
 
     def _take(self, action: Any) -> tuple[Intent | None, tuple[str, ...]]:
-        """The intent of an action, and why its remote command, which goes where those of others do, is refused."""
+        """Give the intent of an action, and why its remote command, which goes where those of others do, is refused."""
         if self.is_remote and not (isinstance(action, Mapping) and {"intent", "send"} <= action.keys()):
             raise InputError(f"action: is {action!r}, expected a mapping with intent, send and command")
         number = action["intent"] if self.is_remote else action
@@ -242,7 +242,7 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
         return INTENTS[int(number)], ()
 
     def _remote_command(self, fields: Any) -> MITCommand:
-        """The command whose fields are the rows of an array.
+        """Return the command whose fields are the rows of an array.
 
         Raises:
             FieldError: there are not as many numbers as the space has.
@@ -267,7 +267,7 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
 def _live_inputs(
     robot: str, contract: PolicyContract | None, live: Mapping[str, LiveInput] | None
 ) -> LiveInputs | None:
-    """What feeds the policy's live inputs; None without a policy."""
+    """Return what feeds the policy's live inputs; None without a policy."""
     if contract is None:
         if live:
             raise InputError(f"live['{next(iter(live))}']: is given, but there is no policy that observes it")

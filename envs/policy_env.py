@@ -194,7 +194,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
 
     @property
     def progress(self) -> float:
-        """How far training has come, in [0, 1], which whoever trains sets: the curriculum of the next episodes."""
+        """Say how far training has come, in [0, 1], which whoever trains sets: the curriculum of the next episodes."""
         return self._progress
 
     @progress.setter
@@ -289,7 +289,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         return observation, float(judgement.reward), bool(judgement.terminated), bool(judgement.truncated), info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """The picture, shape (height, width, 3), in the mode `rgb_array`; the window of `human` shows itself."""
+        """Return the picture, shape (height, width, 3), in the mode `rgb_array`; the window of `human` shows itself."""
         return self._pictures.draw(self.robot.qpos) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:

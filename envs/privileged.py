@@ -72,7 +72,7 @@ class Privileged:
         """In their order."""
 
     def space(self, sample: StepSample) -> gymnasium.spaces.Box:
-        """Of one robot's array, told from a sample of one or many."""
+        """Return the space of one robot's array, by a sample of one or many."""
         width = self(sample).shape[-1]
         return gymnasium.spaces.Box(-np.inf, np.inf, (width,), dtype=np.float32)
 

@@ -63,7 +63,7 @@ class RandomisedRobot:
 
     @property
     def is_closed(self) -> bool:
-        """Whether `close` was called."""
+        """Return whether `close` was called."""
         return self.batch.is_closed
 
     @property
@@ -128,7 +128,7 @@ class RandomisedRobot:
         self._show()
 
     def state(self) -> MITState:
-        """What is reported now: late, biased and noisy as the randomisation says."""
+        """Return what is reported now: late, biased and noisy as the randomisation says."""
         return _alone(self.batch.state())
 
     def truth(self) -> MITState:
@@ -158,7 +158,7 @@ class RandomisedRobot:
 
 
 def _alone(state: MITState) -> MITState:
-    """The only row of a batch of one."""
+    """Return the only row of a batch of one."""
     rows = {field.name: np.asarray(getattr(state, field.name))[0] for field in fields(state) if field.name != "extern"}
     live = {name: Extern(value.value[0], value.arrival_time) for name, value in state.extern.items()}
     return MITState(**rows | {"time": float(rows["time"])}, extern=live)

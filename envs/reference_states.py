@@ -58,7 +58,7 @@ class ReferenceStates:
 def reference_joints(
     description: RobotDescription, contract: PolicyContract, reference: MotionReference, count: int | None = None
 ) -> FloatArray | None:
-    """The motion's joints in its first `count` frames; of one that has bodies only, those that bring them there.
+    """Return the motion's joints in its first `count` frames; of one that has bodies only, those that bring them there.
 
     Args:
         description: the robot.
@@ -87,7 +87,7 @@ def reference_joints(
 def reference_states(
     description: RobotDescription, contract: PolicyContract, reference: MotionReference
 ) -> ReferenceStates | None:
-    """The states of all frames, with the velocities from frame to frame; None where the motion tells no pose.
+    """Return the states of all frames, with the velocities from frame to frame; None where the motion tells no pose.
 
     Where a motion has the robot below its floor, the base is lifted onto it.
 

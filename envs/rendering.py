@@ -31,7 +31,7 @@ def check_render_mode(mode: str | None) -> None:
 
 
 def available_render_modes() -> list[str]:
-    """The render modes that this machine can show: without a display no window opens."""
+    """Return the render modes that this machine can show: without a display no window opens."""
     return [mode for mode in RENDER_MODES if mode != "human" or has_display()]
 
 

@@ -40,7 +40,7 @@ def _is_seed(value: Any) -> bool:
 
 
 def autoreset(mode: AutoresetMode | str) -> AutoresetMode:
-    """The autoreset mode of that name.
+    """Return the autoreset mode of that name.
 
     Raises:
         InputError: there is none.
@@ -65,7 +65,7 @@ def require_same_step(envs: VectorEnv[Any, Any, Any], library: str) -> None:
 
 
 def count_option(name: str, value: Any) -> int:
-    """A number of environments or steps.
+    """Return a number of environments or steps.
 
     Raises:
         InputError: it is none.
@@ -76,7 +76,7 @@ def count_option(name: str, value: Any) -> int:
 
 
 def reset_mask(mask: Any, count: int) -> npt.NDArray[np.bool_]:
-    """The environments to reset, shape (count,); all where no mask is given.
+    """Return the environments to reset, shape (count,); all where no mask is given.
 
     Raises:
         InputError: it is no such array, or chooses none.
@@ -91,7 +91,7 @@ def reset_mask(mask: Any, count: int) -> npt.NDArray[np.bool_]:
 
 
 def reset_command(options: dict[str, Any], count: int) -> FloatArray | None:
-    """The velocity commands, shape (count, 3), of the options that remain; None: the task's.
+    """Return the velocity commands, shape (count, 3), of the options that remain; None: the task's.
 
     Raises:
         InputError: it is not three finite numbers or that many per environment, or there is another option.
@@ -162,7 +162,7 @@ class StartNumbers:
                 self._generator(i)
 
     def take(self, indices: IndexArray) -> FloatArray:
-        """The numbers of the next start of each of these environments, shape (k, width)."""
+        """Return the numbers of the next start of each of these environments, shape (k, width)."""
         for i in indices[self._next[indices] == _EPISODES].tolist():
             self._blocks[i] = self._generator(i).random(self._blocks.shape[1:])
             self._next[i] = 0

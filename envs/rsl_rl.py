@@ -61,7 +61,7 @@ class RslRlVecEnv(VecEnv):
         self._whole.episode_steps = steps.cpu().numpy()
 
     def get_observations(self) -> TensorDict:
-        """The latest, shape (N, …) each."""
+        """Return the latest, shape (N, …) each."""
         return self._observations
 
     def step(self, actions: torch.Tensor) -> tuple[TensorDict, torch.Tensor, torch.Tensor, dict[str, Any]]:
@@ -93,7 +93,7 @@ class RslRlVecEnv(VecEnv):
 
 
 def _means(info: dict[str, Any]) -> dict[str, float]:
-    """Of each reward term, over the environments that had one in this step."""
+    """Return each reward term's mean over the environments that had one in this step."""
     means: dict[str, float] = {}
     for entries in (info, info.get("final_info", {})):
         for name, values in entries.get("terms", {}).items():

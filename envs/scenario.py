@@ -78,12 +78,12 @@ class Scenario:
 
     @property
     def terrain(self) -> Terrain | None:
-        """What the robot walks on; None for a level floor."""
+        """Return what the robot walks on; None for a level floor."""
         return self.starts.terrain
 
     @property
     def contract(self) -> PolicyContract:
-        """Of the policy."""
+        """Return the policy's contract."""
         return self.wiring.contract
 
     @property
@@ -94,7 +94,7 @@ class Scenario:
 
     @property
     def velocity_points(self) -> tuple[str, ...]:
-        """Where the velocity of a floating base's robot is told: for the policy, and for the task."""
+        """Return where the velocity of a floating base's robot is told: for the policy, and for the task."""
         return tuple(dict.fromkeys((*self.contract.velocity_points, *self.task.bodies)))
 
 
@@ -194,7 +194,7 @@ def make_scenario(
 def _states(
     description: RobotDescription, contract: PolicyContract, reference: MotionReference, share: float
 ) -> ReferenceStates | None:
-    """Where episodes begin in a motion's middle, if any do."""
+    """Return where episodes begin in a motion's middle, if any do."""
     if not (isinstance(share, int | float) and 0.0 <= share <= 1.0):
         raise InputError(f"reference_start: is {share!r}, expected a number from 0 to 1")
     states = reference_states(description, contract, reference) if share else None
@@ -250,7 +250,7 @@ def read_policy(
     joints: tuple[str, ...],
     motion_source: str = "motion",
 ) -> LoadedPolicy:
-    """A policy with the motion that it follows, checked against each other.
+    """Return a policy with the motion that it follows, checked against each other.
 
     Args:
         source: a checkpoint, a contract, or the name or path of a checkpoint or a contract file. Where there is no
@@ -277,7 +277,7 @@ def read_policy(
 
 
 def checkpoint_of(source: Named | PolicyContract, joints: tuple[str, ...]) -> Checkpoint:
-    """A checkpoint, or a contract with a policy that answers zeros; arguments and errors as of `read_policy`."""
+    """Return a checkpoint, or a contract with a policy that answers zeros; arguments and errors as of `read_policy`."""
     if isinstance(source, PolicyContract):
         return Checkpoint(source, zero_policy(source.action_count), "contract")
     path = _policy_file(source)
@@ -296,7 +296,7 @@ def _read_motion(name: str) -> Motion:
 
 
 def _policy_file(name: Named) -> Path:
-    """The file of a checkpoint (.onnx) or a contract (.yaml)."""
+    """Return the file of a checkpoint (.onnx) or a contract (.yaml)."""
     path = policy_path(name, "policy", contracts=True)
     if path.suffix not in (".onnx", *_CONTRACTS):
         raise InputError(f"policy: is '{name}', expected a checkpoint (.onnx) or a contract (.yaml)")
@@ -330,7 +330,7 @@ class EpisodeStarts:
         return (len(self.reference.lengths) > 1) + 2 * (self.reference_start > 0.0)
 
     def __call__(self, numbers: FloatArray, amounts: Amounts) -> Start:
-        """The start that uniform random numbers in [0, 1), shape (..., draws), stand for.
+        """Return the start that uniform random numbers in [0, 1), shape (..., draws), stand for.
 
         `amounts` are of the commands and of the ground that a curriculum allows.
         """
@@ -342,7 +342,7 @@ class EpisodeStarts:
         return replace(start, base_offset=self.terrain.spawn(numbers[..., moving:], amounts.terrain))
 
     def _in_motion(self, numbers: FloatArray, of_motion: FloatArray) -> Start:
-        """The task's own start, or one in the state of the reference."""
+        """Return the task's own start, or one in the state of the reference."""
         if not self._motion_draws:
             return self.task.start(numbers)
         lengths = np.array(self.reference.lengths or (self.reference.frame_count,))

@@ -78,7 +78,7 @@ def observation_space(wiring: PolicyWiring, description: RobotDescription) -> Bo
 
 
 def outlier(wiring: PolicyWiring, observation: npt.NDArray[np.float32], inside: npt.NDArray[np.bool_]) -> str:
-    """What lies beyond the bounds in one observation, shape (N,); `inside` says which values do not."""
+    """Return what lies beyond the bounds in one observation, shape (N,); `inside` says which values do not."""
     i = int(np.argmin(inside))
     return f"observation {wiring.layout.locate(i)} is {observation[i]}, beyond any robot's"
 
@@ -134,7 +134,7 @@ def modes_observation_space(description: RobotDescription) -> Dict:
 
 
 def modes_observation(state: MITState, output: TickOutput | None, safety: tuple[SafetyStatus, ...]) -> dict[str, Any]:
-    """What the stack shows.
+    """Return what the stack shows.
 
     Args:
         state: the robot's report: fields of `MITState`, shape (n,), (4,) or (3,), in their units.

@@ -79,12 +79,12 @@ class StableBaselinesVecEnv(VecEnv):
         self.envs.close()
 
     def get_images(self) -> Sequence[npt.NDArray[np.uint8] | None]:
-        """A picture of each environment."""
+        """Return a picture of each environment."""
         pictures: Any = self.envs.render()
         return [None] * self.num_envs if pictures is None else list(pictures)
 
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
-        """An attribute of the vector environment or of a wrapper around it, once for each of these environments.
+        """Return an attribute of the vector environment or of a wrapper around it, once for each of these environments.
 
         Raises:
             AttributeError: neither has one of that name.
@@ -110,7 +110,7 @@ class StableBaselinesVecEnv(VecEnv):
         return [result] * len(self._chosen(indices))
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Indices = None) -> list[bool]:
-        """Whether a wrapper of single environments is around them: there is none around a native vector."""
+        """Return whether a wrapper of single environments is around them: there is none around a native vector."""
         return [False] * len(self._chosen(indices))
 
     def _chosen(self, indices: Indices) -> list[int]:

@@ -178,7 +178,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
 
     @property
     def progress(self) -> float:
-        """How far training has come, in [0, 1], which whoever trains sets: the curriculum of the next episodes."""
+        """Say how far training has come, in [0, 1], which whoever trains sets: the curriculum of the next episodes."""
         return self._progress
 
     @progress.setter
@@ -361,7 +361,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         self._loop = None if loop is None else ClosedLoop.resumed(self.simulation, scenario.wiring, loop, scenario.live)
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
-        """A picture of each environment, shape (height, width, 3); None unless the mode is `rgb_array`."""
+        """Return a picture of each environment, shape (height, width, 3); None unless the mode is `rgb_array`."""
         if self.render_mode is None:
             return None
         return tuple(self._pictures.draw(qpos) for qpos in self.simulation.qpos)
@@ -415,7 +415,7 @@ class _VectorInfo:
             self.entries[key], self.entries[f"_{key}"] = values, mask
 
     def with_final(self, over: BoolArray, observation: Array) -> _VectorInfo:
-        """The info of a step that starts the next episodes of some environments.
+        """Return the info of a step that starts the next episodes of some environments.
 
         Args:
             over: shape (N,), whose entries here belong to the episodes that have ended.
@@ -439,7 +439,7 @@ class _VectorInfo:
 
 
 def _part(entries: Mapping[str, Any], kept: BoolArray) -> dict[str, Any]:
-    """The entries of some of the environments."""
+    """Return the entries of some of the environments."""
     part: dict[str, Any] = {}
     for key, value in entries.items():
         mask = entries.get(f"_{key}")

@@ -39,7 +39,7 @@ class Options:
 
 
 def command(robot: RobotDescription, position: FloatArray, torque: FloatArray, form: str, damping: float) -> MITCommand:
-    """What holds a position, shape (n,), rad, against gravity's torque, shape (n,), N·m."""
+    """Return what holds a position, shape (n,), rad, against gravity's torque, shape (n,), N·m."""
     zeros = np.zeros_like(position)
     if form == "effort":
         return MITCommand(position, zeros, torque, zeros, np.full_like(position, damping))

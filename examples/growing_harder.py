@@ -59,7 +59,7 @@ class Progress(BaseCallback):
 
 
 def make_envs(count: int, terrain: str) -> Any:
-    """The legs, many times."""
+    """Return the legs, many times."""
     return gymnasium.make_vec(
         "humanoid_sim/BipedVelocity-v0",
         num_envs=count,

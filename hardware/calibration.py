@@ -53,7 +53,7 @@ class Calibration:
     """What in the file disagrees with the robot description, one line each."""
 
     def homing_offsets(self, description: RobotDescription) -> dict[str, float]:
-        """The offset of every joint of the robot, in its order: rad, motor frame.
+        """Return the offset of every joint of the robot, in its order: rad, motor frame.
 
         Raises:
             InputError: joints are not calibrated.
@@ -103,7 +103,7 @@ def _entry(where: str, value: Any) -> CalibrationEntry:
 
 
 def _shown(value: object) -> str:
-    """A value for a message of one line, whatever a file may hold."""
+    """Return a value for a message of one line, whatever a file may hold."""
     if isinstance(value, dict | list):
         return "a mapping" if isinstance(value, dict) else "a list"
     if isinstance(value, int) and value.bit_length() > 64:  # Python refuses to write out the longest
@@ -202,7 +202,7 @@ class Sweep:
         return 0.0 if math.isnan(self.lowest) else self.highest - self.lowest
 
     def with_angle(self, angle: float) -> Sweep:
-        """The sweep with another angle in it, rad; one that is not finite changes nothing."""
+        """Return the sweep with another angle in it, rad; one that is not finite changes nothing."""
         if not math.isfinite(angle):
             return self
         if math.isnan(self.lowest):
@@ -224,7 +224,7 @@ class SweepResult:
 def evaluate(
     joint: JointDescription, direction: int, sweep: Sweep, *, threshold: float, tolerance: float, any_offset: bool
 ) -> SweepResult:
-    """What a sweep says of a joint with limits.
+    """Return what a sweep says of a joint with limits.
 
     `homing_offset = ½ · ((lowest - lower) + (highest - upper)) · direction`, after the sweep was moved by whole turns
     to where its middle is nearest to that of the limits: since it was switched on, a motor does not know its turn.

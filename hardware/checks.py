@@ -33,7 +33,7 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether this check does not keep the robot from being enabled, once its question is answered."""
+        """Return whether this check does not keep the robot from being enabled, once its question is answered."""
         return self.verdict is not Verdict.PROBLEM
 
     def __str__(self) -> str:
@@ -89,17 +89,17 @@ class CheckList:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What keeps the robot from being enabled, one line each."""
+        """Return what keeps the robot from being enabled, one line each."""
         return tuple(f"{check.subject}: {check.text}" for check in self._checks if not check.passed)
 
     @property
     def questions(self) -> tuple[Check, ...]:
-        """What nobody has accepted yet."""
+        """Return what nobody has accepted yet."""
         return tuple(check for check in self._checks if check.verdict is Verdict.QUESTION)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What an operator should know, one line each."""
+        """Return what an operator should know, one line each."""
         return tuple(f"{check.subject}: {check.text}" for check in self._checks if check.verdict is Verdict.WARNING)
 
     def refusal(self) -> str:

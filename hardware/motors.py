@@ -41,7 +41,7 @@ class MotorGroup:
         return len(self.names)
 
     def on_channel(self, channel: int) -> tuple[int, ...]:
-        """Indices of the motors on a channel."""
+        """Return indices of the motors on a channel."""
         return tuple(i for i, index in enumerate(self.channel) if index == channel)
 
     def period_frames(self, channel: int) -> int:
@@ -49,11 +49,11 @@ class MotorGroup:
         return sum(FAMILIES[self.model[i].family].period_frames for i in self.on_channel(channel))
 
     def of_family(self, family: str) -> tuple[int, ...]:
-        """Indices of the motors of a family."""
+        """Return indices of the motors of a family."""
         return tuple(i for i, model in enumerate(self.model) if model.family == family)
 
     def select(self, indices: Sequence[int]) -> MotorGroup:
-        """Some of these motors as a group of their own, in this order."""
+        """Return some of these motors as a group of their own, in this order."""
         return MotorGroup(
             names=tuple(self.names[i] for i in indices),
             channel=tuple(self.channel[i] for i in indices),
@@ -160,7 +160,7 @@ class FrameEncoder(Protocol):
     """Turns commands into frames, for motors of one family in a fixed order."""
 
     def encode(self, values: FloatArray) -> EncodedFrames:
-        """The frames of one command to every motor.
+        """Return the frames of one command to every motor.
 
         Args:
             values: shape (5, motors), finite, motor frame: position rad, velocity rad/s, effort N·m, stiffness N·m/rad,
@@ -181,7 +181,7 @@ class MotorLink(Protocol):
 
     @property
     def notes(self) -> Sequence[ChannelNotes]:
-        """What else was heard of this family's frames, by channel."""
+        """Return what else was heard of this family's frames, by channel."""
 
     @property
     def uids(self) -> Mapping[str, bytes]:
@@ -189,7 +189,7 @@ class MotorLink(Protocol):
 
     @property
     def knows_positions(self) -> bool:
-        """Whether a motor tells its position before it is enabled."""
+        """Return whether a motor tells its position before it is enabled."""
 
     def receive(self, channel: int, frame: Frame, time: float) -> bool:
         """Take a frame, on its receiver's thread; whether it is one of this family's."""
@@ -206,7 +206,7 @@ class MotorLink(Protocol):
         """By motor what it counts by itself, turns included, rad; None: it does not say. Empty: no such question."""
 
     def start(self, checks: CheckList) -> None:
-        """The last before enabling: have motors that can report by themselves do so."""
+        """Have motors that can report by themselves do so: the last step before enabling."""
 
     def enable(self, checks: CheckList) -> None:
         """Enable every motor, without torque."""
@@ -215,24 +215,24 @@ class MotorLink(Protocol):
         """Disable motors; those that did not confirm it."""
 
     def state_text(self, motor: int) -> str:
-        """What a motor last said of its mode, in words."""
+        """Return what a motor last said of its mode, in words."""
 
     # --- control
 
     def begin(self) -> None:
-        """The motors are enabled: from here on only what happens next counts."""
+        """Begin to watch: the motors are enabled, and only what happens next counts."""
 
     def readings(self) -> Readings:
-        """The latest state of every motor."""
+        """Return the latest state of every motor."""
 
     def findings(self, motor: int, recent: float) -> Iterable[Finding]:
-        """What is wrong with a motor, or was since `recent`, s, robot's clock."""
+        """Return what is wrong with a motor, or was since `recent`, s, robot's clock."""
 
     def count_commands(self) -> None:
         """One command goes to every motor."""
 
     def figures(self, motor: int) -> MotorFigures:
-        """What happened so far."""
+        """Return what happened so far."""
 
     def finish(self) -> None:
         """Before the motors are disabled: await the last answers, and end reports."""

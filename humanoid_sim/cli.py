@@ -62,7 +62,7 @@ class ExitStatus(IntEnum):
 
     @classmethod
     def of(cls, passed: bool) -> ExitStatus:
-        """Of a verdict."""
+        """Return the exit status of a verdict."""
         return cls.OK if passed else cls.FAILED
 
 
@@ -135,7 +135,7 @@ def mute_output() -> None:
 
 
 def _output_problem() -> OSError | None:
-    """Why what stdout still holds back cannot be written; None if it can be."""
+    """Return why what stdout still holds back cannot be written; None if it can be."""
     try:
         sys.stdout.flush()
     except OSError as error:
@@ -191,7 +191,7 @@ project's repository."""
 
 
 def _start_page() -> str:
-    """What can be done, for somebody who starts the package to find out."""
+    """Return what can be done, for somebody who starts the package to find out."""
     import textwrap  # noqa: PLC0415 - only for this page, like the next
 
     from humanoid_sim.assets import shipped  # noqa: PLC0415
@@ -233,7 +233,7 @@ def _run_verb(verb: str, arguments: Sequence[str] | None) -> int:
 
 
 def load_program(verb: str) -> Callable[[Sequence[str] | None], int]:
-    """The program of a verb, imported now."""
+    """Return the program of a verb, imported now."""
     module = importlib.import_module(f"humanoid_sim.{_MODULES.get(verb, verb)}")
     program: Callable[[Sequence[str] | None], int] = module.main
     return program

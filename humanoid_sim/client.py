@@ -110,7 +110,7 @@ class SessionError(Exception):
 
 
 def monotonic_ns() -> int:
-    """The clock of all stamps, ns: take it where a sample arrives from outside."""
+    """Return the clock of all stamps, ns: take it where a sample arrives from outside."""
     return time.clock_gettime_ns(time.CLOCK_MONOTONIC)
 
 
@@ -139,12 +139,12 @@ class SessionInfo:
         return f"session {self.process} ({self.robot}{where}, policy {self.policy}, started in {self.folder})"
 
     def is_running(self) -> bool:
-        """Whether its process still holds the lock: a process id can be reused, a lock cannot."""
+        """Return whether its process still holds the lock: a process id can be reused, a lock cannot."""
         return _is_locked(self.file)
 
 
 def session_folder() -> Path:
-    """The folder of this user's sessions, which may not exist.
+    """Return the folder of this user's sessions, which may not exist.
 
     Raises:
         SessionError: it is not the user's alone, or its path leaves no room for a socket's name.
@@ -170,7 +170,7 @@ def session_folder() -> Path:
 
 
 def running_sessions() -> list[SessionInfo]:
-    """This user's running sessions, by process id. Files that a killed session left are ignored."""
+    """Return this user's running sessions, by process id. Files that a killed session left are ignored."""
     found = []
     for path in session_folder().glob(f"*{SUFFIX}"):
         info = _read_info(path) if _is_locked(path) else None
@@ -180,7 +180,7 @@ def running_sessions() -> list[SessionInfo]:
 
 
 def find_session(process: int | None = None) -> SessionInfo:
-    """A running session: the one with a process id, or the only one there is.
+    """Return a running session: the one with a process id, or the only one there is.
 
     Raises:
         SessionError: there is none, or several and no process id.
@@ -332,15 +332,15 @@ class Feed:
             self._loaded.close()
 
     def is_running(self) -> bool:
-        """Whether the session goes on; a killed one does not, although nobody could write that down."""
+        """Return whether the session goes on; a killed one does not, although nobody could write that down."""
         return not FEED_HEAD.unpack_from(self._map)[4] and self.session.is_running()
 
     def document(self, name: str) -> str:
-        """A document of the header: `robot`, `contract`, `settings`, `controllers`; empty if there is none."""
+        """Return a document of the header: `robot`, `contract`, `settings`, `controllers`; empty if there is none."""
         return str(self.header["documents"].get(name, ""))
 
     def blob(self, name: str) -> bytes:
-        """A file by name: `model.mjb`, the robot's compiled MuJoCo model; the motion, as in the recording.
+        """Return a file by name: `model.mjb`, the robot's compiled MuJoCo model; the motion, as in the recording.
 
         Raises:
             KeyError: there is none of that name.
@@ -354,11 +354,11 @@ class Feed:
         return tuple(self._blobs)
 
     def newest(self, ring: str = "tick") -> int:
-        """Number of the newest sample; 0 while there is none."""
+        """Return number of the newest sample; 0 while there is none."""
         return int(RING_HEAD.unpack_from(self._map, self._rings[ring][0])[0])
 
     def latest(self, ring: str = "tick") -> Sample | None:
-        """The newest whole sample; None while there is none."""
+        """Return the newest whole sample; None while there is none."""
         for _ in range(100):
             newest = self.newest(ring)
             if not newest:
@@ -382,7 +382,7 @@ class Feed:
         return Sample(number, stamp, data)
 
     def since(self, number: int, ring: str = "tick") -> Iterator[Sample]:
-        """The samples after that number which are still there, oldest first."""
+        """Yield the samples after that number which are still there, oldest first."""
         newest, slots = self.newest(ring), self._rings[ring][1]
         for wanted in range(max(number + 1, newest - slots + 2, 1), newest + 1):
             sample = self.sample(wanted, ring)
@@ -405,7 +405,7 @@ class Feed:
         return self.latest(ring)
 
     def decode(self, sample: Sample, ring: str = "tick") -> dict[str, Any]:
-        """A sample of `tick` or `event` as a dict with the names of its message definition, arrays as NumPy's."""
+        """Give a sample of `tick` or `event` as a dict with the names of its message definition, arrays as NumPy's."""
         decoder = self._decoders.get(ring)
         if decoder is None:
             decoder = self._decoders[ring] = Decoder(self._definitions[ring])
@@ -647,7 +647,7 @@ class Intake:
         return self.ask(load_request(policy, **options), timeout)
 
     def answer(self, token: str, timeout: float) -> Answer:
-        """The answer to what was posted last; `timeout` in s. Raises `SessionError` as `ask` does."""
+        """Return the answer to what was posted last; `timeout` in s. Raises `SessionError` as `ask` does."""
         assert self._intents is not None
         deadline = time.monotonic() + timeout
         try:

@@ -111,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def read_policy_run(path: Path) -> PolicyRun:
-    """The policy's steps of a recording.
+    """Return the policy's steps of a recording.
 
     Raises:
         InputError: if it cannot be read, or no policy ran.
@@ -132,7 +132,7 @@ def read_policy_run(path: Path) -> PolicyRun:
 
 
 def compare_runs(reference: PolicyRun, others: Sequence[PolicyRun]) -> list[Distance]:
-    """The distance of each of the others from the reference.
+    """Return the distance of each of the others from the reference.
 
     Raises:
         InputError: if one is of another robot or policy, or has no frame in common with the reference.

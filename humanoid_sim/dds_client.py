@@ -80,7 +80,7 @@ class _Topic:
         self._decoder = Decoder(schema_text(kind.schema))
 
     def take(self) -> list[dict[str, Any]]:
-        """What has come, oldest first, without what is no such message."""
+        """Return what has come, oldest first, without what is no such message."""
         found = []
         for sample in self.reader.take():
             with contextlib.suppress(SessionError):
@@ -130,7 +130,7 @@ class RobotClient:
         return self._joints
 
     def state(self, timeout: float = 1.0) -> JointStates | None:
-        """The newest joint states that were not given yet; None if none come within `timeout` s."""
+        """Return the newest joint states that were not given yet; None if none come within `timeout` s."""
         deadline = time.monotonic() + timeout
         while not (taken := self._states.take()):
             left = deadline - time.monotonic()
@@ -159,16 +159,16 @@ class RobotClient:
 
     @property
     def is_heard(self) -> bool:
-        """Whether anybody subscribes to commands."""
+        """Return whether anybody subscribes to commands."""
         return self._writer.readers > 0
 
     def control_mode(self) -> ControlMode | None:
-        """The mode, who is in control, and the latest word to the operator; None while nothing was heard."""
+        """Return the mode, who is in control, and the latest word to the operator; None while nothing was heard."""
         told = self._look(CONTROL_MODE_TOPIC)
         return told and ControlMode(Mode(told["mode"]), told["controller_name"], told["status_message"])
 
     def imu(self) -> Imu | None:
-        """The newest IMU sample; None while nothing was heard."""
+        """Return the newest IMU sample; None while nothing was heard."""
         told = self._look(IMU_TOPIC)
         if told is None:
             return None
@@ -181,13 +181,13 @@ class RobotClient:
         )
 
     def standby(self) -> StandbyState | None:
-        """How far the latest standby pose has come; None while nothing was heard."""
+        """Return how far the latest standby pose has come; None while nothing was heard."""
         told = self._look(STANDBY_TOPIC)
         fields = ("current_segment", "total_segments", "progress", "is_finished")
         return told and StandbyState(*(told[name] for name in fields))
 
     def safety(self) -> Mapping[str, SafetyStatus]:
-        """The latest status of each source, such as a CAN bus."""
+        """Return the latest status of each source, such as a CAN bus."""
         for told in self._topics[SAFETY_TOPIC].take():
             self._safety[told["source"]] = SafetyStatus(
                 SafetyLevel(told["level"]), SafetyFlag(told["flags"]), told["source"], told["message"]
@@ -195,7 +195,7 @@ class RobotClient:
         return dict(self._safety)
 
     def description(self) -> str | None:
-        """The robot as URDF; None while nothing was heard."""
+        """Return the robot as URDF; None while nothing was heard."""
         told = self._look(DESCRIPTION_TOPIC)
         return told and str(told["data"])
 
@@ -211,7 +211,7 @@ class RobotClient:
             return intake.ask(word, timeout)
 
     def _look(self, topic: str) -> Any:
-        """The newest message of a topic; None while there is none."""
+        """Return the newest message of a topic; None while there is none."""
         for told in self._topics[topic].take():
             self._newest[topic] = told
         return self._newest.get(topic)

@@ -46,7 +46,7 @@ class RobotError(HumanoidSimError):
 
 
 def known_names(what: str, name: str, known: Iterable[str], *, listed: bool = True) -> str:
-    """The body of an "unknown name" message: `unknown joint 'elbw' (did you mean 'elbow'?); known: elbow, wrist`.
+    """Give the body of an "unknown name" message: `unknown joint 'elbw' (did you mean 'elbow'?); known: elbow, wrist`.
 
     Args:
         what: kind of name.
@@ -70,12 +70,12 @@ def meant(name: str, known: Iterable[str]) -> str:
 
 
 def one_line(text: str) -> str:
-    """A text without line breaks, which names in somebody's file and other packages' messages may have."""
+    """Return a text without line breaks, which names in somebody's file and other packages' messages may have."""
     return " ".join(text.split())
 
 
 def reason_of(error: BaseException) -> str:
-    """What another package's exception says, as part of a line; its type where it says nothing."""
+    """Return what another package's exception says, as part of a line; its type where it says nothing."""
     return one_line(str(error)) or type(error).__name__
 
 
@@ -94,7 +94,7 @@ def missing_system(error: BaseException | None) -> str:
 
 
 def was_interrupted(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is what ended something: a library that was loading may have made it an error of its own."""
+    """Tell whether Ctrl-C is what ended something: a library that was loading may have made it an error of its own."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None

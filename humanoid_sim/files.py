@@ -33,7 +33,7 @@ _COUNT = count()
 
 
 def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = None) -> Path:
-    """The path of a file that can be opened and read to its end.
+    """Return the path of a file that can be opened and read to its end.
 
     Args:
         path: of the file.
@@ -62,12 +62,12 @@ def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = 
 
 
 def is_file(path: str | os.PathLike[str]) -> bool:
-    """Whether there is such a regular file; a name that no file can have is no error."""
+    """Return whether there is such a regular file; a name that no file can have is no error."""
     return os.path.isfile(path)
 
 
 def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwrite: bool = True) -> Path:
-    """The path of a file to write, looked at before the work whose result it will hold.
+    """Return the path of a file to write, looked at before the work whose result it will hold.
 
     Args:
         path: of the file.
@@ -136,7 +136,7 @@ _WRITTEN = "is being written by another session; choose another name"
 
 
 def _is_being_written(path: Path) -> bool:
-    """Whether somebody has the file from `exclusive_file`."""
+    """Return whether somebody has the file from `exclusive_file`."""
     if not _HAS_LOCKS:
         return False
     try:

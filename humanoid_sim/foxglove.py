@@ -53,7 +53,7 @@ class FoxgloveConfig:
 
 
 def service_words(control: bool) -> tuple[str, ...]:
-    """The intents that are offered as services; `control`: all of them."""
+    """Return the intents that are offered as services; `control`: all of them."""
     return ("damp", *_CONTROL) if control else ("damp",)
 
 
@@ -189,7 +189,7 @@ class _Server:
 
 
 def _asking(session: SessionInfo, word: str) -> Callable[[Any], bytes]:
-    """A service's handler. Each call has sockets of its own, so that none waits for another."""
+    """Return a service's handler. Each call has sockets of its own, so that none waits for another."""
 
     def handle(_: Any) -> bytes:
         try:

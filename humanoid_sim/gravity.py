@@ -29,7 +29,7 @@ _SILENCE = 0.5
 def gravity_command(
     description: RobotDescription, position: FloatArray, gravity: FloatArray, form: GravityForm
 ) -> MITCommand:
-    """The command that holds a pose against gravity.
+    """Return the command that holds a pose against gravity.
 
     `effort`: the torque itself, K_p 0, a small K_d. `pd`: no feed-forward but the pose
     offset by `gravity / K_p`, with the robot's own gains, so that the spring carries the load.
@@ -62,7 +62,7 @@ class GravityProducer:
         self._hold: FloatArray | None = None
 
     def command(self, record: TickRecord) -> MITCommand | None:
-        """What to send after a tick; None while a joint has not been heard."""
+        """Return what to send after a tick; None while a joint has not been heard."""
         position = record.input.state.joint_position
         if not np.isfinite(position).all():
             return None

@@ -28,7 +28,7 @@ class Mode(IntEnum):
 
     @property
     def is_free(self) -> bool:
-        """Whether what commands the robot balances it too, so that no support holds a floating base."""
+        """Return whether what commands the robot balances it too, so that no support holds a floating base."""
         return self in (Mode.LOCOMOTION, Mode.REMOTE)
 
 
@@ -85,7 +85,7 @@ class SafetyStatus:
 
     @property
     def is_ok(self) -> bool:
-        """Whether the level is OK; flags alone do not decide."""
+        """Return whether the level is OK; flags alone do not decide."""
         return self.level is SafetyLevel.OK
 
 

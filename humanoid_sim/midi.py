@@ -138,7 +138,7 @@ def _check_session(attachment: Attachment) -> None:
 
 
 def _opened(config: MidiConfig) -> Source:
-    """The keyboard.
+    """Return the keyboard.
 
     Raises:
         InputError: it is not there.
@@ -158,7 +158,7 @@ def _open(config: MidiConfig) -> Source:
 
 
 def _again(config: MidiConfig) -> Source | None:
-    """The keyboard once it has come back."""
+    """Return the keyboard once it has come back."""
     try:
         return _open(config)
     except (ConnectionError, InputError):  # a device that is unplugged has no name in the file system either

@@ -24,7 +24,7 @@ COMMAND_FIELDS = ("position", "velocity", "effort", "stiffness", "damping")
 
 
 def frozen_array(owner: str, name: str, value: npt.ArrayLike) -> FloatArray:
-    """A read-only float64 copy of `value`, shape unchanged.
+    """Return a read-only float64 copy of `value`, shape unchanged.
 
     Raises:
         FieldError: if `value` is not an array of real numbers; the message starts with `owner.name`.
@@ -77,7 +77,7 @@ class Extern:
         return _rebuild(self)
 
     def at(self, time: float | FloatArray) -> FloatArray:
-        """The value at `time`: zeros once it is older than `timeout`, or its age is no number.
+        """Return the value at `time`: zeros once it is older than `timeout`, or its age is no number.
 
         Args:
             time: s, robot's clock; scalar, or shape (...) for a batch whose clocks differ.
@@ -173,7 +173,7 @@ class MITState:
 
     @classmethod
     def unknown(cls, joint_count: int, time: float = 0.0) -> Self:
-        """The state before anything was heard: NaN positions, infinite age, an upright IMU at rest."""
+        """Return the state before anything was heard: NaN positions, infinite age, an upright IMU at rest."""
         zeros = np.zeros(joint_count)
         return cls(
             time=time,
@@ -217,12 +217,12 @@ class MITCommand:
 
     @classmethod
     def zeros(cls, *shape: int) -> Self:
-        """A command of zeros in every field, shape (..., n)."""
+        """Return a command of zeros in every field, shape (..., n)."""
         zeros = np.zeros(shape)
         return cls(zeros, zeros, zeros, zeros, zeros)
 
     def is_finite(self) -> bool:
-        """Whether every value of every field is a finite number."""
+        """Return whether every value of every field is a finite number."""
         return all(bool(np.isfinite(getattr(self, name)).all()) for name in COMMAND_FIELDS)
 
 
@@ -289,7 +289,7 @@ def mit_torque(
 
 
 def affine_law(command: MITFields) -> tuple[FloatArray, FloatArray]:
-    """The MIT law as that of an affine actuator, `ctrl + bias · (q, qd)`, not yet saturated.
+    """Return the MIT law as that of an affine actuator, `ctrl + bias · (q, qd)`, not yet saturated.
 
     Args:
         command: shape (..., n).

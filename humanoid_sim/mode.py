@@ -107,7 +107,7 @@ def _ask(word: str, process: int | None, timeout: float) -> int:
 
 
 def _read_usual(words: Sequence[str]) -> ModeOptions | None:
-    """What is usually typed, read without anything that takes time to load; None: it is something else."""
+    """Return what is usually typed, read without anything that takes time to load; None: it is something else."""
     match words:
         case [word] if word in WORDS:
             return ModeOptions(word)

@@ -14,7 +14,7 @@ _LONGEST, _MOST = 200, 2000
 
 
 def near_miss(name: str, known: Iterable[str], likeness: float = 0.75) -> str:
-    """The one of the known names that was probably meant; empty if none is close.
+    """Return the one of the known names that was probably meant; empty if none is close.
 
     Args:
         name: the unknown one.
@@ -34,7 +34,7 @@ def near_miss(name: str, known: Iterable[str], likeness: float = 0.75) -> str:
 
 
 def _plain(name: str) -> str:
-    """A name without what exporters add, drop or spell differently, and without an option's dashes."""
+    """Return a name without what exporters add, drop or spell differently, and without an option's dashes."""
     text = name.lstrip("-").rpartition("/")[2].lower().replace("-", "_").replace(" ", "_")
     text = _AFFIXES.sub("", text)
     for pattern, side in _SIDES:

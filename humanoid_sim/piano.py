@@ -242,7 +242,7 @@ def _write(picture: Image, path: Path) -> None:
 
 
 def read_performance(recording: Path, song: Path | None = None) -> Performance:
-    """The keys of a recording, and those that its song asks for.
+    """Return the keys of a recording, and those that its song asks for.
 
     Args:
         recording: in which a piano policy ran.

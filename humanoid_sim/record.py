@@ -152,7 +152,7 @@ def _overview(summary: Summary) -> Table:
 
 
 def _definitions(documents: Mapping[str, str]) -> str:
-    """Whether what judged the run, if anything did, meant by a fall and by an error what is meant today."""
+    """Return whether what judged the run, if anything did, meant by a fall and by an error what is meant today."""
     try:
         recorded = parse_json(documents["settings"])["definitions"]
     except (KeyError, TypeError, ValueError):

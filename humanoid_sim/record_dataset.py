@@ -152,7 +152,7 @@ def _episodes(recordings: list[Recording], config: RecordDataset) -> Iterator[tu
 
 
 def _features(recording: Recording, motion: Motion | None) -> dict[str, Any]:
-    """The dataset's features: all float32, every value named."""
+    """Return the dataset's features: all float32, every value named."""
     joints = recording.header.joint_names
     names: dict[str, list[str]] = {
         "observation.state": [f"{joint}.pos" for joint in joints],
@@ -167,7 +167,7 @@ def _features(recording: Recording, motion: Motion | None) -> dict[str, Any]:
 
 
 def _reference(motion: Motion) -> dict[str, tuple[slice, list[str]]]:
-    """The features of a reference motion: which part of a frame, and what its values are called."""
+    """Return the features of a reference motion: which part of a frame, and what its values are called."""
     bodies, joints = motion.body_names, motion.joint_names
     n, b = len(joints), len(bodies)
     position = [f"{body}.{axis}" for body in bodies for axis in "xyz"]
@@ -233,7 +233,7 @@ def _task(recording: Recording, episode: Episode) -> str:
 
 
 def _check_loads(library: Any, root: Path, repo_id: str, counts: list[int]) -> None:
-    """The library itself must find what was written, before the dataset gets its name."""
+    """Check that the library itself finds what was written, before the dataset gets its name."""
     loaded = library.LeRobotDataset(repo_id, root=root)
     found = [int(loaded.meta.episodes[i]["length"]) for i in range(loaded.meta.total_episodes)]
     if found != counts or len(loaded.hf_dataset) != sum(counts):

@@ -176,7 +176,7 @@ def _rerun(recording: Recording, path: Path, options: Export) -> str:
 
 
 def _action_names(recording: Recording) -> tuple[str, ...]:
-    """The joints that the recorded policy drives."""
+    """Return the joints that the recorded policy drives."""
     from humanoid_sim.stack import recorded_contract  # noqa: PLC0415
 
     contract = recorded_contract(recording.header)
@@ -200,7 +200,7 @@ def _body(recording: Recording, options: Export) -> RecordedBody:
 
 
 def _description(recording: Recording, options: Export) -> RobotDescription:
-    """The recorded robot, with an MJCF that is there."""
+    """Return the recorded robot, with an MJCF that is there."""
     from humanoid_sim.robots.description import RobotDescription, load_robot  # noqa: PLC0415
 
     if options.robot is not None:

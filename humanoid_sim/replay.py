@@ -146,7 +146,7 @@ class _Inference:
 
 
 def _load(recording: Path, header: SessionHeader, settings: dict[str, Any], given: str | None) -> Checkpoint:
-    """The model to run: the given one, or the one that the recording names."""
+    """Return the model to run: the given one, or the one that the recording names."""
     from humanoid_sim.policy.checkpoint import load_checkpoint  # noqa: PLC0415 - ONNX Runtime is heavy
     from humanoid_sim.policy.onnx_policy import OnnxPolicy  # noqa: PLC0415 - ONNX Runtime is heavy
     from humanoid_sim.stack import recorded_contract  # noqa: PLC0415

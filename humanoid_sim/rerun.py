@@ -63,7 +63,7 @@ class RerunConfig(RobotElsewhere):
 
 
 def status_text(record: TickRecord | None, late: str, clock: str) -> str:
-    """What the viewer's text says of the present, as Markdown.
+    """Return what the viewer's text says of the present, as Markdown.
 
     Args:
         record: the newest tick; None while there is none.
@@ -135,7 +135,7 @@ class _Viewer:
     output: IO[bytes]
 
     def complaint(self) -> str:
-        """The last error that it printed, or how it ended."""
+        """Return the last error that it printed, or how it ended."""
         self.output.seek(0)
         lines = self.output.read().decode(errors="replace").strip().splitlines()
         return next((line for line in reversed(lines) if line.startswith("Error")), f"status {self.process.poll()}")
@@ -194,18 +194,18 @@ def _watch(
 
 
 def _action_names(attachment: Attachment) -> tuple[str, ...]:
-    """The joints that the policy drives."""
+    """Return the joints that the policy drives."""
     contract = attachment.contract
     return () if contract is None else contract.action_joint_names
 
 
 def _has_keys(attachment: Attachment) -> bool:
-    """Whether the session knows which of a piano's keys are down."""
+    """Return whether the session knows which of a piano's keys are down."""
     return attachment.description.piano is not None or KEY_PRESSED in attachment.feed.live_inputs
 
 
 def _blueprint(*, has_keys: bool) -> Any:
-    """The robot beside its status and its plots, and a piano's keys below it."""
+    """Return the robot beside its status and its plots, and a piano's keys below it."""
     import rerun.blueprint as views  # noqa: PLC0415 - an extra
 
     plots = {name: views.TimeSeriesView(origin=f"plots/{name}", name=name) for name in _PLOTS}

@@ -90,7 +90,7 @@ class ServiceError(Exception):
 
 
 def loopback_environment(middleware: str, profiles: Path) -> Mapping[str, str | None]:
-    """The environment variables with which a middleware stays on this machine; None for those that must not be set.
+    """Get the environment variables with which a middleware stays on this machine; None for those that must not be set.
 
     Args:
         middleware: its identifier, as `RMW_IMPLEMENTATION` has it.
@@ -115,7 +115,7 @@ def loopback_environment(middleware: str, profiles: Path) -> Mapping[str, str | 
 
 
 def answer(word: str, process: int | None) -> tuple[bool, str]:
-    """What a session makes of an intent: whether it is granted, and the text that says so, or why not.
+    """Return what a session makes of an intent: whether it is granted, and the text that says so, or why not.
 
     Args:
         word: the intent.

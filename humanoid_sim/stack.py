@@ -79,7 +79,7 @@ def build_supervisor(
     signs: tuple[str, ...] | None = None,
     loads: bool = False,
 ) -> Supervisor:
-    """The supervisor of a robot with the controllers that are available.
+    """Return the supervisor of a robot with the controllers that are available.
 
     Args:
         description: the robot; it holds the parameters of all controllers but the policy's.
@@ -129,7 +129,7 @@ def policy_controller(
     live: Mapping[str, int] | None = None,
     action_limit: float | None = None,
 ) -> RLPolicyController:
-    """The controller of a policy on a robot; arguments as of `build_supervisor`.
+    """Return the controller of a policy on a robot; arguments as of `build_supervisor`.
 
     Raises:
         InputError: if the policy does not fit the robot.
@@ -177,7 +177,7 @@ def run_header(
     loads: bool = False,
     start: SupervisorMemory | None = None,
 ) -> SessionHeader:
-    """What a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
+    """Return what a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
 
     Args:
         description: of the robot.
@@ -262,7 +262,7 @@ def with_policy(
 
 
 def recorded_contract(header: SessionHeader) -> PolicyContract | None:
-    """The contract of a recorded run's policy; None if it had none.
+    """Return the contract of a recorded run's policy; None if it had none.
 
     Raises:
         InputError: if it is damaged.
@@ -272,7 +272,7 @@ def recorded_contract(header: SessionHeader) -> PolicyContract | None:
 
 
 def recorded_motion(header: SessionHeader) -> Motion | None:
-    """The motion that a recorded run's policy follows; None if it follows none.
+    """Return the motion that a recorded run's policy follows; None if it follows none.
 
     Raises:
         InputError: if it is damaged.
@@ -297,7 +297,7 @@ def recorded_policy(header: SessionHeader, policy: Policy) -> LoadedPolicy | Non
 
 
 def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
-    """The supervisor of a recorded run with `policy` in the place of the one that ran.
+    """Return the supervisor of a recorded run with `policy` in the place of the one that ran.
 
     Raises:
         InputError: if the header lacks what is needed.

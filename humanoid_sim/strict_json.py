@@ -9,7 +9,7 @@ from humanoid_sim.errors import reason_of
 
 
 def parse_json(text: str | bytes) -> Any:
-    """The document that a text holds.
+    """Return the document that a text holds.
 
     Raises:
         ValueError: it is none; one line.

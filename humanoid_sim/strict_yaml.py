@@ -25,7 +25,7 @@ class _Strictness(yaml.constructor.SafeConstructor):
     """Refuses a key given twice, of which YAML would silently keep the last, and text that no file or name can hold."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """A mapping whose keys differ."""
+        """Return a mapping whose keys differ."""
         seen: set[str] = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode) or key.tag == "tag:yaml.org,2002:merge":
@@ -36,12 +36,12 @@ class _Strictness(yaml.constructor.SafeConstructor):
         return super().construct_mapping(node, deep)
 
     def construct_document(self, node: yaml.Node) -> Any:
-        """A document of a bounded number of values: aliases of aliases multiply, and merging copies them."""
+        """Return a document of a bounded number of values: aliases of aliases multiply, and merging copies them."""
         _count_values(node, {}, set())
         return super().construct_document(node)
 
     def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> str:
-        """A text; the escapes of a quoted one can spell what is none."""
+        """Return a text; the escapes of a quoted one can spell what is none."""
         value = str(super().construct_scalar(node))
         if len(value) > YAML_TEXT:
             message = f"a text of {len(value)} characters, expected at most {YAML_TEXT}"
@@ -78,7 +78,7 @@ class _FastLoader(_Strictness, yaml.CSafeLoader if yaml.__with_libyaml__ else ya
 
 
 def load_strictly(text: str) -> Any:
-    """The document that a text holds.
+    """Return the document that a text holds.
 
     Raises:
         yaml.YAMLError: the text is no YAML, or not strict enough; with the place.
@@ -122,7 +122,7 @@ _Loader.add_implicit_resolver(
 
 
 def read_yaml(path: Path) -> Any:
-    """The document in a YAML file; None if it is empty.
+    """Return the document in a YAML file; None if it is empty.
 
     Raises:
         InputError: one line with the file, the place and what is wrong.
@@ -150,7 +150,7 @@ def _problem(error: yaml.YAMLError) -> str:
 
 
 def read_strictly(path: Path, label: str, what: str = "a YAML file") -> Any:
-    """The document in a file; `label` is what to call the file in messages, `what` it should be.
+    """Return the document in a file; `label` is what to call the file in messages, `what` it should be.
 
     Raises:
         InputError: one line with the label, the place and what is wrong.
@@ -171,7 +171,7 @@ def read_strictly(path: Path, label: str, what: str = "a YAML file") -> Any:
 
 
 def value_at(document: Any, place: str) -> Any:
-    """The value at a place as msgspec names it, such as `joints[3].upper`, or the last that is there on the way."""
+    """Get the value at a place as msgspec names it, such as `joints[3].upper`, or the last that is there on the way."""
     for key in _keys(place):
         try:
             document = document[int(key) if isinstance(document, list) else key]
@@ -181,7 +181,7 @@ def value_at(document: Any, place: str) -> Any:
 
 
 def type_at(struct: type[msgspec.Struct], place: str) -> Any:
-    """What a schema expects at a place: of several types a struct before others."""
+    """Return what a schema expects at a place: of several types a struct before others."""
     kind: Any = struct
     for key in _keys(place):
         kind = get_args(kind)[0] if key.isdigit() else get_type_hints(kind)[key]

@@ -40,7 +40,7 @@ class ViewerConfig:
 
 
 def window_texts(record: TickRecord | None, late: str, clock: str) -> list[tuple[int, int, str, str]]:
-    """The texts over a picture, as `set_texts` of MuJoCo's window takes them.
+    """Return the texts over a picture, as `set_texts` of MuJoCo's window takes them.
 
     Args:
         record: the tick that is shown; None while there is none.
@@ -105,7 +105,7 @@ def _watch(attachment: Attachment, model: mujoco.MjModel) -> None:
 
 
 def _move(model: mujoco.MjModel, name: str) -> None:
-    """The window's sliders write into `qpos` when it is synchronised."""
+    """Move the robot: the window's sliders write into `qpos` when it is synchronised."""
     data: Any = mujoco.MjData(model)
     update_pose(model, data, data.qpos.copy())
     with open_window(model, data, sliders=True) as window:

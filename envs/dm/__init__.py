@@ -33,7 +33,7 @@ def load(
     flat_observation: bool = False,
     **options: Any,
 ) -> control.Environment:
-    """A task as a `dm_control.rl.control.Environment`, which `dm_control.viewer.launch` opens too.
+    """Return a task as a `dm_control.rl.control.Environment`, which `dm_control.viewer.launch` opens too.
 
     Args:
         name: of `NAMES`.

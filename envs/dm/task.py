@@ -52,7 +52,7 @@ class RobotPhysics(mujoco.Physics):
         self.data.qacc[:], self.data.qacc_warmstart[:] = accelerations
 
     def copy(self, share_model: bool = False) -> mujoco.Physics:
-        """The present state as a physics of its own, which nothing commands."""
+        """Return the present state as a physics of its own, which nothing commands."""
         return mujoco.Physics(self.data._make_copy(share_model=share_model))
 
 
@@ -84,7 +84,7 @@ class PolicyTask(control.Task):
             self._ends = dict(zip((term.name for term in layout.terms), ends.tolist(), strict=True))
 
     def snapshot(self) -> dict[str, Any]:
-        """The state of task and environment, for `restore` of a task that was built alike."""
+        """Return the state of task and environment, for `restore` of a task that was built alike."""
         kept = {name: value for name, value in vars(self).items() if name not in ("env", "_ends")}
         return {"task": kept, "env": self.env.snapshot()}
 
@@ -122,18 +122,18 @@ class PolicyTask(control.Task):
         return specs.BoundedArray(space.shape, np.float32, space.low, space.high, name=names)
 
     def get_observation(self, physics: RobotPhysics) -> OrderedDict[str, Array]:
-        """What the policy observes, term by term."""
+        """Return what the policy observes, term by term."""
         del physics
         parts = np.split(self._observation, list(self._ends.values())[:-1])
         return OrderedDict((name, part.copy()) for name, part in zip(self._ends, parts, strict=True))
 
     def get_reward(self, physics: RobotPhysics) -> float:
-        """The reward of the latest step."""
+        """Return the reward of the latest step."""
         del physics
         return self._reward
 
     def get_termination(self, physics: RobotPhysics) -> float | None:
-        """The last step's discount; None while the episode goes on."""
+        """Return the last step's discount; None while the episode goes on."""
         del physics
         return self._discount
 

@@ -51,7 +51,7 @@ def make_task(
     reference: MotionReference,
     **options: Any,
 ) -> Task:
-    """A task; `auto`: the one that the contract and its motion were made for.
+    """Return a task; `auto`: the one that the contract and its motion were made for.
 
     Args:
         task: name in `TASKS`, or `auto`; or a class of your own.

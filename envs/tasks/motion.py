@@ -70,7 +70,7 @@ class MotionTask(Task):
         return values, has_strayed(posed)
 
     def anchor_error(self, sample: StepSample) -> PoseError:
-        """Of the anchor body against the reference as it was laid onto the robot."""
+        """Return the anchor body's error against the reference as it was laid onto the robot."""
         return pose_error(
             sample.state.extern[ANCHOR_POSE].value, *self.reference.anchor(sample.frame, sample.alignment)
         )

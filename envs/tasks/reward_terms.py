@@ -20,7 +20,7 @@ _FORM = "expected (weight, function)"
 
 
 def checked_terms(rewards: Mapping[str, RewardTerm] | None) -> dict[str, RewardTerm]:
-    """The terms by name.
+    """Return the terms by name.
 
     Raises:
         InputError: one is no weight with a function.
@@ -42,12 +42,12 @@ def _kind(value: Any) -> str:
 
 
 def finite(value: Any) -> bool:
-    """Whether it is one finite number."""
+    """Return whether it is one finite number."""
     return isinstance(value, Real) and math.isfinite(value)
 
 
 def term_value(name: str, term: RewardTerm, sample: StepSample, shape: tuple[int, ...]) -> FloatArray:
-    """What a term gives for a policy step, shape (...).
+    """Return what a term gives for a policy step, shape (...).
 
     Raises:
         InputError: it is neither a value for each robot, nor a number for all of them.

@@ -53,7 +53,7 @@ class Start:
 
     @property
     def pose(self) -> dict[str, FloatArray | None]:
-        """Where the robot begins, as `StartPose.arrays` takes it."""
+        """Return where the robot begins, as `StartPose.arrays` takes it."""
         names = "joint_position", "joint_velocity", "base_yaw", "base_offset", "base_pose", "base_velocity"
         return {name: getattr(self, name) for name in names}
 
@@ -158,7 +158,7 @@ class Task(ABC):
         """Random numbers that one start takes."""
 
     def start(self, numbers: FloatArray, around: tuple[FloatArray, FloatArray, BoolArray] | None = None) -> Start:
-        """The start that uniform random numbers in [0, 1), shape (..., draws), stand for.
+        """Return the start that uniform random numbers in [0, 1), shape (..., draws), stand for.
 
         Joints start around the contract's default pose, within their limits; a floating base has any heading.
 
@@ -186,7 +186,7 @@ class Task(ABC):
         return np.zeros((*numbers.shape[:-1], 1, 3))
 
     def command(self, commands: FloatArray, step: int | npt.NDArray[np.integer]) -> FloatArray:
-        """The velocity command in force after `step` policy steps, shape (..., 3); `commands` are the start's."""
+        """Give the velocity command in force after `step` policy steps, shape (..., 3); `commands` are the start's."""
         del step
         command: FloatArray = commands[..., 0, :]
         return command
@@ -212,18 +212,18 @@ class Task(ABC):
         return Judgement(reward, terms, terminated, self._is_over(sample))
 
     def describe_failure(self, sample: StepSample, i: int) -> str:
-        """Why robot `i` of a batch has failed in a step that `judge` terminated."""
+        """Return why robot `i` of a batch has failed in a step that `judge` terminated."""
         if sample.base is not None and np.asarray(has_fallen(sample.base, self._standing_height))[i]:
             return describe_fall(sample.base, self._standing_height, i)
         return self._describe_stray(sample, i)
 
     @abstractmethod
     def _describe_stray(self, sample: StepSample, i: int) -> str:
-        """How robot `i`, which has not fallen, has failed at the task; '' at one where it can only fall."""
+        """Return how robot `i`, which has not fallen, has failed at the task; '' at one where it can only fall."""
 
     @abstractmethod
     def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
-        """The values of the task's own terms, before their weights, and whether the robot has failed at it."""
+        """Return the values of the task's own terms, before their weights, and whether the robot has failed at it."""
 
     def _is_over(self, sample: StepSample) -> BoolArray:
         return np.asarray(sample.step) >= self.episode_steps

@@ -75,7 +75,7 @@ def enable_motors(wiring: Wiring, motors: RobotMotors, turns: FloatArray, checks
 
 
 def _find_positions(wiring: Wiring, motors: RobotMotors, joints: Sequence[int], checks: CheckList) -> FloatArray:
-    """The turns of `find_turns` for these joints, NaN for the others."""
+    """Return the turns of `find_turns` for these joints, NaN for the others."""
     position = motors.readings().position
     turns = find_turns(wiring, position)
     wrong = {

@@ -64,7 +64,7 @@ class MotorControl:
 
     @property
     def is_enabled(self) -> bool:
-        """Whether the motors were enabled, and not disabled since by this program."""
+        """Return whether the motors were enabled, and not disabled since by this program."""
         return self._watch is not None
 
     @property
@@ -74,16 +74,16 @@ class MotorControl:
         return frozenset(names[i] for i in np.flatnonzero(self._tracker.jumped))
 
     def enable(self, now: float) -> None:
-        """The motors are enabled as of `now`, s, robot's clock."""
+        """Note that the motors are enabled as of `now`, s, robot's clock."""
         self._motors.begin()
         self._watch = SafetyWatch(self._settings, self._motors, since=now)
 
     def disable(self) -> None:
-        """The motors are disabled: nothing more is sent."""
+        """Note that the motors are disabled: nothing more is sent."""
         self._watch = None
 
     def read(self) -> JointReadings:
-        """The joints' latest state."""
+        """Return the joints' latest state."""
         self._joints = self._heard()
         return self._joints
 
@@ -141,7 +141,7 @@ class MotorControl:
 
 
 def robot_state(now: float, joints: JointReadings, age: FloatArray, imu: ImuReading) -> MITState:
-    """What the control stack reads.
+    """Return what the control stack reads.
 
     Args:
         now: s, robot's clock.
@@ -246,12 +246,12 @@ _SLOW = 0.05
 
 
 def is_limp(command: MITCommand) -> bool:
-    """Whether a command exerts no torque, whatever the joints do."""
+    """Return whether a command exerts no torque, whatever the joints do."""
     return not (command.stiffness.any() or command.damping.any() or command.effort.any())
 
 
 def is_damped(command: MITCommand, state: MITState, stale: float) -> bool:
-    """Whether the joints are known to rest under a command that only damps them.
+    """Return whether the joints are known to rest under a command that only damps them.
 
     A joint that has been silent for more than `stale` s may have been at rest then, and fall now.
     """
@@ -284,7 +284,7 @@ def disable(settings: AdapterSettings, motors: RobotMotors) -> tuple[int, ...]:
 
 
 def unconfirmed(settings: AdapterSettings, motors: RobotMotors | None, joints: Sequence[int]) -> str:
-    """What to tell whoever stands next to motors that may still be enabled."""
+    """Return what to tell whoever stands next to motors that may still be enabled."""
     wiring = settings.wiring
     states = ["no status" if motors is None else motors.state_text(i) for i in joints]
     names = ", ".join(f"{wiring.names[i]} ({state})" for i, state in zip(joints, states, strict=True))

@@ -102,7 +102,7 @@ class MotorGuard:
 
     @property
     def drives(self) -> bool:
-        """Whether the guardian has taken over, and has not ended."""
+        """Return whether the guardian has taken over, and has not ended."""
         return self._guardian is not None and self._guardian.drives
 
     def standby(self) -> None:
@@ -111,12 +111,12 @@ class MotorGuard:
             self._guardian.standby()
 
     def beat(self) -> None:
-        """A set of commands was handed to every motor."""
+        """Note that a set of commands was handed to every motor."""
         if self._guardian is not None:
             self._guardian.beat()
 
     def status(self) -> SafetyStatus | None:
-        """What is to be told about the guardian; none while it watches, and where there is none."""
+        """Return what is to be told about the guardian; none while it watches, and where there is none."""
         return None if self._guardian is None else self._guardian.status()
 
     def take_back(self, forget_queues: Callable[[], None]) -> None:

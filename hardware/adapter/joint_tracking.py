@@ -36,7 +36,7 @@ class JointReadings:
 
 
 def unheard(joint_count: int) -> JointReadings:
-    """The state of joints of which nothing is known."""
+    """Return the state of joints of which nothing is known."""
     zeros = np.zeros(joint_count)
     return JointReadings(np.full(joint_count, -np.inf), np.full(joint_count, np.nan), zeros, zeros)
 
@@ -55,7 +55,7 @@ class JointTracker:
         """Shape (n,): motors beyond ±4π, where no command can follow."""
 
     def update(self, readings: Readings) -> JointReadings:
-        """The joints' state of these readings."""
+        """Return the joints' state of these readings."""
         wiring, last = self._wiring, self._last
         position = readings.position
         if last is not None:
@@ -92,7 +92,7 @@ _MOST_TURNS = 3
 
 
 def find_turns(wiring: Wiring, position: FloatArray) -> FloatArray:
-    """Turns that have to be added to each motor's own count for its joint to lie within its limits.
+    """Return turns that have to be added to each motor's own count for its joint to lie within its limits.
 
     At power-on a motor knows its angle within one turn only, 0..2π by default: a joint left at −0.1 rad reads 6.18. As
     long as a joint's range and twice the margin fit into one turn, at most one count is possible.
@@ -145,7 +145,7 @@ def turn_problems(wiring: Wiring, position: FloatArray, turns: FloatArray) -> It
 
 
 def unwrapped(position: FloatArray, previous: FloatArray, period: FloatArray) -> FloatArray:
-    """Reported positions, moved by whole periods to where they are nearest to the previous ones.
+    """Return reported positions, moved by whole periods to where they are nearest to the previous ones.
 
     Args:
         position: shape (n,), rad, motor frame, within half a period of 0; NaN stays NaN.

@@ -118,7 +118,7 @@ class HardwareRobot:
 
     @property
     def description(self) -> RobotDescription:
-        """What this robot was built from."""
+        """Return what this robot was built from."""
         return self._description
 
     @property
@@ -133,28 +133,28 @@ class HardwareRobot:
 
     @property
     def is_closed(self) -> bool:
-        """Whether `close` has done all it does: before that, there may be motors to protect."""
+        """Return whether `close` has done all it does: before that, there may be motors to protect."""
         return self._is_closed
 
     @property
     def is_enabled(self) -> bool:
-        """Whether the motors were enabled, and not disabled since by this program."""
+        """Return whether the motors were enabled, and not disabled since by this program."""
         return self._control is not None and self._control.is_enabled
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        """What the latest `prepare` or `activate` found, for an operator to read."""
+        """Return what the latest `prepare` or `activate` found, for an operator to read."""
         return self._checks.all
 
     @property
     def statistics(self) -> RobotStatistics:
-        """What happened on the buses since the first activation."""
+        """Return what happened on the buses since the first activation."""
         return gather_statistics(self._settings, self._motors, self._control, self.time, self._past)
 
     # --- activation
 
     def accept(self, about: Iterable[str]) -> None:
-        """An operator accepts what was a question, see `Check.about`; it is none from the next activation on."""
+        """Accept what was a question, see `Check.about`; from the next activation on it is not asked."""
         self._answered.update(about)
 
     def prepare(self) -> None:

@@ -80,11 +80,11 @@ class RobotMotors:
 
     @property
     def has_intruders(self) -> bool:
-        """Whether another host commands these motors."""
+        """Return whether another host commands these motors."""
         return any(notes.intrusions for link in self._links for notes in link.notes)
 
     def intruder(self, channel: int) -> Note:
-        """The latest sign of one on a channel."""
+        """Return the latest sign of one on a channel."""
         return max((link.notes[channel].intruder for link in self._links), key=lambda note: note.time)
 
     def intrusions(self, channel: int) -> int:
@@ -107,7 +107,7 @@ class RobotMotors:
     # --- what they do
 
     def readings(self) -> Readings:
-        """The latest state of every motor, shape (n,)."""
+        """Return the latest state of every motor, shape (n,)."""
         arrays = np.full((5, self._count), np.nan)
         for link, joints in self._with_joints(self._links):
             if len(joints):
@@ -129,13 +129,13 @@ class RobotMotors:
         return frozenset(i for i, (link, _) in self._place.items() if not link.knows_positions)
 
     def begin(self) -> None:
-        """The motors are enabled: from here on only what happens next counts."""
+        """Begin to watch: the motors are enabled, and only what happens next counts."""
         for link in self._links:
             link.begin()
         self.line.forget_events()
 
     def findings(self, joint: int, recent: float) -> Iterable[Finding]:
-        """What is wrong with a joint's motor, or was since `recent`, s."""
+        """Return what is wrong with a joint's motor, or was since `recent`, s."""
         link, motor = self._place[joint]
         return link.findings(motor, recent)
 
@@ -145,7 +145,7 @@ class RobotMotors:
             link.count_commands()
 
     def figures(self) -> list[MotorFigures]:
-        """What happened so far, by joint."""
+        """Return what happened so far, by joint."""
         return [link.figures(motor) for link, motor in (self._place[joint] for joint in range(self._count))]
 
     def finish(self) -> None:
@@ -164,7 +164,7 @@ class RobotMotors:
         return tuple(sorted(left))
 
     def state_text(self, joint: int) -> str:
-        """What a joint's motor last said of its mode, in words."""
+        """Return what a joint's motor last said of its mode, in words."""
         link, motor = self._place[joint]
         return link.state_text(motor)
 

@@ -114,7 +114,7 @@ def gather_statistics(
     now: float,
     past: RobotStatistics | None = None,
 ) -> RobotStatistics:
-    """The statistics since the channels were opened, or of none, together with those of earlier activations.
+    """Return the statistics since the channels were opened, or of none, together with those of earlier activations.
 
     Args:
         settings: the robot's.
@@ -151,7 +151,7 @@ def gather_statistics(
 
 
 def _together(past: RobotStatistics, latest: RobotStatistics) -> RobotStatistics:
-    """Sums and maxima of both; what tells of the present is the latest's."""
+    """Return sums and maxima of both; what tells of the present is the latest's."""
     channels = {channel.source: channel for channel in past.channels}
     for channel in latest.channels:
         before = channels.get(channel.source)

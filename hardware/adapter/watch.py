@@ -74,7 +74,7 @@ class SafetyWatch:
         tracker: JointTracker,
         faults: dict[str, tuple[str, ...]],
     ) -> SafetyStatus:
-        """Of one channel; adds what it says of each joint to `faults`."""
+        """Return the status of one channel; adds what it says of each joint to `faults`."""
         joints = self._joints[index]
         findings = [*self._bus(index, recent)]
         for i in joints:
@@ -136,7 +136,7 @@ def _in_words(findings: Sequence[Finding], joint_count: int) -> str:
 
 
 def _advice(flags: SafetyFlag, silent: int, joint_count: int) -> str:
-    """What to do about a channel's flags before the robot is activated again; empty for what clears by itself."""
+    """Say what to do about a channel's flags before the robot is activated again; empty for what clears by itself."""
     if flags & SafetyFlag.BUS_OFF or 1 < silent == joint_count:
         return "check its cable, terminators and supply"
     if flags & SafetyFlag.RX_TIMEOUT:

@@ -46,7 +46,7 @@ class Wiring(MotorGroup):
 def make_wiring(
     description: RobotDescription, channel_count: int, calibration: Mapping[str, float] | None = None
 ) -> Wiring:
-    """The wiring of a robot over one channel that carries all motors, or over one channel per bus of the robot.
+    """Return the wiring of a robot over one channel that carries all motors, or over one channel per bus of the robot.
 
     Args:
         description: the robot; each of its joints needs a motor.
@@ -151,7 +151,7 @@ def make_settings(
     can_timeout: float,
     allow_no_timeout: bool,
 ) -> AdapterSettings:
-    """Settings for a robot; the arguments are those of `HardwareRobot`.
+    """Return settings for a robot; the arguments are those of `HardwareRobot`.
 
     Raises:
         InputError: a channel, the calibration or a number does not fit.

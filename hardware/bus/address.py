@@ -41,7 +41,7 @@ class BusAddress:
 
 
 def parse_address(text: str) -> BusAddress:
-    """The channel that a text such as `can0` or `udp_multicast:239.74.163.2` names.
+    """Return the channel that a text such as `can0` or `udp_multicast:239.74.163.2` names.
 
     Everything after the first colon belongs to the channel, so that IPv6 groups and device paths need no quoting.
 
@@ -63,7 +63,7 @@ def parse_address(text: str) -> BusAddress:
 
 
 def parse_addresses(text: str) -> tuple[BusAddress, ...]:
-    """The channels of a comma-separated list, `can0,can1`, in the order of the robot's buses.
+    """Return the channels of a comma-separated list, `can0,can1`, in the order of the robot's buses.
 
     Raises:
         InputError: one of them cannot be read, or one is named twice.
@@ -92,7 +92,7 @@ logging.getLogger("can").addHandler(logging.NullHandler())
 
 
 def open_bus(address: BusAddress) -> can.BusABC:
-    """An open bus.
+    """Return an open bus.
 
     Raises:
         RobotError: it cannot be opened; one line with the reason.
@@ -123,7 +123,7 @@ def _hear_own_group_only(bus: can.BusABC) -> None:
 
 
 def bus_hints(address: BusAddress, burst: int) -> tuple[str, ...]:
-    """What the operating system says against an open channel, one line each; nothing where it cannot be asked.
+    """Return what the operating system says against an open channel, one line each; nothing where it cannot be asked.
 
     Args:
         address: the channel.
@@ -142,7 +142,7 @@ def bus_hints(address: BusAddress, burst: int) -> tuple[str, ...]:
 
 
 def error_number(error: BaseException) -> int | None:
-    """The `errno` behind one of python-can's exceptions, which keeps it in one of three places or not at all."""
+    """Return the `errno` behind one of python-can's exceptions, which keeps it in one of three places or not at all."""
     seen: BaseException | None = error
     while seen is not None:
         number = getattr(seen, "error_code", None)
@@ -171,7 +171,7 @@ def _reason(address: BusAddress, error: Exception) -> str:
 
 
 def can_interfaces() -> list[str]:
-    """The CAN interfaces of this machine's kernel, virtual ones too."""
+    """Return the CAN interfaces of this machine's kernel, virtual ones too."""
     try:
         names = sorted(path.name for path in _NETWORK.iterdir())
     except OSError:
@@ -187,13 +187,13 @@ def _attribute(interface: str, name: str) -> str:
 
 
 def frame_of(message: can.Message) -> Frame:
-    """A frame from what python-can received; some senders leave NumPy's integers in it."""
+    """Return a frame from what python-can received; some senders leave NumPy's integers in it."""
     identifier = int(message.arbitration_id)
     return Frame(identifier, bytes(message.data), message.is_extended_id, message.is_remote_frame)
 
 
 def message_of(frame: Frame, timestamp: float = 0.0) -> can.Message:
-    """A frame for python-can; `timestamp` in s, of the system's wall clock."""
+    """Return a frame for python-can; `timestamp` in s, of the system's wall clock."""
     return can.Message(
         timestamp=timestamp,
         arbitration_id=frame.arbitration_id,
@@ -213,12 +213,12 @@ class Echoes:
         self._sent: deque[tuple[int, bytes]] = deque(maxlen=capacity)
 
     def expect(self, frame: Frame) -> None:
-        """A frame is sent."""
+        """Expect an answer to a frame that is sent."""
         if self._has_echoes:
             self._sent.append((frame.arbitration_id, frame.data))
 
     def take(self, frame: Frame) -> bool:
-        """Whether a frame is an echo; each is one once."""
+        """Return whether a frame is an echo; each is one once."""
         if not self._has_echoes:
             return False
         try:

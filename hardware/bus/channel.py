@@ -110,7 +110,7 @@ class Channel:
 
     @property
     def down(self) -> str:
-        """Why nothing can be sent or heard, or empty. Stays until the channel is opened afresh."""
+        """Return why nothing can be sent or heard, or empty. Stays until the channel is opened afresh."""
         for thread in self._threads:
             if not thread.is_alive() and not self._closing.is_set():
                 return f"thread '{thread.name}' has ended"
@@ -221,7 +221,7 @@ class Channel:
             self._note(BusEvent.BURST, f"more than {rate:g} bus errors a second{cause}")
 
     def _arrival(self, stamp: float) -> float:
-        """The time of arrival on the robot's clock.
+        """Return the time of arrival on the robot's clock.
 
         Where the driver stamps frames, a frame that lay in the kernel while this process was not running is as old as
         it is, and not as young as its reading.

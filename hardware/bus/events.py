@@ -71,7 +71,7 @@ _BY_WEIGHT = (BusEvent.DOWN, BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.NORMAL)
 
 
 def read_error_frame(interface: str, arbitration_id: int, data: bytes) -> ErrorReport:
-    """The heaviest event of an error frame, and all of them in words. An unknown one counts as a bus error.
+    """Return the heaviest event of an error frame, and all of them in words. An unknown one counts as a bus error.
 
     Args:
         interface: python-can's name of the driver; many have error frames of their own, in which the bits mean others.

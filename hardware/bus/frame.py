@@ -116,7 +116,7 @@ def frame_bits(frame: Frame) -> int:
 
 
 def arbitration_key(frame: Frame) -> int:
-    """The bits that decide, as a number: of several frames the least wins. Error frames win over all."""
+    """Return the bits that decide, as a number: of several frames the least wins. Error frames win over all."""
     if frame.is_error:
         return -1
     arbitration = frame.arbitration_id
@@ -131,5 +131,5 @@ FRAME_BITS = (_BARE_BITS + _TAIL_BITS, _BARE_BITS + (_BARE_BITS - 1) // (_STUFF_
 
 
 def bus_load(frames_per_second: float) -> float:
-    """The share of a 1 Mbit/s bus that so many frames of 8 bytes take, to within 10 % of itself: 0 idle, 1 full."""
+    """Get the share of a 1 Mbit/s bus that so many frames of 8 bytes take, to within 10 % of itself: 0 idle, 1 full."""
     return frames_per_second * 0.5 * sum(FRAME_BITS) / BITRATE

@@ -48,13 +48,13 @@ class LinkSettings:
 
 
 def configured_by_hand(name: str, wanted: LinkSettings) -> tuple[str, str]:
-    """The commands that set an interface up until the next restart."""
+    """Return the commands that set an interface up until the next restart."""
     can = f"type can bitrate {wanted.bitrate} restart-ms {wanted.restart_ms}"
     return f"sudo ip link set {name} up {can}", f"sudo ip link set {name} txqueuelen {wanted.queue}"
 
 
 def read_links() -> str:
-    """What `ip -details -json link show` prints.
+    """Return what `ip -details -json link show` prints.
 
     Raises:
         RobotError: there is no such program, or it fails.

@@ -60,7 +60,7 @@ class ChannelLock:
 
     @property
     def descriptor(self) -> int:
-        """Of the lock's open file, through which a child process holds it as well; -1 where it is no file."""
+        """Return the lock's open file, through which a child process holds it as well; -1 where it is not a file."""
         return self._descriptor
 
     def release(self) -> None:
@@ -105,6 +105,6 @@ def _open(path: Path, address: BusAddress) -> int:
 
 
 def _program() -> str:
-    """What this process runs, in a word: the package's name where it was started by `python -m`."""
+    """Return what this process runs, in a word: the package's name where it was started by `python -m`."""
     path = Path(sys.argv[0])
     return (path.parent.name if path.name == "__main__.py" else path.name) or "python"

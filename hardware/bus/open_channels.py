@@ -43,7 +43,7 @@ class Locks:
 
     @property
     def descriptors(self) -> tuple[int, ...]:
-        """Of the locks' open files, see `ChannelLock.descriptor`; without those that are none."""
+        """Return the locks' open files, see `ChannelLock.descriptor`; locks without a file are left out."""
         return tuple(lock.descriptor for lock in self._held if lock.descriptor >= 0)
 
     def release(self) -> None:
@@ -105,7 +105,7 @@ class OpenChannels:
         any(listener(channel, frame, when) for listener in self.listeners)
 
     def check(self, checks: CheckList) -> None:
-        """A channel that is down is a problem."""
+        """Report each channel that is down as a problem."""
         for source, channel in zip(self.sources, self.channels, strict=True):
             if channel.down:
                 checks.problem(source, f"down: {channel.down}")

@@ -73,7 +73,7 @@ class Outbox:
         self.overruns += now - self._jammed_since.setdefault(key, now) > _PATIENCE
 
     def take(self, timeout: float) -> tuple[Hashable, Frame, float] | None:
-        """The next frame, or None if `timeout` (s) passes without one. A frame that cannot be sent: `give_back`.
+        """Return the next frame, or None if `timeout` (s) passes without one. A frame that cannot be sent: `give_back`.
 
         Returns:
             Its key, itself, and until when it may leave.
@@ -91,7 +91,7 @@ class Outbox:
             return None
 
     def sent(self, key: Hashable) -> None:
-        """A frame that was taken has left."""
+        """Note that a frame that was taken has left."""
         if key in self._jammed_since:
             with self._ready:
                 self._jammed_since.pop(key, None)
@@ -114,7 +114,7 @@ class Outbox:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing waits."""
+        """Return whether nothing waits."""
         return not self._waiting
 
     def close(self) -> None:
@@ -125,5 +125,5 @@ class Outbox:
 
     @property
     def is_closed(self) -> bool:
-        """Whether `close` was called."""
+        """Return whether `close` was called."""
         return self._is_closed

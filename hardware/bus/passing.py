@@ -23,7 +23,7 @@ class PassingBus(can.BusABC):
         return self._bus._recv_internal(timeout)
 
     def fileno(self) -> int:
-        """Of the other bus."""
+        """Return the file descriptor of the other bus."""
         return self._bus.fileno()
 
     def shutdown(self) -> None:

@@ -108,7 +108,7 @@ class Emulator:
         return len(self._wires)
 
     def load(self, bus: int) -> BusLoad:
-        """What a bus has carried so far."""
+        """Return what a bus has carried so far."""
         return BusLoad(self._wires[bus].frames, self._wires[bus].busy)
 
     def waiting(self, bus: int) -> int:
@@ -116,7 +116,7 @@ class Emulator:
         return self._wires[bus].waiting(HOST)
 
     def host_fault(self, bus: int) -> str:
-        """What is wrong with the computer's end of a bus: `bus_off`, `enobufs`, or nothing (empty).
+        """Return what is wrong with the computer's end of a bus: `bus_off`, `enobufs`, or nothing (empty).
 
         To be asked for each frame that is sent: what happens once has then happened.
         """
@@ -245,7 +245,7 @@ class Emulator:
             self._host_faults[bus].append(kind)
 
     def _interfere(self, injected: _Injected, bus: int) -> None:
-        """What happens on a bus again and again: another computer's frames to every motor, or an error frame."""
+        """Disturb a bus again and again: with another computer's frames to every motor, or with an error frame."""
         if not injected.is_active:
             return
         kind = injected.fault.kind
@@ -263,7 +263,7 @@ class Emulator:
             self._wires[bus].submit(motor, frame, time)
 
     def _pass_on(self, bus: int, transmission: Transmission) -> None:
-        """A frame has come over the bus: to the motor that it names, or to the computer."""
+        """Pass on a frame that has come over the bus: to the motor that it names, or to the computer."""
         time, node, frame = transmission.time, transmission.node, transmission.frame
         if node >= 0:
             for arrival, received in self._frame_faults.arrivals(node, frame, time):

@@ -112,7 +112,7 @@ class Fault:
 
     @property
     def info(self) -> FaultInfo:
-        """What this kind does."""
+        """Return what this kind does."""
         return FAULTS[self.kind]
 
     @property

@@ -71,7 +71,7 @@ Angle = TypeVar("Angle", float, FloatArray)
 
 
 def power_on(identity: MotorIdentity, stored: Stored, sensed: Sensed) -> MotorState:
-    """A motor that has just booted: not enabled, parameters as saved, turns lost.
+    """Return a motor that has just booted: not enabled, parameters as saved, turns lost.
 
     Its encoder tells the angle within one turn only, so the first position lies in 0 to 2π, or in -π to π with
     `zero_sta` 1.
@@ -86,12 +86,12 @@ def power_on(identity: MotorIdentity, stored: Stored, sensed: Sensed) -> MotorSt
 
 
 def wrapped(position: Angle, position_range: Angle) -> Angle:
-    """A position in [-range, range), or an array of them: feedback runs cyclically, it does not saturate."""
+    """Return a position in [-range, range), or an array of them: feedback runs cyclically, it does not saturate."""
     return (position + position_range) % (2.0 * position_range) - position_range
 
 
 def status(identity: MotorIdentity, state: MotorState, sensed: Sensed, *, is_report: bool = False) -> Status:
-    """What the motor says about itself at this instant."""
+    """Return what the motor says about itself at this instant."""
     return Status(
         state.can_id,
         state.host_id,
@@ -117,7 +117,7 @@ def torque_limit(identity: MotorIdentity, state: MotorState) -> float:
 def receive(
     identity: MotorIdentity, state: MotorState, frame: Frame, sensed: Sensed, time: float
 ) -> Reaction[MotorState]:
-    """A frame from the bus, at `time`, s. What is for another motor, or cannot be read, changes nothing."""
+    """Return a frame from the bus, at `time`, s. What is for another motor, or cannot be read, changes nothing."""
     if state.is_deaf:
         return Reaction(state)
     command = decode_command(frame, state.can_id, identity.model, scale=identity.scale)
@@ -133,13 +133,13 @@ def receive(
 
 
 def _refusal(state: MotorState) -> str:
-    """Why the motor cannot be enabled, in words; empty: it can, or its faults say why not."""
+    """Return why the motor cannot be enabled, in words; empty: it can, or its faults say why not."""
     mode = RunMode(int(parameter(state, "run_mode")))
     return "" if mode is RunMode.OPERATION else f"not enabled: run_mode is {mode}, only 0 (operation) is emulated"
 
 
 def advance(identity: MotorIdentity, state: MotorState, sensed: Sensed, time: float) -> Reaction[MotorState]:
-    """What the motor does of itself at `time`: its protections, the CAN timeout, active reports."""
+    """Return what the motor does of itself at `time`: its protections, the CAN timeout, active reports."""
     frames: list[Frame] = []
     before = state.faults, state.warnings
     state = _protect(identity, _watch_stall(identity, state, sensed, time), sensed, time)
@@ -266,7 +266,7 @@ def _obey(  # noqa: PLR0911, PLR0912 - one case for each command
 
 
 def _with_zero(identity: MotorIdentity, state: MotorState, sensed: Sensed) -> MotorState:
-    """Here is zero; position mode PP ignores it."""
+    """Make the present position zero; position mode PP ignores it."""
     if parameter(state, "run_mode") == RunMode.PROFILE_POSITION:
         return state
     command = state.command

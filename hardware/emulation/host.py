@@ -167,7 +167,7 @@ class EmulatorHost:
                 self.send_errors += 1
 
     def _arrival(self, stamp: float, wall: float, now: float) -> float:
-        """The emulator's time of a stamp: between the last look, which the emulator sees to itself, and now."""
+        """Return the emulator's time of a stamp: between the last look, which the emulator sees to itself, and now."""
         return min(now - (wall - stamp), now) if wall - stamp < _OLDEST else now
 
 

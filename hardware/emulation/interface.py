@@ -65,34 +65,34 @@ class Firmware(Protocol[State]):
         """With this firmware's position range."""
 
     def power_on(self, before: State | None, sensed: Sensed) -> State:
-        """The state after booting; `before`, when it lost its power: what it has stored stays."""
+        """Return the state after booting; `before`, when it lost its power: what it has stored stays."""
 
     def reset(self, state: State) -> State:
-        """The state after falling back to what it is after power-on without losing its power."""
+        """Return the state after falling back to what it is after power-on without losing its power."""
 
     def is_for(self, state: State, frame: Frame) -> bool:
-        """Whether a frame names this motor."""
+        """Return whether a frame names this motor."""
 
     def receive(self, state: State, frame: Frame, sensed: Sensed, time: float) -> Reaction[State]:
-        """A frame that names it."""
+        """Return a frame that names it."""
 
     def advance(self, state: State, sensed: Sensed, time: float) -> Reaction[State]:
-        """What it does of itself at a time."""
+        """Return what it does of itself at a time."""
 
     def next_time(self, state: State) -> float:
-        """When `advance` has something to do at the latest, protections apart; infinity: never."""
+        """Return when `advance` has something to do at the latest, protections apart; infinity: never."""
 
     def drive(self, state: State) -> Drive:
-        """What its control loop does."""
+        """Return what its control loop does."""
 
     def changes(self, before: State, state: State) -> tuple[str, ...]:
-        """What is different, in words for a person."""
+        """Return what is different, in words for a person."""
 
     def announcement(self, state: State) -> tuple[Frame, ...]:
-        """What it sends when it has booted."""
+        """Return what it sends when it has booted."""
 
     def zero_torque(self, state: State) -> tuple[Frame, ...]:
-        """What a computer sends that wants no torque of it."""
+        """Return what a computer sends that wants no torque of it."""
 
     def question(self, state: State) -> tuple[Frame, ...]:
-        """What another computer sends that only asks it something; nothing where the protocol has no questions."""
+        """Say what another computer sends that only asks it something; nothing where the protocol has no questions."""

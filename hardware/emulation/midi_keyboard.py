@@ -69,7 +69,7 @@ class MidiKeyboard:
 
 
 def message(before: FloatArray, now: FloatArray) -> bytes:
-    """The bytes that say which keys have changed, both shape (88,); with running status, as keyboards send them."""
+    """Get the bytes that say which keys have changed, both shape (88,); with running status, as keyboards send them."""
     data = b"".join(
         bytes((FIRST_NOTE + key, _VELOCITY if now[key] > 0.0 else 0)) for key in np.flatnonzero(now != before).tolist()
     )

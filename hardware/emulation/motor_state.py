@@ -47,7 +47,7 @@ class MotorIdentity:
 
     @property
     def keeps_target(self) -> bool:
-        """Whether setting the zero leaves the position target, so that a motor that holds a position jumps.
+        """Return whether setting the zero leaves the position target, so that a motor that holds a position jumps.
 
         The firmware notes say "old firmware" without a number: taken to be that with the old position range.
         """
@@ -105,7 +105,7 @@ class MotorState:
 
     @property
     def is_running(self) -> bool:
-        """Whether it is enabled."""
+        """Return whether it is enabled."""
         return self.mode is MotorMode.RUN
 
 
@@ -127,12 +127,12 @@ def initial_parameters(identity: MotorIdentity, saved: Mapping[int, float]) -> M
 
 
 def parameter(state: MotorState, name: str) -> float:
-    """The present value of a writable parameter by its name."""
+    """Return the present value of a writable parameter by its name."""
     return state.parameters[PARAMETERS[name].index]
 
 
 def read_parameter(identity: MotorIdentity, state: MotorState, sensed: Sensed, index: int) -> bytes | None:
-    """The 4 bytes that a read of an index answers with; none: there is no such parameter."""
+    """Return the 4 bytes that a read of an index answers with; none: there is no such parameter."""
     word = fault_word(identity.model.name)
     if index == word.index:
         return pack_value(word.type, int(state.faults))

@@ -50,7 +50,7 @@ class Drives:
         self._limit[motor], self._origin[motor] = drive.limit, drive.origin
 
     def torque(self, shaft: FloatArray, velocity: FloatArray) -> FloatArray:
-        """The torque of one period of the control loop.
+        """Return the torque of one period of the control loop.
 
         Args:
             shaft: shape (m,), rad, what the encoders read.
@@ -167,11 +167,11 @@ class Motors:
         return (self._steps + 1) * self.plant.timestep
 
     def name(self, motor: int) -> str:
-        """The joint that a motor drives."""
+        """Return the joint that a motor drives."""
         return self.plant.joints[motor].name
 
     def sensed(self, motor: int) -> Sensed:
-        """What a motor's sensors say now."""
+        """Return what a motor's sensors say now."""
         conditions, settings = self.conditions[motor], self._settings
         temperature, voltage = conditions.temperature, conditions.voltage
         return Sensed(
@@ -186,19 +186,19 @@ class Motors:
         )
 
     def is_for(self, motor: int, frame: Frame) -> bool:
-        """Whether a frame names a motor."""
+        """Return whether a frame names a motor."""
         return self.firmwares[motor].is_for(self.states[motor], frame)
 
     def zero_torque(self, motor: int) -> tuple[Frame, ...]:
-        """What another computer sends that wants no torque of a motor."""
+        """Return what another computer sends that wants no torque of a motor."""
         return self.firmwares[motor].zero_torque(self.states[motor])
 
     def question(self, motor: int) -> tuple[Frame, ...]:
-        """What another computer sends that only asks a motor something."""
+        """Return what another computer sends that only asks a motor something."""
         return self.firmwares[motor].question(self.states[motor])
 
     def receive(self, motor: int, frame: Frame, time: float) -> tuple[Frame, ...]:
-        """A frame reaches a motor; what it answers."""
+        """Return a frame reaches a motor; what it answers."""
         if not self.conditions[motor].has_power:
             return ()
         reaction = self.firmwares[motor].receive(self.states[motor], frame, self.sensed(motor), time)
@@ -234,7 +234,7 @@ class Motors:
         return sent
 
     def begin_fault(self, motor: int, kind: str, amount: float) -> None:
-        """A fault of the scope `motor` sets in, see `FAULTS`. Its value is in `amount`."""
+        """Begin a fault of the scope `motor`, see `FAULTS`. Its value is in `amount`."""
         conditions = self.conditions[motor]
         match kind:
             case "silent":
@@ -261,7 +261,7 @@ class Motors:
         self._look_at = 0.0
 
     def end_fault(self, motor: int, kind: str, amount: float) -> tuple[Frame, ...]:
-        """The cause is gone; what the firmware has latched stays. The frames that the motor sends about it."""
+        """End the cause; what the firmware has latched stays. Return the frames that the motor sends about it."""
         conditions = self.conditions[motor]
         announcement: tuple[Frame, ...] = ()
         match kind:

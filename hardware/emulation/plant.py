@@ -127,7 +127,7 @@ class MotorPlant:
         self._sense()
 
     def fault(self) -> str:
-        """What is wrong with the simulation; empty if it is sound."""
+        """Return what is wrong with the simulation; empty if it is sound."""
         return self._plant.fault()
 
     def jam(self, motor: int, jammed: bool) -> None:
@@ -167,11 +167,11 @@ class MotorPlant:
 
     @property
     def supported(self) -> bool:
-        """Whether the support holds a floating base."""
+        """Return whether the support holds a floating base."""
         return self._base is not None and self._base.is_held(self._plant.data)
 
     def truth(self, time: float) -> PlantTruth:
-        """A snapshot, stamped with `time`."""
+        """Return a snapshot, stamped with `time`."""
         plant = self._plant
         effort = np.zeros(self.description.joint_count)
         effort[[self.description.joint_names.index(joint.name) for joint in self.joints]] = (

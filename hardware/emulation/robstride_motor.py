@@ -23,7 +23,7 @@ class RobstrideFirmware:
     """See `Firmware`: for one motor."""
 
     def __init__(self, identity: MotorIdentity, can_id: int) -> None:
-        """A motor with its id, everything else as it comes."""
+        """Make a motor with its id, everything else as it comes."""
         self.identity = identity
         self._stored = Stored(can_id)
 

@@ -56,7 +56,7 @@ class SitoFirmware:
     """See `Firmware`."""
 
     def __init__(self, model: MotorModel, device_id: int, *, is_deaf: bool = False) -> None:
-        """A motor with its id."""
+        """Make a motor with its id."""
         self.model = model
         self._device_id = device_id
         self._is_deaf = is_deaf
@@ -162,5 +162,5 @@ def _has_tripped(sensed: Sensed) -> bool:
 
 
 def _cut(value: float, limit: float) -> float:
-    """What an integer makes of a value beyond it: int16 velocity stands still at 3.14 rad/s."""
+    """Return what an integer makes of a value beyond it: int16 velocity stands still at 3.14 rad/s."""
     return min(max(value, -limit), limit)

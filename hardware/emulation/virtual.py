@@ -70,7 +70,7 @@ class VirtualMotors(EmulatorHost):
         return self.load(bus).busy / max(self.time, 1e-9)
 
     def load(self, bus: int = 0) -> BusLoad:
-        """What a bus has carried since power-on; no time where none is modelled."""
+        """Return what a bus has carried since power-on; no time where none is modelled."""
         return self._emulator.load(bus)
 
     def clear_faults(self) -> None:
@@ -78,7 +78,7 @@ class VirtualMotors(EmulatorHost):
         self.call(lambda emulator: emulator.clear_faults())
 
     def move_by_hand(self, positions: Mapping[str, float] | None) -> None:
-        """A hand leads joints towards positions, rad, joint frame; None lets go.
+        """Lead joints by hand towards positions, rad, joint frame; None lets go.
 
         Raises:
             InputError: a name is not that of a driven joint.
@@ -99,7 +99,7 @@ class VirtualMotors(EmulatorHost):
 
     @property
     def supported(self) -> bool:
-        """Whether the support holds a floating base."""
+        """Return whether the support holds a floating base."""
         return self._emulator.motors.plant.supported
 
     def open_bus(self, address: BusAddress) -> can.BusABC:
@@ -115,7 +115,7 @@ class VirtualMotors(EmulatorHost):
         return FaultyBus(bus, str(address), lambda: self._emulator.host_fault(index))
 
     def close(self) -> None:
-        """The motors and their ends of the channels are gone. May be called twice."""
+        """Close the motors and their ends of the channels. May be called twice."""
         with self._opened:
             super().close()
 

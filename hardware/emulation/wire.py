@@ -105,23 +105,23 @@ class FrameFaults:
         self._held: dict[int, Frame] = {}
 
     def begin(self, kind: str, motor: int, amount: float) -> None:
-        """A fault of the scope `frames` sets in; `amount` as in `FAULTS`."""
+        """Begin a fault of the scope `frames`; `amount` as in `FAULTS`."""
         self._active.setdefault(motor, {})[kind] = amount
 
     def end(self, kind: str, motor: int) -> None:
-        """It is over."""
+        """End the fault."""
         active = self._active.get(motor, {})
         active.pop(kind, None)
         if not active:
             self._active.pop(motor, None)
 
     def reaches(self, motor: int) -> bool:
-        """Whether a frame that has come over the bus reaches the motor."""
+        """Return whether a frame that has come over the bus reaches the motor."""
         active = self._active.get(motor)
         return not active or not self._happens(active.get("lost", 0.0))
 
     def arrivals(self, motor: int, frame: Frame, time: float) -> list[tuple[float, Frame]]:
-        """When, s, and how often and in what shape a motor's frame arrives that came over the bus at `time`."""
+        """Return when, s, how often and in what shape a motor's frame arrives that came over the bus at `time`."""
         held = self._held.pop(motor, None)
         late = [] if held is None else [(time, held)]
         active = self._active.get(motor)

@@ -36,7 +36,7 @@ _WITHIN_PROCESS = "virtual"
 
 
 def can_share(channel: BusAddress) -> bool:
-    """Whether a guardian can reach a channel.
+    """Return whether a guardian can reach a channel.
 
     One of the interface `virtual` exists within one process only, and motors that are emulated there end with it.
     """
@@ -108,7 +108,7 @@ class Guardian:
 
     @property
     def pid(self) -> int:
-        """Of its process."""
+        """Return the id of its process."""
         return self._process.pid
 
     # --- the channels
@@ -124,16 +124,16 @@ class Guardian:
 
     @property
     def drives(self) -> bool:
-        """Whether the motors are the guardian's: it has taken over, and has not ended."""
+        """Return whether the motors are the guardian's: it has taken over, and has not ended."""
         return self.has_taken_over and not self._has_ended
 
     @property
     def has_taken_over(self) -> bool:
-        """Whether it has ever taken over."""
+        """Return whether it has ever taken over."""
         return self._heartbeat.descriptor >= 0 and self._heartbeat.stage >= Stage.DAMPING
 
     def count_sent(self, index: int) -> None:
-        """A frame has left on one of its channels."""
+        """Count a frame that has left on one of its channels."""
         if not self._has_ended:
             self._heartbeat.count_sent(index)
 
@@ -144,7 +144,7 @@ class Guardian:
         self._heartbeat.phase = Phase.STANDBY
 
     def beat(self) -> None:
-        """A set of commands was decided: from here on silence makes the guardian act."""
+        """Note that a set of commands was decided: from here on silence makes the guardian act."""
         if self._has_ended:
             return
         self._heartbeat.beat()
@@ -152,7 +152,7 @@ class Guardian:
             self._heartbeat.phase = Phase.ARMED
 
     def status(self) -> SafetyStatus | None:
-        """What is wrong with it, or that it has taken over; none while it watches."""
+        """Return what is wrong with it, or that it has taken over; none while it watches."""
         if self._has_ended:
             return None
         if self.has_taken_over:
@@ -212,7 +212,7 @@ class Guardian:
 
 
 def _environment() -> dict[str, str]:
-    """This process's, with the package where this one has found it."""
+    """Return this process's, with the package where this one has found it."""
     root = str(Path(humanoid_sim.__file__).parents[1])
     known = os.environ.get("PYTHONPATH")
     return {**os.environ, "PYTHONPATH": os.pathsep.join([root, known] if known else [root])}

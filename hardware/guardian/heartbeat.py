@@ -62,7 +62,7 @@ class Heartbeat:
 
     @classmethod
     def create(cls, channel_count: int) -> Heartbeat:
-        """New memory without a name: it is gone when both processes are."""
+        """Return new memory without a name: it is gone when both processes are."""
         if hasattr(os, "memfd_create"):
             return cls(os.memfd_create("humanoid_sim-heartbeat"), channel_count)
         with tempfile.TemporaryFile() as file:
@@ -80,7 +80,7 @@ class Heartbeat:
 
     @property
     def phase(self) -> Phase:
-        """What the loop is doing."""
+        """Return what the loop is doing."""
         return Phase(self._places[_PHASE])
 
     @phase.setter
@@ -88,11 +88,11 @@ class Heartbeat:
         self._places[_PHASE] = phase
 
     def beat(self) -> None:
-        """A command was handed to every motor."""
+        """Note that a command was handed to every motor."""
         self._places[_BEATS] += 1
 
     def count_sent(self, channel: int) -> None:
-        """A frame has left on a channel; called on that channel's sending thread."""
+        """Count a frame that has left on a channel; called on that channel's sending thread."""
         self._places[_SENT + channel] += 1
 
     @property
@@ -104,7 +104,7 @@ class Heartbeat:
 
     @property
     def stage(self) -> Stage:
-        """What the guardian is doing."""
+        """Return what the guardian is doing."""
         return Stage(self._places[_STAGE])
 
     @stage.setter
@@ -112,7 +112,7 @@ class Heartbeat:
         self._places[_STAGE] = stage
 
     def look(self) -> None:
-        """The guardian has looked."""
+        """Note that the guardian has looked."""
         self._places[_LOOKS] += 1
 
     @property

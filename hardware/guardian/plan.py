@@ -66,7 +66,7 @@ class GuardianPlan:
         return tuple(dict.fromkeys(motor.channel for motor in self.motors))
 
     def to_json(self) -> str:
-        """The plan on one line, for the other process."""
+        """Return the plan on one line, for the other process."""
         document = {
             "motors": [
                 {
@@ -86,7 +86,7 @@ class GuardianPlan:
 
     @classmethod
     def from_json(cls, text: str) -> GuardianPlan:
-        """The plan of `to_json`'s text."""
+        """Return the plan of `to_json`'s text."""
         document = json.loads(text)
         motors = tuple(
             GuardedMotor(

@@ -50,7 +50,7 @@ class Silence:
         self._since = [math.inf] * len(names)
 
     def look(self, counters: tuple[int, ...], now: float) -> str:
-        """What has stood still for too long, in words; empty: nothing.
+        """Return what has stood still for too long, in words; empty: nothing.
 
         Args:
             counters: now.
@@ -66,7 +66,7 @@ class Silence:
         return f"{', '.join(silent)} for {1000.0 * self._timeout:.0f} ms" if silent else ""
 
     def forget(self) -> None:
-        """What was seen so far is past."""
+        """Forget what was seen so far."""
         self._last = ()
 
 

@@ -47,7 +47,7 @@ class Imu(Protocol):
         """Begin, and wait for a first sample. Raises `RobotError` if none comes, saying why."""
 
     def read(self, time: float) -> ImuReading:
-        """The latest reading; never waits and never raises.
+        """Return the latest reading; never waits and never raises.
 
         Args:
             time: s, the robot's clock, now.
@@ -58,12 +58,12 @@ class Imu(Protocol):
 
 
 def upright_at_rest(status: SafetyStatus) -> ImuReading:
-    """What stands in for a reading that does not exist."""
+    """Return what stands in for a reading that does not exist."""
     return ImuReading(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.array([0.0, 0.0, 9.81]), status)
 
 
 def silent(message: str) -> SafetyStatus:
-    """The status of an IMU that has gone silent: a policy that balances on its last values would fall."""
+    """Return the status of an IMU that has gone silent: a policy that balances on its last values would fall."""
     return SafetyStatus(SafetyLevel.FAULT, SafetyFlag.RX_TIMEOUT, SOURCE, message)
 
 
@@ -78,7 +78,7 @@ class SimulatedImu:
         """Nothing to do: a simulation answers at once."""
 
     def read(self, time: float) -> ImuReading:
-        """The plant's present reading."""
+        """Return the plant's present reading."""
         sample = self._sample()
         return ImuReading(sample.quaternion, sample.angular_velocity, sample.linear_acceleration, OK)
 
@@ -90,7 +90,7 @@ DEFAULT_MOUNTING = ",".join(f"{value:g}" for value in LABEL_UP)
 
 
 def make_imu(text: str, mounting: str, clock: Callable[[], float]) -> Imu | None:
-    """The IMU that `--imu` and `--imu-mounting` describe; None for `none`. Opens nothing.
+    """Return the IMU that `--imu` and `--imu-mounting` describe; None for `none`. Opens nothing.
 
     Args:
         text: `none`, or `microstrain:PORT`, or `microstrain:PORT@BAUD`.

@@ -105,7 +105,7 @@ class MicrostrainImu:
             raise RobotError(f"{self._port}: the IMU {problem}")
 
     def read(self, time: float) -> ImuReading:
-        """The latest reading; FAULT once it is older than the timeout."""
+        """Return the latest reading; FAULT once it is older than the timeout."""
         latest = self._latest
         if latest is None:
             return upright_at_rest(silent(f"{self._port}: nothing heard yet"))
@@ -235,7 +235,7 @@ _UP_FROM_DOWN = np.array([0.0, 1.0, 0.0, 0.0])
 
 
 def reading_of(packet: Packet, mounting: FloatArray) -> ImuReading | None:
-    """The reading in a packet of measurements; None if it lacks one, or one is no measurement.
+    """Return the reading in a packet of measurements; None if it lacks one, or one is no measurement.
 
     Args:
         packet: of the descriptor set `SENSOR_DATA`.

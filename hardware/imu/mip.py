@@ -29,7 +29,7 @@ class Field:
     data: bytes
 
     def floats(self, count: int) -> tuple[float, ...] | None:
-        """The data as `count` 32-bit floats; None if it has another length."""
+        """Return the data as `count` 32-bit floats; None if it has another length."""
         return struct.unpack(f">{count}f", self.data) if len(self.data) == 4 * count else None
 
 
@@ -41,7 +41,7 @@ class Packet:
     fields: tuple[Field, ...]
 
     def field(self, descriptor: int) -> Field | None:
-        """The first field of that descriptor."""
+        """Return the first field of that descriptor."""
         return next((field for field in self.fields if field.descriptor == descriptor), None)
 
 
@@ -55,7 +55,7 @@ def checksum(data: bytes) -> bytes:
 
 
 def encode_packet(descriptor_set: int, fields: Iterable[Field]) -> bytes:
-    """The bytes of a packet.
+    """Return the bytes of a packet.
 
     Raises:
         ValueError: if a field or the payload is longer than its length byte can say.
@@ -112,7 +112,7 @@ class PacketReader:
 
 
 def _fields(payload: bytes) -> tuple[Field, ...] | None:
-    """The fields of a payload; None if they do not fill it exactly."""
+    """Return the fields of a payload; None if they do not fill it exactly."""
     found = []
     while payload:
         length = payload[0]

@@ -75,7 +75,7 @@ _INDEX = struct.Struct("<H")
 
 
 def encode_command(command: Command, model: MotorModel, *, scale: Scale = Scale.REFERENCE) -> Frame:
-    """The frame of a command. Values of `OperationControl` are cut off at the model's ranges.
+    """Return the frame of a command. Values of `OperationControl` are cut off at the model's ranges.
 
     Raises:
         FieldError: an id is not one, or a value is not finite: the reference turns NaN into full negative scale.
@@ -112,7 +112,7 @@ def _encode_operation_control(command: OperationControl, model: MotorModel, scal
 
 
 def _data(command: HostCommand) -> bytes:  # noqa: PLR0911 - one for each kind of data
-    """What a command's frame carries; the rest is zeros."""
+    """Return what a command's frame carries; the rest is zeros."""
     match command:
         case Stop():
             return bytes([command.clear_fault])
@@ -145,7 +145,7 @@ def _parameter_data(command: ReadParameter | WriteParameter, payload: bytes) -> 
 def decode_command(
     frame: Frame, motor_id: int, model: MotorModel, *, scale: Scale = Scale.REFERENCE
 ) -> Command | Ignored | Malformed:
-    """What a motor with this id is told by a frame; never raises.
+    """Return what a motor with this id is told by a frame; never raises.
 
     Frames that other hosts send are taken as well: no data in type 0, 3 and 4, one byte in type 6, anything in type 22,
     and any last byte in types 23 to 25.
@@ -256,7 +256,7 @@ class OperationControlEncoder:
         self._lower = np.where(np.arange(len(_FIELDS))[:, None] < _SIGNED, -self._upper, 0.0)
 
     def encode(self, values: FloatArray) -> EncodedCommands:
-        """The frames of all motors.
+        """Return the frames of all motors.
 
         Args:
             values: shape (5, motors), motor frame: position rad, velocity rad/s, effort N·m, stiffness N·m/rad,

@@ -57,7 +57,7 @@ def examine(
     takes_over: bool,
     is_limp: bool = False,
 ) -> tuple[dict[int, bytes], dict[int, FirmwareVersion]]:
-    """Whether these motors may be touched: nobody else drives them, and they are those that were expected.
+    """Return whether these motors may be touched: nobody else drives them, and they are those that were expected.
 
     Asks only; nothing is written to any motor, and none is stopped.
 
@@ -181,7 +181,7 @@ def _stop_and_check(requests: Requests, joints: Sequence[int], checks: CheckList
 
 
 def _fault_words(requests: Requests, joints: Iterable[int]) -> dict[int, int]:
-    """The fault words of these motors; those that cannot be read are left out."""
+    """Return the fault words of these motors; those that cannot be read are left out."""
     found = requests.read({i: fault_word(requests.motors.model[i].name) for i in joints})
     return {i: int(word) for i, word in found.items() if not isinstance(word, Unreadable)}
 
@@ -203,7 +203,7 @@ def _write_exactly(requests: Requests, name: str, values: Mapping[int, float], c
 
 
 def _peaks(motors: MotorGroup) -> dict[int, float]:
-    """The data sheets' peak torques by motor, N·m."""
+    """Return the data sheets' peak torques by motor, N·m."""
     return {i: model.peak_torque for i, model in enumerate(motors.model)}
 
 
@@ -306,7 +306,7 @@ def _runs(slot: MotorSlot) -> bool:
 
 
 def mode_text(slot: MotorSlot) -> str:
-    """What a motor's latest status says about mode and faults: `mode reset, undervoltage`."""
+    """Return what a motor's latest status says about mode and faults: `mode reset, undervoltage`."""
     if slot.sample is None:
         return "no status"
     status = slot.sample.status
@@ -355,7 +355,7 @@ def _note_stored_hosts(requests: Requests, joints: Iterable[int], checks: CheckL
 
 
 def _limp_command(requests: Requests, joint: int) -> OperationControl:
-    """A command without gains or effort, at the motor's position if that is known."""
+    """Return a command without gains or effort, at the motor's position if that is known."""
     sample = requests.table.slots[joint].sample
     position = 0.0 if sample is None else sample.status.position
     return OperationControl(requests.motors.motor_id[joint], position, 0.0, 0.0, 0.0, 0.0)

@@ -56,14 +56,14 @@ class Identifier(NamedTuple):
 
 
 def split_identifier(arbitration_id: int) -> Identifier:
-    """The parts of an identifier; never raises."""
+    """Return the parts of an identifier; never raises."""
     return Identifier(
         arbitration_id >> 24 & 0x1F, arbitration_id >> 16 & 0xFF, arbitration_id >> 8 & 0xFF, arbitration_id & 0xFF
     )
 
 
 def join_identifier(kind: int, high: int, low: int, destination: int) -> int:
-    """The 29-bit identifier with these parts."""
+    """Return the 29-bit identifier with these parts."""
     return kind << 24 | high << 16 | low << 8 | destination
 
 
@@ -79,14 +79,14 @@ class Scale(Enum):
     MANUAL = "manual"
 
     def to_raw(self, value: float, limit: float) -> int:
-        """The raw field of a finite value, cut off at ±limit: 0 to 65534 (REFERENCE) or 65535 (MANUAL)."""
+        """Return the raw field of a finite value, cut off at ±limit: 0 to 65534 (REFERENCE) or 65535 (MANUAL)."""
         value = min(max(value, -limit), limit)
         if self is Scale.REFERENCE:
             return math.trunc((value / limit + 1.0) * SIGNED_STEPS)
         return math.trunc((value + limit) * UNSIGNED_STEPS / (2.0 * limit))
 
     def from_raw(self, raw: int, limit: float) -> float:
-        """The value of a raw field, 0 to 65535. In REFERENCE the last step lies beyond the limit by 0.003 %."""
+        """Return the value of a raw field, 0 to 65535. In REFERENCE the last step lies beyond the limit by 0.003 %."""
         if self is Scale.REFERENCE:
             return (raw / SIGNED_STEPS - 1.0) * limit
         return (2.0 * raw / UNSIGNED_STEPS - 1.0) * limit
@@ -98,7 +98,7 @@ def to_unsigned(value: float, limit: float) -> int:
 
 
 def from_unsigned(raw: int, limit: float) -> float:
-    """The gain of a raw field, 0 to 65535."""
+    """Return the gain of a raw field, 0 to 65535."""
     return raw * limit / UNSIGNED_STEPS
 
 

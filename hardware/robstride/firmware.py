@@ -74,12 +74,12 @@ class Firmware:
     """Whether its active reports come as type 2."""
 
     def applied_to(self, model: MotorModel) -> MotorModel:
-        """The model with this firmware's position range."""
+        """Return the model with this firmware's position range."""
         return replace(model, position=self.position_range)
 
 
 def firmware_of(model: MotorModel, version: FirmwareVersion) -> Firmware:
-    """What this version of a model does. A model that the notes do not mention behaves as the manual has it."""
+    """Return what this version of a model does. A model that the notes do not mention behaves as the manual has it."""
     known = KNOWN.get(model.name, _UNMENTIONED)
     return Firmware(
         position_range=_OLD_POSITION_RANGE if version <= known.last_old_range else model.position,
@@ -90,7 +90,7 @@ def firmware_of(model: MotorModel, version: FirmwareVersion) -> Firmware:
 
 
 def model_name(version: FirmwareVersion) -> str | None:
-    """The model that a version is of; none if it is of no known one.
+    """Return the model that a version is of; none if it is of no known one.
 
     The second number is the model's in everything that the vendor prints of rs-00 to rs-04; rs-05 and rs-06 are taken
     to follow.
@@ -100,7 +100,7 @@ def model_name(version: FirmwareVersion) -> str | None:
 
 
 def parse_version(text: str) -> FirmwareVersion:
-    """A version from `0.2.3.6`.
+    """Return a version from `0.2.3.6`.
 
     Raises:
         InputError: the text is no such version.
@@ -113,12 +113,12 @@ def parse_version(text: str) -> FirmwareVersion:
 
 
 def version_text(version: FirmwareVersion) -> str:
-    """A version as the vendor writes it: `0.2.3.6`."""
+    """Return a version as the vendor writes it: `0.2.3.6`."""
     return ".".join(str(number) for number in version)
 
 
 def firmware_problem(model: MotorModel, version: FirmwareVersion) -> str:
-    """Why a motor with this firmware must not be driven as this model; empty when it may.
+    """Return why a motor with this firmware must not be driven as this model; empty when it may.
 
     A motor driven as another model would scale torque, velocity and gains wrongly.
     """
@@ -133,7 +133,7 @@ def firmware_problem(model: MotorModel, version: FirmwareVersion) -> str:
 
 
 def firmware_question(model: MotorModel, version: FirmwareVersion) -> str:
-    """What no document says about this firmware, so that an operator has to; empty for nothing."""
+    """Return what no document says about this firmware, so that an operator has to; empty for nothing."""
     known = KNOWN.get(model.name, _UNMENTIONED)
     if version[3] == _EMULATED or (known.newest is not None and version <= known.newest):
         return ""
@@ -149,13 +149,13 @@ def firmware_question(model: MotorModel, version: FirmwareVersion) -> str:
 
 
 def emulated_version(model: MotorModel) -> FirmwareVersion:
-    """The version of an emulated motor, in which everything is as the manual has it."""
+    """Return the version of an emulated motor, in which everything is as the manual has it."""
     number = int(model.name.removeprefix("rs-"))
     return (0, number, 3, _EMULATED)
 
 
 def firmware_warning(model: MotorModel, version: FirmwareVersion) -> str:
-    """What an operator should know about this firmware; empty for nothing."""
+    """Return what an operator should know about this firmware; empty for nothing."""
     found = firmware_of(model, version).position_range
     if found == model.position:
         return ""

@@ -76,7 +76,7 @@ def identify(
 
 
 def _dead_channel(channels: RobstrideLink, channel: int) -> str:
-    """What to look at when nobody answers on a channel."""
+    """Return what to look at when nobody answers on a channel."""
     interface = channels.channels[channel]
     kinds = (BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.UNREADABLE)
     events = [interface.down, *(interface.recent(event, channels.opened) for event in kinds)]
@@ -115,7 +115,7 @@ def _problem(channel: int, motor_id: int, answers: Answers, sources: Sequence[st
 
 
 def read_versions(requests: Requests, joints: Sequence[int]) -> dict[int, FirmwareVersion]:
-    """The firmware of these motors; one that does not know the question takes it for a stop, and is left out."""
+    """Return the firmware of these motors; one that does not know the question takes it for a stop, and is left out."""
 
     def version(_: int, reply: Reply) -> FirmwareVersion | None:
         return reply.version if isinstance(reply, Version) else None

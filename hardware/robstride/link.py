@@ -46,7 +46,7 @@ class RobstrideLink:
 
     @property
     def notes(self) -> Sequence[ChannelNotes]:
-        """What else was heard, by channel."""
+        """Return what else was heard, by channel."""
         return self.table.channels
 
     @property

@@ -137,7 +137,7 @@ class MotorTable:
             self.inbox(channel, reply, time)
 
     def _take_command(self, notes: ChannelNotes, parts: Identifier, time: float) -> None:
-        """A command to one of our motors that we did not send."""
+        """Take in a command to one of our motors that we did not send."""
         if parts.type in _QUESTIONS:
             notes.strangers["another host's question"] += 1
         elif parts.type in _COMMANDS:
@@ -162,7 +162,7 @@ class MotorTable:
     def _take_ignored(
         self, notes: ChannelNotes, slot: MotorSlot, reply: Ignored, parts: Identifier, time: float
     ) -> None:
-        """A frame of one of our motors that says nothing to this host."""
+        """Take in a frame of one of our motors that says nothing to this host."""
         if parts.type == FrameType.STATUS:
             slot.answers_to = parts.destination
             if self.expects_strays:
@@ -190,7 +190,7 @@ class MotorTable:
             slot.commanded += 1
 
     def readings(self) -> Readings:
-        """The latest status of every motor."""
+        """Return the latest status of every motor."""
         rows = [_UNHEARD if (sample := slot.sample) is None else _row(sample) for slot in self.slots]
         return Readings(*np.array(rows).reshape(-1, len(_UNHEARD)).T)
 

@@ -32,7 +32,7 @@ class ParameterType(Enum):
 
     @property
     def is_float(self) -> bool:
-        """Whether values are not whole numbers."""
+        """Return whether values are not whole numbers."""
         return self is ParameterType.F32
 
 
@@ -53,14 +53,14 @@ class Parameter:
     differ (`check_value`)."""
 
     def is_same(self, value: float, other: float) -> bool:
-        """Whether two values are one to the motor: 12.1 and the float32 next to it are. NaN is not even itself."""
+        """Tell whether two values are one to the motor: 12.1 and the float32 next to it are. NaN is not even itself."""
         if not math.isfinite(value):
             return False
         return pack_value(self.type, value) == pack_value(self.type, other)
 
 
 def pack_value(kind: ParameterType, value: float) -> bytes:
-    """A value's 4 bytes: little-endian, left-aligned, the rest zero.
+    """Return a value's 4 bytes: little-endian, left-aligned, the rest zero.
 
     Raises:
         FieldError: the value is not finite, does not fit the type, or is no whole number where one is needed.
@@ -76,7 +76,7 @@ def pack_value(kind: ParameterType, value: float) -> bytes:
 
 
 def unpack_value(kind: ParameterType, payload: bytes) -> int | float:
-    """The value in 4 bytes, of which only as many count as the type has.
+    """Return the value in 4 bytes, of which only as many count as the type has.
 
     A float may be NaN or infinite: it is what the motor sent.
     """
@@ -105,7 +105,7 @@ class CanTimeout:
 
     @classmethod
     def to_ticks(cls, seconds: float) -> int:
-        """The nearest whole number of ticks, at least 1 for what is above zero; 0 switches the timeout off.
+        """Return the nearest whole number of ticks, at least 1 for what is above zero; 0 switches the timeout off.
 
         Raises:
             FieldError: not within 0 to 5 s.
@@ -116,7 +116,7 @@ class CanTimeout:
 
     @classmethod
     def to_seconds(cls, ticks: int) -> float:
-        """The time of a number of ticks, s."""
+        """Return the time of a number of ticks, s."""
         return ticks * cls.TICK
 
 
@@ -190,7 +190,7 @@ _OTHER_DEFAULTS: Mapping[str, Mapping[str, float]] = {
 
 
 def default_value(parameter: Parameter, model: str) -> float | None:
-    """What a motor of this model has as it comes; none where the documents do not say.
+    """Return what a motor of this model has as it comes; none where the documents do not say.
 
     The limits are the data sheet's: the rs-02's table of parameters has 14 N·m and 16 A, copied from the rs-00's it
     seems.
@@ -218,7 +218,7 @@ _MODELS = tuple(motor for motor in MOTORS.values() if motor.family == "robstride
 
 
 def depends_on_model(parameter: Parameter) -> bool:
-    """Whether what is accepted is the motor's model's."""
+    """Return whether what is accepted is the motor's model's."""
     return parameter.name in _BY_MODEL
 
 
@@ -252,7 +252,7 @@ def check_value(parameter: Parameter, value: float, model: MotorModel | None = N
 
 
 def find_parameter(name_or_index: str) -> Parameter:
-    """A parameter by its name in any case, or by its index such as `0x7019`.
+    """Return a parameter by its name in any case, or by its index such as `0x7019`.
 
     Raises:
         InputError: there is none; the message lists those that exist.
@@ -268,7 +268,7 @@ def find_parameter(name_or_index: str) -> Parameter:
 
 
 def fault_word(model: str) -> Parameter:
-    """The 32-bit fault word (`FaultBit`) as a parameter: it shows overvoltage, which no status does."""
+    """Return the 32-bit fault word (`FaultBit`) as a parameter: it shows overvoltage, which no status does."""
     return Parameter(0x3023 if model == "rs-04" else 0x3022, "fault_word", _U32, "", False)
 
 
@@ -290,7 +290,7 @@ def function_codes(model: str) -> Mapping[int, Parameter]:
 
 
 def is_function_code(index: int) -> bool:
-    """Whether `function_codes` has this index for some model."""
+    """Return whether `function_codes` has this index for some model."""
     return any(index in function_codes(motor.name) for motor in _MODELS)
 
 

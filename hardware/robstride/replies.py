@@ -66,7 +66,7 @@ def decode_reply(  # noqa: PLR0911 - one for each reason to ignore a frame
     *,
     scale: Scale = Scale.REFERENCE,
 ) -> Reply | Ignored | Malformed:
-    """What a received frame says to a host; never raises.
+    """Return what a received frame says to a host; never raises.
 
     Only its request tells a version for certain from a status that begins with the same three bytes: a motor at
     -12.49 rad that moves at a third of its velocity range. Such a frame is taken for a version, asked for or not: a
@@ -148,7 +148,7 @@ def _decode_addressed(  # noqa: PLR0911 - one for each kind of reply
 
 
 def encode_reply(reply: Reply, model: MotorModel, *, scale: Scale = Scale.REFERENCE) -> Frame:
-    """The frame of a motor's reply.
+    """Return the frame of a motor's reply.
 
     Values of a status are cut off at the model's ranges; wrapping a position is the motor's business.
     """

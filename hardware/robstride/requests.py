@@ -216,7 +216,7 @@ class Requests:
     def read(
         self, parameters: Mapping[int, Parameter], patience: Sequence[float] | None = None
     ) -> dict[int, float | Unreadable]:
-        """A parameter of each motor."""
+        """Return a parameter of each motor."""
         return self._exchange(parameters, {}, patience)
 
     def write(self, parameter: Parameter, values: Mapping[int, float]) -> dict[int, float | Unreadable]:
@@ -266,7 +266,7 @@ class Requests:
 
 
 def _values_of(parameters: Mapping[int, Parameter]) -> Callable[[int, Reply], float | Unreadable | None]:
-    """Accepts the answers to questions for these parameters."""
+    """Return what accepts the answers to questions for these parameters."""
 
     def value(joint: int, reply: Reply) -> float | Unreadable | None:
         if not isinstance(reply, ParameterReply) or reply.index != parameters[joint].index:

@@ -170,7 +170,7 @@ class RobstrideSession(RobstrideLink):
             yield SafetyFlag.INVALID_FRAME, f"sent a {slot.invalid.text}", name
 
     def _with_temperature(self, motor: int, found: list[Finding]) -> list[Finding]:
-        """The findings; those of a hot motor in words, with the temperature at which each was first seen.
+        """Return the findings; those of a hot motor in words, with the temperature at which each was first seen.
 
         That it goes on rising is no news, and a message that changed in every tick would be published in every tick.
         """

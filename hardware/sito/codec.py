@@ -148,7 +148,7 @@ def split_identifier(frame: Frame) -> tuple[int, int] | None:
 
 
 def encode(message: HostMessage | MotorMessage, model: MotorModel) -> Frame:
-    """The frame of a message. The bytes of feedback whose meaning is not known are zero.
+    """Return the frame of a message. The bytes of feedback whose meaning is not known are zero.
 
     Raises:
         FieldError: an id is not one, a value is not finite, or it does not fit its field: it is never wrapped.
@@ -191,7 +191,7 @@ def _gains(message: Gains) -> bytes:
 
 
 def _counts(field: str, message: object, model: MotorModel | None = None) -> int:
-    """The integer of a field; an effort needs its motor's model."""
+    """Return the integer of a field; an effort needs its motor's model."""
     value = getattr(message, field)
     limit = _INT32 if field == "position" else _INT16
     scaled = value * SITO_COUNTS_PER_RAD if model is None else value * (_INT16 / model.effort)
@@ -202,7 +202,7 @@ def _counts(field: str, message: object, model: MotorModel | None = None) -> int
 
 
 def decode(frame: Frame, model: MotorModel) -> HostMessage | MotorMessage | Malformed | None:
-    """What a frame says; never raises. None: no Sito frame, or of a type that is not known.
+    """Return what a frame says; never raises. None: no Sito frame, or of a type that is not known.
 
     Args:
         frame: as received.

@@ -67,12 +67,12 @@ def damping_frames(device_id: int, model: MotorModel, damping: float, position: 
 
 
 def reset_frames(device_id: int, model: MotorModel) -> tuple[Frame, ...]:
-    """What disables a motor: limp first, in case it does not obey the reset."""
+    """Return what disables a motor: limp first, in case it does not obey the reset."""
     return *limp_frames(device_id, model), encode(Reset(device_id), model)
 
 
 def rescue_frames(motors: MotorGroup, damping: FloatArray) -> tuple[Rescue, ...]:
-    """What a guardian sends to each motor: damping, shape (motors,), N·m·s/rad, and then the reset."""
+    """Return what a guardian sends to each motor: damping, shape (motors,), N·m·s/rad, and then the reset."""
     pairs = zip(motors.motor_id, motors.model, strict=True)
     return tuple(
         (damping_frames(device_id, model, value), reset_frames(device_id, model))

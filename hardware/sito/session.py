@@ -279,7 +279,7 @@ class SitoSession:
         return self._line.channels[self.motors.channel[motor]]
 
     def _is_sending(self, motor: int) -> bool:
-        """Whether feedback comes."""
+        """Return whether feedback comes."""
         before = self.slots[motor].reports
         self._wait(max(_SIGN, 0.003 * self.interval), lambda: self.slots[motor].reports > before)
         return self.slots[motor].reports > before

@@ -113,7 +113,7 @@ def open_bench(
 
 @contextlib.contextmanager
 def motor_bench(channel: str, motor_id: int, host_id: int) -> Iterator[RobstrideLink]:
-    """The channel of one motor, of whatever model, for the tools that talk to one.
+    """Provide the channel of one motor, of whatever model, for the tools that talk to one.
 
     Raises:
         InputError: the channel or an id is not one.
@@ -127,7 +127,7 @@ def motor_bench(channel: str, motor_id: int, host_id: int) -> Iterator[Robstride
 
 
 def channel_trouble(channels: RobstrideLink, index: int) -> str:
-    """What a channel itself says about why nothing comes back; empty where it says nothing."""
+    """Return what a channel itself says about why nothing comes back; empty where it says nothing."""
     channel = channels.channels[index]
     events = (channel.recent(event, channels.opened) for event in _TROUBLE)
     return channel.down or next((text for text in events if text), "")
@@ -174,7 +174,7 @@ def require_up(channels: RobstrideLink) -> None:
 
 
 def silence(channels: RobstrideLink, motor: int = 0, who: str = "") -> HumanoidSimError:
-    """The error for a motor that does not answer, with what its channel says about why nothing comes back."""
+    """Return the error for a motor that does not answer, with what its channel says about why nothing comes back."""
     index = channels.motors.channel[motor]
     source, trouble = channels.sources[index], channel_trouble(channels, index)
     if channels.channels[index].down:
@@ -184,7 +184,7 @@ def silence(channels: RobstrideLink, motor: int = 0, who: str = "") -> HumanoidS
 
 
 def nobody(channels: RobstrideLink, index: int) -> HumanoidSimError:
-    """The error for a channel on which no motor answers, after what to check was printed."""
+    """Return the error for a channel on which no motor answers, after what to check was printed."""
     source, trouble = channels.sources[index], channel_trouble(channels, index)
     if channels.channels[index].down:
         return RobotError(f"{source}: {trouble}")
@@ -194,7 +194,7 @@ def nobody(channels: RobstrideLink, index: int) -> HumanoidSimError:
 
 
 def read_device_id(channels: RobstrideLink, motor: int = 0) -> DeviceId:
-    """Who a motor is.
+    """Return who a motor is.
 
     Raises:
         SilentMotorError: it does not answer.
@@ -221,7 +221,7 @@ def command_motor(channels: RobstrideLink, command: Command, motor: int = 0) -> 
 
 
 def read_value(channels: RobstrideLink, parameter: Parameter, motor: int = 0) -> float | None:
-    """A parameter's value; none if the motor has no such parameter.
+    """Return a parameter's value; none if the motor has no such parameter.
 
     Raises:
         SilentMotorError: the motor does not answer.

@@ -87,7 +87,7 @@ def _names(channels: str) -> tuple[str, ...]:
 
 
 def _adapters(texts: Sequence[str], names: Sequence[str]) -> dict[str, Adapter]:
-    """The adapter of each interface that has one."""
+    """Return the adapter of each interface that has one."""
     adapters: dict[str, Adapter] = {}
     for text in texts:
         match = re.fullmatch(r"([^=]+)=([A-Za-z0-9._:-]{1,64})(?:/(\d{1,2}))?", text)
@@ -132,7 +132,7 @@ def _settings(config: BringUp) -> LinkSettings:
 
 
 def network_files(names: Sequence[str], adapters: Mapping[str, Adapter], wanted: LinkSettings) -> dict[Path, str]:
-    """The files, by their paths below /etc: one for udev, and one for systemd-networkd for each interface."""
+    """Return the files, by their paths below /etc: one for udev, and one for systemd-networkd for each interface."""
     files = {_RULES: _HEADING + "".join(_rule(name, adapters.get(name), wanted) for name in names)}
     for name in names:
         files[Path(f"systemd/network/25-{name}.network")] = (
@@ -193,7 +193,7 @@ def _write_all(paths: Mapping[Path, str]) -> None:
 
 
 def _content(path: Path) -> str | None:
-    """What a file holds; none if it is not there or cannot be read."""
+    """Return what a file holds; none if it is not there or cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
@@ -204,7 +204,7 @@ def _content(path: Path) -> str | None:
 
 
 def _print_adapters() -> None:
-    """The serial numbers of the adapters that are plugged in, for --adapter."""
+    """Print the serial numbers of the adapters that are plugged in, for --adapter."""
     for adapter in _plugged_in():
         print(f"# plugged in: {adapter}")
 
@@ -218,7 +218,7 @@ def _plugged_in() -> Iterator[str]:
 
 
 def _adapter_of(name: str) -> Adapter | None:
-    """The USB device above an interface."""
+    """Return the USB device above an interface."""
     try:
         device = (_SYSFS / name / "device").resolve(strict=True)
         port = int(_content(_SYSFS / name / "dev_port") or 0)

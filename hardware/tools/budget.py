@@ -82,7 +82,7 @@ class ChannelBudget:
 def channel_budgets(
     description: RobotDescription, channel_count: int, rate: float, bitrate: float, reports_per_second: float
 ) -> tuple[ChannelBudget, ...]:
-    """The budget of each channel: one for all motors, or one for each of the robot's buses.
+    """Return the budget of each channel: one for all motors, or one for each of the robot's buses.
 
     Raises:
         InputError: the robot has no motors, or not so many buses.

@@ -74,7 +74,7 @@ class JointTrack:
         self.sweep = self.sweep.with_angle(angle)
 
     def is_silent(self, time: float) -> bool:
-        """Whether nothing was heard lately."""
+        """Return whether nothing was heard lately."""
         return time - self.heard > _SILENT
 
 

@@ -94,7 +94,7 @@ def _joints(wiring: Wiring, family: str) -> dict[tuple[int, int], str]:
 
 
 def _print_sito(addresses: tuple[BusAddress, ...], ear: SitoEar, wiring: Wiring | None) -> None:
-    """Which Sito motors were heard, and that the others may be there all the same."""
+    """Print which Sito motors were heard, and that the others may be there all the same."""
     joints = {} if wiring is None else _joints(wiring, "sito")
     for (channel, device_id), heard in sorted(ear.motors.items()):
         joint = joints.get((channel, device_id), "" if wiring is None else "none of this robot's")

@@ -164,7 +164,7 @@ class HandSweep:
         self._range = {joint.name: (joint.lower, joint.upper) for _, joint in driven}
 
     def at(self, time: float) -> Mapping[str, float]:
-        """Where the hand leads each joint, rad, `time` s after it took hold."""
+        """Return where the hand leads each joint, rad, `time` s after it took hold."""
         left = max(1.0 - time / _LIFT_TIME, 0.0)
         led = {name: left * start for name, start in self._start.items()}
         turn, phase = divmod(max(time - _LIFT_TIME, 0.0) / _TIME_PER_JOINT, 1.0)

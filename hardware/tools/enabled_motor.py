@@ -106,7 +106,7 @@ class EnabledMotor:
         return status
 
     def _bounded(self, position: float, velocity: float, stiffness: float, damping: float) -> float:
-        """The position, moved towards the motor's where the MIT law would ask for more than the torque allowed."""
+        """Give the position, moved towards the motor's where the MIT law would ask for more than the torque allowed."""
         status = self.status
         if self._torque is None:
             assert stiffness == damping == 0.0, "no torque was asked for"

@@ -104,7 +104,7 @@ def _positions(channels: RobstrideLink) -> dict[int, float]:
 def _enabled(
     config: Identify, joint: int, channels: RobstrideLink, guard: MotorGuard | None
 ) -> Iterator[EnabledMotor | MovedSito]:
-    """The joint's motor, enabled for a moment, and held to the torque."""
+    """Provide the joint's motor, enabled for a moment, and held to the torque."""
     if guard is not None:
         with limp_sito(channels, [joint], guard) as session:
             yield MovedSito(channels, session, config.torque, guard)

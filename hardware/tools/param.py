@@ -49,7 +49,7 @@ def param(config: Param) -> int:
 
 
 def _parameter(text: str, kind: str | None) -> Parameter:
-    """A parameter by name or index; an index without a name needs a type."""
+    """Return a parameter by name or index; an index without a name needs a type."""
     try:
         known = find_parameter(text)
     except InputError as error:
@@ -112,7 +112,7 @@ def _check(parameter: Parameter, value: float, model: MotorModel | None) -> None
 
 
 def _model(channels: RobstrideLink, parameter: Parameter) -> MotorModel:
-    """The motor's model, as its firmware's version tells."""
+    """Return the motor's model, as its firmware's version tells."""
     version = read_versions(channels.requests, [0]).get(0)
     name = None if version is None else model_name(version)
     if name is None:

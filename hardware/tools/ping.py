@@ -62,7 +62,7 @@ def ping(config: Ping) -> int:
 
 
 def _listen(config: Ping) -> int:
-    """A Sito motor: the protocol has no question."""
+    """Return a Sito motor: the protocol has no question."""
     if config.read_status:
         raise InputError("--read-status: would enable a Sito motor, which only identify and calibrate do")
     ear, address = SitoEar(), parse_address(config.channel)

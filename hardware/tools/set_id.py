@@ -44,7 +44,7 @@ def set_id(config: SetId) -> int:
 
 
 def _rename(motor: OnlyMotor, new_id: int) -> OnlyMotor:
-    """The motor under its new id, where it and nobody else answers.
+    """Return the motor under its new id, where it and nobody else answers.
 
     Raises:
         RobotError: it still answers as before, as both, or not at all.

@@ -39,7 +39,7 @@ def confirm(question: str, yes: bool, otherwise: str) -> None:
 
 
 def shown(parameter: Parameter, value: float | None) -> str:
-    """A value for a person."""
+    """Return a value for a person."""
     if value is None:
         return "not there"
     if parameter.name == "canTimeout":
@@ -48,13 +48,13 @@ def shown(parameter: Parameter, value: float | None) -> str:
 
 
 def make_console() -> Console:
-    """Standard output; `:b:` in a channel's name is no emoji."""
+    """Return standard output; `:b:` in a channel's name is no emoji."""
     console = Console(highlight=False, emoji=False)
     return console if console.is_terminal else Console(highlight=False, emoji=False, width=_UNLIMITED)
 
 
 def make_table(*headings: str, right: tuple[str, ...] = (), title: str | None = None) -> Table:
-    """A table with these columns, of which those named in `right` hold numbers."""
+    """Return a table with these columns, of which those named in `right` hold numbers."""
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     for heading in headings:
         table.add_column(heading, justify="right" if heading in right else "left", overflow="fold")

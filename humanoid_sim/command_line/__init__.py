@@ -154,7 +154,7 @@ def _utf_8() -> io.TextIOWrapper:
 
 
 def _told(box: str, command: Program) -> str:
-    """What tyro's box says, in one line."""
+    """Return what tyro's box says, in one line."""
     said: list[str] = []
     for line in box.splitlines():
         text = line.strip(" │")

@@ -230,7 +230,7 @@ def _option(name: str, kind: Any, markers: list[Any], default: Any, text: str, p
 
 
 def _shown(default: Any) -> str:
-    """A default, for a person; empty where it says nothing."""
+    """Return a default, for a person; empty where it says nothing."""
     if default is dataclasses.MISSING or default is None or default is False or default in ((), ""):
         return ""
     if isinstance(default, tuple):
@@ -248,7 +248,7 @@ def filled(text: str) -> str:
 
 
 def field_texts(owner: type[Any]) -> dict[str, str]:
-    """The string below each field of a dataclass, of those that it inherits too."""
+    """Return the string below each field of a dataclass, of those that it inherits too."""
     texts: dict[str, str] = {}
     for base in reversed(owner.__mro__):
         file = getattr(sys.modules.get(base.__module__), "__file__", None)

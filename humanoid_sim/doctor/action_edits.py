@@ -26,7 +26,7 @@ _EFFORT_SHARE = 0.25
 
 
 def action_scales(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
-    """The action is multiplied by something else, or is relative to something else."""
+    """Yield edits of what the action is multiplied by, and of what it is relative to."""
     scale = "action scale"
     for value in _SCALES:
         text = f"an action is multiplied by {value:g} rad"
@@ -48,7 +48,7 @@ def action_scales(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]
 
 
 def default_poses(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
-    """The default pose is another of the robot's poses, or its values are in another order."""
+    """Yield default poses: others of the robot's poses, and the values in another order."""
     changes: dict[str, Change] = {"all zeros": _posed(lambda contract: np.zeros(len(contract.joint_names)))}
     for title, pose in robot.poses.items():
         changes[title] = _posed(_robot_values(pose, robot))
@@ -59,7 +59,7 @@ def default_poses(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
 
 
 def gains(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
-    """The joints are stiffer or softer, or more or less damped; or the values are in another order."""
+    """Yield gains: stiffer or softer, more or less damped, and the values in another order."""
     both = _BOTH
     for factor in _GAIN_FACTORS:
         for title, names in {"gains": both, both[0]: both[:1], both[1]: both[1:]}.items():
@@ -74,7 +74,7 @@ def gains(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
 
 
 def group_gains(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
-    """The gains of a limb alone are others, or those of the joints that have equal gains: motors of one model."""
+    """Yield gains of a limb alone, and of the joints that have equal gains: motors of one model."""
     groups: dict[str, tuple[str, npt.NDArray[np.bool_]]] = {}
     for name, pattern in LIMBS.items():
         groups[f"the {name}"] = ("gains of a limb", np.isin(contract.joint_names, limb(pattern, contract.joint_names)))
@@ -98,7 +98,7 @@ def group_gains(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
 
 
 def model_damping(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
-    """The damping that the robot's model gives its joints does not belong beside the contract's, or does."""
+    """Yield the damping that the robot's model gives its joints: left out, or kept beside the contract's."""
     if not robot.own_damping:
         return
     drops = contract.model_joint_damping != "drop"
@@ -111,7 +111,7 @@ def model_damping(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]
 
 
 def rates(_: PolicyContract, __: RobotFacts) -> Iterator[Edit]:
-    """The policy runs at another rate."""
+    """Yield the other rates of a policy."""
     for rate in _RATES:
         text = f"the policy was trained at {rate:g} Hz"
         yield Edit(f"rate {rate:g} Hz", "rate", text, set_fields(policy_dt=1.0 / rate), RATE_DOUBT)
@@ -147,7 +147,7 @@ def _listed_orders(robot: RobotFacts) -> Mapping[str, tuple[str, ...]]:
 
 
 def _listed(names: tuple[str, ...], order: tuple[str, ...]) -> Change:
-    """The values of some fields, read as a list that follows `order`."""
+    """Return the values of some fields, read as a list that follows `order`."""
 
     def change(contract: PolicyContract) -> PolicyContract:
         joints = contract.action_joint_names if names == ("action_scale",) else contract.joint_names
@@ -162,7 +162,7 @@ def _listed_pose(order: tuple[str, ...]) -> Callable[[PolicyContract], FloatArra
 
 
 def _places(joints: tuple[str, ...], order: tuple[str, ...]) -> npt.NDArray[np.intp]:
-    """Where each of `joints` is in a list that follows `order` and holds only these."""
+    """Return where each of `joints` is in a list that follows `order` and holds only these."""
     return joint_indices(joints, tuple(name for name in order if name in joints), "joints of the policy")
 
 

@@ -74,7 +74,7 @@ class Edit:
     """True of edits of one joint: there are as many as the robot has joints, or more."""
 
     def apply(self, contract: PolicyContract) -> PolicyContract | None:
-        """The changed contract; None where the change does not fit."""
+        """Return the changed contract; None where the change does not fit."""
         try:
             return self.change(contract)
         except FieldError:
@@ -82,7 +82,7 @@ class Edit:
 
 
 def limb(pattern: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """The joints of a limb, by the pattern that `LIMBS` has for it."""
+    """Return the joints of a limb, by the pattern that `LIMBS` has for it."""
     return tuple(name for name in names if re.search(pattern, name, re.IGNORECASE))
 
 
@@ -98,7 +98,7 @@ def mirrored(names: tuple[str, ...]) -> dict[str, str]:
 
 
 def terms_with(contract: PolicyContract, convention: str) -> tuple[Term, ...]:
-    """The terms whose values depend on a convention, in the contract's order."""
+    """Return the terms whose values depend on a convention, in the contract's order."""
     return tuple(term for term in contract.terms if convention in contract.kind(term).conventions)
 
 
@@ -117,5 +117,5 @@ def term_edit(term: Term, title: str, about: str, explanation: str, **options: A
 
 
 def set_fields(**fields: Any) -> Change:
-    """A change that sets fields of the contract."""
+    """Return a change that sets fields of the contract."""
     return lambda contract: replace(contract, **fields)

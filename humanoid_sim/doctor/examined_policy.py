@@ -54,7 +54,7 @@ class ExaminedPolicy:
         return 0.0 if self.motion is None else len(self.motion.frames) * self.contract.policy_dt
 
     def load(self, contract: PolicyContract) -> LoadedPolicy:
-        """The policy and its motion under another contract.
+        """Return the policy and its motion under another contract.
 
         Raises:
             InputError: the motion does not fit the contract.
@@ -62,7 +62,7 @@ class ExaminedPolicy:
         return load_policy(contract, self.policy, self.motion_under(contract))
 
     def motion_under(self, contract: PolicyContract) -> Motion | None:
-        """The motion as that contract would have it read; None for a policy that follows none."""
+        """Return the motion as that contract would have it read; None for a policy that follows none."""
         motion = self.motion
         if motion is None:
             return None
@@ -91,7 +91,7 @@ def load_examined(
     base_height: float | None = None,
     actuation: BatchActuation = "affine",
 ) -> ExaminedPolicy:
-    """A checkpoint on a robot, however wrong its contract: only what cannot run at all is refused.
+    """Return a checkpoint on a robot, however wrong its contract: only what cannot run at all is refused.
 
     Args:
         path: the model.
@@ -141,7 +141,7 @@ def _contradicts(checkpoint: Checkpoint) -> Callable[[PolicyContract], bool] | N
 
 
 def _resampled(motion: Motion, policy_dt: float) -> Motion:
-    """The motion at another rate, each frame held until the next."""
+    """Return the motion at another rate, each frame held until the next."""
     if math.isclose(motion.policy_dt, policy_dt, rel_tol=1e-6):
         return motion
     count = max(int(len(motion.frames) * motion.policy_dt / policy_dt), 1)
@@ -150,7 +150,7 @@ def _resampled(motion: Motion, policy_dt: float) -> Motion:
 
 
 def _reread_quaternions(motion: Motion, order: str) -> Motion:
-    """The motion whose source was read as the other order: w x y z becomes what `order` would have given."""
+    """Return the motion whose source was read as the other order: w x y z becomes what `order` would have given."""
     if motion.layout != "joints_bodies_w":
         return motion
     start = 2 * len(motion.joint_names) + 3 * len(motion.body_names)
@@ -161,7 +161,7 @@ def _reread_quaternions(motion: Motion, order: str) -> Motion:
 
 
 def robot_facts(description: RobotDescription, motion: Motion | None) -> RobotFacts:
-    """What the hypotheses need.
+    """Return what the hypotheses need.
 
     Raises:
         InputError: the robot's MJCF cannot be built.
@@ -184,7 +184,7 @@ def robot_facts(description: RobotDescription, motion: Motion | None) -> RobotFa
 
 
 def breadth_first(model: mujoco.MjModel, joints: tuple[str, ...]) -> tuple[str, ...]:
-    """The joints level by level through the kinematic tree; siblings as the MJCF lists them."""
+    """Return the joints level by level through the kinematic tree; siblings as the MJCF lists them."""
     children: dict[int, list[int]] = {}
     for body in range(1, model.nbody):
         children.setdefault(int(model.body_parentid[body]), []).append(body)

@@ -36,7 +36,7 @@ class Goal(Protocol):
         ...
 
     def parts(self) -> dict[str, float]:
-        """The errors so far, as parts of the quality."""
+        """Return the errors so far, as parts of the quality."""
         ...
 
 

@@ -59,7 +59,7 @@ class Hypothesis:
 
     @property
     def causes(self) -> tuple[str, ...]:
-        """What the edits are about, sorted; empty for the present contract."""
+        """Return what the edits are about, sorted; empty for the present contract."""
         return tuple(sorted(edit.cause for edit in self.edits))
 
     @property

@@ -27,7 +27,7 @@ from humanoid_sim.doctor.order_edits import relabelled
 
 
 def joint_signs(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
-    """One joint turns the other way, in all that the policy sees of it and does with it."""
+    """Yield each joint turned the other way, in all that the policy sees of it and does with it."""
     for name in contract.joint_names:
         for along, which in ((True, ""), (False, ", its default angle stays")):
             text = f"{name} turns the other way in the policy than on the robot{which}"
@@ -66,7 +66,7 @@ def _turned_round(name: str, along: bool) -> Change:
 
 
 def swapped_sides(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
-    """Left and right of one limb, or of one kind of joint, are swapped."""
+    """Yield left and right of one limb, or of one kind of joint, swapped."""
     names, mirror = contract.joint_names, mirrored(contract.joint_names)
     groups = {f"left and right of the {name}": limb(pattern, names) for name, pattern in LIMBS.items()}
     groups |= {f"{name} and {mirror[name]}": (name, mirror[name]) for name in names if name in mirror}

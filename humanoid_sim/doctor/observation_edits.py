@@ -38,7 +38,7 @@ def _is_zero(term: Term) -> bool:
 
 
 def zeroed(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
-    """A term that the contract feeds as zeros is fed in earnest, and the other way round."""
+    """Yield terms that are fed in earnest instead of as zeros, and the other way round."""
     for term in contract.terms:
         if not _is_zero(term):
             yield term_edit(term, " fed as zeros", "zeroed", f"the policy was trained with {term.name} zero", scale=0.0)
@@ -58,7 +58,7 @@ def _scaled(term: Term, scale: float | tuple[float, ...]) -> Term:
 
 
 def scales(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
-    """The observation's scales are others: all 1, those of legged_gym, or one term's alone."""
+    """Yield other scales of the observation: all 1, those of legged_gym, or one term's alone."""
     together: dict[str, Mapping[str, float | tuple[float, ...]]] = {
         "all 1": {},
         "of legged_gym (ang vel 0.25, joint vel 0.05)": dict(_LEGGED_GYM),
@@ -130,7 +130,7 @@ def conventions(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
 
 
 def imu_turns(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
-    """The IMU is turned by a quarter, or by half: all its vectors are."""
+    """Yield turns of the IMU by a quarter and by half: all its vectors are turned."""
     shown = [term for term in terms_with(contract, "axes") if term.frame == "body"]
     if len({term.axes for term in shown}) != 1:
         return
@@ -145,7 +145,7 @@ def imu_turns(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
 
 
 def phases(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
-    """The gait clock starts with the other foot, shows the step before, or runs at another pace."""
+    """Yield gait clocks that start with the other foot, show the step before, or run at another pace."""
     rule = contract.phase
     if rule is None or not contract.requires("phase"):
         return
@@ -164,7 +164,7 @@ def phases(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
 
 
 def reference_conventions(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
-    """What the motion reference's terms mean, and how the reference is laid onto the robot."""
+    """Yield what the motion reference's terms may mean, and how the reference may be laid onto the robot."""
     layouts = {
         "rows": "first two columns, row by row",
         "columns": "first two columns, one after the other",

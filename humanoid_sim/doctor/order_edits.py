@@ -18,7 +18,7 @@ __all__ = ["history_orders", "joint_orders", "relabelled", "term_orders"]
 
 
 def joint_orders(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
-    """The joints are in another order than the contract says: names alone, or the observation and action alone."""
+    """Yield other orders of the joints: of the names alone, or of the observation and action alone."""
     mirror = mirrored(contract.joint_names)
     orders = {
         "the robot's": robot.joint_names,
@@ -94,7 +94,7 @@ def _sorted_joints(term: Term, order: tuple[str, ...]) -> Term:
 
 
 def term_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
-    """The terms lie in the observation in another order, or the last two or three have changed places."""
+    """Yield other orders of the terms, and the last two or three in each other's places."""
     terms = contract.terms
     listed = list(TERM_KINDS)  # in the order of legged_gym and Isaac Lab
     places = {term.name: listed.index(contract.kind(term).name) for term in terms if contract.kind(term).name in listed}
@@ -131,7 +131,7 @@ def _listed_terms(order: tuple[Term, ...]) -> Change:
 
 
 def history_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
-    """A history's steps are the other way round, or laid out step by step instead of term by term."""
+    """Yield histories whose steps are the other way round, or laid out step by step instead of term by term."""
     if all(term.history == 1 for term in contract.terms):
         return
     flip: dict[HistoryOrder, HistoryOrder] = {"oldest_first": "newest_first", "newest_first": "oldest_first"}

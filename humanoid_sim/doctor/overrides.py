@@ -59,7 +59,7 @@ class Pasting:
         return merged
 
     def text(self, present: PolicyContract, wanted: PolicyContract) -> str:
-        """The section as YAML, under a comment that says where it belongs."""
+        """Return the section as YAML, under a comment that says where it belongs."""
         place = f"in place of the section override: of {self.file}" if self.section else f"into {self.file}"
         section = yaml.safe_dump(
             {"override": self.override(present, wanted)},
@@ -72,7 +72,7 @@ class Pasting:
 
 
 def pasting_for(checkpoint: Path, contract_file: Path | None) -> Pasting:
-    """Where the cure of a checkpoint belongs.
+    """Return where the cure of a checkpoint belongs.
 
     Args:
         checkpoint: the model.
@@ -88,7 +88,7 @@ def pasting_for(checkpoint: Path, contract_file: Path | None) -> Pasting:
 
 
 def overrides(present: PolicyContract, wanted: PolicyContract) -> dict[str, Any]:
-    """The fields of the section `override:` that change, as plain values; empty if the contracts are the same."""
+    """Give the fields of the section `override:` that change, as plain values; empty if the contracts are the same."""
     changed: dict[str, Any] = {}
     for item in fields(PolicyContract):
         before, after = getattr(present, item.name), getattr(wanted, item.name)
@@ -105,7 +105,7 @@ def overrides(present: PolicyContract, wanted: PolicyContract) -> dict[str, Any]
 
 
 def change_lines(present: PolicyContract, wanted: PolicyContract) -> list[str]:
-    """What differs, one line each: the field, its value before, and after; long lists cut."""
+    """Return what differs, one line each: the field, its value before, and after; long lists cut."""
     pairs = [(path, _at(present, path), value) for path, value in _flat("", overrides(present, wanted))]
     # A section is overridden as a whole, what stays in it too.
     changed = [(path, before, after) for path, before, after in pairs if after not in (before, [before])]
@@ -118,14 +118,14 @@ def change_lines(present: PolicyContract, wanted: PolicyContract) -> list[str]:
 
 
 def _is_reordered(before: Any, after: Any) -> bool:
-    """Whether two lists hold the same in another order."""
+    """Return whether two lists hold the same in another order."""
     if not isinstance(before, list) or not isinstance(after, list):
         return False
     return sorted(map(str, before)) == sorted(map(str, after))
 
 
 def _at(contract: PolicyContract, path: str) -> Any:
-    """The value of a field, or of a term's option as `terms.<name>.<option>`, as plain values."""
+    """Return the value of a field, or of a term's option as `terms.<name>.<option>`, as plain values."""
     if path.startswith("terms."):
         name, _, option = path.removeprefix("terms.").rpartition(".")
         (term,) = (term for term in contract.terms if term.name == name)

@@ -46,7 +46,7 @@ class Verdict:
 
     @property
     def stays_up(self) -> bool:
-        """Whether it was never lost."""
+        """Return whether it was never lost."""
         return not any(outcome.lost for outcome in self.outcomes)
 
     @property
@@ -56,7 +56,7 @@ class Verdict:
 
     @property
     def is_inconspicuous(self) -> bool:
-        """Whether it was never lost, and an onlooker would have noticed nothing."""
+        """Return whether it was never lost, and an onlooker would have noticed nothing."""
         parts = (part for outcome in self.outcomes for part in outcome.quality.parts.values())
         return self.stays_up and all(part <= _NOTICED for part in parts)
 
@@ -73,7 +73,7 @@ class Verdict:
         return max((_NOTICED, *self.parts.values()))
 
     def worsens(self, other: Verdict) -> tuple[str, ...]:
-        """The parts in which it is clearly worse than `other`, of the same trials."""
+        """Return the parts in which it is clearly worse than `other`, of the same trials."""
         before = other.parts
         return tuple(name for name, part in self.parts.items() if part - before.get(name, 0.0) > _WORSENED)
 
@@ -131,7 +131,7 @@ class Ranking:
 
     @property
     def present(self) -> Verdict | None:
-        """Of the contract as it is."""
+        """Return the verdict on the contract as it is."""
         return next((verdict for verdict in self.verdicts.values() if not verdict.hypothesis.edits), None)
 
     @property
@@ -172,15 +172,15 @@ class Ranking:
 
     @property
     def is_healthy(self) -> bool:
-        """Whether the contract as it is keeps the robot up, and no change cures it of anything."""
+        """Return whether the contract as it is keeps the robot up, and no change cures it of anything."""
         return self.present is not None and self.present.stays_up and self.finding is None
 
     def saved(self, verdict: Verdict) -> float:
-        """The share of the present cost that a change saves; below a cost of 1 nobody would notice a difference."""
+        """Get the share of the present cost that a change saves; below a cost of 1 nobody would notice a difference."""
         return 0.0 if self.present is None else (self.present.cost - verdict.cost) / max(self.present.cost, 1.0)
 
     def is_slight(self, verdict: Verdict) -> bool:
-        """Whether what a change saves may be chance."""
+        """Return whether what a change saves may be chance."""
         return self.saved(verdict) < _SLIGHT
 
     def best(self) -> list[Verdict]:
@@ -200,7 +200,7 @@ class Ranking:
         return all(_beats(pair, half) for half in halves)
 
     def equals(self, verdict: Verdict) -> list[Verdict]:
-        """Changes of other causes, no more at once, that do as well: these trials cannot tell which is right."""
+        """Return changes of other causes, no more at once, that do as well: these trials cannot tell which is right."""
         limit = verdict.cost + _EQUAL * max(verdict.cost, 1.0)
         return [
             other
@@ -219,7 +219,7 @@ class Ranking:
 
 
 def _beats(pair: Verdict, half: Verdict) -> bool:
-    """Whether a second change is worth it."""
+    """Return whether a second change is worth it."""
     if abs(pair.time_up - half.time_up) > _LONGER:
         return pair.time_up > half.time_up
     return pair.doubtful_cost < (1.0 - _WORTH) * half.doubtful_cost

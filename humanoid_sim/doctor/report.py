@@ -56,7 +56,7 @@ def _cause(ranking: Ranking) -> str:
 
 
 def _nothing_wrong(ranking: Ranking, present: Verdict) -> str:
-    """Of a contract that is not to blame, with what does clearly better without being believed."""
+    """Say that the contract is not to blame, and what does clearly better without being believed."""
     nothing = "Nothing wrong found in this space: "
     up = [verdict for verdict in ranking.best() if verdict.stays_up and verdict.is_thorough]
     better = min(up, key=lambda verdict: verdict.cost, default=present)
@@ -114,7 +114,7 @@ def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, 
 
 
 def _quality(best: list[Verdict]) -> str | None:
-    """What the column is made of; it depends on what the policy is to do."""
+    """Return what the column is made of; it depends on what the policy is to do."""
     parts = list(best[0].parts) if best else []
     if not parts:
         return None

@@ -74,7 +74,7 @@ class Plan:
 
     @property
     def glance(self) -> tuple[Trial, ...]:
-        """Of pairs, where there are many."""
+        """Return the trials of pairs, where there are many."""
         return _shortened(self.brief, _GLANCE)
 
 
@@ -91,7 +91,7 @@ def make_plan(
     pairs: int = _PAIRS,
     budget: float | None = None,
 ) -> Plan:
-    """The trials for a policy.
+    """Return the trials for a policy.
 
     Args:
         contract: of the policy.
@@ -112,7 +112,7 @@ def make_plan(
 
 
 def _within(command: tuple[float, float, float], contract: PolicyContract) -> tuple[float, float, float]:
-    """The nearest command that the policy knows."""
+    """Return the nearest command that the policy knows."""
     if contract.command_ranges is None:
         return command
     vx, vy, wz = np.clip(command, contract.command_ranges[:, 0], contract.command_ranges[:, 1])
@@ -268,7 +268,7 @@ def _long_enough(ranking: Ranking) -> float:
 
 
 def _with_rivals(promising: Sequence[Hypothesis], ranking: Ranking) -> list[Hypothesis]:
-    """The best edit of each cause, and those that a brief trial cannot tell from it."""
+    """Return the best edit of each cause, and those that a brief trial cannot tell from it."""
     chosen: list[Hypothesis] = []
     for hypothesis in promising:
         best = ranking.verdicts[hypothesis.name]
@@ -281,7 +281,7 @@ def _with_rivals(promising: Sequence[Hypothesis], ranking: Ranking) -> list[Hypo
 def _pairs(
     contract: PolicyContract, glanced: Sequence[Hypothesis], ranking: Ranking, most: int
 ) -> tuple[int, Iterator[Hypothesis]]:
-    """The pairs worth trying and at most how many they are, most promising first: none if nothing is wrong.
+    """Return the pairs worth trying and at most how many they are, most promising first: none if nothing is wrong.
 
     Where one change leaves nothing to notice, those of it with every other, and those of the leading causes among
     themselves. Else all, also where one change keeps the robot up: it need not be one of the two mistakes.

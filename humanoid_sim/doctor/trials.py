@@ -113,7 +113,7 @@ class TrialRunner:
         return self.examined.base_reference()
 
     def _robot(self, contract: PolicyContract, trial: Trial) -> MujocoRobot:
-        """A simulation of the robot in the contract's default pose, with a physics step that suits its damping."""
+        """Give a simulation of the robot in the contract's default pose, with a physics step that suits its damping."""
         order = np.argsort(contract.joint_names)
         built = contract.default_joint_pos[order].tobytes(), _physics_key(contract)
         gains = contract.joint_damping, contract.joint_stiffness
@@ -179,7 +179,7 @@ def _run(one: OneRobot, loop: ClosedLoop, policy: Policy, goal: Goal, trial: Tri
 
 
 def _physics_key(contract: PolicyContract) -> tuple[object, ...]:
-    """The same for contracts under which the simulated robot has the same damping and the same torque limits."""
+    """Return the same for contracts under which the simulated robot has the same damping and the same torque limits."""
     limits = contract.effort_limit
     efforts = None if limits is None else limits[np.argsort(contract.joint_names)].tobytes()
     return contract.model_joint_damping, efforts

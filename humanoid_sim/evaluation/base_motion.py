@@ -61,7 +61,7 @@ class BaseMotion:
 
     @property
     def is_released(self) -> bool:
-        """Whether the base was ever free."""
+        """Return whether the base was ever free."""
         return self._released is not None
 
     def release(self, time: float, standing_height: float) -> None:
@@ -94,7 +94,7 @@ class BaseMotion:
         return ""
 
     def summary(self) -> BaseSummary | None:
-        """The figures so far; None if the base was never free."""
+        """Return the figures so far; None if the base was never free."""
         if self._released is None or not self._count:
             return None
         speed = self._speed_sum / self._speed_count if self._speed_count else None

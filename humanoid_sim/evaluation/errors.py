@@ -13,13 +13,13 @@ from humanoid_sim.mit import FloatArray
 
 
 def total(values: npt.NDArray[Any]) -> FloatArray:
-    """The sum over the last axis; for one robot in half the time of `values.sum(axis=-1)`."""
+    """Return the sum over the last axis; for one robot in half the time of `values.sum(axis=-1)`."""
     summed: FloatArray = np.add.reduce(values, axis=-1, dtype=np.float64)
     return summed
 
 
 def length(vectors: FloatArray) -> FloatArray:
-    """Of vectors along the last axis."""
+    """Return the length of vectors along the last axis."""
     result: FloatArray = np.sqrt(total(vectors * vectors))
     return result
 
@@ -69,5 +69,5 @@ class PoseError:
 
 
 def pose_error(pose: FloatArray, position: FloatArray, quaternion: FloatArray) -> PoseError:
-    """The error of poses (..., 7), x y z in m and w x y z, against (..., 3), m, and (..., 4); all world frame."""
+    """Give the error of poses (..., 7), x y z in m and w x y z, against (..., 3), m, and (..., 4); all world frame."""
     return PoseError(position - pose[..., :3], multiply(conjugate(pose[..., 3:]), quaternion))

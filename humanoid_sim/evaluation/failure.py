@@ -38,7 +38,7 @@ _TOPPLED = math.radians(45.0)
 
 
 def has_fallen(base: BaseState, standing_height: FloatArray | float) -> BoolArray:
-    """Whether floating bases have fallen, shape (...).
+    """Return whether floating bases have fallen, shape (...).
 
     Args:
         base: pose and motion, shape (...).
@@ -49,7 +49,7 @@ def has_fallen(base: BaseState, standing_height: FloatArray | float) -> BoolArra
 
 
 def describe_fall(base: BaseState, standing_height: FloatArray | float, i: Index = ()) -> str:
-    """How robot `i` fell; the others as of `has_fallen`."""
+    """Return how robot `i` fell; the others as of `has_fallen`."""
     tilt, height = float(np.asarray(base.tilt)[i]), float(np.asarray(base.mass_height)[i])
     if tilt > _TOPPLED:
         return f"fell: tilted by {math.degrees(tilt):.0f}°"
@@ -58,19 +58,19 @@ def describe_fall(base: BaseState, standing_height: FloatArray | float, i: Index
 
 
 def has_run_away(joint_velocity: FloatArray) -> BoolArray:
-    """Whether joints, shape (..., n), rad/s, are faster than any robot's, shape (...): a fault, not a fall."""
+    """Return whether joints, shape (..., n), rad/s, are faster than any robot's, shape (...): a fault, not a fall."""
     fastest: BoolArray = np.abs(joint_velocity).max(axis=-1) > _RUNAWAY
     return fastest
 
 
 def has_strayed(error: PoseError) -> BoolArray:
-    """Whether anchor bodies are too far from the motion, shape (...); one that is not a number is."""
+    """Return whether anchor bodies are too far from the motion, shape (...); one that is not a number is."""
     strayed: BoolArray = ~((np.abs(error.offset[..., 2]) <= STRAYED_HEIGHT) & (error.tilt <= STRAYED_TILT))
     return strayed
 
 
 def describe_stray(error: PoseError, i: Index = ()) -> str:
-    """How robot `i` strayed, by its anchor body."""
+    """Return how robot `i` strayed, by its anchor body."""
     tilt, height = float(np.asarray(error.tilt)[i]), float(np.asarray(error.offset[..., 2])[i])
     if abs(height) <= STRAYED_HEIGHT:
         return f"strayed: tilted by {math.degrees(tilt):.0f}° against the motion"
@@ -84,6 +84,6 @@ def body_has_strayed(squared_distance: FloatArray) -> BoolArray:
 
 
 def describe_body_stray(distance: FloatArray, bodies: tuple[str, ...]) -> str:
-    """How one robot strayed, by the distances of its tracked bodies, shape (b,), m."""
+    """Return how one robot strayed, by the distances of its tracked bodies, shape (b,), m."""
     worst = int(np.argmax(np.where(np.isnan(distance), np.inf, distance)))
     return f"strayed: {bodies[worst]} is {distance[worst]:.2f} m from the motion"

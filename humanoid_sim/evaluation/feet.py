@@ -36,7 +36,7 @@ class Feet:
     """m, height of the floor."""
 
     def place(self, position: FloatArray, quaternion: FloatArray) -> FloatArray:
-        """The points in the world, shape (N, P, 3), m.
+        """Return the points in the world, shape (N, P, 3), m.
 
         Args:
             position: shape (N, b, 3), m, of the bodies, world frame.
@@ -64,7 +64,7 @@ class Feet:
 
 
 def find_feet(description: RobotDescription) -> Feet:
-    """The bodies that the robot stands on in its initial position: those whose collision geometry is lowest."""
+    """Return the bodies that the robot stands on in its initial position: those whose collision geometry is lowest."""
     model = build_model(description, scene=False)
     data = mujoco.MjData(model)
     data.qpos[joint_addresses(model, description.joint_names).qpos] = description.initial_position

@@ -97,7 +97,7 @@ class JointUse:
 
 
 def describe_effort(figures: dict[str, Any]) -> str:
-    """What `JointUse.effort` says, such as `37.1 of 88 N·m at left_knee_joint, 0 ticks at an effort limit`.
+    """Return what `JointUse.effort` says, such as `37.1 of 88 N·m at left_knee_joint, 0 ticks at an effort limit`.
 
     A torque beside which no limit is known says so: nothing in the run shows that a motor could bear it.
     """

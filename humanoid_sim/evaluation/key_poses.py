@@ -42,7 +42,7 @@ class KeyPoses:
 
     @classmethod
     def of(cls, description: RobotDescription, keys: Collection[int] = range(KEY_COUNT)) -> KeyPoses:
-        """Of a robot with a piano; takes a few seconds for all keys.
+        """Find the poses of a robot with a piano; takes a few seconds for all keys.
 
         Raises:
             InputError: the robot has no piano, or a hand reaches none of the keys.
@@ -75,7 +75,7 @@ class KeyPoses:
         return np.concatenate([rows, self.ready[:, None]], axis=1)
 
     def stroke(self, key: int, share: float) -> Mixture:
-        """The poses between which a hand is, a share of the way from above a key to on it."""
+        """Return the poses between which a hand is, a share of the way from above a key to on it."""
         touch = self.touch[key]
         if share < touch:
             return between(pose_number(ABOVE, key), pose_number(TOUCHED, key), share / touch)
@@ -91,12 +91,12 @@ READY = 4 * KEY_COUNT
 
 
 def pose_number(row: int, key: int) -> int:
-    """The number of a pose: its row of `KeyPoses.table`, and the key."""
+    """Return the number of a pose: its row of `KeyPoses.table`, and the key."""
     return row * KEY_COUNT + key
 
 
 def between(a: int, b: int, share: float) -> Mixture:
-    """A share of the way from one pose to another."""
+    """Return a share of the way from one pose to another."""
     if a == b:
         return {a: 1.0}
     return {number: part for number, part in ((a, 1.0 - share), (b, share)) if part}

@@ -43,7 +43,7 @@ class Goal:
 
 
 def goals_of(table: npt.NDArray[np.floating]) -> list[Goal]:
-    """The notes of a table of goals, shape (F, 88), 0 or 1, in order of their start."""
+    """Return the notes of a table of goals, shape (F, 88), 0 or 1, in order of their start."""
     down = np.zeros((len(table) + 2, table.shape[1]), dtype=np.int8)
     down[1:-1] = table > 0.5
     change = np.diff(down, axis=0)
@@ -142,7 +142,7 @@ class PianoPlayer:
         self._horizon = round(HORIZON / policy_dt)
 
     def play(self, table: npt.NDArray[np.floating]) -> FloatArray:
-        """The commands of a song, shape (F, n), rad.
+        """Return the commands of a song, shape (F, n), rad.
 
         They lead the planned poses by what the MIT law takes to follow them: `q + (K_d q' + M q'') / K_p`.
 
@@ -152,7 +152,7 @@ class PianoPlayer:
         return self.led(self.poses_of(self.plan(table)))
 
     def led(self, planned: FloatArray) -> FloatArray:
-        """The commands that servos need to be in planned poses in time; the robot is at rest before and after.
+        """Return the commands that servos need to be in planned poses in time; the robot is at rest before and after.
 
         Args:
             planned: shape (F, n), rad, one row a policy step, with what the servos sag.
@@ -170,23 +170,23 @@ class PianoPlayer:
         return commands
 
     def way_steps(self, origin: int, key: int) -> int:
-        """How many the player needs from over one key to over another."""
+        """Return how many the player needs from over one key to over another."""
         return max(self._way(origin, key), self._release)
 
     def press(self, side: int, key: int) -> Course:
-        """How a hand over a key presses it."""
+        """Return how a hand over a key presses it."""
         hand = _Hand(side, key, {pose_number(ABOVE, key): 1.0})
         self._begin(hand, key, down=True, steps=self._press)
         return self._course(hand)
 
     def release(self, side: int, key: int, steps: int = 0) -> Course:
-        """How a hand on a key releases it, in so many steps if the player's are fewer."""
+        """Return how a hand on a key releases it, in so many steps if the player's are fewer."""
         hand = _Hand(side, key, {pose_number(PRESSED, key): 1.0}, down=True)
         self._begin(hand, key, down=False, steps=max(self._release, steps))
         return self._course(hand)
 
     def _course(self, hand: _Hand) -> Course:
-        """The commands of a hand from where it is to the end of its way, the other arm at rest."""
+        """Return the commands of a hand from where it is to the end of its way, the other arm at rest."""
         places = [hand.place]
         while hand.start is not None:
             self._move(hand)
@@ -209,7 +209,7 @@ class PianoPlayer:
         return planned
 
     def plan(self, table: npt.NDArray[np.floating]) -> Plan:
-        """Where the hands should be; arguments as of `play`."""
+        """Return where the hands should be; arguments as of `play`."""
         goals = goals_of(table)
         owner: Mapping[Goal, int] = {}
         hands = [_Hand(i, HOME[i], {READY: 1.0}) for i in range(len(HANDS))]
@@ -266,7 +266,7 @@ class PianoPlayer:
         hand.step, hand.steps = 0, steps
 
     def _decide(self, frame: int, hand: _Hand, own: Sequence[Goal], others: Sequence[Goal], other: _Hand) -> None:
-        """What a hand at rest does next, for its notes, or out of the other's way."""
+        """Decide what a hand at rest does next, for its notes, or out of the other's way."""
         own = [goal for goal in own if goal.key in self.poses.keys[hand.side]]
         while own and own[0].start <= frame and self._end(own) - frame <= self._stops:
             own = own[1:]
@@ -284,17 +284,17 @@ class PianoPlayer:
                 self._begin(hand, key, down=False, steps=self.way_steps(hand.key, key))
 
     def _way(self, a: int, b: int) -> int:
-        """Steps from over one key to over another."""
+        """Return steps from over one key to over another."""
         return 0 if a == b else round((self._timing.travel + self._timing.per_key * abs(a - b)) / self._dt)
 
     def _needed(self, a: int, b: int) -> int:
-        """Steps from over one key until another sounds."""
+        """Return steps from over one key until another sounds."""
         return self._sounds + (self._way(a, b) + self._settle - 1 if a != b else 0)
 
     def _assign(
         self, frame: int, coming: Sequence[Goal], owner: Mapping[Goal, int], hands: Sequence[_Hand]
     ) -> Mapping[Goal, int]:
-        """The hand of each note: those that are near keep theirs, the cheapest choice for the others."""
+        """Return the hand of each note: those that are near keep theirs, the cheapest choice for the others."""
         near = {goal: owner[goal] for goal in coming if goal in owner and goal.start - frame < self._horizon // 2}
         free = [goal for goal in coming if goal not in near][:_CHOSEN]
         best, cheapest = dict(near), np.inf
@@ -327,7 +327,7 @@ class PianoPlayer:
         return cost
 
     def _end(self, own: Sequence[Goal]) -> int:
-        """When the first note of a hand ends, or a little sooner, if the hand has to be elsewhere by then."""
+        """Return when the first note of a hand ends, or sooner, if the hand has to be elsewhere by then."""
         goal = own[0]
         if len(own) < 2:
             return goal.end
@@ -336,7 +336,7 @@ class PianoPlayer:
         return max(min(goal.end, own[1].start - needed), soonest)
 
     def _aside(self, hand: _Hand, others: Sequence[Goal], other: _Hand) -> int:
-        """Where a hand with nothing to do waits: where it is, out of the other's way."""
+        """Return where a hand with nothing to do waits: where it is, out of the other's way."""
         keys = self.poses.keys[hand.side]
         taken = [*other.keys, *(goal.key for goal in others[:1])]
         away = min(hand.key, min(taken) - APART) if hand.side == 0 else max(hand.key, max(taken) + APART)
@@ -344,12 +344,12 @@ class PianoPlayer:
 
 
 def _is_clear(side: int, key: int, keys: Collection[int]) -> bool:
-    """Whether a hand over a key keeps away from the other one."""
+    """Return whether a hand over a key keeps away from the other one."""
     return key <= min(keys) - APART if side == 0 else key >= max(keys) + APART
 
 
 def _gives_way(side: int, own: Sequence[Goal], others: Sequence[Goal]) -> bool:
-    """Whether the other hand's next note comes first, and this one's would be in its way."""
+    """Return whether the other hand's next note comes first, and this one's would be in its way."""
     return bool(others) and others[0].start < own[0].start and not _is_clear(side, own[0].key, [others[0].key])
 
 
@@ -359,7 +359,7 @@ def smooth(share: _Share) -> _Share:
 
 
 def _gentle(time: float, touch: float) -> float:
-    """The share of a stroke's way at a share of its time: the finger is almost still where it touches the key."""
+    """Give the share of a stroke's way at a share of its time: the finger is almost still where it touches the key."""
     if time < _APPROACH:
         return touch * smooth(time / _APPROACH)
     return touch + (1.0 - touch) * smooth((time - _APPROACH) / (1.0 - _APPROACH))

@@ -39,7 +39,7 @@ class PlayedSong:
         return steps.precision, steps.recall, steps.f1, 0.0 if self.touch is None else self.touch.force
 
     def problems(self, force_limit: float) -> tuple[str, ...]:
-        """What a robot should not do: touch a key with more than `force_limit` N, or anything else at all."""
+        """Return what a robot should not do: touch a key with more than `force_limit` N, or anything else at all."""
         found = [f"{contact} touched" for contact in self.contacts]
         if self.touch is not None and self.touch.force > force_limit:
             key = key_name(self.touch.key)

@@ -59,7 +59,7 @@ class Performance:
     """s between two rows."""
 
     def score(self, onset_tolerance: float = ONSET_TOLERANCE) -> PianoScore:
-        """How well it was played; the tolerance is in s."""
+        """Return how well it was played; the tolerance is in s."""
         return score(self.pressed, self.wanted, self.step, onset_tolerance=onset_tolerance)
 
 
@@ -89,7 +89,7 @@ class PlayedKeys:
             self._pressed[frame], self._seen[frame] = keys > 0.5, True
 
     def performance(self) -> Performance | None:
-        """What was played; None where no frame was shown."""
+        """Return what was played; None where no frame was shown."""
         if not self._seen.any():
             return None
         return Performance(self._pressed[self._seen], self._goals[self._seen], self._step)
@@ -138,7 +138,7 @@ def step_ratios(down: npt.NDArray[np.bool_], goal: npt.NDArray[np.bool_]) -> tup
 
 
 def strokes(down: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Where keys go down, as (step, key) in order of time; `down` is shape (T, K)."""
+    """Return where keys go down, as (step, key) in order of time; `down` is shape (T, K)."""
     before = np.vstack([np.zeros((1, down.shape[1]), dtype=np.bool_), down[:-1]])
     return [(int(step), int(key)) for step, key in np.argwhere(down & ~before)]
 
@@ -150,7 +150,7 @@ def _share(part: FloatArray, whole: npt.NDArray[np.number]) -> FloatArray:
 
 
 def _matched(struck: list[tuple[int, int]], notes: list[tuple[int, int]], tolerance: int) -> int:
-    """How many strokes play a note: in order of time each takes the earliest of its key that it can still play."""
+    """Say how many strokes play a note: in order of time each takes the earliest of its key that it can still play."""
     waiting: dict[int, list[int]] = {}
     for step, key in notes:
         waiting.setdefault(key, []).append(step)

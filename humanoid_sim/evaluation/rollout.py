@@ -31,7 +31,7 @@ class Robots(Protocol):
         """Advance by one policy step, as `BatchSimulation.step` does."""
 
     def state(self) -> MITState:
-        """What the robots report now."""
+        """Return what the robots report now."""
         ...
 
 
@@ -44,10 +44,10 @@ class TransparentRobots(Robots, Protocol):
 
     @property
     def base(self) -> BaseState | None:
-        """Of robots with a floating base."""
+        """Return the base's state, of robots with a floating base."""
 
     def truth(self) -> MITState:
-        """The true state now."""
+        """Return the true state now."""
         ...
 
     def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
@@ -124,14 +124,14 @@ class ClosedLoop:
     def resumed(
         cls, robots: Robots, wiring: PolicyWiring, snapshot: Mapping[str, Any], live: LiveInputs | None = None
     ) -> Self:
-        """The loop of that snapshot, around robots that are in the state in which it was taken."""
+        """Return the loop of that snapshot, around robots that are in the state in which it was taken."""
         loop = cls.__new__(cls)
         live = LiveInputs(wiring.contract) if live is None else live
         vars(loop).update(snapshot, robots=robots, wiring=wiring, live=live)
         return loop
 
     def restart(self, chosen: IndexArray, velocity: FloatArray, frame: Frame | None = None) -> None:
-        """Some robots of a batch are at the start of an episode.
+        """Restart some robots of a batch, which are at the start of an episode.
 
         Args:
             chosen: shape (k,), indices.
@@ -152,16 +152,16 @@ class ClosedLoop:
         )
 
     def infer(self, policy: Callable[[Float32Array, Any], Float32Array]) -> tuple[Float32Array, BoolArray]:
-        """The policy's raw actions, shape (..., m), and which a controller would accept, shape (...)."""
+        """Return the policy's raw actions, shape (..., m), and which a controller would accept, shape (...)."""
         action = policy(self.observation, self.memory.frame)
         return action, self.wiring.accepts(action) & np.isfinite(self.observation).all(axis=-1)
 
     def problem(self, action: Float32Array, i: int) -> str:
-        """Why a controller would not accept what robot `i` of a batch observes, or its action, shape (m,)."""
+        """Return why a controller would not accept what robot `i` of a batch observes, or its action, shape (m,)."""
         return self.wiring.observation_problem(self.observation[i]) or self.wiring.action_problem(action[i])
 
     def alarm(self, i: int = 0) -> str:
-        """What the guard saw that tripped for robot `i` in the latest step; 0 for the only one."""
+        """Return what the guard saw that tripped for robot `i` in the latest step; 0 for the only one."""
         return self._alarms.get(i, "")
 
     def act(
@@ -239,7 +239,7 @@ class StepSample:
 
 
 def sample_step(loop: ClosedLoop, robots: TransparentRobots, step: int | npt.NDArray[np.integer]) -> StepSample:
-    """The latest step as it truly was, whatever the sensors make of it.
+    """Return the latest step as it truly was, whatever the sensors make of it.
 
     Args:
         loop: around the robots.
@@ -268,14 +268,14 @@ def sample_step(loop: ClosedLoop, robots: TransparentRobots, step: int | npt.NDA
 
 
 def _state_rows(state: MITState, indices: IndexArray) -> MITState:
-    """The reports of k of the N robots."""
+    """Return the reports of k of the N robots."""
     arrays = {f.name: getattr(state, f.name)[indices] for f in fields(state) if f.name != "extern"}
     live = {name: replace(value, value=value.value[indices]) for name, value in state.extern.items()}
     return MITState(**arrays, extern=live)
 
 
 def _memory_with(memory: PolicyMemory, indices: IndexArray, rows: PolicyMemory) -> PolicyMemory:
-    """A memory of N robots with those of k of them replaced.
+    """Return a memory of N robots with those of k of them replaced.
 
     Args:
         memory: shape (N, …).

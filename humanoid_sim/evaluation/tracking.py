@@ -32,7 +32,7 @@ class _End:
         self._is_shown = False
 
     def is_past(self, frame: int) -> bool:
-        """Whether the last frame was shown before; asked in every policy step."""
+        """Return whether the last frame was shown before; asked in every policy step."""
         was_shown, self._is_shown = self._is_shown, frame >= self._last > 0
         return was_shown and self._is_shown
 
@@ -127,7 +127,7 @@ class TrackingErrors:
         self._samples += 1
 
     def summary(self) -> TrackingSummary:
-        """The errors so far."""
+        """Return the errors so far."""
         bodies = tuple(self._error(name, [i]) for i, name in enumerate(self.names))
         return TrackingSummary(self._samples, self._peak_speed, self._error("hands", self._hands), bodies)
 
@@ -203,7 +203,7 @@ class AnchorErrors:
         self._samples += 1
 
     def summary(self) -> AnchorSummary | None:
-        """The errors so far; None if nothing was compared."""
+        """Return the errors so far; None if nothing was compared."""
         if not self._samples:
             return None
         joint, position, angle = (

@@ -39,7 +39,7 @@ class Attachment:
 
     @cached_property
     def header(self) -> SessionHeader:
-        """What the run is, as its recording says it. Raises `InputError` for a feed of another version."""
+        """Return what the run is, as its recording says it. Raises `InputError` for a feed of another version."""
         fields, documents = self.feed.header["session"], self.feed.header["documents"]
         names = json.loads(fields["attachments"])
         try:
@@ -66,7 +66,7 @@ class Attachment:
         return True
 
     def reference_ghost(self) -> ReferenceGhost | None:
-        """The motion that the policy follows, as poses of the robot; None where there is none that holds poses.
+        """Return the motion that the policy follows, as poses of the robot; None where there is none that holds poses.
 
         Raises:
             InputError: the header is damaged.
@@ -75,7 +75,7 @@ class Attachment:
         return None if loaded is None else ReferenceGhost.of(self.description, loaded.contract, loaded.reference)
 
     def model(self) -> mujoco.MjModel:
-        """The robot's compiled model, of which the ticks' `qpos` is: a new one each time, to do with as one likes.
+        """Give the robot's compiled model, of which the ticks' `qpos` is: a new one each time, to do with as one likes.
 
         Raises:
             InputError: it was compiled by another version of MuJoCo.
@@ -86,12 +86,12 @@ class Attachment:
             raise InputError(f"{self.session}: its model cannot be loaded: {error}") from None
 
     def latest(self) -> tuple[Sample, TickRecord] | None:
-        """The newest tick; None while there is none."""
+        """Return the newest tick; None while there is none."""
         sample = self.feed.latest()
         return None if sample is None else (sample, self.record(sample))
 
     def record(self, sample: Sample) -> TickRecord:
-        """A sample of the ring `tick`."""
+        """Return a sample of the ring `tick`."""
         try:
             return decode_tick(sample.data)
         except CdrError as error:
@@ -160,7 +160,7 @@ def ready(serves: str) -> None:
 
 
 def behind(age: float, control_period: float) -> str:
-    """What a viewer must say of a tick that is not the present; empty for one that is.
+    """Return what a viewer must say of a tick that is not the present; empty for one that is.
 
     Args:
         age: s since the session wrote the tick.

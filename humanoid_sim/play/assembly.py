@@ -250,7 +250,7 @@ def _tell(event: Event, *sinks: Sink | None) -> None:
 
 
 def _warnings(bring_up: BringUp | None) -> tuple[str, ...]:
-    """The warnings of a real robot's latest check list, one line each."""
+    """Return the warnings of a real robot's latest check list, one line each."""
     checks = () if bring_up is None else bring_up.checks()
     return tuple(f"{subject}: {text}" for verdict, subject, text in checks if verdict == "warning")
 
@@ -263,7 +263,7 @@ def _shadow(
     recorder: McapRecorder | None,
     ends: LocalEnds,
 ) -> ShadowSink:
-    """The sink in which a shadow policy runs, and where its steps go."""
+    """Return the sink in which a shadow policy runs, and where its steps go."""
     topics = ShadowTopics(header)
 
     def publish(step: ShadowStep) -> None:
@@ -316,7 +316,7 @@ def _header(plan: Plan) -> SessionHeader:
 
 
 def _keyboard(plan: Plan, reactivation: Reactivation, shown: ConsoleSink) -> Keyboard | None:
-    """The keyboard, if somebody sits at it. Raises `InputError` if it cannot be taken over."""
+    """Return the keyboard, if somebody sits at it. Raises `InputError` if it cannot be taken over."""
     if not has_keys(plan.config):
         return None
     velocity = plan.velocity if plan.policy.walks else None
@@ -326,7 +326,7 @@ def _keyboard(plan: Plan, reactivation: Reactivation, shown: ConsoleSink) -> Key
 def _drive(
     operators: Sequence[IntentSource], script: Planned | None, safety: SafetyFilter
 ) -> tuple[tuple[IntentSource, ...], SafetyFilter]:
-    """The sources of intents, and the safety filter with the script, if there is one, looking on."""
+    """Return the sources of intents, and the safety filter with the script, if there is one, looking on."""
     if script is None:
         return tuple(operators), safety
 

@@ -50,7 +50,7 @@ class BranchPoint:
 
     @property
     def control_period(self) -> float:
-        """Of the recorded loop, s."""
+        """Return the recorded loop's period, s."""
         return self.recording.header.control_period
 
 
@@ -157,7 +157,7 @@ def _measure(robot: MujocoRobot, contract: PolicyContract | None) -> None:
 
 
 def _check_measured(recorded: PolicyContract | None, contract: PolicyContract) -> None:
-    """The simulated robot measures what the recorded policy needed."""
+    """Check that the simulated robot measures what the recorded policy needed."""
     anchor, points = ("", ()) if recorded is None else (recorded.anchor_body, recorded.velocity_points)
     if contract.anchor_body and contract.anchor_body != anchor:
         raise InputError(
@@ -220,7 +220,7 @@ def _repeated(
 
 
 def _check_place(point: BranchPoint, record: TickRecord, following: int) -> None:
-    """The tick is the one that follows, and the instant is not before the first."""
+    """Check that the tick is the one that follows, and that the instant is not before the first."""
     if record.index != following:
         missing = record.index - following
         raise InputError(f"--branch: '{point.recording.path}' lacks {missing} ticks before tick {record.index}")
@@ -272,7 +272,7 @@ def _as_measured(point: BranchPoint, robot: MujocoRobot, state: MITState, memory
 def _for_policy(
     memory: SupervisorMemory, recorded: Supervisor, supervisor: Supervisor, record: TickRecord
 ) -> tuple[SupervisorMemory, str]:
-    """The memory for the policy that goes on, and what it means for it."""
+    """Return the memory for the policy that goes on, and what it means for it."""
     before, after = recorded.controllers.get(RL_POLICY), supervisor.controllers[RL_POLICY]
     own = memory.controller_memory
     if not (isinstance(own, RLPolicyMemory) and isinstance(before, RLPolicyController)):
@@ -308,7 +308,7 @@ _REMEMBERED = (
 
 
 def _remembered(controller: RLPolicyController) -> tuple[object, ...]:
-    """What the memory of a policy means: with the same of these it fits another one."""
+    """Return what the memory of a policy means: with the same of these it fits another one."""
     document, layout = parse_json(encode(controller.contract)), controller.wiring.layout
     return layout.step_width, layout.history, *(document[name] for name in _REMEMBERED)
 

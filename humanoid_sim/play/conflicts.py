@@ -299,7 +299,7 @@ def _output(option: str, value: str | None, automatic: Path | None) -> Path | No
 
 
 def _free(path: Path) -> Path:
-    """The path, or the first numbered one beside it that does not exist."""
+    """Return the path, or the first numbered one beside it that does not exist."""
     candidate, number = path, 1
     while candidate.exists():
         number += 1

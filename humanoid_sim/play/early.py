@@ -29,7 +29,7 @@ def refuse_early(config: PlayConfig) -> None:
 
 
 def checkpoint_path(config: PlayConfig) -> Path | None:
-    """The file of the checkpoint that the options name; None for the sample policy, the placeholder and none.
+    """Return the file of the checkpoint that the options name; None for the sample policy, the placeholder and none.
 
     Raises:
         InputError: it is neither a shipped policy nor a file's name.

@@ -28,7 +28,7 @@ def shows_window(config: PlayConfig) -> bool:
 
 
 def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
-    """The front ends that a run starts.
+    """Return the front ends that a run starts.
 
     Raises:
         InputError: the packages of one are not installed, or the network interface of one is not there.
@@ -68,7 +68,7 @@ EMULATED_KEYBOARD = "virtual"
 
 
 def _keyboard_options(config: PlayConfig) -> tuple[str, ...]:
-    """Of the MIDI front end, for a part of its port's name, the path of a device, or an emulated keyboard.
+    """Return the MIDI front end's options, for a part of its port's name, a device's path, or an emulated keyboard.
 
     Raises:
         InputError: more than one is named, or there are no emulated motors.
@@ -85,24 +85,24 @@ def _keyboard_options(config: PlayConfig) -> tuple[str, ...]:
 
 
 def with_keyboard(front_ends: Sequence[Wanted], path: str) -> tuple[Wanted, ...]:
-    """The front ends, of which one that was to listen to an emulated keyboard listens to the one at that path."""
+    """Give the front ends, of which one that was to listen to an emulated keyboard listens to the one at that path."""
     emulated = ("--device", EMULATED_KEYBOARD)
     return tuple(replace(one, options=("--device", path)) if one.options == emulated else one for one in front_ends)
 
 
 def needs_gamepad(config: PlayConfig) -> bool:
-    """Whether a gamepad takes part: where one was asked for, and on a real bus unless it was declined."""
+    """Return whether a gamepad takes part: where one was asked for, and on a real bus unless it was declined."""
     return config.gamepad is not None or (_is_real_bus(config) and not config.no_gamepad and not config.dry_run)
 
 
 def operated_by(config: PlayConfig) -> tuple[str, ...]:
-    """The options of the front ends from which an operator drives the FSM."""
+    """Return the options of the front ends from which an operator drives the FSM."""
     wanted = (("--console", config.console), ("--gamepad", needs_gamepad(config)))
     return tuple(option for option, is_wanted in wanted if is_wanted)
 
 
 def has_keys(config: PlayConfig) -> bool:
-    """Whether an operator drives from the keyboard: with --manual, where standard input is a terminal."""
+    """Return whether an operator drives from the keyboard: with --manual, where standard input is a terminal."""
     return config.manual and bool(sys.stdin and sys.stdin.isatty())
 
 

@@ -39,7 +39,7 @@ CALIBRATION = "calibration.yaml"
 
 
 def real_robot(config: PlayConfig, description: RobotDescription, control_period: float) -> RobotSetup:
-    """A robot on the channels of `--hardware`. Opens nothing, but for emulated motors, which are then running.
+    """Return a robot on the channels of `--hardware`. Opens nothing, but for emulated motors, which are then running.
 
     On channels of the interface `virtual`, which exist in this process only, the motors are emulated, assembled as the
     calibration says. Everywhere else they are somebody else's: real ones, or those of `humanoid_sim.hardware emulate`.
@@ -109,7 +109,7 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
 def _homing_offsets(
     config: PlayConfig, description: RobotDescription, addresses: Sequence[BusAddress]
 ) -> tuple[dict[str, float], tuple[str, ...]]:
-    """The homing offset of every joint, rad, motor frame, and what an operator should know about them."""
+    """Return the homing offset of every joint, rad, motor frame, and what an operator should know about them."""
     interfaces = {address.interface for address in addresses}
     if config.calibration is None and interfaces == {"virtual"}:
         return dict.fromkeys(description.joint_names, 0.0), ("emulated motors, assembled without offsets",)
@@ -137,7 +137,7 @@ def _emulated(
 
 
 def _emulated_keyboard(description: RobotDescription, motors: VirtualMotors) -> MidiKeyboard:
-    """The keys of the emulated piano, as the bytes of a keyboard on a FIFO of this process.
+    """Return the keys of the emulated piano, as the bytes of a keyboard on a FIFO of this process.
 
     Raises:
         InputError: the robot has no piano.

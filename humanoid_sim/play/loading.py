@@ -122,7 +122,7 @@ class PolicyLoader:
 
 
 def _policy_of(proof: Proof, plan: Plan) -> PolicyChoice:
-    """The policy that was proved, in this process: its network anew, everything else as it will be recorded."""
+    """Return the policy that was proved, in this process: its network anew, everything else as it will be recorded."""
     contract, motion = recorded_contract(proof.header), recorded_motion(proof.header)
     assert contract is not None
     network: Policy = zero_policy(contract.action_count)

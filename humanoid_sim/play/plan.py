@@ -59,7 +59,7 @@ class RobotClock:
     session: Session | None = None
 
     def __call__(self) -> float:
-        """The time of the latest reading, s; 0 before there is one."""
+        """Return the time of the latest reading, s; 0 before there is one."""
         return self.session.time if self.session is not None else 0.0
 
 
@@ -195,7 +195,7 @@ def make_plan(config: PlayConfig) -> Plan:
 
 
 def _allowed_signs(config: PlayConfig, setup: RobotSetup) -> tuple[str, ...] | None:
-    """The joints whose sign may contradict gravity; None where signs are not judged.
+    """Return the joints whose sign may contradict gravity; None where signs are not judged.
 
     Raises:
         InputError: one is not a joint of the robot.
@@ -207,7 +207,7 @@ def _allowed_signs(config: PlayConfig, setup: RobotSetup) -> tuple[str, ...] | N
 
 
 def _checked_poses(description: RobotDescription) -> RobotDescription:
-    """The robot that walks through its check poses.
+    """Return the robot that walks through its check poses.
 
     Raises:
         InputError: it has none, or a joint that is wired wrongly would do harm in them.
@@ -231,7 +231,7 @@ def policy_notices(policy: PolicyChoice) -> tuple[str, ...]:
 
 
 def _inputs(config: PlayConfig, policy: PolicyChoice) -> tuple[Path, ...]:
-    """The files that the run reads."""
+    """Return the files that the run reads."""
     branched = None if config.branch is None else parse_branch(config.branch)[0]
     named = (config.checkpoint, config.contract, config.again, branched, config.robot, config.calibration)
     return (*(Path(name) for name in named if name is not None and is_file(name)), *filter(None, [policy.motion_file]))
@@ -240,7 +240,7 @@ def _inputs(config: PlayConfig, policy: PolicyChoice) -> tuple[Path, ...]:
 def _policy_on_robot(
     config: PlayConfig, description: RobotDescription, injector: Injector
 ) -> tuple[PolicyChoice, RobotDescription]:
-    """The policy, and the robot with what it takes from the policy's contract.
+    """Return the policy, and the robot with what it takes from the policy's contract.
 
     Raises:
         InputError: if something is wrong with the policy, or it is for another robot; if no robot was named, that is
@@ -276,7 +276,7 @@ def _policy_on_robot(
 
 
 def _count_of_places(config: PlayConfig) -> int | None:
-    """The joints of a policy that gives them by their places on its robot, 0 where their number is not known.
+    """Return the joints of a policy that gives them by their places on its robot, 0 where their number is not known.
 
     None for any other policy: one by places any other robot cannot but refuse.
     """
@@ -311,7 +311,7 @@ def _cost_of_plant(config: PlayConfig, policy: PolicyChoice, description: RobotD
 
 
 def _who_drives(config: PlayConfig, steps: Sequence[ScriptStep] | None, *, walks: bool) -> tuple[str, ...]:
-    """The keys of an operator at the keyboard; where nobody and no script drives, how to do it from elsewhere."""
+    """Give the keys of an operator at the keyboard; where nobody and no script drives, how to do it from elsewhere."""
     if has_keys(config):
         return (key_help(), velocity_key_help()) if walks else (key_help(),)
     if steps is not None or config.dry_run:
@@ -324,7 +324,7 @@ def _who_drives(config: PlayConfig, steps: Sequence[ScriptStep] | None, *, walks
 def _who_feeds(
     config: PlayConfig, steps: Sequence[ScriptStep] | None, taken: Iterable[str], contract: PolicyContract | None
 ) -> tuple[str, ...]:
-    """What has to come from other programs, and does not come from one that this run starts."""
+    """Return what has to come from other programs, and does not come from one that this run starts."""
     notices = []
     if config.remote == "none" and any(step.intent is Intent.START_REMOTE for step in steps or ()):
         notices.append("nothing that this run starts sends commands for REMOTE: it damps until a producer attaches")
@@ -338,7 +338,7 @@ def _who_feeds(
 
 
 def _realtime(config: PlayConfig) -> bool:
-    """Whether somebody, or a thread or a bus that lives in real time, takes part."""
+    """Return whether somebody, or a thread or a bus that lives in real time, takes part."""
     if config.hardware is not None:
         return True
     if config.pace != "auto":
@@ -351,7 +351,7 @@ _OPEN_END = 10.0
 
 
 def _automatic_script(config: PlayConfig, motion: Motion | None) -> str:
-    """The script that plays when nobody drives: long enough in each mode to see it."""
+    """Return the script that plays when nobody drives: long enough in each mode to see it."""
     run = "motion; hold 0.5" if motion is not None else f"hold {config.duration or _OPEN_END}"
     if motion is not None and config.shadow is not None:
         run = f"hold {motion.duration + 0.5}"
@@ -377,7 +377,7 @@ def expected_duration(config: PlayConfig, policy: PolicyChoice, description: Rob
 
 
 def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: float | None) -> tuple[float, str]:
-    """The control period, and what to tell the user if it is not the robot's own.
+    """Return the control period, and what to tell the user if it is not the robot's own.
 
     Where the policy's period is no multiple of the control period, the control rate moves to the nearest that is. On
     hardware there is no physics step to divide it.

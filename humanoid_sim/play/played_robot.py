@@ -35,7 +35,7 @@ class PlayedRobot(Robot, Protocol):
 
     @property
     def is_closed(self) -> bool:
-        """Whether `close` was called."""
+        """Return whether `close` was called."""
 
 
 class BringUp(Protocol):
@@ -49,13 +49,13 @@ class BringUp(Protocol):
         """Do everything but enable. Raises `RobotError` if something is wrong."""
 
     def checks(self) -> Sequence[tuple[str, str, str]]:
-        """What was found so far: verdict (`ok`, `warning`, `question`, `problem`), subject, text."""
+        """Return what was found so far: verdict (`ok`, `warning`, `question`, `problem`), subject, text."""
 
     def unanswered(self) -> Sequence[str]:
         """Firmware versions that no document mentions and the operator has not accepted; nothing is enabled before."""
 
     def accept(self, versions: Sequence[str]) -> None:
-        """The operator accepts them."""
+        """Accept them, as the operator says."""
 
 
 class Touches:
@@ -67,13 +67,13 @@ class Touches:
         self._hardest: dict[Mode, Touch] = {}
 
     def __call__(self, mode: Mode) -> str:
-        """A mode begins; it tells nothing."""
+        """Take in that a mode begins; it says nothing."""
         self._note()
         self._mode = mode
         return ""
 
     def hardest(self) -> Mapping[Mode, Touch]:
-        """The hardest touch in each mode in which there was one."""
+        """Return the hardest touch in each mode in which there was one."""
         self._note()
         return dict(self._hardest)
 
@@ -129,7 +129,7 @@ class RobotSetup:
 def simulated_robot(
     config: PlayConfig, description: RobotDescription, control_period: float, contract: PolicyContract | None
 ) -> RobotSetup:
-    """A robot in MuJoCo.
+    """Return a robot in MuJoCo.
 
     Args:
         config: the options.
@@ -197,7 +197,7 @@ def simulated_robot(
 def gravity_levers(
     description: RobotDescription, *, has_imu: bool = True
 ) -> tuple[GravityLevers | None, tuple[str, ...]]:
-    """What judges the signs of a robot that is held, and, if nothing can, why, for an operator."""
+    """Return what judges the signs of a robot that is held, and, if nothing can, why, for an operator."""
     if description.signs is None:
         return None, ("signs are not judged in STANDBY: the robot's file turns that off",)
     if description.is_floating and not has_imu:

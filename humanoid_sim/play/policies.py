@@ -78,7 +78,7 @@ class PolicyChoice:
 
     @property
     def walks(self) -> bool:
-        """Whether it takes a velocity command."""
+        """Return whether it takes a velocity command."""
         return self.loaded is not None and self.loaded.contract.takes_velocity_command
 
 
@@ -127,7 +127,7 @@ def choose_policy(
 
 
 def _is_sample(config: PlayConfig) -> bool:
-    """Whether the policy is one that ships: taken by default, or given by its name."""
+    """Return whether the policy is one that ships: taken by default, or given by its name."""
     path = checkpoint_path(config)
     return config.checkpoint is None or (path is not None and str(path) != config.checkpoint)
 
@@ -135,7 +135,7 @@ def _is_sample(config: PlayConfig) -> bool:
 def _chosen_motion(
     config: PlayConfig, checkpoint: Checkpoint, description: RobotDescription
 ) -> tuple[Motion | None, Path | None, tuple[str, ...]]:
-    """The motion, the file that it is from, and what to tell about it."""
+    """Return the motion, the file that it is from, and what to tell about it."""
     if not _plays_song(config, checkpoint):
         file = _motion_file(config, checkpoint)
         return (checkpoint.motion if file is None else read_motion(file, config.motion_topic)), file, ()
@@ -155,7 +155,7 @@ def _chosen_motion(
 
 
 def _plays_song(config: PlayConfig, checkpoint: Checkpoint) -> bool:
-    """Whether the motion is a song that is yet to be prepared.
+    """Return whether the motion is a song that is yet to be prepared.
 
     Raises:
         InputError: a song is given, and the policy plays none; or none is, and it needs one.
@@ -188,7 +188,7 @@ def _motion_file(config: PlayConfig, checkpoint: Checkpoint) -> Path | None:
 
 
 def parse_branch(text: str) -> tuple[str, float]:
-    """The file, and s on the robot's clock, of FILE@SECONDS.
+    """Return the file, and s on the robot's clock, of FILE@SECONDS.
 
     Raises:
         InputError: it is something else.
@@ -224,7 +224,7 @@ _REPEATED = (
 
 
 def with_recorded_options(config: PlayConfig) -> PlayConfig:
-    """The options of `config`, and the recording's where they were left as they are by default.
+    """Return the options of `config`, and the recording's where they were left as they are by default.
 
     What the run looked like, where it was written to and who drove it are not taken from there.
 
@@ -293,7 +293,7 @@ def _later_pushes(config: PlayConfig) -> tuple[str, ...]:
 
 
 def _options(option: str, path: str, header: SessionHeader) -> dict[str, Any]:
-    """The options that a recording was made with, those that `play` knows and of a kind that it takes."""
+    """Return the options that a recording was made with, those that `play` knows and of a kind that it takes."""
     try:
         options = recorded_settings(path, header).get("options")
     except InputError:

@@ -74,7 +74,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
 
 
 def _doctor(config: PlayConfig) -> str:
-    """The command that finds out what is wired wrongly in this policy; empty where there is nothing to examine."""
+    """Give the command that finds out what is wired wrongly in this policy; empty where there is nothing to examine."""
     if config.policy in (None, "placeholder", NO_POLICY):
         return ""
     command = ["python", "-m", "humanoid_sim.policy", "doctor", str(config.policy), "--robot", config.robot]
@@ -134,7 +134,7 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
 
 
 def _table(title: str, *headings: str, right: Container[str] = ()) -> Table:
-    """An empty table; without headings one of figures and their values."""
+    """Return an empty table; without headings one of figures and their values."""
     table = Table(title=title, title_justify="left", title_style="bold", show_header=bool(headings))
     for heading in headings or ("figure", "value"):
         table.add_column(heading, justify="right" if heading in right else "left")
@@ -156,13 +156,13 @@ def _figures(part: AnchorErrors | BaseMotion | None) -> dict[str, Any] | None:
 
 
 def _piano_figures(run: Run) -> dict[str, Any] | None:
-    """The score, and how hard the keys were touched; None where no song was played."""
+    """Return the score, and how hard the keys were touched; None where no song was played."""
     performance = None if run.keys is None else run.keys.performance()
     return None if performance is None else asdict(performance.score())
 
 
 def key_force(run: Run) -> dict[str, Any] | None:
-    """How hard a key of a simulated piano was touched at most, against the robot's limit; None without a piano.
+    """Return how hard a key of a simulated piano was touched at most, against the robot's limit; None without a piano.
 
     The limit is for a robot that is driven. In DAMPING and ZERO_TORQUE arms sink onto the keys by their weight.
     """
@@ -273,7 +273,7 @@ _BAR = 30
 def loop_figures(
     result: SessionResult, monitor: RunMonitor, control_period: float, *, realtime: bool
 ) -> dict[str, Any]:
-    """Times in s. `budget` is the share of the control period that 99 % of the ticks stay within."""
+    """Return times in s. `budget` is the share of the control period that 99 % of the ticks stay within."""
     times = monitor.tick_time
     return {
         "ticks": result.ticks,
@@ -294,7 +294,7 @@ def loop_figures(
 
 
 def _jitter(late: DurationHistogram) -> dict[str, Any]:
-    """How long after its due time each tick began."""
+    """Return how long after its due time each tick began."""
     counts = late.counts(_EDGES)
     return {
         "p50": late.percentile(50.0),
@@ -305,7 +305,7 @@ def _jitter(late: DurationHistogram) -> dict[str, Any]:
 
 
 def loop_table(loop: dict[str, Any], effort: dict[str, Any]) -> Table:
-    """The table of a run's loop."""
+    """Return the table of a run's loop."""
     table = _table("Loop")
     pace = "in real time" if loop["realtime"] else f"{loop['real_time_factor']:.1f} times real time"
     table.add_row("ticks", f"{loop['ticks']} at {1.0 / loop['control_period']:g} Hz, {pace}")

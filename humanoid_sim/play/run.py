@@ -124,7 +124,7 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
 
 @contextmanager
 def _printing(problems: list[str]) -> Iterator[None]:
-    """An output that fails keeps no file from being written."""
+    """Close the outputs such that one that fails keeps no file from being written."""
     try:
         yield
     except OSError as error:
@@ -134,7 +134,7 @@ def _printing(problems: list[str]) -> Iterator[None]:
 
 @contextmanager
 def _noting(problems: list[str]) -> Iterator[None]:
-    """A file that cannot be written keeps none of the others from being written."""
+    """Write the files such that one that cannot be written keeps none of the others from being written."""
     try:
         yield
     except InputError as error:
@@ -229,7 +229,7 @@ def _print_checks(robot: BringUp, console: Console) -> None:
 
 
 def _print_verdict(robot: BringUp, console: Console) -> None:
-    """Whether the robot could be enabled now, and what to look at first."""
+    """Print whether the robot could be enabled now, and what to look at first."""
     found = [(verdict, subject) for verdict, subject, _ in robot.checks()]
     problems = [subject for verdict, subject in found if verdict == "problem"]
     warnings = list(dict.fromkeys(subject for verdict, subject in found if verdict == "warning"))

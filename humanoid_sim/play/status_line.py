@@ -44,14 +44,14 @@ class Told:
 
 
 def possible(record: TickRecord, available: Container[str]) -> tuple[Intent, ...]:
-    """The intents that would be granted after a tick."""
+    """Return the intents that would be granted after a tick."""
     output = record.output
     is_finished = output.standby is not None and output.standby.is_finished
     return granted(output.control_mode.controller_name, merge_safety(record.input.safety), is_finished, available)
 
 
 def status_parts(record: TickRecord, frame: int | None, overruns: int, told: Told, width: int) -> list[str]:
-    """The parts of the line, the mode first; as many as fit into `width` columns, the most important ones first.
+    """Return the parts of the line, the mode first; as many as fit into `width` columns, the most important ones first.
 
     Args:
         record: the latest tick.
@@ -88,7 +88,7 @@ def _progress(standby: StandbyState | None, frame: int | None, frames: int) -> s
 
 
 def _keys(record: TickRecord, told: Told, room: int) -> list[str]:
-    """What is possible now with its key; the keys alone where there is no room for the names."""
+    """Return what is possible now with its key; the keys alone where there is no room for the names."""
     if not told.has_keys:
         return []
     intents = [i for i in possible(record, told.available) if i is not Intent.DAMP or told.is_driven()]
@@ -145,7 +145,7 @@ class StatusLine:
             self._shown = ""
 
     def _takes_more(self) -> bool:
-        """Whether the terminal's output is not held (Ctrl-S) or far behind."""
+        """Return whether the terminal's output is not held (Ctrl-S) or far behind."""
         try:
             return bool(select.select([], [self._console.file.fileno()], [], 0.0)[1])
         except (OSError, ValueError):  # a file in memory

@@ -50,7 +50,7 @@ class Checkpoint:
 
     @property
     def metadata(self) -> Mapping[str, str]:
-        """Of the model; empty for a policy without one."""
+        """Return the model's metadata; empty for a policy without one."""
         return self.policy.model.metadata if isinstance(self.policy, OnnxPolicy) else {}
 
     def limit_inference(self, seconds: float) -> None:
@@ -82,7 +82,7 @@ def load_checkpoint(
     *,
     verify: bool = True,
 ) -> Checkpoint:
-    """A checkpoint with its contract complete, its widths checked and its first (slow) inference done.
+    """Return a checkpoint with its contract complete, its widths checked and its first (slow) inference done.
 
     Args:
         path: the model.
@@ -121,7 +121,7 @@ def load_checkpoint(
 def read_contract(
     path: Path, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
 ) -> PolicyContract:
-    """The contract alone, without ONNX Runtime; nothing checks that the model's tensors fit it.
+    """Return the contract alone, without ONNX Runtime; nothing checks that the model's tensors fit it.
 
     Raises:
         InputError: as `load_checkpoint`.
@@ -140,7 +140,7 @@ def file_digest(path: Path) -> str:
 
 
 def zero_policy(action_count: int) -> Policy:
-    """A policy that answers zeros of shape (m,), whatever it sees."""
+    """Return a policy that answers zeros of shape (m,), whatever it sees."""
     action = np.zeros(action_count, dtype=np.float32)
     action.setflags(write=False)
 
@@ -153,7 +153,7 @@ def zero_policy(action_count: int) -> Policy:
 def placeholder_checkpoint(
     description: RobotDescription, pose: Literal["a", "b"] = "a", policy_dt: float = 0.02
 ) -> Checkpoint:
-    """A zero policy for any robot: it observes the joints and holds the final pose of standby A or B."""
+    """Return a zero policy for any robot: it observes the joints and holds the final pose of standby A or B."""
     joints = description.joint_names
     standby = description.standby_controller_a if pose == "a" else description.standby_controller_b
     contract = PolicyContract(

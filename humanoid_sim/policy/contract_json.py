@@ -40,14 +40,14 @@ def encode(contract: PolicyContract) -> str:
 
 
 def plain_value(name: str, value: Any) -> Any:
-    """A field of a contract, or an option of a term, as a contract.yaml has it."""
+    """Return a field of a contract, or an option of a term, as a contract.yaml has it."""
     if name in FORMS and FORMS[name].kind == "axes" and value is not None:
         return dict(zip(COMMAND_AXES, value.tolist(), strict=True))
     return _plain(value)
 
 
 def decode(text: str, where: str) -> PolicyContract:
-    """The contract in a text of `encode`, provenance included.
+    """Return the contract in a text of `encode`, provenance included.
 
     Raises:
         InputError: naming `where`, if it is none.
@@ -71,7 +71,7 @@ def decode(text: str, where: str) -> PolicyContract:
 
 
 def read_stamp(text: str, where: str) -> PartialContract:
-    """A stamped contract as one source among others; what its fields came from is kept.
+    """Return a stamped contract as one source among others; what its fields came from is kept.
 
     What nobody stated when it was stamped is not stated now either: another source may still say otherwise.
     """
@@ -99,14 +99,14 @@ def read_stamp(text: str, where: str) -> PartialContract:
 
 
 def _origin(contract: PolicyContract, name: str) -> str:
-    """Where a field is from; a clock that was stamped as a whole is from one source."""
+    """Return where a field is from; a clock that was stamped as a whole is from one source."""
     whole = contract.provenance.get("phase", STAMP_SOURCE) if name.startswith("phase.") else STAMP_SOURCE
     is_apart = name.startswith("phase.") and any(field.startswith("phase.") for field in contract.provenance)
     return contract.provenance.get(name, NOT_STATED if is_apart else whole)
 
 
 def _fields(contract: PolicyContract) -> Iterator[tuple[str, Any]]:
-    """The fields as sources give them: names of terms alone, tensors one by one."""
+    """Yield the fields as sources give them: names of terms alone, tensors one by one."""
     for name in FORMS:
         if name == "phase" and contract.phase is not None:
             for field in fields(PhaseRule):

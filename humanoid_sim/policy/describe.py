@@ -55,7 +55,7 @@ class FieldLine:
 
 
 def term_lines(contract: PolicyContract, layout: ObservationLayout) -> list[TermLine]:
-    """The observation, term by term."""
+    """Return the observation, term by term."""
     lines = []
     begin = 0
     per_step = layout.history_layout == "per_step"
@@ -128,7 +128,7 @@ def field_lines(contract: PolicyContract) -> list[FieldLine]:
 
 
 def _phase_lines(contract: PolicyContract) -> Iterator[FieldLine]:
-    """The parts of the gait clock that are not from where the clock is, one line for each source."""
+    """Yield the parts of the gait clock that are not from where the clock is, one line for each source."""
     parts: dict[str, list[str]] = {}
     for field in fields(PhaseRule) if contract.phase is not None else ():
         source = contract.provenance.get(f"phase.{field.name}", "")
@@ -152,7 +152,7 @@ def _option_lines(contract: PolicyContract) -> Iterator[FieldLine]:
 
 
 def contract_document(contract: PolicyContract, layout: ObservationLayout) -> dict[str, Any]:
-    """The whole contract as plain JSON values, with the place of each term; null stands for infinity."""
+    """Return the whole contract as plain JSON values, with the place of each term; null stands for infinity."""
     document: dict[str, Any] = _finite(json.loads(encode(contract)))
     document.setdefault("action_clip", None)
     lines = term_lines(contract, layout)
@@ -174,7 +174,7 @@ def _finite(value: Any) -> Any:
 
 
 def known_lines(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> list[FieldLine]:
-    """What is known of a contract that lacks fields, as `field_lines` shows a whole one.
+    """Return what is known of a contract that lacks fields, as `field_lines` shows a whole one.
 
     Args:
         known: as in `PartialContract.fields`.
@@ -190,7 +190,7 @@ def known_lines(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Giv
 
 
 def known_document(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> dict[str, Any]:
-    """The same as plain JSON values: value and source of each field, by its name; null stands for infinity."""
+    """Return the same as plain JSON values: value and source of each field, by its name; null stands for infinity."""
     options = {f"observation.{name}.{option}": given for name in terms for option, given in terms[name].items()}
     return {
         name: {"value": _finite(plain_value(name, given.value)), "source": given.source}

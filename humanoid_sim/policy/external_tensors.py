@@ -22,7 +22,7 @@ _LOCATION, _CHECKSUM = "location", "checksum"
 
 
 def external_file(path: Path) -> Path:
-    """Where exporters put a model's external tensors; there need be no such file."""
+    """Return where exporters put a model's external tensors; there need be no such file."""
     return path.with_name(f"{path.name}.data")
 
 
@@ -72,7 +72,7 @@ def check_tensors(path: Path, metadata: Mapping[str, str]) -> None:
 
 
 def why_not_loaded(path: Path) -> str:
-    """Why the file that holds a model's tensors keeps it from being loaded; '' if it does not.
+    """Return why the file that holds a model's tensors keeps it from being loaded; '' if it does not.
 
     Args:
         path: of a model that cannot be loaded.
@@ -100,6 +100,6 @@ def why_not_loaded(path: Path) -> str:
 
 
 def _entries(model: ModelProto) -> list[dict[str, str]]:
-    """What the model says of each tensor that lies in another file."""
+    """Return what the model says of each tensor that lies in another file."""
     entries = [{item.key: item.value for item in tensor.external_data} for tensor in model.graph.initializer]
     return [entry for entry in entries if _LOCATION in entry]

@@ -29,14 +29,14 @@ _LONGEST = 90_000
 
 
 def graph_conventions(outputs: Collection[str]) -> PartialContract:
-    """What the names of a model's outputs imply for its contract."""
+    """Return what the names of a model's outputs imply for its contract."""
     source = f"output {_ANCHOR[1]}"
     implied = {"reference_quaternion": "xyzw"} if _ANCHOR[1] in outputs else {}
     return PartialContract(source, assumed=assumed(source, implied))
 
 
 def has_graph_motion(policy: OnnxPolicy, contract: PolicyContract) -> bool:
-    """Whether the model answers with a reference, and the contract follows one."""
+    """Return whether the model answers with a reference, and the contract follows one."""
     names = {tensor.name for tensor in policy.model.outputs}
     return policy.has_time_step and contract.task_type == "tracking" and names.issuperset(_JOINTS)
 
@@ -114,7 +114,7 @@ def _rows(frame: _Frame, path: str) -> list[npt.NDArray[np.float32]]:
 
 
 def _is_end(frame: _Frame, rows: list[npt.NDArray[np.float32]]) -> bool:
-    """Whether the last frame is held from here on, as far as a look at every so many frames tells."""
+    """Return whether the last frame is held from here on, as far as a look at every so many frames tells."""
     if (len(rows) - 1) % _HELD:  # a long pause is looked beyond now and then, not at each of its frames
         return False
     later = (frame(index) for index in range(len(rows), _LONGEST, _PROBE))

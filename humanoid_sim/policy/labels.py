@@ -30,7 +30,7 @@ def _with_history(contract: PolicyContract, term: ObservationTerm) -> tuple[str,
 
 
 def _step(contract: PolicyContract, term: ObservationTerm) -> tuple[str, ...]:
-    """Of one step."""
+    """Return the labels of one step."""
     width = term.stop - term.start
     kind = contract.kind(term.term)
     joints = kind.value_names(term.term, contract)
@@ -47,7 +47,7 @@ def _step(contract: PolicyContract, term: ObservationTerm) -> tuple[str, ...]:
 
 
 def _components(count: int, quaternion: str = "wxyz") -> tuple[str, ...]:
-    """Of a vector, a quaternion; numbers of anything else."""
+    """Return the labels of a vector or a quaternion; numbers of anything else."""
     if count == len(_AXES):
         return _AXES
     return tuple(quaternion) if count == 4 else tuple(str(i) for i in range(count))

@@ -124,7 +124,7 @@ def _reference(contract: PolicyContract, motion: Motion | None, source: str, mot
 
 
 def contract_layout(contract: PolicyContract, observation_width: int | None = None) -> ObservationLayout:
-    """The observation in the policy's own joint order, with empty tables in the place of the motion.
+    """Return the observation in the policy's own joint order, with empty tables in the place of the motion.
 
     Args:
         contract: of the policy.

@@ -22,12 +22,12 @@ _ONLY_HERE = ("task_type", "action_joint_names", "policy_dt", "dataset_repo_id",
 
 
 def is_own(metadata: Mapping[str, str]) -> bool:
-    """Whether the metadata has any key that only this dialect has."""
+    """Return whether the metadata has any key that only this dialect has."""
     return any(key in metadata for key in _ONLY_HERE)
 
 
 def read_own(metadata: Mapping[str, str], where: str) -> PartialContract:
-    """The keys that are there; other keys are not of the contract and are left alone.
+    """Return the keys that are there; other keys are not of the contract and are left alone.
 
     Raises:
         InputError: naming `where`, the key and its text, if one is malformed.

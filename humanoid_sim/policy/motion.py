@@ -141,7 +141,7 @@ def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motio
 
 
 def parse_motion(data: bytes, name: str) -> Motion:
-    """A motion from the bytes of its file; `name` is what to call it in messages.
+    """Return a motion from the bytes of its file; `name` is what to call it in messages.
 
     Raises:
         InputError: as `read_motion`.
@@ -257,7 +257,7 @@ def _check_channel(path: Path, channel: Channel, kinds: Mapping[str, str], topic
 
 
 def _policy_dt(metadata: Mapping[str, str], times: list[int]) -> float:
-    """The frame period in s: as the file says it, or, if it does not, as its evenly spaced log times show it."""
+    """Return the frame period in s: as the file says it, or, if it does not, as its evenly spaced log times show it."""
     text = metadata.get("policy_dt")
     if text is not None:
         try:
@@ -281,7 +281,7 @@ def write_motion(path: str | os.PathLike[str], motion: Motion) -> None:
 
 
 def motion_bytes(motion: Motion) -> bytes:
-    """What `write_motion` would write."""
+    """Return what `write_motion` would write."""
     stream = BytesIO()
     _write(Writer(stream, compression=CompressionType.LZ4), motion)
     return stream.getvalue()

@@ -146,7 +146,7 @@ def onnx_runtime() -> Any:
 
 
 def has_onnxruntime() -> bool:
-    """Whether ONNX Runtime can be imported on this machine."""
+    """Return whether ONNX Runtime can be imported on this machine."""
     try:
         onnx_runtime()
     except ImportError:
@@ -155,7 +155,7 @@ def has_onnxruntime() -> bool:
 
 
 def read_header(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
-    """The metadata of a checkpoint and the names of its outputs, without ONNX Runtime.
+    """Return the metadata of a checkpoint and the names of its outputs, without ONNX Runtime.
 
     Raises:
         InputError: if the file is no ONNX model.
@@ -197,7 +197,7 @@ def check_file(path: Path) -> None:
 
 
 def first_line(error: Exception) -> str:
-    """What an exception says, cut to its first line."""
+    """Return what an exception says, cut to its first line."""
     return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
 
 
@@ -254,7 +254,7 @@ class OnnxPolicy:
     def inputs(
         self, observation: npt.NDArray[np.float32], frame: npt.NDArray[np.integer]
     ) -> dict[str, npt.NDArray[Any]]:
-        """What goes into the model, by the names of its tensors, for observations (B, N) and frames (B,)."""
+        """Return what goes into the model, by the names of its tensors, for observations (B, N) and frames (B,)."""
         inputs: dict[str, npt.NDArray[Any]] = {self._observation: observation}
         if self.has_time_step:
             inputs[self._time_step] = frame.astype(self._frame_type)[:, None]
@@ -262,7 +262,7 @@ class OnnxPolicy:
 
 
 def _time_step(path: Path, inputs: tuple[Tensor, ...], name: str) -> Tensor | None:
-    """The input that selects a frame, by its name; by default the one that is called time_step."""
+    """Return the input that selects a frame, by its name; by default the one that is called time_step."""
     tensor = _named(path, "input", inputs, name) if name else None
     if tensor is None:
         tensor = next((tensor for tensor in inputs if tensor.name == _TIME_STEP and len(inputs) > 1), None)

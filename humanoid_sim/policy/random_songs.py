@@ -40,7 +40,7 @@ def random_song(
     lead_in: float = LEAD_IN,
     apart: int = APART,
 ) -> Song:
-    """A song with one voice for each hand; notes of a voice do not overlap, and voices do not cross.
+    """Return a song with one voice for each hand; notes of a voice do not overlap, and voices do not cross.
 
     Each voice keeps to a scale. It walks, leaps, repeats and rests; notes are long or short, together or by turns.
 
@@ -87,7 +87,7 @@ def held_out_songs(hands: Sequence[Sequence[int]], count: int, seed: int = 0, *,
 
 
 def named_song(name: str, robot: RobotDescription, folder: Path = Path()) -> Song:
-    """The song of `choose_song`, which has a note at least.
+    """Return the song of `choose_song`, which has a note at least.
 
     Raises:
         InputError: there is no such song, it cannot be read, or none of its notes is within reach.
@@ -102,7 +102,7 @@ def named_song(name: str, robot: RobotDescription, folder: Path = Path()) -> Son
 
 
 def choose_song(name: str, robot: RobotDescription, folder: Path = Path()) -> tuple[Song, tuple[Note, ...]]:
-    """What a robot can play of a sample song, of a MIDI file, or of `random:N`, the N-th of `held_out_songs`.
+    """Return what a robot can play of a sample song, of a MIDI file, or of `random:N`, the N-th of `held_out_songs`.
 
     Args:
         name: of the song.
@@ -128,7 +128,7 @@ def choose_song(name: str, robot: RobotDescription, folder: Path = Path()) -> tu
 
 
 def is_generated(name: str) -> bool:
-    """Whether a name of a song is of the form `random:N`, and so no file's."""
+    """Return whether a name of a song is of the form `random:N`, and so no file's."""
     return name.startswith(_RANDOM)
 
 
@@ -144,7 +144,7 @@ def most_onsets(song: Song, window: float = 1.0) -> int:
 
 
 def _in_scale(keys: Sequence[int], scale: Sequence[int], tonic: int) -> list[int]:
-    """The keys of a hand that are in the scale; all of them where that leaves too few to move."""
+    """Return the keys of a hand that are in the scale; all of them where that leaves too few to move."""
     chosen = sorted(key for key in keys if (key - tonic) % 12 in scale)
     return chosen if len(chosen) >= 3 else sorted(keys)
 
@@ -158,7 +158,7 @@ def _voice(
     end: float,
     track: int,
 ) -> list[Note]:
-    """The notes of one voice; `reach` is all that its hand has, for the notes that leave the scale."""
+    """Return the notes of one voice; `reach` is all that its hand has, for the notes that leave the scale."""
     rest, repeat, leap = rng.uniform(0.0, 0.3), rng.uniform(0.0, 0.4), rng.uniform(0.0, 0.3)
     held = rng.uniform(0.4, 1.0)
     lengths, weights = np.array([1.0, 2.0, 3.0, 4.0]), rng.dirichlet([3.0, 2.0, 0.6, 0.6])

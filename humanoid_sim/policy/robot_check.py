@@ -54,7 +54,7 @@ class Finding:
 
 
 def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """The worst first, of a severity what is decisive, otherwise in the order in which they were found."""
+    """Return the worst first, of a severity what is decisive, otherwise in the order in which they were found."""
     return tuple(sorted(findings, key=lambda finding: (SEVERITIES.index(finding.severity), not finding.is_decisive)))
 
 
@@ -204,7 +204,7 @@ def _pose(joint: str, field: str, value: float, limits: tuple[float, float], whe
 
 
 def _action(contract: PolicyContract, i: int, joint: str, limits: tuple[float, float]) -> Iterator[Finding]:
-    """What an action of one unit reaches: trained policies go further, but rarely by much."""
+    """Yield what an action of one unit reaches: trained policies go further, but rarely by much."""
     assert contract.action_offset is not None  # filled in at construction
     scale, offset = abs(float(contract.action_scale[i])), float(contract.action_offset[i])
     default = float(contract.default_joint_pos[contract.joint_names.index(joint)])
@@ -295,7 +295,7 @@ def live_findings(contract: PolicyContract) -> Iterator[Finding]:
 
 
 def rate_finding(contract: PolicyContract, description: RobotDescription) -> Iterator[Finding]:
-    """Whether the policy's period is a whole number of the real robot's control periods."""
+    """Yield whether the policy's period is a whole number of the real robot's control periods."""
     frequency = description.hardware.control_frequency
     if not ticks_per_step(contract.policy_dt, 1.0 / frequency)[1]:
         message = f"is {contract.policy_dt:g} s, no multiple of the robot's control period, {1.0 / frequency:g} s"

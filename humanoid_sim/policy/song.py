@@ -89,7 +89,7 @@ def key_name(key: int) -> str:
 
 
 def key_number(name: str) -> int | None:
-    """The key of a name such as `C4`, `F#3` or `Bb3`; None if the piano has no such key."""
+    """Return the key of a name such as `C4`, `F#3` or `Bb3`; None if the piano has no such key."""
     match = re.fullmatch(r"([A-Ga-g])([#b]?)(-?\d)", name.strip())
     if match is None:
         return None
@@ -193,12 +193,12 @@ def _track_notes(track: Iterable[Any], number: int, clock: _Clock, sustain: bool
 
 
 def transpose(song: Song, semitones: int) -> Song:
-    """The same song, so many keys higher."""
+    """Return the same song, so many keys higher."""
     return replace(song, notes=tuple(replace(note, key=note.key + semitones) for note in song.notes))
 
 
 def with_lead_in(song: Song, seconds: float = LEAD_IN) -> Song:
-    """The same song, as much later as it takes for no note to begin within the first `seconds`."""
+    """Return the same song, as much later as it takes for no note to begin within the first `seconds`."""
     wait = seconds - min((note.start for note in song.notes), default=seconds)
     if wait <= 0.0:
         return song
@@ -207,7 +207,7 @@ def with_lead_in(song: Song, seconds: float = LEAD_IN) -> Song:
 
 
 def thin_out(song: Song, keys: Iterable[int], voices: int | None = None) -> tuple[Song, tuple[Note, ...]]:
-    """What can be played of a song, and the notes that are left out.
+    """Return what can be played of a song, and the notes that are left out.
 
     Of more notes at a time than there are voices the highest is kept, then the lowest, then the hardest struck. A note
     that must make room while it sounds ends there.
@@ -257,7 +257,7 @@ def playable(song: Song, robot: RobotDescription) -> tuple[Song, tuple[Note, ...
 
 
 def song_motion(song: Song, policy_dt: float, robot: RobotDescription) -> Motion:
-    """The goals of a song, one row per policy step of `policy_dt` (s), as what a policy for the robot follows.
+    """Return the goals of a song, one row per policy step of `policy_dt` (s), as what a policy for the robot follows.
 
     Raises:
         InputError: the song is too long.
@@ -266,13 +266,13 @@ def song_motion(song: Song, policy_dt: float, robot: RobotDescription) -> Motion
 
 
 def left_out(notes: Iterable[Note]) -> str:
-    """The keys of notes from the lowest up, each with how often: `C2, G7 (3)`."""
+    """Return the keys of notes from the lowest up, each with how often: `C2, G7 (3)`."""
     counts = sorted(Counter(note.key for note in notes).items())
     return ", ".join(f"{key_name(key)} ({count})" if count > 1 else key_name(key) for key, count in counts)
 
 
 def goals(song: Song, policy_dt: float, *, gap: float = 0.06) -> npt.NDArray[np.float32]:
-    """The keys to be held down, shape (F, 88), 0 or 1, one row per policy step; the last row is all released.
+    """Return the keys to be held down, shape (F, 88), 0 or 1, one row per policy step; the last row is all released.
 
     A note begins in the step nearest to its start and lasts for at least one. Before the same key is struck again it is
     released for `gap`, as long as the note before keeps one step: a key that stays down cannot sound again.

@@ -236,7 +236,7 @@ def _run(checkpoint: Checkpoint, observation: Float32Array) -> Float32Array:
 def _stability(
     contract: PolicyContract, description: RobotDescription, physics_timestep: float | None
 ) -> Iterator[Finding]:
-    """Whether the policy's damping is stable at the physics step: `humanoid_sim.simulation.stability`.
+    """Yield whether the policy's damping is stable at the physics step: `humanoid_sim.simulation.stability`.
 
     The joints' names must be the robot's.
 

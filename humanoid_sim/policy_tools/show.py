@@ -99,7 +99,7 @@ def show(options: Show) -> int:
 
 
 def _load(options: Show, joints: tuple[str, ...] | None) -> tuple[Checkpoint, str]:
-    """The checkpoint, and what to say of joints that no source names: they are shown by their places."""
+    """Return the checkpoint, and what to say of joints that no source names: they are shown by their places."""
     try:
         return load_checkpoint(options.checkpoint, options.contract, joints, verify=False), ""
     except UnnamedJointsError as error:
@@ -146,13 +146,13 @@ def _show_incomplete(options: Show, error: IncompleteContractError) -> int:
 
 
 def make_console() -> Console:
-    """Standard output, wide enough for tables where it is not a terminal."""
+    """Return standard output, wide enough for tables where it is not a terminal."""
     wide = None if sys.stdout.isatty() or "COLUMNS" in os.environ else _PIPE_WIDTH
     return Console(highlight=False, width=wide)
 
 
 def _golden(checkpoint: Checkpoint) -> tuple[str, str]:
-    """What the golden vectors are worth, and what is wrong with them."""
+    """Return what the golden vectors are worth, and what is wrong with them."""
     try:
         return verify_golden(checkpoint), ""
     except InputError as error:
@@ -230,7 +230,7 @@ def _joints(contract: PolicyContract) -> Table:
 
 
 def _known_joints(known: Mapping[str, Given]) -> Table:
-    """The joints of a contract that lacks fields, with what is known of each."""
+    """Return the joints of a contract that lacks fields, with what is known of each."""
     names = known["joint_names"].value
     values = {name: np.asarray(known[name].value) for name in _BY_JOINT if name in known}
     columns = {name: np.broadcast_to(value, len(names)) for name, value in values.items() if _fits(value, len(names))}
@@ -317,7 +317,7 @@ def _write_skeleton(path: Path, checkpoint: Path, missing: Sequence[str], tensor
 
 
 def _skeleton(checkpoint: Path, missing: Sequence[str], tensors: Sequence[str]) -> str:
-    """A contract.yaml with a commented line for each missing field. As it is, it states nothing.
+    """Return a contract.yaml with a commented line for each missing field. As it is, it states nothing.
 
     Args:
         checkpoint: whose.

@@ -105,7 +105,7 @@ def stamp(
 
 
 def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
-    """The model with its external tensors inside, and with metadata added to, or in the place of, its own.
+    """Return the model with its external tensors inside, and with metadata added to, or in the place of, its own.
 
     A digest of the tensors goes with it, for whoever takes them out again.
 

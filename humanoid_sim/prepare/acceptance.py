@@ -222,7 +222,7 @@ def _check_joints_alone(
 def _within_limits(
     source: SourceMotion, conventions: Conventions, contract: PolicyContract, skeleton: Skeleton, tolerance: Tolerance
 ) -> str:
-    """The order of joints, or the unit, in which joints stay within their limits; empty if there is none."""
+    """Return the order of joints, or the unit, in which joints stay within their limits; empty if there is none."""
     orders = {"": conventions.joint_names} | dict(joint_orders(contract, skeleton))
     for unit in ANGLE_UNITS:
         columns = in_si(source, replace(conventions, angle_unit=unit)).joint_position
@@ -246,7 +246,7 @@ def what_would_fit(
     joint_orders: Orders,
     body_orders: Orders,
 ) -> str:
-    """The options with which a motion that was read by these conventions would fit; empty if none tried does.
+    """Return the options with which a motion that was read by these conventions would fit; empty if none tried does.
 
     Where none does, but one brings the bodies much nearer, it is that one, with what remains.
     """

@@ -71,12 +71,12 @@ class NamedMotion:
 
 
 def joint_orders(contract: PolicyContract, skeleton: Skeleton) -> Orders:
-    """The orders in which exporters write joints."""
+    """Return the orders in which exporters write joints."""
     return {"contract": contract.joint_names, **skeleton.joint_orders}
 
 
 def body_orders(contract: PolicyContract, skeleton: Skeleton) -> Orders:
-    """The orders in which exporters write bodies."""
+    """Return the orders in which exporters write bodies."""
     return {"contract": contract.body_names, **skeleton.body_orders}
 
 
@@ -92,7 +92,7 @@ def choose_conventions(
     angle_unit: AngleUnit,
     length_unit: LengthUnit | None,
 ) -> Conventions:
-    """What the source says, else what the options say, else what the format is known to do.
+    """Return what the source says, else what the options say, else what the format is known to do.
 
     Raises:
         InputError: if an option contradicts the names in the source, or a number of columns fits no order.
@@ -162,7 +162,7 @@ def _own_names(
 
 
 def named_order(option: str, value: str, known: Orders) -> tuple[str, ...]:
-    """What an option such as --joint-order stands for: one of the known orders, or the names themselves.
+    """Return what an option such as --joint-order stands for: one of the known orders, or the names themselves.
 
     Raises:
         InputError: if it is neither.
@@ -189,7 +189,7 @@ def match_names(source: str, what: str, names: Iterable[str], wanted: Iterable[s
 
 
 def in_si(source: SourceMotion, conventions: Conventions) -> SourceMotion:
-    """The same motion in radians and metres."""
+    """Return the same motion in radians and metres."""
     factors = {
         "joint_position": ANGLE_UNITS[conventions.angle_unit],
         "joint_velocity": ANGLE_UNITS[conventions.angle_unit],

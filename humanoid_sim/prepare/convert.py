@@ -23,12 +23,12 @@ _EQUAL = 1e-4
 
 
 def has_rate(fps: float, policy_dt: float) -> bool:
-    """Whether frames come once per policy step."""
+    """Return whether frames come once per policy step."""
     return abs(fps * policy_dt - 1.0) <= _EQUAL
 
 
 def resample(motion: NamedMotion, policy_dt: float) -> NamedMotion:
-    """The motion with a frame every `policy_dt` s, from its first frame to at most its last.
+    """Return the motion with a frame every `policy_dt` s, from its first frame to at most its last.
 
     Positions are interpolated linearly, orientations along the shortest arc, joint velocities as they are: rates per
     second.

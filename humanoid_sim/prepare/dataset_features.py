@@ -56,7 +56,7 @@ def episode_motion(
     roles: Mapping[str, str],
     joint_names: tuple[str, ...],
 ) -> SourceMotion:
-    """The motion in an episode's columns.
+    """Return the motion in an episode's columns.
 
     Args:
         source: name for messages.
@@ -146,7 +146,7 @@ def _joints(
 
 
 def _bodies(source: str, columns: Mapping[str, FloatArray], found: Mapping[str, str], role: str) -> FloatArray | None:
-    """A feature of bodies as (F, B, 3), (F, B, 4) or (F, B, 6), whether it is stored flat or not."""
+    """Return a feature of bodies as (F, B, 3), (F, B, 4) or (F, B, 6), whether it is stored flat or not."""
     if role not in found:
         return None
     array, width = columns[found[role]], _LAST_AXIS[role]
@@ -172,7 +172,7 @@ def _body_names(names: Any, count: int) -> tuple[str, ...] | None:
 
 
 def _flat(names: Any) -> list[str]:
-    """A dataset's names as a list: some writers nest them as `{"motors": [...]}`."""
+    """Return a dataset's names as a list: some writers nest them as `{"motors": [...]}`."""
     if isinstance(names, Mapping):
         return [name for value in names.values() for name in _flat(value)]
     if isinstance(names, str):

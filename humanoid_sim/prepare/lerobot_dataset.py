@@ -27,7 +27,7 @@ _PURPOSE = "reading a LeRobot dataset"
 
 
 def import_lerobot(module: str, purpose: str, *, offline: bool) -> Any:
-    """A module of `lerobot`, such as `datasets.utils`; `purpose` is what needs it, for the message.
+    """Return a module of `lerobot`, such as `datasets.utils`; `purpose` is what needs it, for the message.
 
     With `offline` it does not ask the hub for files that a local dataset lacks.
 
@@ -116,7 +116,7 @@ def read_hub_dataset(
 
 
 def _ask_hub(repo_id: str, timeout: float) -> None:
-    """Whether the hub is there and has the dataset, before anything waits for it."""
+    """Ask whether the hub is there and has the dataset, before anything waits for it."""
     os.environ.setdefault("HF_HUB_ETAG_TIMEOUT", str(max(1, round(timeout))))
     from huggingface_hub import HfApi  # noqa: PLC0415 - comes with lerobot
     from huggingface_hub.errors import HfHubHTTPError, RepositoryNotFoundError  # noqa: PLC0415
@@ -139,7 +139,7 @@ def _ask_hub(repo_id: str, timeout: float) -> None:
 
 @contextmanager
 def _one_line(name: str) -> Iterator[None]:
-    """What the library raises about a bad dataset becomes one line."""
+    """Turn what the library raises about a bad dataset into one line."""
     try:
         yield
     except InputError:

@@ -177,7 +177,7 @@ def _named_columns(
 
 
 def _csv_role(name: str, joints: tuple[str, ...]) -> str | None:
-    """What a column is: `time`, `frame`, an axis of the base or a joint; None for unknown."""
+    """Return what a column is: `time`, `frame`, an axis of the base or a joint; None for unknown."""
     joint = joint_of(name.strip(), joints)
     if joint is not None:
         return joint

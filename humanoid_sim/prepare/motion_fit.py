@@ -48,7 +48,7 @@ class BodyCheck:
     """Of the largest position error; of the largest angle where the position is within the tolerance."""
 
     def excess(self, tolerance: Tolerance) -> float:
-        """The larger error in tolerances: more than 1 is a mismatch."""
+        """Return the larger error in tolerances: more than 1 is a mismatch."""
         return max(self.position_max / tolerance.position, self.angle_max / tolerance.angle)
 
 
@@ -155,7 +155,7 @@ def implausible_height(motion: NamedMotion, skeleton: Skeleton) -> BaseHeight | 
 
 
 def worst_excess(joint_position: FloatArray, description: RobotDescription) -> LimitExcess | None:
-    """The joint and frame farthest beyond the limits; None if all (F, n), rad, robot's order, are within."""
+    """Return the joint and frame farthest beyond the limits; None if all (F, n), rad, robot's order, are within."""
     beyond = np.maximum(description.lower - joint_position, joint_position - description.upper)
     if beyond.max() <= 0.0:
         return None

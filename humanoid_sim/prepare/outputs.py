@@ -87,7 +87,7 @@ class OutputFolder:
 
 
 def checkpoint_files(checkpoint: Checkpoint, path: Path) -> dict[str, Content]:
-    """Copies of a checkpoint, of its external tensors, and of the contract.yaml that completes it.
+    """Return copies of a checkpoint, of its external tensors, and of the contract.yaml that completes it.
 
     A checkpoint whose contract needs other files next to it is not copied.
     """
@@ -124,7 +124,7 @@ class MotionReport:
 
 
 def report_bytes(report: MotionReport) -> bytes:
-    """The report as a JSON file: lengths in m, angles in rad."""
+    """Return the report as a JSON file: lengths in m, angles in rad."""
     source, found, motion = report.source, report.found, report.motion
     file = Path(source.source)
     document = {
@@ -154,7 +154,7 @@ def report_bytes(report: MotionReport) -> bytes:
 
 
 def print_report(console: Console, report: MotionReport) -> None:
-    """The table for a person: lengths in mm, angles in degrees."""
+    """Print the table for a person: lengths in mm, angles in degrees."""
     read, source, found, motion = report.conventions, report.source, report.found, report.motion
     table = Table(title=f"motion {escape(source.source)}", show_header=False, title_justify="left")
     table.add_column(style="bold")

@@ -134,7 +134,7 @@ def _checkpoint_path(options: PrepareOptions, console: Console) -> Path:
 
 
 def _read(options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, console: Console) -> SourceMotion:
-    """The source: a path, a dataset by id, or else the dataset that the checkpoint names."""
+    """Return the source: a path, a dataset by id, or else the dataset that the checkpoint names."""
     roles = parse_roles(options.features)
     if options.motion is not None:
         return _read_path(options, Path(options.motion), roles, skeleton)
@@ -200,7 +200,7 @@ def _make(options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, s
 
 
 def _name(options: PrepareOptions, source: SourceMotion) -> str:
-    """A file name from the source's: `waltz` for waltz.npz, `dances_3` for episode 3 of a dataset of dances."""
+    """Return a file name from the source's: `waltz` for waltz.npz, `dances_3` for episode 3 of a dataset of dances."""
     if options.motion is not None and Path(options.motion).is_file():
         return Path(options.motion).stem
     stem = re.sub(r"[^\w-]+", "_", source.source.rpartition("/")[2])

@@ -36,7 +36,7 @@ _LONGEST_LEAD_IN = 60.0
 
 
 def prepare_song(options: PrepareOptions, policy_dt: float, console: Console) -> dict[str, Content]:
-    """The files of a song: its goals, a report, and a piano roll.
+    """Return the files of a song: its goals, a report, and a piano roll.
 
     Args:
         options: of `prepare`, with a song.
@@ -108,7 +108,7 @@ def _span(song: Song) -> str:
 
 
 def _counted(notes: list[Note]) -> dict[str, int]:
-    """How many notes of each key, from the lowest up."""
+    """Return how many notes of each key, from the lowest up."""
     return {key_name(key): count for key, count in sorted(Counter(note.key for note in notes).items())}
 
 

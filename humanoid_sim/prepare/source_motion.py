@@ -79,7 +79,7 @@ class SourceMotion:
                 object.__setattr__(self, name, self._unit(name, getattr(self, name)))
 
     def arrays(self) -> dict[str, FloatArray]:
-        """What the source holds, by field; each of F rows."""
+        """Return what the source holds, by field; each of F rows."""
         return {field: getattr(self, field) for field in _ARRAYS if getattr(self, field) is not None}
 
     def _check_widths(self) -> None:
@@ -116,7 +116,7 @@ class SourceMotion:
         return unit
 
     def select(self, frames: npt.NDArray[np.intp]) -> SourceMotion:
-        """The motion with these frames only; its rate means nothing then."""
+        """Return the motion with these frames only; its rate means nothing then."""
         chosen: dict[str, Any] = {name: array[frames] for name, array in self.arrays().items()}
         return replace(self, **chosen)
 
@@ -132,12 +132,12 @@ def swap_quaternion_order(quaternion: FloatArray, order: QuaternionOrder) -> Flo
 
 
 def other_quaternion_order(order: QuaternionOrder) -> QuaternionOrder:
-    """The one of the two orders that this is not."""
+    """Return the one of the two orders that this is not."""
     return "xyzw" if order == "wxyz" else "wxyz"
 
 
 def joint_of(column: str, joints: tuple[str, ...]) -> str | None:
-    """The joint whose position a column is by its name; None if there is none."""
+    """Return the joint whose position a column is by its name; None if there is none."""
     names = (column.removesuffix(suffix) for suffix in _JOINT_SUFFIXES if column.endswith(suffix))
     return next((name for name in names if name in joints), None)
 

@@ -161,7 +161,7 @@ def _listed(names: list[str], count: int) -> str:
 
 
 def _unit(ratio: float, fps: float) -> str:
-    """The unit that explains a ratio; empty if none does."""
+    """Return the unit that explains a ratio; empty if none does."""
     units = {
         180.0 / math.pi: "in degrees per second, and the positions in radians",
         math.pi / 180.0: "in radians per second, and the positions in degrees (--angle-unit deg)",
@@ -195,7 +195,7 @@ def _smooth(values: FloatArray, frames: int = 3) -> FloatArray:
 
 
 def _nearest(rates: list[FloatArray], velocity: FloatArray) -> FloatArray:
-    """The derivative that the velocities resemble most; of a sine they differ by a factor alone."""
+    """Return the derivative that the velocities resemble most; of a sine they differ by a factor alone."""
 
     def likeness(rate: FloatArray) -> tuple[float, float]:
         return round(abs(_correlation(rate, velocity)), 4), -abs(_ratio(rate, velocity) - 1.0)
@@ -213,7 +213,7 @@ def _ratio(rate: FloatArray, velocity: FloatArray) -> float:
 
 
 def _correlation(rate: FloatArray, velocity: FloatArray) -> float:
-    """Of values whose mean counts; 0 where one of them is 0 throughout."""
+    """Return the correlation of values whose mean counts; 0 where one of them is 0 throughout."""
     power = float(rate @ rate) * float(velocity @ velocity)
     return float(rate @ velocity) / math.sqrt(power) if power > 0.0 else 0.0
 

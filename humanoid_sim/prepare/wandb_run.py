@@ -23,13 +23,13 @@ T = TypeVar("T")
 
 
 def cache_folder() -> Path:
-    """Where checkpoints are kept: `humanoid_sim/wandb` in the user's cache."""
+    """Return where checkpoints are kept: `humanoid_sim/wandb` in the user's cache."""
     base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(base) / "humanoid_sim" / "wandb"
 
 
 def fetch_checkpoint(run_path: str, name: str | None, *, timeout: float) -> tuple[Path, str]:
-    """A run's checkpoint as a local file, with the `.data` file of its external tensors if it has one.
+    """Return a run's checkpoint as a local file, with the `.data` file of its external tensors if it has one.
 
     The newest `model_*.onnx` of the run's files by its number, else its only `.onnx`; failing that, the newest logged
     artifact with such a file. A file that is in the cache with the right digest is not fetched again.
@@ -95,7 +95,7 @@ def _within(timeout: float, function: Callable[[], T]) -> T:
 
 
 def _told(error: BaseException) -> Exception:
-    """What an error of wandb means for the user: by the names of its types, which differ between versions."""
+    """Return what an error of wandb means for the user: by the names of its types, which differ between versions."""
     names = {kind.__name__ for link in _chain(error) for kind in type(link).__mro__}
     offline = {"ConnectionError", "ConnectTimeout", "Timeout", "TimeoutError", "ConnectError", "gaierror"}
     if names & offline:
@@ -149,7 +149,7 @@ def _iteration(name: str) -> tuple[int, str]:
 
 
 def _from_cache(run_path: str, name: str | None, folder: Path, reason: str) -> tuple[Path, str]:
-    """What was fetched before, when the service cannot be asked: a file by name, never a guess at the newest."""
+    """Return what was fetched before, when the service cannot be asked: a file by name, never a guess at the newest."""
     if name is not None and (folder / name).is_file():
         return folder / name, f"W&B: {reason}; {name} is the copy in {folder}"
     kept = sorted(path.name for path in folder.glob("*.onnx")) if folder.is_dir() else []
@@ -179,7 +179,7 @@ def _download(run_path: str, file: Any, folder: Path) -> None:
 
 
 def _is_same(path: Path, file: Any) -> bool:
-    """Whether a local file is the run's, by its MD5 as W&B gives it, or by its size where it gives none."""
+    """Return whether a local file is the run's, by its MD5 as W&B gives it, or by its size where it gives none."""
     digest = getattr(file, "md5", None)
     if digest:
         local = hashlib.md5(path.read_bytes(), usedforsecurity=False).digest()

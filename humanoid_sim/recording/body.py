@@ -87,7 +87,7 @@ class RecordedBody:
 
     @classmethod
     def of(cls, header: SessionHeader, documents: Mapping[str, str] | None = None) -> Self | None:
-        """The body that a header describes; None if it describes none.
+        """Return the body that a header describes; None if it describes none.
 
         Args:
             header: of the recording.
@@ -129,7 +129,7 @@ class RecordedBody:
         return moved, cos * straight + np.sin(half) * self._turned
 
     def knows_base(self, record: TickRecord) -> bool:
-        """Whether the place of a floating base is known in a tick, and not only how it is turned."""
+        """Return whether the place of a floating base is known in a tick, and not only how it is turned."""
         return record.qpos is not None and len(record.qpos) >= self._size
 
     def floating_poses(self, record: TickRecord) -> FloatArray:
@@ -161,7 +161,7 @@ class RecordedBody:
 
 
 def _imu(documents: Mapping[str, str]) -> str:
-    """The name of the robot's IMU; empty if the header does not say."""
+    """Return the name of the robot's IMU; empty if the header does not say."""
     try:
         robot = parse_json(documents.get("robot", "{}"))
     except ValueError:
@@ -170,7 +170,7 @@ def _imu(documents: Mapping[str, str]) -> str:
 
 
 def _chain(joints: tuple[UrdfJoint, ...], link: str) -> tuple[UrdfJoint, ...]:
-    """The joints that lead to a link from what floats, or from the world; none for a link that there is not."""
+    """Return the joints that lead to a link from what floats, or from the world; none for a link that there is not."""
     carrying = {joint.child: joint for joint in joints}
     chain: list[UrdfJoint] = []
     while link in carrying and carrying[link].kind != "floating" and len(chain) <= len(joints):

@@ -66,7 +66,7 @@ class TickEncoder:
         self._encoded_texts = b""
 
     def encode(self, record: TickRecord) -> bytes:
-        """The message of one tick.
+        """Return the message of one tick.
 
         Raises:
             ValueError: if the record is a batch, or one of another robot.
@@ -111,7 +111,7 @@ class TickEncoder:
         )
 
     def _encode_texts(self, tick_input: TickInput, output: TickOutput) -> bytes:
-        """What rarely changes. No field of it is wider than 4 bytes, so its bytes fit at any multiple of 4."""
+        """Return what rarely changes. No field of it is wider than 4 bytes, so its bytes fit at any multiple of 4."""
         texts = (
             output.control_mode,
             tick_input.safety,
@@ -230,7 +230,7 @@ def _decode(reader: CdrReader) -> TickRecord:
 
 
 def _optional(reader: CdrReader, decode: Any) -> Any:
-    """A sequence that holds nothing (None) or one thing."""
+    """Return a sequence that holds nothing (None) or one thing."""
     count = reader.count()
     if count > 1:
         raise CdrError(f"{count} elements where there is at most one")
@@ -276,7 +276,7 @@ def _reshaped(values: npt.NDArray[Any], shape: npt.NDArray[np.uint32]) -> npt.ND
 
 
 def encode_event(event: Event) -> bytes:
-    """The `humanoid_sim_msgs/msg/Event` of one event."""
+    """Return the `humanoid_sim_msgs/msg/Event` of one event."""
     writer = CdrWriter()
     writer.pack("d", event.time)
     writer.string(event.text)

@@ -38,7 +38,7 @@ def write_header(writer: Writer | ChunkedWriter, header: SessionHeader) -> None:
 
 
 def header_metadata(header: SessionHeader) -> tuple[dict[str, str], dict[str, str]]:
-    """The fields and the documents of a header as `parse_header` takes them; the attachments go beside them."""
+    """Return the fields and the documents of a header as `parse_header` takes them; the attachments go beside them."""
     documents = dict(header.documents)
     session = {
         "format": _FORMAT,
@@ -55,7 +55,7 @@ def header_metadata(header: SessionHeader) -> tuple[dict[str, str], dict[str, st
 def parse_header(
     session: Mapping[str, str], documents: Mapping[str, str], attachments: Mapping[str, bytes]
 ) -> SessionHeader:
-    """The header from its parts.
+    """Return the header from its parts.
 
     Raises:
         HeaderError: if a part is missing or damaged, or the format is unknown.

@@ -21,12 +21,12 @@ class Labels:
 
 
 def labels_document(observation: Mapping[str, tuple[str, ...]], action: tuple[str, ...]) -> str:
-    """The names as a document of a header."""
+    """Return the names as a document of a header."""
     return json.dumps({"observation": observation, "action": action})
 
 
 def read_labels(header: SessionHeader) -> Labels:
-    """The names in a header; names that are damaged or missing are none: plots go without."""
+    """Return the names in a header; names that are damaged or missing are none: plots go without."""
     try:
         document = parse_json(header.documents.get(LABELS_DOCUMENT, "{}"))
         observation = {str(term): _texts(names) for term, names in document.get("observation", {}).items()}

@@ -103,7 +103,7 @@ class Recording:
         self.topics = topics
 
     def ticks(self) -> Iterator[TickRecord]:
-        """The ticks alone, without the steps of other policies than the header's. Raises as `entries` does."""
+        """Yield the ticks alone, without the steps of other policies than the header's. Raises as `entries` does."""
         loads = 0
         for entry in self.entries():
             if isinstance(entry, Event):
@@ -198,7 +198,7 @@ class _HeaderParts:
 
 
 def messages_of(path: str | os.PathLike[str], topic: str) -> Iterator[bytes]:
-    """The encoded messages of one topic in file order, to the first chunk that is not whole; none of another's.
+    """Yield the encoded messages of one topic in file order, to the first chunk that is not whole; none of another's.
 
     Raises:
         InputError: the file cannot be read.
@@ -220,7 +220,7 @@ def _open(path: Path) -> IO[bytes]:
 
 
 def recorded_settings(path: str | Path, header: SessionHeader) -> dict[str, Any]:
-    """The settings of a run; empty if its header says nothing.
+    """Return the settings of a run; empty if its header says nothing.
 
     Args:
         path: of the recording, for messages.

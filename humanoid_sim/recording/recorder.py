@@ -108,7 +108,7 @@ class McapRecorder:
 
     @property
     def error(self) -> str | None:
-        """Why the recording stopped early, in one line; None while all is well."""
+        """Return why the recording stopped early, in one line; None while all is well."""
         return self._error
 
     @property
@@ -189,7 +189,7 @@ class McapRecorder:
         return False
 
     def _write(self, run: _RunWriter) -> None:
-        """The writer thread. Contains every exception: it must not end the run, only the recording."""
+        """Write, on a thread of its own. Contains every exception: it must not end the run, only the recording."""
         try:
             self._drain_until_stopped(run)
             run.finish(self._lost)
@@ -285,7 +285,7 @@ class _RunWriter:
 
     @property
     def is_due(self) -> bool:
-        """Whether the ticks that are not yet written are those of a whole period of the robot's time."""
+        """Return whether the ticks that are not yet written are those of a whole period of the robot's time."""
         return not abs(self._time - self._flushed) < FLUSH_PERIOD
 
     def flush(self) -> None:

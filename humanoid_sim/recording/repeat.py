@@ -40,7 +40,7 @@ class Difference:
 
 
 def first_difference(header: SessionHeader, recorded: TickOutput, replayed: TickOutput) -> Difference | None:
-    """The first field that differs, causes before consequences; None if the outputs are identical.
+    """Return the first field that differs, causes before consequences; None if the outputs are identical.
 
     `header` names the joints and the observation terms.
     """
@@ -147,7 +147,7 @@ class ControlStack(Protocol):
     """What of a `Supervisor` is needed here."""
 
     def initial(self, reason: str = STARTED, /) -> Any:
-        """The memory before the first tick, or the first after a fresh start; `reason` is what is told of it."""
+        """Return the memory before the first tick, or the first after a fresh start; `reason` is what is told of it."""
 
     def step(self, memory: Any, tick_input: TickInput, /) -> tuple[Any, TickOutput]:
         """One tick."""
@@ -169,7 +169,7 @@ class RecordedPolicy:
         self._output = output
 
     def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
-        """The recorded action.
+        """Return the recorded action.
 
         Raises:
             RuntimeError: if the policy gave none in this tick; with the recorded reason.

@@ -68,7 +68,7 @@ def encode_shadow_step(shadow: ShadowStep) -> bytes:
 
 
 def decode_shadow_step(message: bytes) -> ShadowStep:
-    """The step in a message. Raises `CdrError`."""
+    """Return the step in a message. Raises `CdrError`."""
     reader = CdrReader(message)
     tick, time, frame = reader.unpack("Qdq")
     observation, action = reader.array(np.float32), reader.array(np.float32)
@@ -87,7 +87,7 @@ def decode_shadow_step(message: bytes) -> ShadowStep:
 
 
 def shadow_documents(source: str, sha256: str, motion: str | None, loaded: LoadedPolicy) -> dict[str, str]:
-    """What a header says of a shadow policy."""
+    """Return what a header says of a shadow policy."""
     contract, layout = loaded.contract, loaded.layout
     told = {
         "policy": source,
@@ -117,7 +117,7 @@ def shadow_values(header: SessionHeader) -> tuple[tuple[tuple[str, int], ...], L
 
 
 def shadow_width(loaded: LoadedPolicy) -> int:
-    """How many values it observes and answers."""
+    """Return how many values it observes and answers."""
     return loaded.layout.width + len(loaded.contract.action_joint_names)
 
 
@@ -131,7 +131,7 @@ class ShadowTopics:
         self._policy = PolicyTopics(_PREFIX, *(shadow_values(header) or ((), Labels())))
 
     def messages(self, shadow: ShadowStep, encoded: bytes) -> Iterator[TopicMessage]:
-        """The messages of a step; `encoded` is the step's own."""
+        """Yield the messages of a step; `encoded` is the step's own."""
         yield TopicMessage(SHADOW_TOPIC, SHADOW_STEP, encoded)
         if not math.isfinite(shadow.time) or abs(shadow.time) >= 1e9:
             return
@@ -144,7 +144,7 @@ class ShadowTopics:
 
 
 def read_shadow_steps(path: str | Path) -> Iterator[ShadowStep]:
-    """The steps of the shadow policy in a recording, in their order; none where none ran.
+    """Yield the steps of the shadow policy in a recording, in their order; none where none ran.
 
     Raises:
         InputError: if the file cannot be read, or a message is damaged.

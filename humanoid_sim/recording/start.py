@@ -56,7 +56,7 @@ _TYPES: Mapping[str, type[Any]] = MappingProxyType(
 
 
 def start_document(memory: SupervisorMemory) -> str:
-    """The memory as JSON.
+    """Return the memory as JSON.
 
     Raises:
         TypeError: it holds something of a controller that is not this package's.
@@ -65,7 +65,7 @@ def start_document(memory: SupervisorMemory) -> str:
 
 
 def start_memory(header: SessionHeader) -> SupervisorMemory | None:
-    """The memory with which a recorded run began; None if with the control stack's own.
+    """Return the memory with which a recorded run began; None if with the control stack's own.
 
     Raises:
         InputError: it is damaged.

@@ -68,14 +68,14 @@ class Summary:
 
     @property
     def started(self) -> str:
-        """When the run began: ISO 8601, UTC."""
+        """Return when the run began: ISO 8601, UTC."""
         try:
             return datetime.fromtimestamp(self.recording.header.start_time_ns // 10**9, UTC).isoformat()
         except (OverflowError, ValueError, OSError):
             return f"{self.recording.header.start_time_ns} ns"
 
     def as_json(self) -> dict[str, Any]:
-        """The figures as JSON values; times that are no finite numbers are null."""
+        """Return the figures as JSON values; times that are no finite numbers are null."""
         header = self.recording.header
         return {
             "file": str(self.recording.path),

@@ -80,7 +80,7 @@ class TopicMessage(NamedTuple):
 
 
 def topic_prefix(header: SessionHeader) -> str:
-    """What the robot's own topics are under: `topic_prefix` of its description, or else its name."""
+    """Return what the robot's own topics are under: `topic_prefix` of its description, or else its name."""
     try:
         robot = parse_json(header.documents.get("robot", "{}"))
     except ValueError:
@@ -120,7 +120,7 @@ class PolicyTopics:
         self._action = f"{prefix}/action", labels.action
 
     def messages(self, step: PolicyStep, time_ns: int) -> Iterator[TopicMessage]:
-        """The observation term by term, and the raw action."""
+        """Yield the observation term by term, and the raw action."""
         start = 0
         for topic, width, names in self._terms:
             values = step.observation[start : start + width]
@@ -177,7 +177,7 @@ class ViewerTopics:
         self.live = _live_topics(header)
 
     def messages(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
-        """The messages of one tick, stamped `time_ns`."""
+        """Yield the messages of one tick, stamped `time_ns`."""
         state, output = record.input.state, record.output
         is_due = record.index % self._every == 0
         if not self._is_described:
@@ -242,7 +242,7 @@ class ViewerTopics:
                 yield TopicMessage(SAFETY_TOPIC, SAFETY_STATUS, encode_safety_status(time_ns, status), source)
 
     def _description(self, time_ns: int) -> Iterator[TopicMessage]:
-        """What the robot looks like, and the links that do not move."""
+        """Yield what the robot looks like, and the links that do not move."""
         assert self._body is not None  # asked by the caller
         yield TopicMessage(DESCRIPTION_TOPIC, STRING, encode_string(self._body.urdf))
         fixed = self._body.fixed
@@ -252,7 +252,7 @@ class ViewerTopics:
             yield TopicMessage(TF_STATIC_TOPIC, TF_MESSAGE, encoder.encode(time_ns, poses))
 
     def _frames(self, body: RecordedBody, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
-        """Where the links are, each in its parent's frame, and the base in the world's."""
+        """Yield where the links are, each in its parent's frame, and the base in the world's."""
         count = len(body.hinged)
         self._poses[:count, :3], self._poses[:count, 3:] = body.hinged_poses(body.joint_values(record))
         if body.floating:

@@ -65,7 +65,7 @@ class BatchedPolicy:
         return actions
 
     def _agrees(self, model: OnnxModel) -> bool:
-        """Whether batches of several sizes give bit for bit what single observations give."""
+        """Return whether batches of several sizes give bit for bit what single observations give."""
         count = max(_TRIED_SIZES)
         shape = (count, self._policy.observation_width)
         observation = np.random.default_rng(0).standard_normal(shape).astype(np.float32)
@@ -77,7 +77,7 @@ class BatchedPolicy:
 
 
 def _with_open_batch(policy: OnnxPolicy) -> bytes:
-    """What the action is computed by, with the first dimension of inputs and action declared open.
+    """Return what the action is computed by, with the first dimension of inputs and action declared open.
 
     A motion that shares the graph is left out: it costs time at every step, and may not be made for batches.
     """

@@ -66,7 +66,7 @@ def judge(suite: Suite, baseline: PolicyRun | None, run: PolicyRun, *, strict: b
 
 
 def fewest_seeds(run: PolicyRun) -> int:
-    """Of the case that was run with the fewest; 0 without any episode."""
+    """Return the number of seeds of the case that was run with the fewest; 0 without any episode."""
     return min(Counter(episode.case for episode in run.episodes).values(), default=0)
 
 
@@ -238,12 +238,12 @@ def detectable_changes(suite: Suite, metrics: Sequence[MetricInfo], baseline: Po
 
 
 def mean_of_cases(cases: Sequence[FloatArray]) -> float:
-    """The mean over cases of each case's mean; NaN without any."""
+    """Return the mean over cases of each case's mean; NaN without any."""
     return float(np.mean([case.mean() for case in cases])) if cases else math.nan
 
 
 def student_quantile(probability: float, variances: Sequence[float], freedom: Sequence[int]) -> float:
-    """The quantile, above the median, of Student's t for a sum of variances with their degrees of freedom.
+    """Return the quantile, above the median, of Student's t for a sum of variances with their degrees of freedom.
 
     With t = √ν tan α the density is proportional to cos(α)^(ν-1). ν is Satterthwaite's: (Σ v)² / Σ (v² / ν). Without
     any variance it is the normal distribution's.
@@ -271,7 +271,7 @@ class Interval:
 def mean_interval(
     plus: Sequence[FloatArray], minus: Sequence[FloatArray], confidence: float, resamples: int
 ) -> Interval:
-    """The mean over cases of `plus`, less that of `minus`, with its percentile interval.
+    """Return the mean over cases of `plus`, less that of `minus`, with its percentile interval.
 
     Args:
         plus: one array per case, a value per seed; for paired comparisons the differences.

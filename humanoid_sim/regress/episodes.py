@@ -51,7 +51,7 @@ class Step:
 
 
 def episode_keys(case: str, seeds: Sequence[int]) -> npt.NDArray[np.uint64]:
-    """The seeds of everything random in the episodes of a case, shape (N,): no two cases share their draws."""
+    """Return the seeds of everything random in the episodes of a case, shape (N,): no two cases share their draws."""
     texts = (f"{case}\0{seed}".encode() for seed in seeds)
     return np.array([int.from_bytes(hashlib.sha256(text).digest()[:8], "little") for text in texts], dtype=np.uint64)
 
@@ -170,7 +170,7 @@ class EpisodeBatch:
         return TrackingMeasures(task, case.joint_reference, case.steps, count)
 
     def _wrench(self, pushes: Pushes, step: int, directions: Sequence[np.random.Generator]) -> FloatArray | None:
-        """Of a push in this policy step, shape (N, 6), N and N·m, world frame; None where none is pushed.
+        """Return the push of this policy step, shape (N, 6), N and N·m, world frame; None where none is pushed.
 
         The momentum for the robot's whole mass, spread over one policy step, in a direction that is drawn.
         """
@@ -223,7 +223,7 @@ class EpisodeBatch:
 
 
 def thinned(traces: Mapping[str, FloatArray], period: float) -> tuple[tuple[float, ...], dict[str, Trace]]:
-    """The traces of an episode, at most `LONGEST_TRACE` values each, and their times.
+    """Return the traces of an episode, at most `LONGEST_TRACE` values each, and their times.
 
     Args:
         traces: by name, shape (K,), one value per policy step; NaN where there is none.

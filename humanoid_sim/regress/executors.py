@@ -109,7 +109,7 @@ def pack_case(case: PreparedCase) -> Parcel:
 
 @lru_cache(maxsize=16)
 def unpack_case(parcel: Parcel) -> PreparedCase:
-    """The case that was packed. The same parcel gives the same object."""
+    """Return the case that was packed. The same parcel gives the same object."""
     suite = msgspec.json.decode(parcel.suite, type=Suite)
     contract = decode(parcel.contract, parcel.source)
     with tempfile.TemporaryDirectory() as folder:
@@ -127,12 +127,12 @@ def unpack_case(parcel: Parcel) -> PreparedCase:
 
 
 def _run_task(parcel: Parcel, seeds: tuple[int, ...], disturbance: Disturbance) -> list[Episode]:
-    """What a worker does."""
+    """Return what a worker does."""
     return run_episodes(unpack_case(parcel), seeds, disturbance, threads=1)
 
 
 def _check_reachable(address: str) -> None:
-    """Whether somebody listens at an address: Ray itself would try for minutes, and complain all the while.
+    """Check that somebody listens at an address: Ray itself would try for minutes, and complain all the while.
 
     Raises:
         InputError: nobody does.

@@ -32,12 +32,12 @@ _UNWRITABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]
 
 
 def json_of(value: msgspec.Struct) -> bytes:
-    """A result as JSON, indented, such that a difference of two files can be read."""
+    """Return a result as JSON, indented, such that a difference of two files can be read."""
     return msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n"
 
 
 def read_baseline(path: Path) -> PolicyRun:
-    """A stored run.
+    """Return a stored run.
 
     Raises:
         InputError: one line with the file and what is wrong with it.
@@ -100,7 +100,7 @@ def matching_baseline(prepared: PreparedSuite, baseline: PolicyRun, config: Regr
 
 
 def _remake(baseline: PolicyRun, config: RegressConfig) -> str:
-    """The command that makes a stored baseline again, under today's conditions and definitions."""
+    """Return the command that makes a stored baseline again, under today's conditions and definitions."""
     command = ["python", "-m", "humanoid_sim.regress", baseline.source, "--suite", config.suite]
     for option in ("robot", "contract", "seeds", "first_seed"):
         value = getattr(config, option)
@@ -112,7 +112,7 @@ def _remake(baseline: PolicyRun, config: RegressConfig) -> str:
 
 
 def junit_xml(results: Results, seconds: Sequence[float] = ()) -> bytes:
-    """The verdicts as a JUnit XML document.
+    """Return the verdicts as a JUnit XML document.
 
     A metric without a baseline to compare with, or without episodes, is a skipped case.
 

@@ -20,7 +20,7 @@ _RATE_NOISE = 10.0
 
 
 def disturbance_at(sweep: Sweep, level: float, pushes: Pushes | None, timestep: float) -> Disturbance:
-    """A robot that is as described but for one thing.
+    """Return a robot that is as described but for one thing.
 
     Args:
         sweep: says for what.
@@ -49,7 +49,7 @@ def disturbance_at(sweep: Sweep, level: float, pushes: Pushes | None, timestep: 
 
 
 def planned_levels(suite: Suite) -> int:
-    """How many levels `measure_margins` counts, at most."""
+    """Return how many levels `measure_margins` counts, at most."""
     margins = suite.margins
     return 0 if margins is None else sum(len(sweep.levels) + margins.bisections for sweep in margins.sweeps)
 
@@ -111,7 +111,7 @@ def measure_margins(cases: Sequence[PreparedCase], executor: Executor, advance: 
 
 
 def compare_margins(suite: Suite, before: Sequence[Margin], after: Sequence[Margin]) -> tuple[MarginComparison, ...]:
-    """The margins that both have, in the suite's order.
+    """Return the margins that both have, in the suite's order.
 
     Of each it is known up to where the policy passed and where it failed. One is worse, or better, where these
     stretches lie further apart than is tolerated.
@@ -140,7 +140,7 @@ def compare_margins(suite: Suite, before: Sequence[Margin], after: Sequence[Marg
 
 
 def _failed(suite: Suite, margins: Margins, episode: Episode) -> str:
-    """Why an episode counts as failed, '' if it does not."""
+    """Return why an episode counts as failed, '' if it does not."""
     if episode.failure:
         return f"{episode.label}: {episode.failure}"
     for name, limit in margins.limits.items():

@@ -164,7 +164,7 @@ class Measures:
         return self.rows
 
     def of_episode(self, i: int, steps: int) -> Mapping[str, float]:
-        """What is of episode `i` as a whole, after its `steps`, by name."""
+        """Return what is of episode `i` as a whole, after its `steps`, by name."""
         return {}
 
 

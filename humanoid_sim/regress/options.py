@@ -92,7 +92,7 @@ class RegressConfig:
 
 
 def with_files(config: RegressConfig) -> RegressConfig:
-    """The options with the files of policies that are given by their names.
+    """Return the options with the files of policies that are given by their names.
 
     Raises:
         InputError: there is no such policy, or its file cannot be an ONNX file.

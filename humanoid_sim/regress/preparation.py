@@ -165,7 +165,7 @@ def _digest(suite: Suite, case: Case, motion: Motion | Song | None, description:
 
 
 def _mjcf(path: Path, depth: int = 8) -> Iterator[bytes]:
-    """The text of an MJCF and of what it includes; meshes do not take part."""
+    """Yield the text of an MJCF and of what it includes; meshes do not take part."""
     if depth and path.is_file():
         text = path.read_bytes()
         yield text

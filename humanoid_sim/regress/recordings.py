@@ -38,7 +38,7 @@ _LONGEST_STANDBY = 100
 
 
 def choose_failures(episodes: Sequence[Episode], limit: int) -> list[Episode]:
-    """The failures to record, at most `limit`: the first of each case, then the second of each, and so on."""
+    """Return the failures to record, at most `limit`: the first of each case, then the second of each, and so on."""
     place: dict[str, int] = {}
     ranked = []
     for episode in episodes:
@@ -49,7 +49,7 @@ def choose_failures(episodes: Sequence[Episode], limit: int) -> list[Episode]:
 
 
 def recording_name(policy: str, episode: Episode) -> str:
-    """The file's name, without characters that a file system may refuse."""
+    """Return the file's name, without characters that a file system may refuse."""
     return re.sub(r"[^\w.+-]+", "_", f"{policy}-{episode.case}-{episode.seed}") + ".mcap"
 
 
@@ -161,7 +161,7 @@ class _RecordedActions:
 def _ticks(
     supervisor: Supervisor, steps: Sequence[Step], actions: _RecordedActions, period: float
 ) -> Iterator[TickRecord]:
-    """The ticks of a recording: the FSM's way up, the episode, and a last one in DAMPING."""
+    """Yield the ticks of a recording: the FSM's way up, the episode, and a last one in DAMPING."""
     memory = supervisor.initial()
     intents: list[Intent] = [Intent.DAMP, Intent.LOAD_A, Intent.START_LOCOMOTION]
     index, ready = 0, True
@@ -186,7 +186,7 @@ def _ticks(
 
 
 def _one(state: MITState, time: float) -> MITState:
-    """The only robot of a batch, on the recording's clock."""
+    """Return the only robot of a batch, on the recording's clock."""
     own = {field.name: getattr(state, field.name)[0] for field in fields(state) if field.name not in ("time", "extern")}
     live = {name: Extern(value.value[0], time, value.timeout) for name, value in state.extern.items()}
     return MITState(time=time, **own, extern=live)

@@ -217,7 +217,7 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     @property
     def reasons(self) -> str:
-        """What makes the metric worse whatever its mean is, such as `wave alone by +17.1 %`; '' if nothing does."""
+        """Say what makes the metric worse whatever its mean is, such as `wave alone by +17.1 %`; '' if nothing does."""
         found = []
         if self.new_failures:
             more = f" and {len(self.new_failures) - _LISTED} more" if len(self.new_failures) > _LISTED else ""
@@ -303,7 +303,7 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     @property
     def passed(self) -> bool:
-        """Whether every candidate passed."""
+        """Return whether every candidate passed."""
         return all(candidate.passed for candidate in self.candidates)
 
     @property
@@ -315,12 +315,12 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         return "UNDECIDED" if undecided and not self.strict else "FAILED"
 
     def metric(self, name: str) -> MetricInfo:
-        """The metric of that name; KeyError if there is none."""
+        """Return the metric of that name; KeyError if there is none."""
         return {metric.name: metric for metric in self.metrics}[name]
 
 
 def displayed_unit(unit: str) -> tuple[float, str]:
-    """What to multiply a value by, and the unit that it then has: lengths in mm, angles in degrees, shares in %."""
+    """Say what to multiply a value by, and the unit that it then has: lengths in mm, angles in degrees, shares in %."""
     return {
         "m": (1e3, "mm"),
         "rad": (180.0 / math.pi, "°"),
@@ -331,7 +331,7 @@ def displayed_unit(unit: str) -> tuple[float, str]:
 
 
 def quantity(value: float | None, unit: str, *, signed: bool = False) -> str:
-    """A value with the unit that a person reads it in, such as `12.1 mm`; `-` where there is none."""
+    """Return a value with the unit that a person reads it in, such as `12.1 mm`; `-` where there is none."""
     if value is None or math.isnan(value):
         return "-"
     factor, shown = displayed_unit(unit)

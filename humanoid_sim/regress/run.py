@@ -96,7 +96,7 @@ def regress(config: RegressConfig) -> int:
 
 
 def _which_joints(config: RegressConfig, candidate: Candidate, baseline: PolicyRun) -> str:
-    """How to see which joints move differently: figures are over all joints, recordings hold each."""
+    """Return how to see which joints move differently: figures are over all joints, recordings hold each."""
     first = candidate.run.failures[0] if candidate.run.failures else candidate.run.episodes[0]
     command = ["regress", candidate.run.source, baseline.source, "--suite", config.suite]
     for name in ("robot", "contract"):
@@ -106,7 +106,7 @@ def _which_joints(config: RegressConfig, candidate: Candidate, baseline: PolicyR
 
 
 def _for_baseline(prepared: PreparedSuite, config: RegressConfig, folder: Path) -> PreparedSuite:
-    """The suite as a baseline runs it."""
+    """Return the suite as a baseline runs it."""
     actuation = config.baseline_actuation or prepared.suite.actuation
     if actuation == prepared.suite.actuation:
         return prepared

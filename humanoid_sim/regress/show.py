@@ -33,7 +33,7 @@ _FAILURES_SHOWN = 5
 
 
 def show_detectable(console: Console, results: Results) -> None:
-    """How small a change the suite can find: before any candidate has run."""
+    """Show how small a change the suite can find: before any candidate has run."""
     if not results.detectable:
         return
     table = Table(
@@ -59,7 +59,7 @@ def show_detectable(console: Console, results: Results) -> None:
 
 
 def show_run(console: Console, results: Results, run: PolicyRun) -> None:
-    """What a policy did, where there is nothing to compare it with."""
+    """Show what a policy did, where there is nothing to compare it with."""
     table = Table(title=escape(run.name), title_justify="left")
     table.add_column("metric")
     for heading in ("mean", "least", "greatest"):
@@ -76,7 +76,7 @@ def show_run(console: Console, results: Results, run: PolicyRun) -> None:
 
 
 def show_candidate(console: Console, results: Results, candidate: Candidate) -> None:
-    """A policy beside the baseline."""
+    """Show a policy beside the baseline."""
     paired = all(comparison.paired for comparison in candidate.comparisons)
     table = Table(
         title=f"{escape(candidate.run.name)} against the baseline",
@@ -126,7 +126,7 @@ def _coloured(verdict: str) -> str:
 
 
 def _show_trouble(console: Console, baseline: PolicyRun | None, candidate: Candidate) -> None:
-    """The episodes that failed, and how much of each disturbance was borne, beside the baseline's margins."""
+    """Show the episodes that failed, and how much of each disturbance was borne, beside the baseline's margins."""
     run, failures = candidate.run, candidate.run.failures
     if failures:
         before = f" (the baseline: {len(baseline.failures)} of {len(baseline.episodes)})" if baseline else ""

@@ -166,13 +166,13 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         return tuple(METRICS[self.task][name].info for name in names)
 
     def tolerance(self, metric: str, baseline: float) -> float:
-        """The worsening that is let pass beside a baseline, in the metric's unit."""
+        """Return the worsening that is let pass beside a baseline, in the metric's unit."""
         tolerance = self.tolerances.get(metric, Tolerance())
         return max(tolerance.absolute, tolerance.relative * abs(baseline))
 
     @property
     def disturbance(self) -> Disturbance:
-        """Of each episode.
+        """Return the disturbance of each episode.
 
         Raises:
             InputError: naming the field that is wrong.

@@ -39,7 +39,7 @@ def shipped_suites() -> tuple[str, ...]:
 
 
 def load_suite(name_or_path: str) -> tuple[Suite, Path]:
-    """A shipped suite by its name, or the one in a YAML file; with the folder that its paths are relative to.
+    """Return a shipped suite by its name, or the one in a YAML file; with the folder that its paths are relative to.
 
     Raises:
         InputError: one line, such as `mine.yaml: seeds: is 1, expected at least 2`.
@@ -78,7 +78,7 @@ def _place_and_problem(message: str) -> str:
 
 
 def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
-    """The suite with the options' cases and seeds.
+    """Return the suite with the options' cases and seeds.
 
     Raises:
         InputError: naming the option.
@@ -116,7 +116,7 @@ def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
 
 
 def suite_problems(suite: Suite) -> Iterator[str]:
-    """What types cannot say, each as `place: what is wrong`."""
+    """Yield what types cannot say, each as `place: what is wrong`."""
     yield from _case_problems(suite)
     yield from _name_problems(suite)
     yield from _number_problems(suite)

@@ -33,7 +33,7 @@ def video_frames(path: Path, begin: float, end: float, *, size: tuple[int, int],
 
 
 def animated_webp(frames: Sequence[Image.Image], durations: Sequence[int], *, quality: int = 60) -> bytes:
-    """The file of an animated picture that repeats for ever.
+    """Return the file of an animated picture that repeats for ever.
 
     Args:
         frames: one or more pictures of one size.

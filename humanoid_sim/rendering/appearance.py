@@ -23,7 +23,7 @@ _POSES = 50
 
 
 def robot_geoms(model: mujoco.MjModel) -> list[int]:
-    """The geoms that are drawn and belong to a tree of bodies with a joint in it: no floor, wall or table."""
+    """Return the geoms that are drawn and belong to a tree of bodies with a joint in it: no floor, wall or table."""
     trees = {int(model.body_rootid[body]) for body in model.jnt_bodyid}
     shapeless = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
     return [

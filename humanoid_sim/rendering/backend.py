@@ -50,13 +50,13 @@ class Choice:
 
 
 def has_display(environ: Mapping[str, str] | None = None, platform: str = sys.platform) -> bool:
-    """Whether a window could be opened: on Linux, an X or Wayland display is named in the environment."""
+    """Return whether a window could be opened: on Linux, an X or Wayland display is named in the environment."""
     environ = os.environ if environ is None else environ
     return platform in {"darwin", "win32"} or bool(environ.get("DISPLAY") or environ.get("WAYLAND_DISPLAY"))
 
 
 def check_environment(environ: Mapping[str, str] | None = None) -> str:
-    """What `MUJOCO_GL` asks for, in lower case; empty if it asks for nothing.
+    """Return what `MUJOCO_GL` asks for, in lower case; empty if it asks for nothing.
 
     Raises:
         InputError: if it has a value that MuJoCo does not know; it would fail at import.

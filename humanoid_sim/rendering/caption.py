@@ -35,14 +35,14 @@ class Caption:
 
     @classmethod
     def of(cls, record: TickRecord) -> Caption:
-        """The caption of a tick, at its time on the robot's clock."""
+        """Return the caption of a tick, at its time on the robot's clock."""
         control = record.output.control_mode
         time = float(np.ravel(record.input.state.time)[0])
         return cls(time, control.mode, control.controller_name, control.status_message)
 
 
 def draw_caption(picture: npt.NDArray[np.uint8], caption: Caption) -> npt.NDArray[np.uint8]:
-    """The picture, shape (height, width, 3), with the strip over its bottom; text that is too long is cut off."""
+    """Give the picture, shape (height, width, 3), with the strip over its bottom; text that is too long is cut off."""
     image = Image.fromarray(picture)
     height = max(18, image.height // 16)
     font = _font(int(0.56 * height))
@@ -71,7 +71,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont:
 
 
 def _cut(text: str, font: ImageFont.FreeTypeFont, room: float) -> str:
-    """The part of a line that fits into `room` pixels."""
+    """Return the part of a line that fits into `room` pixels."""
     text = one_line(text)
     if font.getlength(text) <= room:
         return text

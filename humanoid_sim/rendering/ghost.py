@@ -74,7 +74,7 @@ class ReferenceGhost:
 
     @classmethod
     def of(cls, description: RobotDescription, contract: PolicyContract, reference: MotionReference) -> Self | None:
-        """The ghost of a policy's motion; None where the reference holds no poses."""
+        """Return the ghost of a policy's motion; None where the reference holds no poses."""
         if {"reference_joint_pos", "motion_body_pos_b"} & reference.terms.keys():
             joints, bodies = contract.joint_names, contract.body_names
             return cls(description, joints, bodies, contract.anchor_body, contract.align_reference, reference)
@@ -87,11 +87,11 @@ class ReferenceGhost:
 
     @property
     def has_place(self) -> bool:
-        """Whether it is known where a base that moves freely should be."""
+        """Return whether it is known where a base that moves freely should be."""
         return not self.is_aligned or "anchor_pos" not in self.reference.terms or self._alignment is not None
 
     def pose(self, model: mujoco.MjModel, qpos: FloatArray, frame: int) -> FloatArray:
-        """The ghost at a frame, shape (nq,).
+        """Return the ghost at a frame, shape (nq,).
 
         Args:
             model: of the robot.

@@ -45,7 +45,7 @@ class NativeViewerSink(Sink):
 
     @property
     def closed(self) -> bool:
-        """Whether the window has been closed, by the user or by `close`."""
+        """Return whether the window has been closed, by the user or by `close`."""
         return self._closed.is_set()
 
     def start(self, header: SessionHeader) -> None:

@@ -47,7 +47,7 @@ _costs: dict[tuple[str, int, int, int], tuple[float, float]] = {}
 def make_renderer(
     model: mujoco.MjModel, width: int, height: int, camera: str | None = None, *, choice: Choice
 ) -> _OpenGLRenderer | Painter:
-    """A renderer that works: an OpenGL that cannot make a context gives way to the painter, and `backend` says so.
+    """Give a renderer that works: an OpenGL that cannot make a context gives way to the painter, and `backend` says so.
 
     The model's visual settings are adapted: its off-screen buffer to the picture, its quality to OSMesa's speed. The
     arguments are those of `PoseRenderer`.
@@ -161,7 +161,7 @@ def _cost(renderer: _OpenGLRenderer | Painter, data: mujoco.MjData) -> float:
 
 
 def make_camera(model: mujoco.MjModel, name: str | None = None, aspect: float = 4 / 3) -> mujoco.MjvCamera:
-    """The model's camera `name`, or a front three-quarter view at the distance at which the whole robot fits.
+    """Return the model's camera `name`, or a front three-quarter view at the distance at which the whole robot fits.
 
     `aspect` is the picture's width over its height. A model in which nothing has a joint is framed as its
     `<statistic center= extent=>` says. A robot with a floating base is followed; one at a piano is seen from above.
@@ -203,7 +203,7 @@ def make_camera(model: mujoco.MjModel, name: str | None = None, aspect: float = 
 
 
 def _floating_base(model: mujoco.MjModel) -> int | None:
-    """The body that carries most of the model's mass on a free joint: a robot, and not a ball that lies about."""
+    """Give the body that carries most of the model's mass on a free joint: a robot, and not a ball that lies about."""
     for body in model.jnt_bodyid[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]:
         if model.body_subtreemass[body] > model.body_subtreemass[0] / 2:
             return int(body)

@@ -77,7 +77,7 @@ class Painter:
         self._outlined = outlined
 
     def render(self, data: mujoco.MjData, ghost: mujoco.MjData | None = None) -> Picture:
-        """The picture of the poses in `data`, shape (height, width, 3), RGB. What is not finite is not drawn.
+        """Return the picture of the poses in `data`, shape (height, width, 3), RGB. What is not finite is not drawn.
 
         Args:
             data: of the model.
@@ -149,7 +149,7 @@ class Painter:
         """Nothing is held that needs releasing."""
 
     def _place(self, geoms: list[Any]) -> tuple[_Solids, FloatArray, FloatArray]:
-        """What has a surface, its vertices (V, 3) in m, world frame, and the colours of its geoms (G, 3)."""
+        """Return what has a surface, its vertices (V, 3) in m, world frame, and the colours of its geoms (G, 3)."""
         key = tuple((geom.type, *geom.size.tolist(), geom.dataid) for geom in geoms)
         if key not in self._solids:
             for shape in set(key) - self._meshes.keys():
@@ -254,7 +254,7 @@ def _shaded(view: View, faces: FloatArray, sun: FloatArray = _SUN) -> tuple[Floa
 def _shadows(
     view: View, plane: Any, world: FloatArray, first_vertex: npt.NDArray[np.intp], sun: FloatArray, lit: Image.Image
 ) -> Image.Image:
-    """What the light leaves dark on a plane, softened, as clearly as `lit` says: one convex outline per geom."""
+    """Return what the light leaves dark on a plane, softened, as clearly as `lit` says: one convex outline per geom."""
     axes = plane.mat.astype(np.float64)
     away = world - plane.pos
     height = np.maximum(away @ axes[:, 2], 0.0)

@@ -50,7 +50,7 @@ class Stroke(NamedTuple):
 
 
 def strokes_between(before: npt.NDArray[np.bool_], now: npt.NDArray[np.bool_], time: float) -> tuple[Stroke, ...]:
-    """What happened to keys, shape (88,) each, True where a key is down, until `time` (s)."""
+    """Return what happened to keys, shape (88,) each, True where a key is down, until `time` (s)."""
     return tuple(Stroke(time, int(key), bool(now[key])) for key in np.flatnonzero(before != now))
 
 
@@ -78,7 +78,7 @@ class PianoSound:
                 self._notes.append(_Note(stroke.key, sample))
 
     def until(self, time: float) -> Samples:
-        """What is heard from where the last answer ended to `time` (s), shape (N,), -1 to 1, `RATE` a second."""
+        """Return what is heard from where the last answer ended to `time` (s), shape (N,), -1 to 1, `RATE` a second."""
         first, end = self._next, max(round(time * RATE), self._next)
         total = np.zeros(end - first)
         for note in self._notes:
@@ -115,7 +115,7 @@ class _Note:
 
 @lru_cache(maxsize=88)
 def tone(key: int) -> Samples:
-    """A key that is struck and held, shape (N,): partials of a stiff string, the higher the shorter.
+    """Return a key that is struck and held, shape (N,): partials of a stiff string, the higher the shorter.
 
     The fundamental is exactly the key's. Stiffness pulls the partials up, which rise as n sqrt(1 + B n²) (Fletcher
     1962); their levels are those of a string struck at an eighth of its length; each falls quickly at first, and then

@@ -147,7 +147,7 @@ class View:
         self.centre = np.array([width / 2, height / 2])
 
     def crop(self, left: int, top: int, right: int, bottom: int) -> View:
-        """The same perspective on a part of the picture, pixels from its top left."""
+        """Return the same perspective on a part of the picture, pixels from its top left."""
         part = copy.copy(self)
         part.width, part.height = right - left, bottom - top
         part.centre = self.centre - [left, top]
@@ -173,11 +173,11 @@ class DepthBuffer:
         self._count = 0
 
     def copy(self) -> DepthBuffer:
-        """A buffer of its own, with what was drawn so far."""
+        """Return a buffer of its own, with what was drawn so far."""
         return self.crop(0, 0, self._view.width, self._view.height)
 
     def crop(self, left: int, top: int, right: int, bottom: int) -> DepthBuffer:
-        """A buffer of its own for a part of the picture, with what was drawn there so far."""
+        """Return a buffer of its own for a part of the picture, with what was drawn there so far."""
         whole = self._nearest.reshape(self._view.height, self._view.width)
         other = DepthBuffer.__new__(DepthBuffer)
         other._view, other._count = self._view.crop(left, top, right, bottom), self._count
@@ -261,7 +261,7 @@ def _grid(
 
 
 def _clip(corners: FloatArray, near: float) -> list[FloatArray]:
-    """The part of a polygon (4, 3) beyond the near plane, as polygons (4, 3) (Sutherland and Hodgman 1974)."""
+    """Return the part of a polygon (4, 3) beyond the near plane, as polygons (4, 3) (Sutherland and Hodgman 1974)."""
     kept: list[FloatArray] = []
     depth = corners[:, 2] - 1.001 * near
     for index, corner in enumerate(corners):

@@ -15,7 +15,7 @@ from humanoid_sim.recording.body import RecordedBody
 
 
 def rerun_module(purpose: str) -> Any:
-    """The library, an extra. Raises `MissingPackageError` where it is not installed; `purpose` says what for."""
+    """Return the library, an extra. Raises `MissingPackageError` where it is not installed; `purpose` says what for."""
     try:
         import rerun  # noqa: PLC0415
         import rerun.urdf  # noqa: PLC0415 - which the first does not load

@@ -158,7 +158,7 @@ class VideoSink(Sink):
 
     @property
     def process_id(self) -> int | None:
-        """Of the process that draws, while there is one."""
+        """Return the id of the process that draws, while there is one."""
         return None if self._drawing is None else self._drawing.process_id
 
     def finish(self, progress: Callable[[int, int], None] | None = None) -> VideoReport:

@@ -122,7 +122,7 @@ def _of_joints(robot: RobotDescription) -> Iterator[str]:
 
 
 def _of_family(motor: MotorDescription, where: str, families: set[str]) -> Iterator[str]:
-    """What does not fit the motor's family, or the others of the robot."""
+    """Yield what does not fit the motor's family, or the others of the robot."""
     family = FAMILIES.get(motor.family)
     if family is None:
         yield f"{where}.family: {known_names('family', motor.family, FAMILIES)}"

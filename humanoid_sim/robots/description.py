@@ -103,7 +103,7 @@ def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
 
 
 def _find(name_or_path: str) -> tuple[Path, str]:
-    """The file, and what to call it in messages."""
+    """Return the file, and what to call it in messages."""
     known = shipped_robots()
     if name_or_path in known:
         return asset_path("robots", f"{name_or_path}.yaml"), f"{name_or_path}.yaml"
@@ -171,7 +171,7 @@ def _shown(value: object) -> str:
 
 
 def with_contract(description: RobotDescription, contract: PolicyContract) -> RobotDescription:
-    """The description with the contract's gains, standing in the contract's default pose.
+    """Return the description with the contract's gains, standing in the contract's default pose.
 
     The joints' K_p and K_d, both standby poses and their gains, the initial position, and the K_d of damping and of the
     remote controller's passive hold become the contract's, and so does what `with_contract_physics` takes from it. A
@@ -212,7 +212,7 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
 
 
 def check_poses(description: RobotDescription, standby: Sequence[float]) -> tuple[tuple[float, ...], ...]:
-    """The check poses of a robot that comes from a pose of STANDBY: rad, one value per joint each."""
+    """Return the check poses of a robot that comes from a pose of STANDBY: rad, one value per joint each."""
     return tuple(
         tuple(pose.get(name, value) for name, value in zip(description.joint_names, standby, strict=True))
         for pose in description.check_poses
@@ -224,7 +224,7 @@ _CHECK_SPEED, _SHORTEST, _DWELL = 0.4, 1.0, 0.6
 
 
 def with_check_poses(description: RobotDescription) -> RobotDescription:
-    """The description whose STANDBY, arrived at its pose, walks slowly through the check poses and back.
+    """Return the description whose STANDBY, arrived at its pose, walks slowly through the check poses and back.
 
     Raises:
         InputError: it has none.
@@ -248,12 +248,12 @@ def with_check_poses(description: RobotDescription) -> RobotDescription:
 
 
 def with_imu(description: RobotDescription, frame: str | None) -> RobotDescription:
-    """The description with its IMU at another site or body of its MJCF; None: as it is."""
+    """Return the description with its IMU at another site or body of its MJCF; None: as it is."""
     return description if frame is None else msgspec.structs.replace(description, imu=frame)
 
 
 def with_contract_physics(description: RobotDescription, contract: PolicyContract) -> RobotDescription:
-    """The description simulated as the contract wants it.
+    """Return the description simulated as the contract wants it.
 
     With the joints' own damping or without it, and with the torque limits that the policy was trained with, as far as
     they are below the robot's own. On a floating base the following guard stays with the robot's own.
@@ -280,7 +280,7 @@ def with_contract_physics(description: RobotDescription, contract: PolicyContrac
 
 
 def with_joint_limits(contract: PolicyContract, description: RobotDescription) -> PolicyContract:
-    """The contract whose `position_clip: joint_limits` are this robot's; any other contract as it is."""
+    """Return the contract whose `position_clip: joint_limits` are this robot's; any other contract as it is."""
     if not isinstance(contract.position_clip, str):
         return contract
     places = [description.joint_names.index(name) for name in contract.action_joint_names]
@@ -294,12 +294,12 @@ _POSE = "initial_position"
 
 
 def _is_partial(document: Mapping[str, Any]) -> bool:
-    """Whether a robot file leaves its joints to the MJCF, or changes some of them."""
+    """Return whether a robot file leaves its joints to the MJCF, or changes some of them."""
     return isinstance(document.get("joints", {}), dict) and isinstance(document.get("mjcf"), str)
 
 
 def _completed(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """The whole document of a robot file that gives only what differs from its MJCF.
+    """Return the whole document of a robot file that gives only what differs from its MJCF.
 
     Args:
         document: the file's.
@@ -344,7 +344,7 @@ def _place(where: str, name: Any, names: tuple[str, ...]) -> int:
 
 
 def _merged(whole: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Mappings field by field, anything else as it was changed."""
+    """Return mappings field by field, anything else as it was changed."""
     for name, value in changes.items():
         own = whole.get(name)
         whole[name] = _merged(own, value) if isinstance(own, dict) and isinstance(value, dict) else value

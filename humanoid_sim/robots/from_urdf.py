@@ -16,7 +16,7 @@ BaseKind = Literal["floating", "fixed"]
 
 
 def convert_urdf(path: Path, base: BaseKind, folder: Path, imu: str | None = None) -> tuple[str, list[str]]:
-    """The MJCF of a URDF, and a line for each thing that it lacks.
+    """Return the MJCF of a URDF, and a line for each thing that it lacks.
 
     MuJoCo by itself fixes a URDF's root to the world and merges it and every other link without a joint into its
     parent. Here each link stays a body of its own.
@@ -75,7 +75,7 @@ def _find_meshes(spec: mujoco.MjSpec, path: Path, folder: Path) -> None:
 
 
 def _gaps(model: mujoco.MjModel, imu: str | None) -> list[str]:
-    """What a URDF cannot say, or this one does not."""
+    """Return what a URDF cannot say, or this one does not."""
     hinges = [i for i in range(model.njnt) if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE]
     unlimited = [model.joint(i).name for i in hinges if not model.jnt_limited[i]]
     weak = [model.joint(i).name for i in hinges if not model.jnt_actfrclimited[i]]

@@ -44,7 +44,7 @@ class GuardRecord(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, guards: Guards) -> GuardRecord:
-        """What is written down of some guards."""
+        """Return what is written down of some guards."""
         return cls(
             _Following(
                 _bounds(guards.following_effort),
@@ -57,7 +57,7 @@ class GuardRecord(msgspec.Struct, frozen=True):
         )
 
     def on(self, robot: RobotDescription) -> Guards:
-        """The same guards again, on the robot of the recording. Raises `FieldError` if they do not fit."""
+        """Return the same guards again, on the robot of the recording. Raises `FieldError` if they do not fit."""
         return Guards(
             joints=robot.joint_names,
             lower=robot.lower,
@@ -96,7 +96,7 @@ _OF_SCALE = 0.99
 
 
 def guards_of(robot: RobotDescription) -> Guards | None:
-    """The guards of a robot; None if its description turns all of them off.
+    """Return the guards of a robot; None if its description turns all of them off.
 
     A following guard needs an effort limit, a limit guard limits, a speed guard limits or a known motor: joints without
     are not watched by it.
@@ -171,7 +171,7 @@ def _crossing_speed(robot: RobotDescription) -> FloatArray:
 
 
 def _assumed_speed(robot: RobotDescription) -> tuple[str, ...]:
-    """The joints whose speed limit is neither the description's nor their motor's."""
+    """Return the joints whose speed limit is neither the description's nor their motor's."""
     if robot.guards.speed is not None and robot.guards.speed.limit:
         return ()
     crossing = _crossing_speed(robot)

@@ -23,7 +23,7 @@ _FRAME = (
 
 
 def find_imu(model: mujoco.MjModel, base: int) -> tuple[str, str]:
-    """The site or body that is the IMU of the robot with this base, and why.
+    """Return the site or body that is the IMU of the robot with this base, and why.
 
     In this order: the site of a gyro on the base, or of the only gyro on the robot; a site of the base named like an
     IMU; the only site on the robot with a sensor of an orientation; the base itself.
@@ -63,7 +63,7 @@ def _on(model: mujoco.MjModel, base: int, sites: list[int]) -> list[int]:
 
 
 def imu_line(model: mujoco.MjModel, description: RobotDescription) -> str:
-    """Which frame of a robot's model is its IMU, on which body, and why that one; the model has what it names."""
+    """Give which frame of a robot's model is its IMU, on which body, and why that one; the model has what it names."""
     base = int(model.body_rootid[model.jnt_bodyid[model.joint(description.joints[0].name).id]])
     name, (found, why) = description.imu, find_imu(model, base)
     site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)

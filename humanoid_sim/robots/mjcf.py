@@ -176,7 +176,7 @@ def describe_mjcf(path: Path) -> RobotDescription:
 
 
 def bare_model(description: RobotDescription) -> mujoco.MjModel:
-    """The robot's MJCF as it is, compiled.
+    """Return the robot's MJCF as it is, compiled.
 
     Raises:
         InputError: it cannot be read, or lacks a joint, or the IMU, of the description.
@@ -271,7 +271,7 @@ def _actuator_limit(model: mujoco.MjModel, actuator: int) -> float:
 
 
 def _simulation(model: mujoco.MjModel, is_floating: bool) -> SimulationSettings:
-    """The MJCF's own step, unless it is too long or does not divide the control period."""
+    """Return the MJCF's own step, unless it is too long or does not divide the control period."""
     longest = _LONGEST_TIMESTEP["floating" if is_floating else "fixed"]
     own = float(model.opt.timestep)
     try:

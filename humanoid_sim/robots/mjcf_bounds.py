@@ -125,7 +125,7 @@ _DEPTH = 200
 
 
 def kind_of_model(path: Path) -> str:
-    """What a file of a robot's model is, by its name: MuJoCo reads both."""
+    """Return what a file of a robot's model is, by its name: MuJoCo reads both."""
     return "URDF" if path.suffix == ".urdf" else "MJCF model"
 
 
@@ -218,7 +218,7 @@ def _problems(element: ElementTree.Element) -> Iterator[str]:
 
 
 def _numbers(element: ElementTree.Element, name: str) -> list[float]:
-    """The numbers of an attribute, up to the first text that is none; no number counts as too many."""
+    """Return the numbers of an attribute, up to the first text that is none; no number counts as too many."""
     numbers = []
     for word in element.get(name, "").split():
         try:

@@ -74,7 +74,7 @@ FAMILIES: Mapping[str, MotorFamily] = MappingProxyType(
 
 
 def id_problem(family: MotorFamily, motor_id: int, families: Collection[str]) -> str:
-    """Why a motor must not have this id on a robot with motors of these families; empty when it may."""
+    """Return why a motor must not have this id on a robot with motors of these families; empty when it may."""
     if motor_id not in family.ids:
         return f"is {motor_id}, expected {family.ids[0]} to {family.ids[-1]}"
     others = [FAMILIES[name] for name in families if name != family.name]
@@ -146,7 +146,7 @@ SITO_COUNTS_PER_RAD = 65536.0 / (2.0 * math.pi)
 
 
 def _sito(name: str, gear: int) -> MotorModel:
-    """A model whose ranges are its frames' integers: int16 velocity and current, int32 position.
+    """Return a model whose ranges are its frames' integers: int16 velocity and current, int32 position.
 
     Gains have no range in a float32: those here are a host's, about the largest that were ever tried. No data sheet is
     public: torque is bounded by nothing but the current's range, and temperature is not reported.
@@ -165,7 +165,7 @@ MOTORS: Mapping[str, MotorModel] = MappingProxyType({model.name: model for model
 
 
 def motor_model(name: str) -> MotorModel:
-    """The model of a name.
+    """Return the model of a name.
 
     Raises:
         InputError: there is none; the message lists those that exist.

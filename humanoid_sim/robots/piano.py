@@ -50,12 +50,12 @@ class Key:
 
     @property
     def name(self) -> str:
-        """Of its body; its joint is called alike."""
+        """Return its body's name; its joint is called alike."""
         return f"{'white' if self.is_white else 'black'}_key_{self.index}"
 
     @property
     def joint(self) -> str:
-        """Of its joint."""
+        """Return its joint's name."""
         return f"{'white' if self.is_white else 'black'}_joint_{self.index}"
 
     @property
@@ -196,7 +196,7 @@ def key_joint_names() -> tuple[str, ...]:
 
 
 def piano_mjcf(figures: PianoFigures, name: str) -> str:
-    """What an MJCF includes in the body `piano`, whose frame is the piano's and whose class is `piano`.
+    """Return what an MJCF includes in the body `piano`, whose frame is the piano's and whose class is `piano`.
 
     Args:
         figures: what it is built from.

@@ -25,7 +25,7 @@ def public_robots() -> tuple[str, ...]:
 
 
 def public_name(name: str) -> str:
-    """The public robot that was probably meant by a name without the prefix, with it; '' for none.
+    """Return the public robot that was probably meant by a name without the prefix, with it; '' for none.
 
     Also '' where robot_descriptions is not installed: nobody knows its names then.
     """
@@ -40,7 +40,7 @@ def public_name(name: str) -> str:
 
 
 def public_mjcf(name: str) -> Path:
-    """The MJCF of a public robot. At its first use its repository is cloned, with progress on stderr.
+    """Return the MJCF of a public robot. At its first use its repository is cloned, with progress on stderr.
 
     Args:
         name: with the prefix, as the user gave it.

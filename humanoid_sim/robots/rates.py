@@ -13,7 +13,7 @@ MOST_STEPS = 10_000
 def steps_per_period(
     period: float, step: float, *, period_name: str = "control period", step_name: str = "physics timestep"
 ) -> int:
-    """How many steps of `step` make up `period`; both in s.
+    """Return how many steps of `step` make up `period`; both in s.
 
     Args:
         period: the longer one.

@@ -19,7 +19,7 @@ class Robot(Protocol):
         """Verify, configure and enable. Raises `RobotError` with the whole list of what is wrong."""
 
     def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
-        """The latest state, and one safety status per source."""
+        """Return the latest state, and one safety status per source."""
 
     def write(self, command: MITCommand) -> None:
         """Hand a command to every joint. In simulation this also advances physics by one control period."""

@@ -28,7 +28,7 @@ class Accepted:
     """Whether the minimum itself is refused."""
 
     def problem(self, value: float | str) -> str:
-        """What is wrong with a value, '' if nothing is."""
+        """Return what is wrong with a value, '' if nothing is."""
         if isinstance(value, str):
             return "" if value.strip() else "is empty, expected a text"
         if math.isfinite(value) and (value > self.minimum or (value == self.minimum and not self.above)):
@@ -288,12 +288,12 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
 
     @property
     def is_floating(self) -> bool:
-        """Whether the base moves freely."""
+        """Return whether the base moves freely."""
         return self.base.type == "floating"
 
     @property
     def has_no_gains(self) -> bool:
-        """Whether no joint has K_p or K_d, as of a robot read from its MJCF: they are the policy's."""
+        """Return whether no joint has K_p or K_d, as of a robot read from its MJCF: they are the policy's."""
         return not any(joint.stiffness or joint.damping for joint in self.joints)
 
     lower = _OfJoints("lower")
@@ -326,7 +326,7 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         return frozen_array("RobotDescription", "passive_damping", values)
 
     def to_json(self) -> str:
-        """The description as JSON on one line, without folder and check poses: what a recording keeps.
+        """Return the description as JSON on one line, without folder and check poses: what a recording keeps.
 
         Check poses that a run walked through are segments of its standby controllers.
         """

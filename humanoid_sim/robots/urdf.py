@@ -25,7 +25,7 @@ _GIMBAL = 1e-12
 
 
 def body_documents(description: RobotDescription) -> dict[str, str]:
-    """What a recording's header says of the robot's body, for `humanoid_sim.recording.body`."""
+    """Return what a recording's header says of the robot's body, for `humanoid_sim.recording.body`."""
     model = bare_model(description)
     return {URDF_DOCUMENT: urdf_of(model, description), QPOS_DOCUMENT: qpos_addresses(model)}
 
@@ -37,7 +37,7 @@ def qpos_addresses(model: mujoco.MjModel) -> str:
 
 
 def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
-    """The robot as URDF: links, joints with their limits, inertia, and geoms as spheres, cylinders and boxes.
+    """Return the robot as URDF: links, joints with their limits, inertia, and geoms as spheres, cylinders and boxes.
 
     A capsule is a cylinder and two spheres; a mesh or an ellipsoid is the box around it. The IMU is a link of its own.
     A floating base hangs on the link `world` by a joint of type `floating`.
@@ -124,7 +124,7 @@ def _add_geoms(element: _Element, model: mujoco.MjModel, body: int, shift: Float
 
 
 def _shapes(model: mujoco.MjModel, geom: int) -> Iterator[tuple[str, dict[str, str], FloatArray]]:
-    """What a geom is made of: the tag, its attributes, and where it is in the geom's frame, (3,) m."""
+    """Yield what a geom is made of: the tag, its attributes, and where it is in the geom's frame, (3,) m."""
     kind, (a, b, _) = mujoco.mjtGeom(int(model.geom_type[geom])), (float(value) for value in model.geom_size[geom])
     here = np.zeros(3)
     match kind:

@@ -28,7 +28,7 @@ class CdrError(ValueError):
 
 @cache
 def layout(codes: str, start: int = 0) -> struct.Struct:
-    """A `struct.Struct` of primitives with CDR's padding between them; made once.
+    """Return a `struct.Struct` of primitives with CDR's padding between them; made once.
 
     Args:
         codes: one `struct` letter per primitive (`?BbHhIifQqd`), in order.
@@ -94,11 +94,11 @@ class CdrWriter:
         self._body += stretch
 
     def body(self) -> bytes:
-        """The fields so far, without the encapsulation header and without what was skipped."""
+        """Return the fields so far, without the encapsulation header and without what was skipped."""
         return bytes(self._body[self._skip :])
 
     def message(self) -> bytes:
-        """The whole message."""
+        """Return the whole message."""
         return ENCAPSULATION + self._body
 
 

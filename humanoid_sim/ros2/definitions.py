@@ -267,7 +267,7 @@ class MessageField(NamedTuple):
 
 
 def message_fields(name: str) -> tuple[MessageField, ...]:
-    """The fields of a message type (`package/msg/Type`) in their order; constants are none."""
+    """Return the fields of a message type (`package/msg/Type`) in their order; constants are none."""
     package, _, short = name.split("/")
     return tuple(
         MessageField(field, kind.replace("/", "/msg/"), int(brackets[1:-1] or 0) if brackets else None)
@@ -276,7 +276,7 @@ def message_fields(name: str) -> tuple[MessageField, ...]:
 
 
 def schema_text(name: str) -> str:
-    """The definition of a message type (`package/msg/Type`), followed by those it depends on, as MCAP wants it."""
+    """Give the definition of a message type (`package/msg/Type`), followed by those it depends on, as MCAP wants it."""
     package, _, short = name.split("/")
     texts: dict[str, str] = {}
     pending = [f"{package}/{short}"]

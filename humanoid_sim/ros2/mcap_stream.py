@@ -155,7 +155,7 @@ class McapStream:
         return False
 
     def _is_record(self, start: int, *, sound: bool = False) -> bool:
-        """Whether a record begins at this byte, by its first bytes or, if `sound`, by all that it holds."""
+        """Return whether a record begins at this byte, by its first bytes or, if `sound`, by all that it holds."""
         self._file.seek(start)
         try:
             if not sound:
@@ -168,7 +168,7 @@ class McapStream:
         return True
 
     def _definitions(self) -> list[Record]:
-        """The schemas and channels in the index of a finished file; none of another."""
+        """Return the schemas and channels in the index of a finished file; none of another."""
         here, found = self._file.tell(), list[Record]()
         try:
             tail = self._file.seek(max(self._size - _RECORD.size - _FOOTER_SIZE - len(MCAP0_MAGIC), 0))
@@ -223,7 +223,7 @@ class McapStream:
 
 
 def _records(opcode: int, body: bytes) -> list[Record]:
-    """The records of one top-level record: itself, or a chunk's content."""
+    """Return the records of one top-level record: itself, or a chunk's content."""
     try:
         if opcode == Opcode.CHUNK:
             return _chunk_records(body)

@@ -172,7 +172,7 @@ class ChunkedWriter:
         self._file.write(summary + _encoded(Footer(begin, offset_begin, crc)) + MCAP0_MAGIC)
 
     def _add(self, record: bytes) -> None:
-        """A definition: it goes into the chunk of the first message that needs it."""
+        """Add a definition: it goes into the chunk of the first message that needs it."""
         self._parts.append(record)
         self._size += len(record)
         if self._size > _CHUNK_SIZE:

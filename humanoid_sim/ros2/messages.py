@@ -31,13 +31,13 @@ _NO_VELOCITY_NO_EFFORT = bytes(8)
 
 @lru_cache(maxsize=4)
 def _stamp(time_ns: int) -> bytes:
-    """A time stamp at the start of a message; 8 bytes, so that what follows stands on a multiple of 8."""
+    """Return a time stamp at the start of a message; 8 bytes, so that what follows stands on a multiple of 8."""
     seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
     return _STAMP.pack(min(seconds, _LAST_SECOND), nanoseconds)
 
 
 def _stamped(time_ns: int) -> CdrWriter:
-    """A message that begins with a time stamp."""
+    """Return a message that begins with a time stamp."""
     writer = CdrWriter()
     writer.append(_stamp(time_ns))
     return writer
@@ -45,7 +45,7 @@ def _stamped(time_ns: int) -> CdrWriter:
 
 @lru_cache(maxsize=128)
 def _names_and_counts(names: tuple[str, ...]) -> tuple[bytes, bytes]:
-    """What is the same in every message of a run, up to the numbers: an empty `frame_id`, the joint names, a count.
+    """Say what is the same in every message of a run, up to the numbers: an empty `frame_id`, the joint names, a count.
 
     And the count of each further array of as many numbers.
     """
@@ -124,7 +124,7 @@ class TransformEncoder:
         self._numbers = np.array(numbers, dtype=np.intp)[:, None] + np.array([0, 1, 2, 6, 3, 4, 5])
 
     def encode(self, time_ns: int, poses: FloatArray) -> bytes:
-        """The message of poses (count, 7), m and w x y z, of the children in their parents' frames."""
+        """Return the message of poses (count, 7), m and w x y z, of the children in their parents' frames."""
         seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
         self._words[self._seconds] = min(seconds, _LAST_SECOND)
         self._words[self._nanoseconds] = nanoseconds
@@ -150,7 +150,7 @@ def encode_mit_command(time_ns: int, names: tuple[str, ...], command: MITCommand
 
 @lru_cache(maxsize=16)
 def _control_mode(mode: int, controller_name: str, status_message: str) -> bytes:
-    """The same in many ticks: all but the time stamp."""
+    """Return the same in many ticks: all but the time stamp."""
     writer = CdrWriter()
     writer.string("")
     writer.pack("B", mode)
@@ -221,7 +221,7 @@ def encode_float32_array(values: npt.NDArray[np.float32]) -> bytes:
 
 
 def decode_float32_array(message: bytes) -> npt.NDArray[np.float32]:
-    """The flat values of a `std_msgs/msg/Float32MultiArray`. Shape (count,). Raises `CdrError`."""
+    """Return the flat values of a `std_msgs/msg/Float32MultiArray`. Shape (count,). Raises `CdrError`."""
     reader = CdrReader(message)
     for _ in range(reader.count(13)):
         reader.string()
@@ -235,7 +235,7 @@ def decode_float32_array(message: bytes) -> npt.NDArray[np.float32]:
 
 
 def decode_mit_command(message: bytes) -> tuple[tuple[str, ...], MITCommand]:
-    """The joint names and the fields, each of shape (n,), of a `humanoid_control_msgs/msg/MITCommand`.
+    """Return the joint names and the fields, each of shape (n,), of a `humanoid_control_msgs/msg/MITCommand`.
 
     Its stamp is the sender's clock, which means nothing here.
 

@@ -69,7 +69,7 @@ _NO_NAME = re.compile(r"[^A-Za-z0-9_]")
 
 
 def joint_states_topic(prefix: str) -> str:
-    """The topic of the joint states of robots with that prefix; what ROS 2 allows in no name becomes `_`."""
+    """Return the topic of the joint states of robots with that prefix; what ROS 2 allows in no name becomes `_`."""
     name = _NO_NAME.sub("_", prefix)
     return f"/{'_' if name[:1].isdigit() else ''}{name}{_JOINT_STATES}"
 
@@ -80,10 +80,10 @@ def is_used(topic: str) -> bool:
 
 
 def standby_topic(controller: str) -> str:
-    """The topic of a standby controller's state."""
+    """Return the topic of a standby controller's state."""
     return f"/{controller}/state"
 
 
 def kind_of(topic: str, schema: str) -> Topic:
-    """What a topic is; one that the stack does not know, such as an observation's, is kept as most are."""
+    """Return what a topic is; one that the stack does not know, such as an observation's, is kept as most are."""
     return TOPICS.get(topic, Topic(schema))

@@ -67,7 +67,7 @@ class Turn:
         self.owner = None
 
     def admit(self, producer: Producer, arrival_time: float) -> bool:
-        """Whether a sample of that producer counts; if nobody has the turn, it is the producer's from here on."""
+        """Tell whether a sample of that producer counts; if nobody has the turn, it is the producer's from here on."""
         if self.owner is not None and self.owner != producer:
             return False
         self._heard = arrival_time if self.owner is None else max(arrival_time, self._heard)
@@ -105,7 +105,7 @@ class Refusals:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """What was refused since the last `forget`, one line each."""
+        """Return what was refused since the last `forget`, one line each."""
         return tuple(f"{producer}: {reason}" for producer, reason in sorted(self._reasons))
 
     def add(self, producer: Producer, reason: str, count: int = 1) -> None:
@@ -119,7 +119,7 @@ class Refusals:
             self._reasons.setdefault((str(producer), reason), True)
 
     def forget(self) -> None:
-        """What is refused from here on is told again."""
+        """Forget what was said: what is refused from here on is said again."""
         self._reasons = {key: True for key, is_new in self._reasons.items() if is_new}
 
     def flush(self, time: float) -> None:
@@ -274,7 +274,7 @@ class DataSocket(ExternSource, Sink):
             self._velocity.expire(time)
 
     def _drain(self, time: float) -> list[_Sample]:
-        """The newest sample of each producer and topic, in the order in which their producers came first."""
+        """Return the newest sample of each producer and topic, in the order in which their producers came first."""
         begun = monotonic_ns()
         newest: dict[bytes, tuple[bytes, int]] = {}
         count = 0
@@ -406,7 +406,7 @@ class DataSocket(ExternSource, Sink):
             self.refusals.add(sample.producer, sample.topic, total - before)
 
     def status(self) -> dict[str, object]:
-        """What to tell beside ticks: owners, refusals since they last changed, and in all."""
+        """Return what to tell beside ticks: owners, refusals since they last changed, and in all."""
         return {
             "owners": dict(self._shown),
             "refused": list(self.refusals.lines),

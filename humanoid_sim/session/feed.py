@@ -145,7 +145,7 @@ class FeedWriter(Sink):
             self._publish_events()
 
     def encoded(self, record: TickRecord) -> bytes | None:
-        """The message of the latest tick, for a recorder that need not encode it again; None of any other one."""
+        """Give the message of the latest tick, for a recorder that need not encode it again; None of any other one."""
         return self._latest[1] if self._latest is not None and self._latest[0] is record else None
 
     def event(self, event: Event) -> None:

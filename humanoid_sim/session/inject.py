@@ -84,7 +84,7 @@ class Injector:
         return tuple(str(injection) for injection in self._pending)
 
     def policy(self, policy: Policy) -> Policy:
-        """The policy, answering NaN from the injected time on."""
+        """Return the policy, answering NaN from the injected time on."""
         if math.isinf(self._start["nan_policy"]):
             return policy
 
@@ -95,7 +95,7 @@ class Injector:
         return failing
 
     def safety(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
-        """The statuses, with an injected one while it lasts."""
+        """Return the statuses, with an injected one while it lasts."""
         now = self._clock()
         if not any(0.0 <= now - start < _PULSE for start in self._pulses):
             return statuses
@@ -106,15 +106,15 @@ class Injector:
         return (*statuses, injected)
 
     def remote(self, source: RemoteSource) -> RemoteSource:
-        """The source, silent from the injected time on."""
+        """Return the source, silent from the injected time on."""
         return _SilencedRemote(source, self) if math.isfinite(self._start["silent_remote"]) else source
 
     def silences(self) -> bool:
-        """Whether remote commands are silent from now on."""
+        """Return whether remote commands are silent from now on."""
         return self._takes_effect("silent_remote")
 
     def _takes_effect(self, kind: FaultKind) -> bool:
-        """Whether a fault has begun; it is no longer pending then."""
+        """Return whether a fault has begun; it is no longer pending then."""
         now = self._clock()
         if now < self._start[kind]:
             return False

@@ -45,7 +45,7 @@ def queue_length() -> int:
 
 
 def listening(path: Path) -> socket.socket:
-    """A non-blocking datagram socket at a path, for this user alone.
+    """Return a non-blocking datagram socket at a path, for this user alone.
 
     Raises:
         InputError: if it cannot be opened.
@@ -131,7 +131,7 @@ class IntentSocket(IntentSource, Sink):
         return intents
 
     def _understood(self, word: str, who: str, token: str, sender: str) -> Intent | None:
-        """The intent in a message; what is none is dealt with."""
+        """Return the intent in a message; what is none is dealt with."""
         asked = _Asked(None, token, sender)
         if word == REACTIVATE and self._reactivation is not None:
             self._reactivation.request()

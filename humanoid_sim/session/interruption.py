@@ -48,7 +48,7 @@ class Interruption(IntentSource):
         return (Intent.DAMP,) if damps else ()
 
     def beat(self) -> bool:
-        """A sign of life of the loop; whether it has stood still since the last one."""
+        """Return a sign of life of the loop; whether it has stood still since the last one."""
         now = self._clock()
         last, self._last = self._last, now
         limit = min(_LATE * self._period, self._longest) if self._continued else self._longest
@@ -63,7 +63,7 @@ class Interruption(IntentSource):
         return True
 
     def news(self) -> str:
-        """What to tell the operator since the last call; empty for nothing."""
+        """Return what to tell the operator since the last call; empty for nothing."""
         return self._news.popleft() if self._news else ""
 
     def refuse_suspension(self) -> None:
@@ -72,9 +72,9 @@ class Interruption(IntentSource):
         self._news.append("SIGTSTP (Ctrl-Z): a process that holds motors is not suspended; DAMPING instead")
 
     def note_continued(self) -> None:
-        """The process was told to continue: one missed tick is a standstill then."""
+        """Note that the process continues: one missed tick is a standstill then."""
         self._continued = True
 
     def restart(self) -> None:
-        """What has just happened was no part of the loop."""
+        """Start anew: what has just happened was not part of the loop."""
         self._last = None

@@ -80,13 +80,13 @@ class KeyReader:
 
 
 def _beside_a_sequence(text: str) -> list[str]:
-    """The DAMP keys of a text; where there is none, all of it as one key, which means nothing."""
+    """Return the DAMP keys of a text; where there is none, all of it as one key, which means nothing."""
     damps = [key for key in text.lower() if key in _DAMP_KEYS]
     return damps or ([f"{_ESCAPE}{text.removeprefix(_ESCAPE)}"] if text else [])
 
 
 def key_of(intent: Intent) -> str:
-    """The key of an intent, as operators call it."""
+    """Return the key of an intent, as operators call it."""
     key = next(key for key, meant in KEYS.items() if meant is intent)
     return "space" if key == " " else key
 
@@ -170,7 +170,7 @@ class Keyboard(IntentSource):
             termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
 
     def _is_in_foreground(self) -> bool:
-        """Whether the terminal's input is meant for this process; so is that of one that controls no process."""
+        """Return whether the terminal's input is meant for this process; so is that of one that controls no process."""
         try:
             return os.tcgetpgrp(self._fd) == os.getpgrp()
         except OSError:

@@ -67,7 +67,7 @@ class DurationHistogram:
         return float(min(_LOWEST * 10.0 ** ((bin_index + 1) / _PER_DECADE), self.max))
 
     def counts(self, edges: Sequence[float]) -> tuple[int, ...]:
-        """How many durations lie up to the first edge, between that and the second, …, and beyond the last.
+        """Return how many durations lie up to the first edge, between that and the second, …, and beyond the last.
 
         Args:
             edges: s, ascending; each is moved by less than 5 % to where two bins meet.

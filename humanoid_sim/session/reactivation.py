@@ -47,7 +47,7 @@ class Reactivation:
 
     @property
     def is_asked(self) -> bool:
-        """Whether a request waits."""
+        """Return whether a request waits."""
         return self._asked.is_set()
 
     def request(self) -> None:
@@ -76,14 +76,14 @@ class Reactivation:
 
 
 def reactivation_refusal(mode: Mode) -> str:
-    """Why it is refused in a mode; empty where it is granted."""
+    """Return why it is refused in a mode; empty where it is granted."""
     if mode in REACTIVABLE:
         return ""
     return f"REACTIVATE refused: requires {' or '.join(mode.name for mode in REACTIVABLE)}, mode is {mode.name}"
 
 
 def flattened(text: str) -> str:
-    """A message that lists what is wrong line by line, for where there is one line only."""
+    """Return a message that lists what is wrong line by line, for where there is one line only."""
     if not text:
         return ""
     first, *items = (line.strip() for line in text.splitlines())

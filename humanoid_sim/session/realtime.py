@@ -99,7 +99,7 @@ def _locked_memory(undo: contextlib.ExitStack) -> str:
 
 
 def _may_lock_everything() -> bool:
-    """Whether there is no limit to what this process may lock."""
+    """Return whether there is no limit to what this process may lock."""
     if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         return True
     try:

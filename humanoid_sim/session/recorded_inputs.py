@@ -61,7 +61,7 @@ class RecordedInputs:
         return None
 
     def _now(self) -> TickRecord | None:
-        """The recorded tick of this moment."""
+        """Return the recorded tick of this moment."""
         due = self._clock() + self._tolerance
         while self._next is not None and float(self._next.input.state.time) <= due:
             self._record, self._next = self._next, self._take()
@@ -74,7 +74,7 @@ class RecordedInputs:
         return self._is_ending or self._next is None
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """The recorded intents of this tick."""
+        """Return the recorded intents of this tick."""
         record = self._now()
         if record is None or self._is_asked or self._is_cancelled:
             return ()
@@ -82,14 +82,14 @@ class RecordedInputs:
         return record.input.intents
 
     def cancel(self) -> None:
-        """An operator has taken over: no further intents. Data stays as recorded."""
+        """Stop all further intents, for an operator has taken over. Data stays as recorded."""
         self._is_cancelled = True
 
     def note_safety(self, statuses: Sequence[SafetyStatus]) -> None:
-        """The recorded intents come whatever happens, as they did."""
+        """Ignore the safety: the recorded intents come whatever happens, as they did."""
 
     def latest(self) -> Mapping[str, Extern]:
-        """The recorded live inputs of this tick that the robot does not report itself."""
+        """Return the recorded live inputs of this tick that the robot does not report itself."""
         record = self._now()
         if record is None:
             return {}
@@ -98,17 +98,17 @@ class RecordedInputs:
         return {name: value for name, value in record.input.state.extern.items() if name not in left_out}
 
     def remote(self, inbox: RemoteSource) -> RemoteSource:
-        """The recorded remote commands, until one arrives by `inbox`."""
+        """Return the recorded remote commands, until one arrives by `inbox`."""
         return _Either(inbox, self)
 
     @property
     def recorded_remote(self) -> RemoteCommand | None:
-        """Of this tick."""
+        """Return the recorded command of this tick."""
         record = self._now()
         return None if record is None else record.input.remote
 
     def safety(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
-        """The robot's statuses, and the recorded ones of other sources."""
+        """Return the robot's statuses, and the recorded ones of other sources."""
         record = self._now() if self._repeats_safety else None
         if record is None or self._clock() > float(record.input.state.time) + self._tolerance:
             return statuses

@@ -100,7 +100,7 @@ class Script:
         return len(self._steps)
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """The intent that is due, if any: one per tick, so that each is decided on the result of the one before."""
+        """Get the intent that is due, if any: one per tick, so that each is decided on the result of the one before."""
         if output is not None and output.policy_step is not None:
             self._motion_over = output.policy_step.frame >= self.motion_frames - 1
         if output is not None and (output.faults or self._fell(output.control_mode.mode)):
@@ -184,7 +184,7 @@ class OverriddenScript:
         return self._script.finished and not self._taken_over
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """The operators' intents, else the script's."""
+        """Return the operators' intents, else the script's."""
         intents = [intent for source in self._operators for intent in source.poll(time, output)]
         starts_afresh = self._has_begun and output is None
         self._has_begun = self._has_begun or output is not None

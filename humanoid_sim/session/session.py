@@ -69,7 +69,7 @@ class SafetyFilter(Protocol):
     """Adds to what the robot reports."""
 
     def __call__(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
-        """The statuses that the supervisor sees."""
+        """Return the statuses that the supervisor sees."""
 
 
 def _unfiltered(statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
@@ -172,7 +172,7 @@ class Session:
 
     @property
     def is_ending(self) -> bool:
-        """Whether something has asked for the end."""
+        """Return whether something has asked for the end."""
         return bool(self._stop_reason)
 
     def event(self, text: str, kind: EventKind = EventKind.NOTE) -> None:

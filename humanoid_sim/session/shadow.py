@@ -149,7 +149,7 @@ class ShadowSink(WorkerSink):
             self._tell(Event(time, f"shadow policy: {text}"))
 
     def figures(self) -> dict[str, Any]:
-        """What became of it so far: for the feed's status and the final table; JSON."""
+        """Return what became of it so far: for the feed's status and the final table; JSON."""
         first = self.first_fault
         return {
             "policy": self._source,

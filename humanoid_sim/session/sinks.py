@@ -23,11 +23,11 @@ class Sink(Protocol):
     """Takes ticks and events; never makes the control thread wait. A subclass defines only what it needs."""
 
     def start(self, header: SessionHeader) -> None:
-        """Called once, before the first tick. Raises `InputError` if it cannot do its job."""
+        """Start, once, before the first tick. Raises `InputError` if it cannot do its job."""
         return
 
     def tick(self, record: TickRecord) -> None:
-        """Called on the control thread every tick."""
+        """Take in a tick, on the control thread."""
 
     def event(self, event: Event) -> None:
         """Something happened outside the ticks."""
@@ -44,7 +44,7 @@ class Sink(Protocol):
         return BACKLOG_LIMIT
 
     def close(self) -> None:
-        """Called once, after the last tick: deal with what is left, release files and threads. Never raises."""
+        """Deal with what is left after the last tick, release files and threads. Called once; never raises."""
         return
 
 
@@ -91,7 +91,7 @@ class SinkGroup:
                 self._drop(sink, error)
 
     def lags(self) -> bool:
-        """Whether a sink is so far behind that a run without deadlines waits for it."""
+        """Return whether a sink is so far behind that a run without deadlines waits for it."""
         return any(sink.backlog > sink.backlog_limit for sink in self._sinks)
 
     def _drop(self, sink: Sink, error: Exception) -> None:
@@ -153,7 +153,7 @@ class WorkerSink:
 
     @property
     def is_alive(self) -> bool:
-        """Whether the thread runs, or is stuck."""
+        """Return whether the thread runs, or is stuck."""
         return self._thread.is_alive()
 
     def close(self) -> None:
@@ -168,19 +168,19 @@ class WorkerSink:
             self._queue.clear()
 
     def handle_start(self, header: SessionHeader) -> None:
-        """Called before the first tick, on the caller's thread."""
+        """Start, before the first tick, on the caller's thread."""
 
     def handle_tick(self, record: TickRecord) -> None:
-        """Called for every tick, on the worker's thread."""
+        """Take in a tick, on the worker's thread."""
 
     def handle_event(self, event: Event) -> None:
-        """Called for every event, in order with the ticks."""
+        """Take in an event, in order with the ticks."""
 
     def handle_pause(self) -> None:
-        """Called each time the queue has been emptied."""
+        """Use the pause after the queue has been emptied."""
 
     def handle_close(self) -> None:
-        """Called after the last tick, on the worker's thread; on the caller's if the sink was never started."""
+        """Close after the last tick, on the worker's thread; on the caller's if the sink was never started."""
 
     def _work(self) -> None:
         while self.error is None:

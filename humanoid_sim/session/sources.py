@@ -29,7 +29,7 @@ class IntentSource(Protocol):
 
     @property
     def finished(self) -> bool:
-        """Whether this source wants the session to end; a source that never does need not say so."""
+        """Return whether this source wants the session to end; a source that never does need not say so."""
         return False
 
 
@@ -37,14 +37,14 @@ class RemoteSource(Protocol):
     """The way in for commands from outside the loop."""
 
     def latest(self) -> RemoteCommand | None:
-        """The latest accepted command, if there ever was one."""
+        """Return the latest accepted command, if there ever was one."""
 
 
 class ExternSource(Protocol):
     """Named live observation terms: piano keys, a velocity command."""
 
     def latest(self) -> Mapping[str, Extern]:
-        """The latest value of every term that was ever heard."""
+        """Return the latest value of every term that was ever heard."""
 
 
 class IntentQueue(IntentSource):
@@ -102,7 +102,7 @@ class RemoteInbox:
         self.accepted += 1
 
     def latest(self) -> RemoteCommand | None:
-        """The latest accepted command."""
+        """Return the latest accepted command."""
         return self._latest
 
 
@@ -111,7 +111,7 @@ _LONGEST_NAMES = 400
 
 
 def remote_problem(joint_names: Sequence[str], command: MITCommand, joints: tuple[str, ...]) -> str:
-    """What keeps a command from outside from being accepted; else ''.
+    """Return what keeps a command from outside from being accepted; else ''.
 
     Args:
         joint_names: as it came with.
@@ -176,7 +176,7 @@ def parse_velocity(text: str, ranges: FloatArray | None) -> FloatArray:
 
 
 def velocity_numbers(text: str) -> list[float]:
-    """The three numbers of `vx,vy,wz`, whatever a policy knows.
+    """Return the three numbers of `vx,vy,wz`, whatever a policy knows.
 
     Raises:
         InputError: if there are not three finite numbers.
@@ -228,7 +228,7 @@ class VelocityCommand:
         return self._extern[VELOCITY_COMMAND].value
 
     def latest(self) -> Mapping[str, Extern]:
-        """The command. One that was set here never grows too old."""
+        """Return the command. One that was set here never grows too old."""
         return self._extern if self.is_observed else {}
 
     def begin(self, command: FloatArray, ranges: FloatArray | None = None, *, is_observed: bool = True) -> None:

@@ -18,7 +18,7 @@ class BoundedTelling:
         self._left, self._refilled = float(_MOST_LINES), -math.inf
 
     def __call__(self, text: str) -> bool:
-        """Whether the line was told."""
+        """Return whether the line was told."""
         time = self._clock()
         if time > self._refilled:
             self._left = min(self._left + (time - self._refilled) * _MOST_LINES, _MOST_LINES)

@@ -24,7 +24,7 @@ _TOUCHING = -1e-3
 
 
 def check_pose_problems(description: RobotDescription) -> Iterator[str]:
-    """What is wrong with the check poses of a robot, as `check_poses[0]: what is wrong`.
+    """Yield what is wrong with the check poses of a robot, as `check_poses[0]: what is wrong`.
 
     With any one joint mirrored, or off by `OFFSET` either way, each joint that a pose moves stays within its limits,
     and no parts of the robot touch, on the way either, that do not touch in STANDBY with the same fault. A joint that

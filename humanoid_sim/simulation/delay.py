@@ -38,7 +38,7 @@ class DelayLine(Generic[T]):
 
 
 def delay_steps(name: str, delay: float, physics_timestep: float) -> int:
-    """A delay in physics steps; both times in s.
+    """Return a delay in physics steps; both times in s.
 
     Raises:
         InputError: negative, longer than `LONGEST_DELAY`, or not a multiple of the physics step; the message names the

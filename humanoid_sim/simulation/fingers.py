@@ -120,7 +120,7 @@ class Fingers:
         return np.flatnonzero(np.isin(owners, chain))
 
     def strike_point(self, key: Key, pressed: float = 0.0) -> FloatArray:
-        """Where on a key's surface its finger strikes: shape (3,), m, world frame.
+        """Return where on a key's surface its finger strikes: shape (3,), m, world frame.
 
         Args:
             key: of `keys`.
@@ -132,20 +132,20 @@ class Fingers:
         return place
 
     def tip_above(self, key: Key, height: float, pressed: float = 0.0) -> FloatArray:
-        """Where the middle of the round tip is, `height` m above the key's surface: shape (3,), m, world frame."""
+        """Give where the middle of the round tip is, `height` m above the key's surface: shape (3,), m, world frame."""
         tip = self.strike_point(key, pressed)
         tip[2] += self.settings.finger_radius + height
         return tip
 
     def tip_lifted(self, key: Key) -> FloatArray:
-        """Where the tip is on the way to other keys: shape (3,), m, world frame. A straight line over all keys."""
+        """Give where the tip is on the way to other keys: shape (3,), m, world frame. A straight line over all keys."""
         ends = [key.box.position[0] + key.box.size[0] - _FROM_EDGE[key.is_white] for key in self.keys[:2]]
         height = LIFT + self.settings.finger_radius
         place: FloatArray = self._origin + self._axes @ [0.5 * sum(ends), key.box.position[1], height]
         return place
 
     def solve(self, hand: int, tip: FloatArray, start: FloatArray | None = None) -> FloatArray:
-        """The arm's pose, shape (7,), rad, that brings the middle of the tip as near to a place as it gets.
+        """Return the arm's pose, shape (7,), rad, that brings the middle of the tip as near to a place as it gets.
 
         Args:
             hand: of `HANDS`.
@@ -170,7 +170,7 @@ class Fingers:
         return q
 
     def place(self, hand: int, arm_position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Of an arm's pose, shape (7,), rad: the middle of the tip, m, and the finger's direction, both (3,), world."""
+        """Return the middle of the tip, m, and the finger's direction, both (3,), world, in an arm's pose (7,), rad."""
         data = self._data
         data.qpos[self._joints.qpos[self.arms[hand]]] = arm_position
         mujoco.mj_kinematics(self._model, data)
@@ -198,7 +198,7 @@ class Fingers:
         return figures.stiffness * (pressed * key.upper - figures.spring_reference) / (x - key.hinge)
 
     def strike(self, hand: int, key: Key) -> Strike | None:
-        """How a hand plays a key.
+        """Return how a hand plays a key.
 
         None where it cannot reach it, touches anything else, or comes close to a joint's limit.
         """
@@ -214,7 +214,7 @@ class Fingers:
         return Strike(lifted, above, touched, pressed)
 
     def reachable(self, hand: int, keys: Collection[int] = range(KEY_COUNT)) -> Mapping[int, Strike]:
-        """Of some keys those that a hand can strike, and how: the longest run without a gap."""
+        """Return those of some keys that a hand can strike, and how: the longest run without a gap."""
         longest: dict[int, Strike] = {}
         run: dict[int, Strike] = {}
         for key in self.keys:
@@ -232,7 +232,7 @@ class Fingers:
         return bool(inside and is_there and not self.touched(hand, pose, key, share))
 
     def touched(self, hand: int, pose: FloatArray, key: Key, share: float = 0.0) -> list[str]:
-        """What an arm in a pose overlaps with, beside the finger with its key, pressed by a share of its travel.
+        """Return what an arm in a pose overlaps with, beside the finger with its key, pressed by a share of its travel.
 
         The other arm is in its ready pose.
         """

@@ -108,7 +108,7 @@ def add_support(spec: mujoco.MjSpec, body: str) -> None:
 
 
 def base_addresses(model: mujoco.MjModel, description: RobotDescription) -> tuple[slice, slice, slice, slice]:
-    """Where a floating base is in MuJoCo's arrays.
+    """Return where a floating base is in MuJoCo's arrays.
 
     Position and orientation in `qpos`, m and w x y z, world frame; in `qvel` linear velocity, m/s, world frame, and
     angular velocity, rad/s, base frame.
@@ -251,7 +251,7 @@ class FloatingBase:
             self.hold(data)
 
     def is_held(self, data: mujoco.MjData) -> bool:
-        """Whether the support holds the base."""
+        """Return whether the support holds the base."""
         return bool(data.eq_active[self._weld])
 
     def hold(self, data: mujoco.MjData) -> None:
@@ -296,7 +296,7 @@ class Supported(Protocol):
 
     @property
     def supported(self) -> bool:
-        """Whether the support holds the base."""
+        """Return whether the support holds the base."""
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Let the support take the base where it now is, or let the base go.

@@ -59,7 +59,7 @@ class GravityLevers:
         self._friction = np.maximum(settings.friction, model.dof_frictionloss[self._addresses.dof])
 
     def _parent(self, k: int, order: list[tuple[int, int]]) -> int:
-        """The described joint next towards the base, -1 for none."""
+        """Return the described joint next towards the base, -1 for none."""
         chain = _bodies_above(self._model, int(self._model.jnt_bodyid[self._ids[k]]))
         above = [
             (place, j)
@@ -138,13 +138,13 @@ class LeverSamples:
 
 
 def _about(axis: FloatArray, moment: FloatArray) -> FloatArray:
-    """The vertical force's torque about axes, shape (...)."""
+    """Return the vertical force's torque about axes, shape (...)."""
     torque: FloatArray = axis[..., 0] * moment[..., 1] - axis[..., 1] * moment[..., 0]
     return torque
 
 
 def _bodies_above(model: mujoco.MjModel, body: int) -> set[int]:
-    """A body and all that carry it, but for the world."""
+    """Return a body and all that carry it, but for the world."""
     chain = set()
     while body:
         chain.add(body)

@@ -58,7 +58,7 @@ class PianoKeys:
         self._part_of_geom[self._key_of_geom >= 0] = _KEY
 
     def pressed(self, qpos: FloatArray) -> FloatArray:
-        """Which keys sound: 1 where one is beyond 0.70 of its travel, strictly, else 0.
+        """Return which keys sound: 1 where one is beyond 0.70 of its travel, strictly, else 0.
 
         Args:
             qpos: shape (..., nq), MuJoCo's generalised position.
@@ -89,7 +89,7 @@ class PianoKeys:
         return force
 
     def other_contacts(self, model: mujoco.MjModel, data: mujoco.MjData) -> frozenset[tuple[int, int]]:
-        """What touches in the latest physics step, beside hands with keys: pairs of the bodies' ids, smaller first.
+        """Say what touches in the latest physics step, beside hands with keys: pairs of the bodies' ids, smaller first.
 
         Args:
             model: that was given.
@@ -111,7 +111,7 @@ _OTHER, _KEY, _HAND = 0, 1, 4
 def hardest_touch(
     keys: PianoKeys, model: mujoco.MjModel, data: mujoco.MjData, time: float, before: Touch | None
 ) -> Touch | None:
-    """The hardest touch of the latest physics step, or the one before if that was as hard; None for none so far.
+    """Return the hardest touch of the latest physics step, or the one before if that was as hard; None for none so far.
 
     Args:
         keys: of the model.

@@ -42,7 +42,7 @@ def build_model(
     terrain: Terrain | None = None,
     edit: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> mujoco.MjModel:
-    """The robot in a room, ready for the MIT law.
+    """Return the robot in a room, ready for the MIT law.
 
     The MJCF loses its own actuators, the sensors tied to them, and its keyframes: they would fight the law, or no
     longer fit. Joint and effort limits are the description's, which also says whether joints keep damping of their own.
@@ -92,7 +92,7 @@ def build_model(
 
 
 def model_bytes(model: mujoco.MjModel) -> bytes:
-    """The compiled model as MuJoCo stores it (`.mjb`), for the same version of MuJoCo to load."""
+    """Return the compiled model as MuJoCo stores it (`.mjb`), for the same version of MuJoCo to load."""
     buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, buffer)
     return buffer.tobytes()

@@ -170,7 +170,7 @@ class MujocoRobot:
 
     @property
     def description(self) -> RobotDescription:
-        """What this robot was built from."""
+        """Return what this robot was built from."""
         return self._description
 
     @property
@@ -205,7 +205,7 @@ class MujocoRobot:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What an operator should know about this simulation, one line each: gains that are close to unstable."""
+        """Say what an operator should know about this simulation, one line each: gains that are close to unstable."""
         return self._warnings
 
     @property
@@ -220,7 +220,7 @@ class MujocoRobot:
 
     @property
     def supported(self) -> bool:
-        """Whether the support holds a floating base; a fixed base never needs one."""
+        """Return whether the support holds a floating base; a fixed base never needs one."""
         return self._base is not None and self._base.is_held(self._plant.data)
 
     @property
@@ -231,7 +231,7 @@ class MujocoRobot:
 
     @property
     def hardest_touch(self) -> Touch | None:
-        """How hard a key of its piano was touched since `forget_touches`, at most; None for not at all.
+        """Return how hard a key of its piano was touched since `forget_touches`, at most; None for not at all.
 
         Of every physics step, or, of the implicit plant, of the last one in each control period.
         """
@@ -239,7 +239,7 @@ class MujocoRobot:
 
     @property
     def other_contacts(self) -> tuple[str, ...]:
-        """What has touched, beside a hand with a key of its piano, since `forget_touches`: `a and b`, two bodies.
+        """Say what has touched, beside a hand with a key of its piano, since `forget_touches`: `a and b`, two bodies.
 
         Of the same physics steps as `hardest_touch`.
         """
@@ -336,7 +336,7 @@ class MujocoRobot:
         self._body_line.restart(self._step, self._body_sample())
 
     def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
-        """The state as it is seen at the present simulation time, and the simulator's safety status.
+        """Return the state as it is seen at the present simulation time, and the simulator's safety status.
 
         Reading twice gives the same state.
         """
@@ -410,7 +410,7 @@ class MujocoRobot:
 
     @property
     def is_closed(self) -> bool:
-        """Whether `close` was called."""
+        """Return whether `close` was called."""
         return self._is_closed
 
     def close(self) -> None:
@@ -428,7 +428,7 @@ class MujocoRobot:
                 self._contacts |= self._keys.other_contacts(self._plant.model, self._plant.data)
 
     def _arrive(self) -> None:
-        """The command written `command_delay` ago reaches the motors, which may answer."""
+        """Let the command written `command_delay` ago reach the motors, which may answer."""
         if len(self._pending) > self._whole_periods_late:
             self._plant.apply(self._pending.popleft())
             if not self._samples_now:

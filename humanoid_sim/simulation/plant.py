@@ -93,7 +93,7 @@ class Plant(ABC):
         self.acceleration /= self.model.opt.timestep
 
     def snapshot(self) -> dict[str, Any]:
-        """A copy of all that later steps depend on, for `restore` of a plant that was built alike."""
+        """Return a copy of all that later steps depend on, for `restore` of a plant that was built alike."""
         return {
             "data": copy.copy(self.data),
             "acceleration": self.acceleration.copy(),
@@ -130,7 +130,7 @@ class Plant(ABC):
         self.data.qpos[self._qpos_index] = self._initial_position
 
     def fault(self) -> str:
-        """What is wrong with the simulation, naming the quantity that went wrong first; empty if it is sound."""
+        """Return what is wrong with the simulation, naming the quantity that went wrong first; empty if it is sound."""
         first, count = "", 0
         for quantity, warning in self._warnings:
             if warning.number > count:  # it has been warned of for the most steps
@@ -260,7 +260,7 @@ def check_actuation(value: object, accepted: Sequence[str] = get_args(Actuation)
 
 
 def timestep_of(description: RobotDescription, actuation: Actuation, given: float | None = None) -> float:
-    """The physics step in s: what was given, or else what suits robot and plant."""
+    """Return the physics step in s: what was given, or else what suits robot and plant."""
     own = description.simulation.physics_timestep
     if given is not None:
         return given

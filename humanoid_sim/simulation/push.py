@@ -54,7 +54,7 @@ def parse_pushes(texts: Sequence[str]) -> tuple[Push, ...]:
 
 
 def push_wrench(velocity: npt.ArrayLike, mass: float) -> FloatArray:
-    """What acts on the base meanwhile, shape (..., 6), N and N·m, at its centre of mass, world frame.
+    """Return what acts on the base meanwhile, shape (..., 6), N and N·m, at its centre of mass, world frame.
 
     Args:
         velocity: shape (..., 2), m/s, world frame, by which the push speeds the whole robot up.

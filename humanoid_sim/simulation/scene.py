@@ -165,7 +165,7 @@ def add_floor(
 
 
 def _add_lights(spec: mujoco.MjSpec, center: FloatArray, extent: float) -> None:
-    """A key light from the front left, which casts shadows, and a weak fill from the right."""
+    """Add a key light from the front left, which casts shadows, and a weak fill from the right."""
     for name, offset, strength, shadow in (
         ("key", np.array([1.2, 1.0, 2.4]), 0.55, True),
         ("fill", np.array([0.9, -1.6, 1.2]), 0.22, False),
@@ -196,7 +196,7 @@ def _looking_back(azimuth: float, elevation: float) -> FloatArray:
 def _add_camera(
     spec: mujoco.MjSpec, name: str, bare: mujoco.MjModel, body: int, position: FloatArray, rotation: FloatArray
 ) -> None:
-    """A camera at a pose of the world frame, fixed there (body 0), or keeping its distance from a body."""
+    """Add a camera at a pose of the world frame, fixed there (body 0), or keeping its distance from a body."""
     owner, mode = spec.worldbody, mujoco.mjtCamLight.mjCAMLIGHT_FIXED
     if body:
         data = mujoco.MjData(bare)

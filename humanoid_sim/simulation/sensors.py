@@ -67,7 +67,7 @@ class Imu:
             self.constant = ImuSample(quaternion, np.zeros(3), -rotation.T @ model.opt.gravity)
 
     def read(self, data: mujoco.MjData, acceleration: FloatArray | None = None) -> ImuSample:
-        """The reading at the data's present `qpos` and `qvel`.
+        """Return the reading at the data's present `qpos` and `qvel`.
 
         Args:
             data: of the model.
@@ -90,7 +90,7 @@ class Imu:
         return ImuSample(quaternion, angular_velocity, twist[3:].copy())
 
     def _orientation(self) -> tuple[FloatArray, FloatArray]:
-        """The frame's orientation in the world: quaternion (4,) w x y z, and rotation matrix (3, 3)."""
+        """Return the frame's orientation in the world: quaternion (4,) w x y z, and rotation matrix (3, 3)."""
         matrices = self._data.site_xmat if self._object == mujoco.mjtObj.mjOBJ_SITE else self._data.xmat
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, matrices[self._id])
@@ -198,7 +198,7 @@ class BodySensors:
         self._scanner = None if height_scan is None else HeightScanner(model, description, height_scan)
 
     def read(self, data: mujoco.MjData, acceleration: FloatArray | None = None) -> BodySample:
-        """The reading at the data's present `qpos` and `qvel`; the acceleration is as `Imu.read` takes it."""
+        """Return the reading at the data's present `qpos` and `qvel`; the acceleration is as `Imu.read` takes it."""
         live = {}
         if self._base_velocity is not None:
             live[BASE_LINEAR_VELOCITY] = data.qvel[self._base_velocity].copy()

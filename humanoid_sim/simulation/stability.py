@@ -102,7 +102,7 @@ class DampingStability:
         return DampingMeasure(self._timestep * float(values[worst, -1]), self._description.joint_names[joint])
 
     def exceeds(self, damping: npt.ArrayLike, limit: float) -> bool:
-        """Whether the eigenvalue under a K_d, as `measure` takes it, is above a limit.
+        """Return whether the eigenvalue under a K_d, as `measure` takes it, is above a limit.
 
         The entries bound it, and most often tell: the linear algebra of small matrices waits for threads of its own,
         which takes 50 times as long where the processors are busy.
@@ -117,7 +117,7 @@ class DampingStability:
         return bool((self._timestep * values > limit).any())
 
     def _symmetric(self, damping: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Of each pose √K_d M⁻¹ √K_d, which is symmetric and has the eigenvalues of M⁻¹ K_d."""
+        """Return √K_d M⁻¹ √K_d of each pose, which is symmetric and has the eigenvalues of M⁻¹ K_d."""
         root = np.sqrt(np.broadcast_to(np.asarray(damping, dtype=np.float64), (self._description.joint_count,)))
         with np.errstate(over="ignore", invalid="ignore"):
             symmetric: npt.NDArray[np.float64] = root[:, None] * self._inverse_mass * root
@@ -136,7 +136,7 @@ class DampingStability:
         return DampingMeasure(turned, self._description.joint_names[joint])
 
     def suits(self, damping: npt.ArrayLike, stiffness: npt.ArrayLike, limit: float) -> bool:
-        """Whether gains, as `check` takes them, stay below a limit of what is unstable above `REFUSED_ABOVE`."""
+        """Return whether gains, as `check` takes them, stay below a limit of what is unstable above `REFUSED_ABOVE`."""
         if self.is_implicit:
             return self.measure_stiffness(stiffness, damping).eigenvalue <= limit
         return not self.exceeds(damping, limit)
@@ -192,7 +192,7 @@ class DampingStability:
         )
 
     def check_description(self) -> tuple[str, ...]:
-        """The warnings about all the description's own gains.
+        """Return the warnings about all the description's own gains.
 
         Raises:
             InputError: as `check`.

@@ -122,7 +122,7 @@ _FLOOR_GROUP: npt.NDArray[np.uint8] = np.array([1, 0, 0, 0, 0, 0], dtype=np.uint
 
 
 def _floor_alone(model: mujoco.MjModel, geoms: list[int]) -> mujoco.MjModel:
-    """A model of which a ray of `_FLOOR_GROUP` hits these geoms only: however they look, and planes everywhere."""
+    """Give a model of which a ray of `_FLOOR_GROUP` hits these geoms only: however they look, and planes everywhere."""
     model = copy.copy(model)
     model.geom_group[:] = 1
     model.geom_group[geoms] = 0
@@ -137,7 +137,7 @@ class CentreOfMass:
     """Where the centre of mass of a robot is at any pose. Keeps its own `MjData`; not thread-safe."""
 
     def __init__(self, model: mujoco.MjModel, body: str) -> None:
-        """Of `body` and all that hangs on it."""
+        """Find the geoms of `body` and of all that hangs on it."""
         self._model, self._data = model, mujoco.MjData(model)
         self._body = int(model.body(body).id)
 

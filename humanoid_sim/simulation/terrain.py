@@ -89,7 +89,7 @@ class Terrain:
 
     @classmethod
     def of(cls, value: Terrain | Mapping[str, Any] | str | None) -> Terrain | None:
-        """The terrain itself, one with these fields, or of that kind; None for flat ground.
+        """Return the terrain itself, one with these fields, or of that kind; None for flat ground.
 
         Raises:
             InputError: there is no such kind or field, or it is not what it should be.
@@ -113,7 +113,7 @@ class Terrain:
 
     @property
     def _cells(self) -> int:
-        """Of a tile's side."""
+        """Return the number of cells along a tile's side."""
         return max(round(self.tile / self.resolution), 1)
 
     def _tile(self, level: int, variant: int) -> FloatArray:

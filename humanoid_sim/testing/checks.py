@@ -47,7 +47,7 @@ def require(holds: bool, message: str, *values: object) -> None:
 
 
 def fingerprint(value: Any) -> Any:
-    """A value that is equal for two things exactly when every bit of them is: -0.0 is not 0.0, NaN equals itself.
+    """Give a value that is equal for two things exactly when every bit of them is: -0.0 is not 0.0, NaN equals itself.
 
     Looks into dataclasses, arrays, sequences and mappings; everything else is told apart by its type and `repr`.
     """
@@ -192,7 +192,7 @@ class RemoteWatch:
         self._newest, self._age = None, math.inf
 
     def check(self, given: TickInput, command: MITCommand) -> None:
-        """The command in REMOTE is the newest one while it is fresh, or the passive hold."""
+        """Check that the command in REMOTE is the newest one while it is fresh, or the passive hold."""
         if self._controller is None:
             return
         position = given.state.joint_position
@@ -237,7 +237,7 @@ class GuardWatch:
         return other
 
     def check(self, given: TickInput, command: MITCommand, *, moves: bool, elapsed: float) -> None:
-        """The tick's command, in a mode that moves or not; `elapsed` s since the tick before."""
+        """Check the tick's command, in a mode that moves or not; `elapsed` s since the tick before."""
         guards, position = self._guards, given.state.joint_position
         if guards is None or not moves or position.shape != guards.lower.shape:
             self._ticks = []
@@ -270,7 +270,7 @@ class GuardWatch:
                 require(False, "{} should have tripped the {} guard {:g} s ago", who, name, _LONGEST_STEP)
 
     def _since(self, time: float) -> list[tuple[float, FloatArray, npt.NDArray[np.bool_]]]:
-        """The ticks of the last `time` s; none if there are not so many."""
+        """Return the ticks of the last `time` s; none if there are not so many."""
         total = 0.0
         for i in range(len(self._ticks) - 1, -1, -1):
             if total > time:
@@ -280,7 +280,7 @@ class GuardWatch:
 
 
 def _ramp(controller: StandbyController, command: MITCommand) -> float:
-    """The share of its target that the largest gain has reached; 1 where all targets are 0."""
+    """Return the share of its target that the largest gain has reached; 1 where all targets are 0."""
     targets = np.concatenate([controller.target_stiffness, controller.target_damping])
     i = int(np.argmax(targets))
     if targets[i] == 0.0:

@@ -66,7 +66,7 @@ class StackDriver(RuleBasedStateMachine):
         raise NotImplementedError(f"{type(self).__name__}.build is not defined: it must return the stack under test")
 
     def check(self, given: TickInput, output: TickOutput) -> None:
-        """What must hold in every tick; raise to report a violation."""
+        """Check what must hold in every tick; raise to report a violation."""
         self.properties.check(given, output)
 
     def __init__(self) -> None:
@@ -135,7 +135,7 @@ class StackDriver(RuleBasedStateMachine):
         return output
 
     def _is_valid(self, remote: RemoteCommand | None) -> bool:
-        """Whether a healthy robot can do what a remote command asks, without pressing against its stops."""
+        """Return whether a healthy robot can do what a remote command asks, without pressing against its stops."""
         if remote is None or command_problem(remote.command, self.stack.joints):
             return remote is None
         if self.guards is None:
@@ -194,7 +194,7 @@ class StackDriver(RuleBasedStateMachine):
         return self._walk(pose) if begin is None else self._begin(pose, begin)
 
     def _walk(self, pose: Intent, impatient: Intent | None = None) -> bool:
-        """Whether there is such a pose; then it was reached."""
+        """Return whether there is such a pose; then it was reached."""
         self.tick(Intent.DAMP)
         output = self.tick(pose)
         if _TARGETS[pose] not in self.stack.controllers:
@@ -212,7 +212,7 @@ class StackDriver(RuleBasedStateMachine):
         return True
 
     def _begin(self, pose: Intent, begin: Intent) -> bool:
-        """Whether there is such a controller; then it is in control."""
+        """Return whether there is such a controller; then it is in control."""
         if not self._walk(pose):
             return False
         output = self.tick(begin)
@@ -224,10 +224,10 @@ class StackDriver(RuleBasedStateMachine):
         return True
 
     def broken(self, error: AssertionError) -> None:
-        """Called when a run breaks a property, before Hypothesis looks for a shorter one that does."""
+        """Note that a run breaks a property, before Hypothesis looks for a shorter one that does."""
 
     def teardown(self) -> None:
-        """A whole run repeated from its inputs on a new stack is the same, bit for bit."""
+        """Check that a whole run repeated from its inputs on a new stack is the same, bit for bit."""
         error = sys.exception()
         if isinstance(error, AssertionError):
             self.broken(error)

@@ -267,7 +267,7 @@ def every_report_and_intent(machine_type: type[StackMachine]) -> None:
 
 
 def _modes(machine_type: type[StackMachine]) -> Iterator[tuple[StackMachine, str]]:
-    """A machine in each mode that the stack has, and how it came there."""
+    """Yield a machine in each mode that the stack has, and how it came there."""
     for way in _WAYS:
         name = ", ".join(intent.name for intent in way) or "the start"
         machine = machine_type()

@@ -33,7 +33,7 @@ def healthy_externs(widths: Mapping[str, int], time: float) -> dict[str, Extern]
 def healthy_state(
     position: Sequence[float] | FloatArray, time: float = 0.0, externs: Mapping[str, int] = _NONE
 ) -> MITState:
-    """A robot at rest and upright at `time` s.
+    """Return a robot at rest and upright at `time` s.
 
     Args:
         position: rad, joint frame, one per joint.

@@ -63,7 +63,7 @@ class StackMachine(StackDriver):
     @classmethod
     @cache  # settings are kept on it
     def _to_test_case(cls) -> Any:
-        """What `TestCase` is: Hypothesis's, which shrinks for no longer than it may."""
+        """Return what `TestCase` is: Hypothesis's, which shrinks for no longer than it may."""
         whole: Any = super()._to_test_case()
 
         class Test(whole):  # type: ignore[misc]
@@ -114,7 +114,7 @@ class StackMachine(StackDriver):
 
     @rule(pose=_POSES, good=st.integers(0, 10), answer=_ANSWERS)
     def a_policy_session(self, pose: Intent, good: int, answer: str) -> None:
-        """A policy that behaves for a while, and then as `answer` says."""
+        """Begin with a policy that behaves for a while, and then as `answer` says."""
         if not self._begin(pose, Intent.START_LOCOMOTION):
             return
         for _ in range(good):
@@ -133,7 +133,7 @@ class StackMachine(StackDriver):
 
     @rule(data=st.data())
     def move(self, data: DataObject) -> None:
-        """The healthy robot moves."""
+        """Move the healthy robot."""
         self.time += self.period
         externs = healthy_externs(self.externs, self.time)
         self.feed(TickInput(data.draw(healthy_states(self.joint_count, self.time, externs)), remote=self.remote))
@@ -143,7 +143,7 @@ class StackMachine(StackDriver):
     @precondition(lambda self: self.memory.controller == RL)
     @rule(answer=_ANSWERS, ticks=st.integers(1, 3))
     def the_policy_misbehaves(self, answer: str, ticks: int) -> None:
-        """The policy answers what it must not."""
+        """Let the policy answer what it must not."""
         for _ in range(ticks):
             self.time += self.period
             self.feed(self._healthy(remote=self.remote), answer)

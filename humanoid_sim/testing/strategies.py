@@ -159,7 +159,7 @@ def intents() -> SearchStrategy[tuple[Intent, ...]]:
 
 @cache
 def button_readings(count: int) -> SearchStrategy[tuple[bool, ...]]:
-    """What a gamepad of `count` buttons reports: none, some or all of them held down."""
+    """Return what a gamepad of `count` buttons reports: none, some or all of them held down."""
     held = st.sets(st.integers(0, count - 1), max_size=4) | st.just(set(range(count)))
     return held.map(lambda down: tuple(i in down for i in range(count)))
 
@@ -178,7 +178,7 @@ def valid_commands(n: int) -> SearchStrategy[MITCommand]:
 
 
 def any_remote_commands(n: int, time: float) -> SearchStrategy[RemoteCommand]:
-    """Valid, broken and wrongly sized commands, stamped around `time` s or anywhere."""
+    """Return valid, broken and wrongly sized commands, stamped around `time` s or anywhere."""
     stamps = st.sampled_from([time, time - 0.05, time - 1.0, time + 0.01, time + 100.0]) | any_numbers()
     return st.builds(RemoteCommand, command=_all_commands(n), arrival_time=stamps)
 

@@ -107,7 +107,7 @@ def vector_step(repetitions: int) -> list[Row]:
 
 
 def piano_scene(repetitions: int) -> list[Row]:
-    """A physics step of the Lite at a piano over one without; and its vector environment over bare rollouts."""
+    """Return a physics step of the Lite at a piano over one without; and its vector environment over bare rollouts."""
     with_keys, without = _Physics("lite_piano"), _Physics("lite")
 
     def describe(ours: float, bare: float) -> str:
@@ -234,7 +234,7 @@ class _OnGround:
 
 
 def regress_speed(repetitions: int) -> list[Row]:
-    """The sample policy over a suite: inference, disturbances, measures and judging included.
+    """Return the sample policy over a suite: inference, disturbances, measures and judging included.
 
     The robots differ as the suite has it, except for the delay of their commands, which the bare physics
     lacks. What is built once per case is left out on both sides.

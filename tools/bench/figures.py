@@ -81,7 +81,7 @@ def _hardware_loop(repetitions: int) -> list[Row]:  # noqa: ARG001 - the signatu
 
 
 def _minute() -> dict[str, Any]:
-    """The summary of a run in a process and a folder of its own."""
+    """Return the summary of a run in a process and a folder of its own."""
     with tempfile.TemporaryDirectory() as folder:
         options = ("--hardware", "virtual:bench", "--allow-script", "--script", _SCRIPT, "--duration", f"{_SECONDS:g}")
         outputs = ("--viewer", "none", "--record", "r.mcap", "--summary", "s.json")

@@ -122,7 +122,7 @@ def control_tick(repetitions: int) -> list[Row]:
 
 
 def recorder_cost(repetitions: int) -> list[Row]:
-    """What recording adds to a control tick, the writer's own thread included."""
+    """Return what recording adds to a control tick, the writer's own thread included."""
     with _rig(record=True) as recorded, _rig(record=False) as silent:
         pairs = [(seconds(recorded.block), seconds(silent.block)) for _ in range(repetitions + 1)][1:]
     return [row_of("recording, per tick", [1e6 * (a - b) / _BLOCK for a, b in pairs], "µs")]
@@ -155,7 +155,7 @@ class _Kept(Sink):
 
 
 def supervisor_step(repetitions: int) -> list[Row]:
-    """The pure stack alone, in every mode that a policy run passes through."""
+    """Return the pure stack alone, in every mode that a policy run passes through."""
     with _rig(record=False) as rig:
         state, safety = rig.robot.read()
         tick_input = TickInput(state, safety)
@@ -180,7 +180,7 @@ def supervisor_step(repetitions: int) -> list[Row]:
 
 
 def real_time_factor(repetitions: int) -> list[Row]:
-    """How much faster than real time `play` simulates, publishes and records."""
+    """Return how much faster than real time `play` simulates, publishes and records."""
     with _rig(record=True, publish=True) as rig:
         factors = [_BLOCK * rig.robot.control_period / seconds(rig.block) for _ in range(repetitions + 1)]
     return [row_of("play, times real time", factors, "×")]
@@ -225,7 +225,7 @@ def environment_step(repetitions: int) -> list[Row]:
 
 
 def _episode(env: gymnasium.Env[Any, Any], single: PolicyEnv) -> tuple[list[Any], list[Any]]:
-    """The actions of the sample policy, and what the actuators are told in each step."""
+    """Return the actions of the sample policy, and what the actuators are told in each step."""
     observation, info = env.reset(seed=0)
     actions, controls = [], []
     for _ in range(_STEPS):

@@ -30,7 +30,7 @@ class Row:
 
     @property
     def is_met(self) -> bool:
-        """Whether the value is within its target."""
+        """Return whether the value is within its target."""
         if self.target is None:
             return True
         return self.value >= self.target if self.at_least else self.value <= self.target
@@ -44,7 +44,7 @@ def seconds(action: Callable[[], object]) -> float:
 
 
 def row_of(name: str, values: Iterable[float], unit: str) -> Row:
-    """A row without a target, of repeated measurements."""
+    """Return a row without a target, of repeated measurements."""
     ordered = sorted(values)
     return Row(name, ordered[len(ordered) // 2], unit, ordered[0], ordered[-1])
 

@@ -52,7 +52,7 @@ def both_arms(left: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def arm_joints(joints: FloatArray) -> FloatArray:
-    """The inverse of `both_arms`: (..., 14) to (..., 2, 7), both as left arms."""
+    """Return the inverse of `both_arms`: (..., 14) to (..., 2, 7), both as left arms."""
     arms = joints.reshape(*joints.shape[:-1], 2, ARM_JOINTS)
     left: FloatArray = arms * np.stack([np.ones(ARM_JOINTS), JOINT_SIGN])
     return left

@@ -44,7 +44,7 @@ _LOST = 20.0
 
 
 def linearise(mass: FloatArray, stiffness: FloatArray, damping: FloatArray, period: float) -> tuple[Tensor, Tensor]:
-    """The error dynamics over `period` seconds: A (F, 14, 14) and B (F, 14, 7).
+    """Return the error dynamics over `period` seconds: A (F, 14, 14) and B (F, 14, 7).
 
     Args:
         mass: shape (F, 7, 7), kg·m².
@@ -189,7 +189,7 @@ class ClosedLoop:
         self._noise[arms] = self._sometimes(0.6, self._uniform(count, 1))
 
     def _sometimes(self, share: float, values: Tensor) -> Tensor:
-        """Of values (k, ...) a random share of the rows; zeros for the others."""
+        """Return a random share of the rows of values (k, ...); zeros for the others."""
         return torch.where(self._uniform(len(values), 1) < share, values, 0.0)
 
     def _uniform(self, *shape: int) -> Tensor:

@@ -87,7 +87,7 @@ def evaluate(config: EvaluateConfig) -> int:
 def _measure(
     description: RobotDescription, checkpoint: Checkpoint, name: str, motion: Motion, config: EvaluateConfig
 ) -> list[dict[str, Any]]:
-    """The policy and the baseline on one motion; the errors are the hands'."""
+    """Return the policy and the baseline on one motion; the errors are the hands'."""
     contract = checkpoint.contract
     load_policy(contract, checkpoint.policy, motion)  # a motion that does not fit is refused before it is solved
     baseline = inverse_kinematics_policy(description, contract, motion)
@@ -222,7 +222,7 @@ class _Course(Sink):
         self._intents = [Intent.DAMP, Intent.LOAD_A, Intent.START_LOCOMOTION]
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """The next intent, once what the one before asked for is done."""
+        """Return the next intent, once what the one before asked for is done."""
         ready = output is None or output.standby is None or output.standby.is_finished
         return (self._intents.pop(0),) if self._intents and ready else ()
 
@@ -244,7 +244,7 @@ class _Course(Sink):
 
 
 def inverse_kinematics_policy(description: RobotDescription, contract: PolicyContract, motion: Motion) -> Policy:
-    """A policy that commands the joint positions of the frame it is shown, solved beforehand.
+    """Return a policy that commands the joint positions of the frame it is shown, solved beforehand.
 
     Raises:
         InputError: if the robot lacks one of the policy's bodies.

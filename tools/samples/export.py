@@ -29,7 +29,7 @@ OBSERVATIONS = ("motion_body_pos_b", "motion_body_ori_b", "joint_pos", "joint_ve
 
 
 def sample_contract(description: RobotDescription) -> PolicyContract:
-    """The contract of the sample policy on a robot with two of the Lite's arms."""
+    """Return the contract of the sample policy on a robot with two of the Lite's arms."""
     joints = description.joint_names
     return PolicyContract(
         task_type="tracking",
@@ -106,5 +106,5 @@ def policy_graph(weights: Mapping[str, npt.NDArray[np.float32]], origin: FloatAr
 
 
 def _signs(*right: FloatArray) -> FloatArray:
-    """Of terms that hold both arms: ones for the left arm's values, and `right` for those of the other."""
+    """Return ones for the left arm's values of terms that hold both arms, and `right` for those of the other."""
     return np.concatenate([np.concatenate([np.ones(sign.size), sign.ravel()]) for sign in right])

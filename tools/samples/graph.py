@@ -18,7 +18,7 @@ class SampleGraph(Graph):
         return self("Slice", value, *bounds)
 
     def reshape(self, value: str, *shape: int, name: str = "") -> str:
-        """The same values in another shape."""
+        """Return the same values in another shape."""
         return self("Reshape", value, self.constant(shape, dtype=np.int64), name=name)
 
     def pick(self, value: str, body: int) -> str:

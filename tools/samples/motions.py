@@ -52,7 +52,7 @@ _TILT = 2.0
 
 
 def pose_a(description: RobotDescription) -> FloatArray:
-    """Final pose of standby A, shape (n,), rad: where motions start and end."""
+    """Return final pose of standby A, shape (n,), rad: where motions start and end."""
     return np.array(description.standby_controller_a.pose_segments[-1])
 
 
@@ -62,7 +62,7 @@ def joint_frames(description: RobotDescription, path: FloatArray) -> npt.NDArray
 
 
 def sample_motion(description: RobotDescription, name: str) -> tuple[Motion, FloatArray]:
-    """A sample motion by name, and the joint path (F, n), rad, that it was made from."""
+    """Return a sample motion by name, and the joint path (F, n), rad, that it was made from."""
     path = SAMPLES[name](description)
     return Motion(joint_frames(description, path), BODIES, POLICY_DT, "tracking", description.name), path
 
@@ -85,7 +85,7 @@ def write_samples(folder: Path) -> None:
 
 
 def _wave(description: RobotDescription) -> FloatArray:
-    """The right hand goes up beside the head and waves, from the elbow, with a little of the wrist."""
+    """Raise the right hand beside the head and wave, from the elbow, with a little of the wrist."""
     home = pose_a(description)
     left, right = home[:7], home[7:]
     # Arm out to the side and down a little, forearm up, palm to the front.
@@ -123,7 +123,7 @@ def _circle(description: RobotDescription) -> FloatArray:
 
 
 def _reach(description: RobotDescription) -> FloatArray:
-    """The hands reach by turns for points around the workspace, and together at the end."""
+    """Return the hands reach by turns for points around the workspace, and together at the end."""
     rest = np.zeros(3)
     forward, high, low, side = (
         np.array([0.15, 0.02, 0.13]),
@@ -143,7 +143,7 @@ def _reach(description: RobotDescription) -> FloatArray:
 
 
 def _drum(description: RobotDescription) -> FloatArray:
-    """The hands beat by turns on a table that is not there, faster and faster."""
+    """Beat with the hands by turns on a table that is not there, faster and faster."""
     duration = 7.0
     t = np.arange(round(duration / POLICY_DT) + 1) * POLICY_DT
     envelope = ease((t - 0.3) / 1.0) * ease((duration - 0.3 - t) / 1.0)
@@ -229,7 +229,7 @@ def minimum_jerk_path(times: FloatArray, points: FloatArray, period: float) -> F
 
 
 def smooth(path: FloatArray, window: int) -> FloatArray:
-    """A path (F, n) averaged under a Hann window of `window` samples; it stays where it is beyond its ends."""
+    """Return a path (F, n) averaged under a Hann window of `window` samples; it stays where it is beyond its ends."""
     weights = np.hanning(window + 2)[1:-1]
     weights /= weights.sum()
     padded = np.concatenate([np.repeat(path[:1], window, axis=0), path, np.repeat(path[-1:], window, axis=0)])

@@ -88,7 +88,7 @@ def _sines(arm: ArmModel, rng: np.random.Generator, count: int) -> FloatArray:
 
 
 def _twists(arm: ArmModel, rng: np.random.Generator, count: int) -> FloatArray:
-    """The hand moves along sines in Cartesian space, with or without turning: lines, ellipses, loops."""
+    """Return the hand moves along sines in Cartesian space, with or without turning: lines, ellipses, loops."""
     home = q = _start(arm, rng)
     frequency = rng.uniform(0.2, 1.1, 6) if rng.random() < 0.6 else np.full(6, rng.uniform(0.2, 1.1))
     phase = rng.random(6)

@@ -82,7 +82,7 @@ _TWINKLE_LOWER = "{0} | {1} | {0}".format(
 
 
 def _at_octave(text: str, octave: int) -> str:
-    """A tune whose notes have no octaves, `,` before one that is an octave lower."""
+    """Return a tune whose notes have no octaves, `,` before one that is an octave lower."""
     words = []
     for word in text.split():
         name, colon, beats = word.partition(":")

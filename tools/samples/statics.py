@@ -23,7 +23,7 @@ _HOLD_SHARE = 0.3
 
 
 def tensor(array: FloatArray) -> Tensor:
-    """A float32 copy."""
+    """Return a float32 copy."""
     return torch.tensor(array, dtype=torch.float32)
 
 

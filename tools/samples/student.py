@@ -69,12 +69,12 @@ class ArmNetwork(nn.Module):
         return ArmTarget(torch.cat([offset, elbow.flatten(-2)], dim=-1), self.wrist(relative.flatten(-2)))
 
     def solve(self, target: ArmTarget, joints: Tensor) -> Tensor:
-        """The frame's joint positions as actions, shape (..., 7), given the joints' own, (..., 7), rad."""
+        """Return the frame's joint positions as actions, shape (..., 7), given the joints' own, (..., 7), rad."""
         elbow = self.shoulder(torch.cat([target.elbow, joints[..., : scales.ELBOW_JOINTS]], dim=-1))
         return torch.cat([elbow, target.wrist], dim=-1)
 
     def correct(self, solution: Tensor, joints: Tensor, velocity: Tensor, last_action: Tensor) -> Tensor:
-        """The action, shape (..., 7), for a solved frame.
+        """Return the action, shape (..., 7), for a solved frame.
 
         Args:
             solution: shape (..., 7), from `solve`.
@@ -95,7 +95,7 @@ class ArmNetwork(nn.Module):
         return (joints + lead) / scale
 
     def forward(self, target: ArmTarget, joints: Tensor, velocity: Tensor, last_action: Tensor) -> Tensor:
-        """The action, shape (..., 7)."""
+        """Return the action, shape (..., 7)."""
         return self.correct(self.solve(target, joints), joints, velocity, last_action)
 
 

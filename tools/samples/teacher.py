@@ -130,7 +130,7 @@ def exact_command(
 
 
 def training_motions(arm: ArmModel, paths: Sequence[FloatArray], rng: np.random.Generator) -> TrainingMotions:
-    """What training needs of the motions (F, 7), rad, sampled every `PERIOD`; each gets a plant of its own."""
+    """Return what training needs of the motions (F, 7), rad, sampled every `PERIOD`; each gets a plant of its own."""
     path = np.stack(paths)
     velocity = np.stack([derivative(p, PERIOD) for p in path])
     acceleration = np.stack([derivative(v, PERIOD) for v in velocity])

@@ -106,7 +106,7 @@ def _progress(console: Console) -> Progress:
 
 
 def _task(progress: Progress, name: str, total: int) -> Callable[[int, float], None]:
-    """A report function that moves a new bar."""
+    """Return a report function that moves a new bar."""
     task = progress.add_task(name, total=total, cost="")
 
     def report(done: int, cost: float) -> None:

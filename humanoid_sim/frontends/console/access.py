@@ -33,7 +33,7 @@ class RefusedError(Exception):
 
 
 def checked_host(host: str) -> str:
-    """The address to serve on.
+    """Return the address to serve on.
 
     Raises:
         InputError: it is not one address of this machine. A page checks what it is called, so it needs one name.
@@ -57,13 +57,13 @@ class Gate:
 
     @property
     def authority(self) -> str:
-        """What a browser that was given the printed address sends as `Host`."""
+        """Return what a browser that was given the printed address sends as `Host`."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return host if self.port == _HTTP_PORT else f"{host}:{self.port}"
 
     @property
     def origin(self) -> str:
-        """What it sends as `Origin`."""
+        """Return what it sends as `Origin`."""
         return f"http://{self.authority}"
 
     def address(self, access: Access) -> str:
@@ -71,7 +71,7 @@ class Gate:
         return f"{self.origin}/{self.tokens[access]}/"
 
     def admit(self, path: str, hosts: list[str], origins: list[str], *, is_socket: bool) -> tuple[Access, str]:
-        """What a request may do, and the path behind its token, such as `page.js`.
+        """Return what a request may do, and the path behind its token, such as `page.js`.
 
         Args:
             path: as requested.
@@ -105,7 +105,7 @@ class RateLimit:
         self._left, self._time = float(burst), 0.0
 
     def admits(self, time: float) -> bool:
-        """Whether one more may pass now; `time` in s, monotonic."""
+        """Return whether one more may pass now; `time` in s, monotonic."""
         self._left = min(self._left + self._rate * max(time - self._time, 0.0), float(self._burst))
         self._time = time
         if self._left < 1.0:

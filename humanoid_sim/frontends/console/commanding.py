@@ -96,7 +96,7 @@ class Commanding:
         self._wake.set()
 
     def leave(self, page: int) -> None:
-        """A page has closed."""
+        """Let go of all that a page held, which has closed."""
         with self._lock:
             self._leave(page, f"page {page} has closed")
         self._wake.set()
@@ -257,7 +257,7 @@ class Commanding:
         return dict(self._status[1].get("owners", {}))
 
     def _other_owner(self, what: str, since: int) -> str | None:
-        """Who has it, if the session says so after `since` (ns) and some grace; None if this console has it."""
+        """Return who has it, if the session says so after `since` (ns) and some grace; None if this console has it."""
         sample = self._attachment.feed.latest("status")
         if sample is None or sample.stamp < since + int(1e9 * _GRACE):
             return None
@@ -267,14 +267,14 @@ class Commanding:
     # What pages are told.
 
     def known(self, page: int) -> dict[str, Any]:
-        """What a page is told once."""
+        """Return what a page is told once."""
         velocity = None
         if self._speeds is not None:
             velocity = {"ranges": self._speeds.tolist(), "keys": list(VELOCITY_KEYS), "help": velocity_key_help()}
         return {"page": page, "no_sliders": self._turn.why_none, "velocity": velocity}
 
     def told(self, record: TickRecord) -> dict[str, Any]:
-        """What pages are told again and again."""
+        """Return what pages are told again and again."""
         with self._lock:
             steering = self._steering
             return {

@@ -92,7 +92,7 @@ class Ghosts:
             self.figures[name].show(pose, offset)
 
     def _wanted(self, qpos: FloatArray) -> FloatArray | None:
-        """The reference's pose; None where there is none at present."""
+        """Return the reference's pose; None where there is none at present."""
         if self._reference is None or not self._is_on[REFERENCE]:
             return None
         if self._shown.frame is None:

@@ -223,7 +223,7 @@ class Hub:
         return self._showing.switch(asked["show"], on=asked.get("on"))
 
     def _at_once(self, word: str, access: Access, limit: RateLimit) -> dict[str, Any] | None:
-        """The answer to what needs no waiting for; None for what is to be asked."""
+        """Return the answer to what needs no waiting for; None for what is to be asked."""
         if access is not Access.CONTROL:
             return _answer(False, _WATCHING)
         if word == Intent.DAMP.value:
@@ -304,7 +304,7 @@ def _answer(granted: bool, text: str) -> dict[str, Any]:
 
 
 def _asked(message: object) -> dict[str, Any]:
-    """A page's message; empty if it is not understood."""
+    """Return a page's message; empty if it is not understood."""
     try:
         asked = json.loads(message) if isinstance(message, str) else None
     except (ValueError, RecursionError):
@@ -313,6 +313,6 @@ def _asked(message: object) -> dict[str, Any]:
 
 
 def _word(asked: dict[str, Any]) -> str:
-    """What a page asks for; empty if it is not understood."""
+    """Return what a page asks for; empty if it is not understood."""
     word = asked.get("ask")
     return word if isinstance(word, str) else ""

@@ -56,7 +56,7 @@ class History:
 
     @property
     def time(self) -> float:
-        """Of the newest row, s; minus infinity without any."""
+        """Return the time of the newest row, s; minus infinity without any."""
         return float(self._rows[self.newest % _ROWS, 0]) if self.newest >= self.oldest else -np.inf
 
     def add(self, time: float, values: FloatArray) -> None:
@@ -177,7 +177,7 @@ class Plots:
         return np.concatenate([np.empty(0), *found])
 
     def message(self, chart: int, number: int) -> bytes:
-        """The rows of a chart after a number, for a page: the head, the times, and each series, as float64."""
+        """Return the rows of a chart after a number, for a page: the head, the times, and each series, as float64."""
         table = self.history.since(number, self._columns[chart])
         is_whole = number < self.history.oldest
         return _HEAD.pack(chart, table.shape[1], float(is_whole)) + np.ascontiguousarray(table, "<f8").tobytes()
@@ -205,7 +205,7 @@ class Watch:
         return ""
 
     def due(self) -> Iterator[bytes]:
-        """What the page has to be told now."""
+        """Yield what the page has to be told now."""
         for chart, number in list(self._told.items()):
             newest = self._plots.history.newest
             if newest > number:

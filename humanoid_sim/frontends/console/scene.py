@@ -32,7 +32,7 @@ class _Kind(msgspec.Struct):
 
 
 def may_pass(message: object) -> bool:
-    """Whether a page's message is handed on to viser."""
+    """Return whether a page's message is handed on to viser."""
     try:
         return isinstance(message, bytes) and msgspec.msgpack.decode(message, type=_Kind).type in _FROM_PAGES
     except msgspec.MsgspecError:

@@ -68,7 +68,7 @@ class _Door:
         self._viser_page = VISER_PAGE.read_bytes()
 
     def check(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The answer to a request; None where a socket may open."""
+        """Return the answer to a request; None where a socket may open."""
         is_socket = request.headers.get("Upgrade", "").lower() == "websocket"
         try:
             access, rest = self.gate.admit(
@@ -98,7 +98,7 @@ class _Door:
         return _response(200, kind, self._files[rest], _OWN_POLICY.format(socket=socket))
 
     async def handle(self, connection: ServerConnection) -> None:
-        """A socket that was let in."""
+        """Serve a socket that was let in."""
         access, rest = self._admitted.pop(connection.id)
         self._open += 1
         try:

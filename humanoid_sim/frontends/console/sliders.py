@@ -71,7 +71,7 @@ class Bounds:
     damping: tuple[float, float]
 
     def clipped(self, goals: Goals) -> Goals:
-        """The goals within the bounds.
+        """Return the goals within the bounds.
 
         Raises:
             FieldError: one is no finite number.
@@ -133,7 +133,7 @@ class Sliders:
         self._held_rates[_STIFFNESS:] = np.where(largest > 0.0, largest / _RAMP, self._rates[_STIFFNESS:])
 
     def bounds(self, joint: int, position: float) -> Bounds:
-        """What its sliders may ask for.
+        """Return what its sliders may ask for.
 
         Args:
             joint: index.
@@ -170,7 +170,7 @@ class Sliders:
         return self.joint_names.index(name)
 
     def passive(self, position: FloatArray) -> MITCommand:
-        """What REMOTE does without commands; `position` has shape (n,), rad."""
+        """Return what REMOTE does without commands; `position` has shape (n,), rad."""
         return damped_command(position, self._passive_damping)
 
     def begin(self, joint: int, position: FloatArray) -> SliderState:
@@ -198,7 +198,7 @@ class Sliders:
         return replace(state, joint=joint, bounds=bounds, goals=_at_rest(bounds, position[joint]), held=held)
 
     def snap(self, state: SliderState, position: FloatArray) -> SliderState:
-        """The chosen joint's sliders to where it is, with gains 0; `position` has shape (n,), rad, measured."""
+        """Return the chosen joint's sliders to where it is, with gains 0; `position` has shape (n,), rad, measured."""
         fields = state.fields.copy()
         fields[_POSITION, state.joint] = position[state.joint]
         return replace(state, goals=_at_rest(state.bounds, position[state.joint]), fields=fields)
@@ -242,7 +242,7 @@ def _rate(bound: tuple[float, float]) -> float:
 
 
 def _restrained(fields: FloatArray, bounds: Bounds, position: float, velocity: float) -> Sequence[float]:
-    """The fields of one joint, shape (5,), that do not drive it into its limits, nor ever faster.
+    """Return the fields of one joint, shape (5,), that do not drive it into its limits, nor ever faster.
 
     A velocity that leads out slows down on the way to the limit. An effort along a motion that is faster than the
     sliders' own velocity fades, and is gone at twice that.

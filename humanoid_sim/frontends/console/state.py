@@ -56,7 +56,7 @@ def refusals(record: TickRecord, available: Container[str]) -> dict[Intent, str]
 
 
 def state(record: TickRecord, available: Container[str]) -> dict[str, Any]:
-    """A tick, as far as the page shows it."""
+    """Return a tick, as far as the page shows it."""
     control, standby = record.output.control_mode, record.output.standby
     return {
         "time": record.input.state.time,

@@ -43,7 +43,7 @@ class Steering:
         """ns"""
 
     def press(self, page: int, key: str, present: FloatArray, mode: Mode, now: int) -> None:
-        """A velocity key: a step from the present command, or a stop.
+        """Take a velocity key: a step from the present command, or a stop.
 
         Args:
             page: that it was pressed in.
@@ -63,7 +63,7 @@ class Steering:
         self._take(page, after, mode, now)
 
     def steer(self, page: int, axis: int, value: float, present: FloatArray, mode: Mode, now: int) -> None:
-        """A slider: one component anew. Arguments and errors as for `press`."""
+        """Take a slider: one component anew. Arguments and errors as for `press`."""
         if axis not in range(3):
             raise FieldError(f"velocity: axis is {axis}, expected 0, 1 or 2")
         if not math.isfinite(value):
@@ -80,7 +80,7 @@ class Steering:
         self._heard = now
 
     def beat(self, page: int, now: int, seen: int) -> None:
-        """A page was heard; `seen` (ns) is when what it shows left the console."""
+        """Note that a page was heard; `seen` (ns) is when what it shows left the console."""
         if page == self.page and 1e-9 * (now - seen) <= _SEEN_WITHIN:
             self._heard = now
 
@@ -89,7 +89,7 @@ class Steering:
         self.page, self.velocity = None, np.zeros(3)
 
     def problem(self, mode: Mode, owner: str | None, now: int) -> str:
-        """Why its page steers no longer; empty if it still does.
+        """Return why its page steers no longer; empty if it still does.
 
         Args:
             mode: the session's.

@@ -73,14 +73,14 @@ class SliderTurn:
         self._number += 1
 
     def snap(self, page: int, position: FloatArray) -> None:
-        """The sliders to where the joint is, with gains 0. Raises `FieldError` for a page without the turn."""
+        """Move the sliders to where the joint is, with gains 0. Raises `FieldError` for a page without the turn."""
         if self._state is None or self._sliders is None or self.page != page:
             raise FieldError("sliders: this page does not move a joint")
         self._state = self._sliders.snap(self._state, position)
         self._number += 1
 
     def beat(self, page: int, number: int, goals: Goals | None, now: int, seen: int) -> None:
-        """The page was heard.
+        """Note that the page was heard.
 
         Args:
             page: that was.
@@ -103,7 +103,7 @@ class SliderTurn:
         self.page = self._state = self._sliders = None
 
     def problem(self, now: int) -> str:
-        """Why the turn must end; empty while it may go on. `now` in ns."""
+        """Return why the turn must end; empty while it may go on. `now` in ns."""
         if 1e-9 * (now - self._heard) > _HEARD_WITHIN:
             return f"page {self.page} was not heard for {_HEARD_WITHIN:g} s"
         if 1e-9 * (now - self._seen) > _SEEN_WITHIN:
@@ -117,7 +117,7 @@ class SliderTurn:
         return 1e-9 * (now - self._newest)
 
     def step(self, position: FloatArray, velocity: FloatArray, now: int, *, was_passive: bool) -> MITCommand:
-        """The next command of a turn that goes on.
+        """Return the next command of a turn that goes on.
 
         Args:
             position: shape (n,), rad, measured, finite.
@@ -134,15 +134,15 @@ class SliderTurn:
         return self._state.command
 
     def sent(self, stamp: int) -> None:
-        """The command of this step has left; `stamp` (ns) says how old it is."""
+        """Note that the command of this step has left; `stamp` (ns) says how old it is."""
         self._newest = max(self._newest, stamp)
 
     def passive(self, position: FloatArray) -> MITCommand:
-        """What REMOTE does without commands; `position` has shape (n,), rad."""
+        """Return what REMOTE does without commands; `position` has shape (n,), rad."""
         return self._all[self.standby].passive(position)
 
     def told(self, position: FloatArray) -> dict[str, Any] | None:
-        """What pages show of the turn; None while there is none. `position` has shape (n,), rad, measured."""
+        """Return what pages show of the turn; None while there is none. `position` has shape (n,), rad, measured."""
         state = self._state
         if state is None:
             return None

@@ -58,7 +58,7 @@ _DECODER = msgspec.json.Decoder(Wish)
 
 
 def parse_wish(message: str | bytes) -> Wish:
-    """A page's message, which says what to `do`.
+    """Return a page's message, which says what to `do`.
 
     Raises:
         FieldError: it is no wish, or a field is wrong.

@@ -63,7 +63,7 @@ class ArrivalClock:
             self._settled = now + round(1e9 * _SETTLE)
 
     def stamp(self, writer: int, source: int) -> int:
-        """When a sample that this look has found arrived at the latest that is certain.
+        """Return when a sample that this look has found arrived, the latest that is certain.
 
         Args:
             writer: who wrote it.
@@ -80,7 +80,7 @@ class ArrivalClock:
 
 
 def read_command(message: bytes, joints: tuple[str, ...]) -> MITCommand:
-    """The command in a message, shape (n,), one value per joint in each field.
+    """Return the command in a message, shape (n,), one value per joint in each field.
 
     Args:
         message: a `humanoid_control_msgs/msg/MITCommand`, as it came.
@@ -195,7 +195,7 @@ class CommandReader:
             self._reported, self._reported_at = self._refused, now
 
     def _intake(self, writer: int) -> Intake:
-        """Of a writer: whoever commands REMOTE is one of them, not the bridge."""
+        """Return a writer's intake: whoever commands REMOTE is one of them, not the bridge."""
         if writer in self._intakes:
             self._intakes.move_to_end(writer)
         else:

@@ -103,7 +103,7 @@ class Mirror:
         self._count = 0
 
     def is_there(self) -> bool:
-        """Whether a robot has said what it is, in which mode, and where its joints are."""
+        """Return whether a robot has said what it is, in which mode, and where its joints are."""
         topics = (self._states, self._mode, self._described)
         for topic in topics:
             topic.look()
@@ -153,7 +153,7 @@ class Mirror:
             self._count += 1
 
     def _record(self) -> TickRecord | None:
-        """The robot as it is; None for joint states that are not this robot's."""
+        """Return the robot as it is; None for joint states that are not this robot's."""
         told, mode = self._states.latest, self._mode.latest
         assert told is not None
         assert mode is not None
@@ -211,7 +211,7 @@ def _imu(told: dict[str, Any] | None) -> tuple[FloatArray, FloatArray, FloatArra
 
 
 def _described(urdf: str) -> tuple[RobotDescription, mujoco.MjModel]:
-    """The robot of a URDF with shapes and no files, as the bridge sends it. Raises `InputError` if it is none."""
+    """Give the robot of a URDF with shapes and no files, as the bridge sends it. Raises `InputError` if it is none."""
     try:
         root = ElementTree.fromstring(urdf)
     except ElementTree.ParseError as error:
@@ -285,7 +285,7 @@ def watched(
 
 
 def _session(stack: ExitStack, folder: Path, robot: str, where: str, writer: FeedWriter) -> SessionInfo:
-    """A session that nobody else finds, and that hears nothing."""
+    """Return a session that nobody else finds, and that hears nothing."""
     lock = folder / "lock"
     handle = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     stack.callback(os.close, handle)

@@ -89,7 +89,7 @@ class _Refusals:
         self._text = ""
 
     def news(self) -> str:
-        """Of the last second, told for the next; empty for nothing."""
+        """Return what happened in the last second, said for the next; empty for nothing."""
         now = time.monotonic()
         if now - self._looked >= _NEWS_PERIOD:
             self._looked = now

@@ -35,7 +35,7 @@ _ACROSS = (IMU_TOPIC, CONTROL_MODE_TOPIC, DESCRIPTION_TOPIC, TF_TOPIC, TF_STATIC
 
 
 def local_topics(attachment: Attachment) -> dict[str, Topic]:
-    """The topics that a session has on its own machine, by name.
+    """Return the topics that a session has on its own machine, by name.
 
     The clock is a simulation's. Topics of live inputs are not among them: see `Telemetry`.
     """

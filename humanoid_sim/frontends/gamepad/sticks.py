@@ -61,6 +61,6 @@ def policy_speeds(contract: PolicyContract | None) -> SpeedRange | None:
 
 
 def speed_range(ranges: FloatArray | None) -> SpeedRange:
-    """What full sticks command: the contract's ranges (3, 2), else modest ones."""
+    """Return what full sticks command: the contract's ranges (3, 2), else modest ones."""
     known = np.array(_MODEST if ranges is None else ranges, dtype=np.float64)
     return np.stack([np.minimum(known[:, 0], 0.0), np.maximum(known[:, 1], 0.0)], axis=1)

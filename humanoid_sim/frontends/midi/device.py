@@ -47,7 +47,7 @@ class Source(ABC):
 
     @abstractmethod
     def read(self, seconds: float) -> bytes | None:
-        """What has come, waiting for it for at most so long; empty for nothing, None once the keyboard is gone."""
+        """Say what has come, waiting for it for at most so long; empty for nothing, None once the keyboard is gone."""
 
     @abstractmethod
     def close(self) -> None:
@@ -99,7 +99,7 @@ class ByteDevice(Source):
         self._first = first
 
     def read(self, seconds: float) -> bytes | None:
-        """What has come."""
+        """Return what has come."""
         if self._first:
             first, self._first = self._first, b""
             return first
@@ -164,7 +164,7 @@ class Port(Source):
         self._looked = monotonic()
 
     def read(self, seconds: float) -> bytes | None:
-        """What has come."""
+        """Return what has come."""
         deadline = monotonic() + seconds
         while True:
             taken = islice(iter(self._input.get_message, None), _MOST_MESSAGES)
@@ -187,7 +187,7 @@ class Port(Source):
 
 
 def port_names() -> list[str]:
-    """The ports that a keyboard may be at. Raises `InputError` where there is no sequencer."""
+    """Return the ports that a keyboard may be at. Raises `InputError` where there is no sequencer."""
     opened = _midi_input()
     try:
         return [name for name in opened.get_ports() if _fits(name, "")]
@@ -200,7 +200,7 @@ def _fits(name: str, wanted: str) -> bool:
 
 
 def _midi_input() -> Any:
-    """An input of the library's. ALSA's own complaint on stderr is left out: ours is one line.
+    """Return an input of the library's. ALSA's own complaint on stderr is left out: ours is one line.
 
     Raises:
         InputError: there is no sequencer.

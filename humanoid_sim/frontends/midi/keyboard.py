@@ -71,7 +71,7 @@ class PressedKeys:
         return ""
 
     def _once(self, line: str) -> str:
-        """The line if it was not given before."""
+        """Return the line if it was not given before."""
         if line in self._told:
             return ""
         self._told.add(line)
@@ -120,7 +120,7 @@ class Keyboard:
 
     @property
     def is_known(self) -> bool:
-        """Whether it is known which keys are down."""
+        """Return whether it is known which keys are down."""
         return self._source is not None and not self._is_silent
 
     @property

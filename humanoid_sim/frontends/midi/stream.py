@@ -46,7 +46,7 @@ class MidiStream:
         self._data: tuple[int, ...] = ()
 
     def feed(self, data: bytes) -> Iterator[Message]:
-        """The messages that these bytes complete, in order."""
+        """Yield the messages that these bytes complete, in order."""
         for byte in data:
             if byte >= _REAL_TIME:
                 yield Message(byte)

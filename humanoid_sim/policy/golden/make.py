@@ -45,7 +45,7 @@ class _Row:
 
 
 def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None = None) -> GoldenSamples:
-    """Samples of a trainer's run, spread evenly over it, after every step of it has been computed again.
+    """Return samples of a trainer's run, spread evenly over it, after every step of it has been computed again.
 
     Args:
         checkpoint: wired as it will be stamped.
@@ -69,7 +69,7 @@ def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None 
 
 
 def own_samples(checkpoint: Checkpoint, motion: Motion | None = None, count: int = SAMPLE_COUNT) -> GoldenSamples:
-    """Samples of made-up states, with the observation and the action as this program makes them: drift only.
+    """Return samples of made-up states, with the observation and the action as this program makes them: drift only.
 
     Raises:
         InputError: the policy does not run on them.
@@ -149,7 +149,7 @@ def _alignment(memory: PolicyMemory) -> FloatArray:
 
 
 def _pick(whole: GoldenSamples, count: int) -> GoldenSamples:
-    """Some samples, the first and the last among them."""
+    """Return some samples, the first and the last among them."""
     rows = np.unique(np.linspace(0, len(whole) - 1, count).round().astype(int))
     chosen: dict[str, Any] = {}
     for name in GoldenSamples.__slots__:
@@ -162,7 +162,7 @@ def _pick(whole: GoldenSamples, count: int) -> GoldenSamples:
 
 
 def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Recorded:
-    """Steps of a robot that stumbles about its default pose, heading and all else not zero: nothing must cancel."""
+    """Get steps of a robot that stumbles about its default pose, heading and all else not zero: nothing must cancel."""
     contract, steps = checkpoint.contract, _OWN_STEPS
     rng = np.random.default_rng(0)
     joints = len(contract.joint_names)
@@ -230,7 +230,7 @@ def _mistakes(contract: PolicyContract) -> Iterator[tuple[str, PolicyContract]]:
 
 
 def _turned(term: Term, contract: PolicyContract) -> Iterator[tuple[str, dict[str, Any]]]:
-    """The other choices of each convention that matters for the term."""
+    """Yield the other choices of each convention that matters for the term."""
     kind = contract.kind(term)
     for convention in kind.conventions:
         if convention == "sign":

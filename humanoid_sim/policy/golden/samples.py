@@ -122,7 +122,7 @@ class GoldenSamples:
             raise FieldError(f"frame: goes beyond the {self.frame_count} frames of the motion")
 
     def state(self, i: int) -> MITState:
-        """What the robot reported in sample i."""
+        """Return what the robot reported in sample i."""
         return recorded_state({name: getattr(self, name) for name in STATE_ARRAYS}, self.extern, i)
 
     def __len__(self) -> int:
@@ -130,7 +130,7 @@ class GoldenSamples:
 
     @property
     def label(self) -> str:
-        """What the samples are worth, in words."""
+        """Return what the samples are worth, in words."""
         if self.origin == "own":
             return f"{len(self)} samples, drift only: made by this program, they show change, not wrong wiring"
         targets = (
@@ -142,7 +142,7 @@ class GoldenSamples:
 
 
 def recorded_state(arrays: Mapping[str, FloatArray], extern: Mapping[str, FloatArray], i: int) -> MITState:
-    """What the robot reported in row i of a run: `STATE_ARRAYS`, and live inputs; efforts are not recorded."""
+    """Return what the robot reported in row i of a run: `STATE_ARRAYS`, and live inputs; efforts are not recorded."""
     zeros = np.zeros(arrays["joint_position"].shape[1])
     return MITState(
         time=0.0,
@@ -168,7 +168,7 @@ def encode_samples(samples: GoldenSamples) -> str:
 
 
 def decode_samples(text: str, where: str) -> GoldenSamples:
-    """The samples in a text of `encode_samples`.
+    """Return the samples in a text of `encode_samples`.
 
     Raises:
         InputError: naming `where`, if it is none.

@@ -54,7 +54,7 @@ class Recorded:
     it does not follows from the steps before."""
 
     def state(self, i: int) -> MITState:
-        """What the robot reported in step i."""
+        """Return what the robot reported in step i."""
         return recorded_state(self.arrays, self.extern, i)
 
 
@@ -133,12 +133,12 @@ class _Reader:
         return tuple(texts)
 
     def is_floating(self, names: tuple[str, ...]) -> bool:
-        """Whether the state has a free joint, by its width: 7 values for one, and 1 for any other joint."""
+        """Return whether the state has a free joint, by its width: 7 values for one, and 1 for any other joint."""
         width = 0 if "qpos" not in self.arrays else self.arrays["qpos"].shape[-1]
         return width in (len(names) + 6, len(names) + 7)
 
     def hinges(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """The names without the free joint's."""
+        """Return the names without the free joint's."""
         if "qpos" in self.arrays and self.arrays["qpos"].shape[-1] == len(names) + 6:
             return names[1:]
         return names

@@ -72,7 +72,7 @@ def verify_golden(checkpoint: Checkpoint) -> str:
 
 
 def golden_problem(checkpoint: Checkpoint, samples: GoldenSamples) -> str:
-    """What differs between the samples and what the checkpoint makes of their states, '' if nothing does.
+    """Return what differs between the samples and what the checkpoint makes of their states, '' if nothing does.
 
     The observation and the targets are computed by the functions that run on the robot, the action by the model from
     the sample's observation.
@@ -148,7 +148,7 @@ def _target_problem(wiring: PolicyWiring, samples: GoldenSamples) -> str:
 
 
 def samples_wiring(checkpoint: Checkpoint, samples: GoldenSamples) -> PolicyWiring:
-    """The wiring that computes the samples again, with their own rows of the motion if they hold any.
+    """Return the wiring that computes the samples again, with their own rows of the motion if they hold any.
 
     Raises:
         FieldError, InputError: the contract does not fit the samples' joints, or a term lacks its source.
@@ -167,7 +167,7 @@ def samples_wiring(checkpoint: Checkpoint, samples: GoldenSamples) -> PolicyWiri
 
 
 def recorded_wiring(loaded: LoadedPolicy, joint_names: tuple[str, ...]) -> PolicyWiring:
-    """The wiring of a policy whose actions are those of a run.
+    """Return the wiring of a policy whose actions are those of a run.
 
     Raises:
         FieldError: if the contract does not fit the joints, or a term lacks its source.
@@ -191,7 +191,7 @@ def observe(
 
 
 def _memory(samples: GoldenSamples, i: int) -> PolicyMemory:
-    """What the policy remembered when it met sample i."""
+    """Return what the policy remembered when it met sample i."""
     table: dict[str, npt.NDArray[np.floating | np.integer]] = {
         name: getattr(samples, name) for name in ("last_action", "frame", "walked", "alignment")
     }
@@ -201,7 +201,7 @@ def _memory(samples: GoldenSamples, i: int) -> PolicyMemory:
 
 
 def memory_fields(given: Mapping[str, npt.NDArray[np.floating | np.integer]]) -> dict[str, Any]:
-    """The recorded memory in its own types; NaN stands for a history or an alignment that is not there."""
+    """Return the recorded memory in its own types; NaN stands for a history or an alignment that is not there."""
     return {name: _MEMORY[name](value) for name, value in given.items()}
 
 
@@ -227,7 +227,7 @@ _MEMORY: Mapping[str, Callable[[Any], Any]] = {
 
 
 def value_name(layout: ObservationLayout, contract: PolicyContract, index: int) -> str:
-    """The value at `index` of the whole observation, and its joint: `joint_pos[3] (left_knee_joint)`."""
+    """Return the value at `index` of the whole observation, and its joint: `joint_pos[3] (left_knee_joint)`."""
     located = layout.locate(index)
     name, _, rest = located.partition("[")
     place = int(rest.partition("]")[0])
@@ -242,7 +242,7 @@ def _compare(
     tolerance: float,
     names: Sequence[str],
 ) -> _Wrong | None:
-    """The first value that is too far off; shapes (S, width), one name per column."""
+    """Return the first value that is too far off; shapes (S, width), one name per column."""
     with np.errstate(invalid="ignore"):  # infinity - infinity
         far = ~(np.abs(value - expected) <= tolerance * np.maximum(1.0, np.abs(expected)))
     if not far.any():

@@ -30,7 +30,7 @@ class Kinds:
 
     @classmethod
     def told(cls, partials: Iterable[PartialContract]) -> Kinds:
-        """What the sources say; of those that contradict each other the one that overrides, or else the last."""
+        """Return what the sources say; of those that contradict each other the one that overrides, or else the last."""
         stated: dict[str, str] = {}
         commands: tuple[str, ...] = ()
         for partial in sorted(partials, key=lambda partial: partial.overrides):
@@ -48,7 +48,7 @@ _BY_NAME = Kinds()
 
 
 def agreed(field: str, first: Given, second: Given, kinds: Kinds = _BY_NAME) -> Given | None:
-    """The value that both sources stand for; None if they contradict each other.
+    """Return the value that both sources stand for; None if they contradict each other.
 
     Numbers agree if they are equal, or if one is the other rounded to the digits with which its source writes it. Then
     the more precise one is taken, and its source says so. A copy of fewer than three decimals counts as rounded only if
@@ -117,7 +117,7 @@ def _decimals(given: Given) -> int:
 
 
 def contradiction(name: str, first: Given, second: Given, kinds: Kinds = _BY_NAME) -> str:
-    """What two sources say of a field, as far as it differs, and what to do about it."""
+    """Return what two sources say of a field, as far as it differs, and what to do about it."""
     a, b = first.value, second.value
     if _are_names(a) and _are_names(b):
         what = _different_names(first, second, kinds.of if name == "observation" else str)
@@ -138,7 +138,7 @@ def _are_names(value: Any) -> bool:
 
 
 def _different_names(first: Given, second: Given, meaning: Callable[[str], str]) -> str:
-    """The names that only one of two lists has; where both have the same, the first place at which they differ."""
+    """Give the names that only one of two lists has; where both have the same, the first place at which they differ."""
     sides = ((first, second), (second, first))
     parts = [
         f"{', '.join(surplus)} only in {one.source}"

@@ -27,7 +27,7 @@ _ACTION_LIMIT = 1e4
 
 
 def find_berkeley(checkpoint: Path) -> Path | None:
-    """The file that names the model, or has its stem: beside it, or in `configs/` next to it or to its folder."""
+    """Give the file that names the model, or has its stem: beside it, or in `configs/` next to it or to its folder."""
     folder = checkpoint.absolute().parent
     for place in (folder, folder / "configs", folder.parent / "configs"):
         own = place / f"{checkpoint.stem}.yaml"
@@ -49,7 +49,7 @@ def _speaks(path: Path) -> bool:
 
 
 def read_berkeley(path: Path) -> PartialContract:
-    """What the file states, and the terms that come with the dialect.
+    """Return what the file states, and the terms that come with the dialect.
 
     Raises:
         InputError: one line with the file, the field, the value and what is accepted.

@@ -48,7 +48,7 @@ class UnnamedRobot(tuple[str, ...]):
 
     @classmethod
     def with_joints(cls, count: int) -> UnnamedRobot:
-        """The joints of a robot that has so many."""
+        """Return the joints of a robot that has so many."""
         return cls(f"joint {place} of the robot" for place in range(count))
 
 
@@ -104,7 +104,7 @@ def _by_joint(known: dict[str, Given], joints: tuple[str, ...]) -> None:
 
 
 def missing_fields(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> list[str]:
-    """The fields that a contract cannot do without, and that nobody gives."""
+    """Return the fields that a contract cannot do without, and that nobody gives."""
     missing = [name for name, form in FORMS.items() if form.is_required and name not in known]
     required = {kind.requires for kind in _kinds(known, terms)}
     missing += [name for name in FORMS if name in required and name not in known]
@@ -122,7 +122,7 @@ def _value(known: Mapping[str, Given], name: str) -> Any:
 
 
 def _kinds(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> list[TermKind]:
-    """What the terms of the observation mean, by their option `kind` or else by their names."""
+    """Return what the terms of the observation mean, by their option `kind` or else by their names."""
     commands = _value(known, "command_names") or ()
     kinds = []
     for name in _value(known, "observation") or ():

@@ -49,7 +49,7 @@ def _struct(name: str, *members: _Field, base: type[msgspec.Struct] = msgspec.St
 
 
 def _members(owner: type) -> list[_Field]:
-    """The fields of a dataclass as YAML has them; those with a default may be left out."""
+    """Return the fields of a dataclass as YAML has them; those with a default may be left out."""
     hints = get_type_hints(owner)
     plain = {
         FloatArray: list[float],
@@ -116,7 +116,7 @@ ContractFile = _struct(
 
 
 def own_contract(checkpoint: Path) -> Path:
-    """Where a checkpoint's contract belongs: `<checkpoint's stem>.contract.yaml` in its folder."""
+    """Return where a checkpoint's contract belongs: `<checkpoint's stem>.contract.yaml` in its folder."""
     return checkpoint.with_name(f"{checkpoint.stem}.{CONTRACT_FILE}")
 
 
@@ -127,7 +127,7 @@ def find_contract(checkpoint: Path) -> Path | None:
 
 
 def read_contract_file(path: Path) -> list[PartialContract]:
-    """The file's own fields and, if it has any, its overrides.
+    """Return the file's own fields and, if it has any, its overrides.
 
     Raises:
         InputError: one line with the file, the path of the field, and what is wrong.
@@ -136,7 +136,7 @@ def read_contract_file(path: Path) -> list[PartialContract]:
 
 
 def parse_contract(document: Any, where: str, source: str) -> list[PartialContract]:
-    """The same of a document that has been read already.
+    """Return the same of a document that has been read already.
 
     Args:
         document: as YAML gives it.
@@ -193,7 +193,7 @@ def _check_phase(parts: dict[str, Any], where: str) -> None:
 
 
 def _convert(document: Any, struct: type[msgspec.Struct], where: str, place: str) -> msgspec.Struct:
-    """A document as a struct; `place` is where in the file it stands.
+    """Return a document as a struct; `place` is where in the file it stands.
 
     Raises:
         InputError: with the path of the field, and what is wrong.
@@ -224,7 +224,7 @@ def _options(term: msgspec.Struct, source: str) -> dict[str, Given]:
 
 
 def _value(name: str, value: Any) -> Any:
-    """A field as a `PolicyContract` takes it, of the observation the names alone."""
+    """Return a field as a `PolicyContract` takes it, of the observation the names alone."""
     if value is None or (isinstance(value, str) and value in FORMS[name].instead):
         return value
     if name == "observation":
@@ -244,7 +244,7 @@ def _number_or_array(value: Any) -> Any:
 
 
 def _choices(annotation: Any) -> list[str]:
-    """The words that a type accepts, and what else it does."""
+    """Return the words that a type accepts, and what else it does."""
     choices = [choice if isinstance(choice, str) else "" for choice in get_args(annotation)]
     if all(choices):
         return choices

@@ -18,7 +18,7 @@ _COMMANDS = ("lin_vel_x", "lin_vel_y", "ang_vel_yaw")
 
 
 def is_holosoma(metadata: Mapping[str, str]) -> bool:
-    """Whether the metadata has the key by which this dialect is known."""
+    """Return whether the metadata has the key by which this dialect is known."""
     return "dof_names" in metadata
 
 

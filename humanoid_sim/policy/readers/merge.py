@@ -90,7 +90,7 @@ def _join(field: str, first: Given, second: Given, kinds: Kinds) -> Given:
 def _join_terms(
     partials: Sequence[PartialContract], known: Mapping[str, Given], kinds: Kinds
 ) -> dict[str, dict[str, Given]]:
-    """The options of every term of the observation, by its name there."""
+    """Return the options of every term of the observation, by its name there."""
     names: tuple[str, ...] = known["observation"].value if "observation" in known else ()
     joined: dict[str, dict[str, Given]] = {name: {} for name in names}
     decided: set[tuple[str, str]] = set()
@@ -118,7 +118,7 @@ def _join_terms(
 
 
 def _term_name(stated: str, names: Iterable[str], kinds: Kinds) -> str | None:
-    """The name under which the observation has a term; exporters call the same one differently."""
+    """Return the name under which the observation has a term; exporters call the same one differently."""
     if stated in names:
         return stated
     same = [name for name in names if kinds.of(name) == kinds.of(stated)]
@@ -126,7 +126,7 @@ def _term_name(stated: str, names: Iterable[str], kinds: Kinds) -> str | None:
 
 
 def build_contract(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]], where: str) -> PolicyContract:
-    """The contract that has these fields, and knows where they came from.
+    """Return the contract that has these fields, and knows where they came from.
 
     Args:
         known: as in `PartialContract.fields`.

@@ -47,12 +47,12 @@ _HISTORY, _FLATTEN = "observation_terms_history_length", "observation_terms_flat
 
 
 def is_mjlab(metadata: Mapping[str, str]) -> bool:
-    """Whether the metadata has the keys by which this dialect is known."""
+    """Return whether the metadata has the keys by which this dialect is known."""
     return "joint_names" in metadata and ("joint_stiffness" in metadata or "observation_names" in metadata)
 
 
 def read_mjlab(metadata: Mapping[str, str], where: str) -> PartialContract:
-    """The keys that are there.
+    """Return the keys that are there.
 
     The rate is not, and before mjlab 1.6 neither is how terms are scaled, clipped and stacked: the usual is assumed.
     The velocity of the base is that of the IMU where mjlab 1.6 or later has written the file: its tasks observe the
@@ -84,7 +84,7 @@ def _clock(names: Sequence[str]) -> dict[str, Any]:
 
 
 def _terms(metadata: Mapping[str, str], names: Sequence[str], where: str) -> dict[str, dict[str, Given]]:
-    """The options of each term that mjlab 1.6 writes, one entry per term."""
+    """Return the options of each term that mjlab 1.6 writes, one entry per term."""
     terms: dict[str, dict[str, Given]] = {name: {} for name in names}
     readers: dict[str, Callable[[str], list[dict[str, Any]]]] = {
         _SCALE: lambda text: [{"scale": _scalar(row)} for row in values.number_lists(_SCALE, text, where)],
@@ -115,7 +115,7 @@ def _clip(row: list[float], text: str, where: str) -> dict[str, Any]:
 
 
 def _refuse_stacks(metadata: Mapping[str, str], terms: Mapping[str, Mapping[str, Given]], where: str) -> None:
-    """A history that is not flattened makes an observation of rank 3."""
+    """Refuse a history that is not flattened: it makes an observation of rank 3."""
     flat = values.flags(_FLATTEN, metadata.get(_FLATTEN, ""), where)
     for (name, options), is_flat in zip(terms.items(), flat, strict=False):
         if not is_flat and "history" in options and options["history"].value > 1:

@@ -61,30 +61,30 @@ def assumed(dialect: str, values: Mapping[str, Any]) -> dict[str, Given]:
 
 
 def derived(value: Any, origin: str) -> Given:
-    """A value that follows from something else in the contract."""
+    """Return a value that follows from something else in the contract."""
     return Given(value, f"{_DERIVED} {origin}")
 
 
 def from_robot(value: Any, source: str = "") -> Given:
-    """A value that is this robot's, by places that the source gives, or in the robot's own order."""
+    """Return a value that is this robot's, by places that the source gives, or in the robot's own order."""
     return Given(value, f"{source} {_ROBOT}" if source else _OWN_ORDER)
 
 
 def is_from_robot(source: str) -> bool:
-    """Whether the robot gives the field, so that any robot with as many joints would fit."""
+    """Return whether the robot gives the field, so that any robot with as many joints would fit."""
     return source == _OWN_ORDER or source.endswith(f" {_ROBOT}")
 
 
 def is_assumed(source: str) -> bool:
-    """Whether no source states the field, but its dialect implies it."""
+    """Return whether no source states the field, but its dialect implies it."""
     return source.startswith(_ASSUMED)
 
 
 def is_derived(source: str) -> bool:
-    """Whether the field follows from others."""
+    """Return whether the field follows from others."""
     return source.startswith(_DERIVED)
 
 
 def is_stated(source: str) -> bool:
-    """Whether some source states the field."""
+    """Return whether some source states the field."""
     return not (is_assumed(source) or is_derived(source) or source == NOT_STATED)

@@ -36,7 +36,7 @@ def assemble_contract(
     robot_joints: tuple[str, ...] | None = None,
     outputs: Collection[str] = (),
 ) -> PolicyContract:
-    """The contract of a checkpoint, from everything that speaks about it.
+    """Return the contract of a checkpoint, from everything that speaks about it.
 
     A stamped checkpoint is complete by itself, so no trainer's file beside it is read; a `contract.yaml` always is.
 
@@ -66,7 +66,7 @@ def assemble_contract(
 
 
 def metadata_contract(metadata: Mapping[str, str], where: str) -> list[PartialContract]:
-    """What a model's metadata says, in whichever dialect it is; an empty list if it says nothing."""
+    """Return what a model's metadata says, in whichever dialect it is; an empty list if it says nothing."""
     return [read() for read in _metadata_sources(metadata, where).values()]
 
 
@@ -101,7 +101,7 @@ def _check_stamp(metadata: Mapping[str, str], where: str) -> None:
 
 
 def assumptions(contract: PolicyContract) -> tuple[str, ...]:
-    """What no source states and a dialect implies, one line each: `policy_dt 0.02: assumed (mjlab)`."""
+    """Return what no source states and a dialect implies, one line each: `policy_dt 0.02: assumed (mjlab)`."""
     lines: dict[str, None] = {}
     terms = {term.name: term for term in contract.terms}
     clock: dict[str, list[str]] = {}

@@ -39,7 +39,7 @@ _SWITCHES = ("use_gym_history", "scale_first")
 
 
 def find_deploy(checkpoint: Path) -> Path | None:
-    """The file beside the model, or in `params/` beside the folder `exported/` that holds it; None without one."""
+    """Give the file beside the model, or in `params/` beside the folder `exported/` that holds it; None without one."""
     folder = checkpoint.absolute().parent
     places = [folder / DEPLOY_FILE, folder / "params" / DEPLOY_FILE]
     if folder.name == "exported":
@@ -48,7 +48,7 @@ def find_deploy(checkpoint: Path) -> Path | None:
 
 
 def read_deploy(path: Path) -> PartialContract:
-    """What the file states.
+    """Return what the file states.
 
     Gains are listed in the robot's order, everything else in the policy's: `joint_ids_map` leads from the one to the
     other.
@@ -257,7 +257,7 @@ def _as_list(value: Any) -> list[Any]:
 
 
 def _is_group(value: Any) -> bool:
-    """A group holds terms, that is mappings; a term holds `params`, `scale` and the like."""
+    """Tell a group, which holds terms, that is mappings, from a term, which holds `params`, `scale` and the like."""
     if not isinstance(value, dict) or not value:
         return False
     terms = [item for key, item in value.items() if key not in (*_SWITCHES, "params")]

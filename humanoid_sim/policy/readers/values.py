@@ -27,7 +27,7 @@ __all__ = [
 
 
 def csv_field(field: str, key: str, text: str, where: str, source: str) -> Given:
-    """A field of the contract from the text of a model's metadata.
+    """Return a field of the contract from the text of a model's metadata.
 
     Raises:
         InputError: naming `where`, the key and the text, if it is malformed.
@@ -45,14 +45,14 @@ def csv_field(field: str, key: str, text: str, where: str, source: str) -> Given
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value of JSON or YAML is a number that a float holds; infinity is one."""
+    """Return whether a value of JSON or YAML is a number that a float holds; infinity is one."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     return not (isinstance(value, int) and abs(value) > 10**300) and not math.isnan(value)
 
 
 def plain_numbers(value: Any) -> Any:
-    """A number of JSON or YAML as a float, a list of them as an array of shape (k,); None for anything else."""
+    """Return a number of JSON or YAML as a float, a list of them as an array of shape (k,); None for anything else."""
     if is_number(value):
         return float(value)
     if not isinstance(value, list) or not value or not all(map(is_number, value)):
@@ -68,7 +68,7 @@ def pair_of_numbers(value: Any) -> tuple[float, float] | None:
 
 
 def names(text: str) -> tuple[str, ...]:
-    """The items without the space around them; empty text is an empty list."""
+    """Return the items without the space around them; empty text is an empty list."""
     text = text.strip()
     return tuple(item.strip() for item in text.split(",")) if text else ()
 
@@ -149,7 +149,7 @@ def number_lists(key: str, text: str, where: str) -> list[list[float]]:
 
 
 def shown(value: Any, width: int = 60) -> str:
-    """A value as a person would write it, in at most `width` characters."""
+    """Return a value as a person would write it, in at most `width` characters."""
     if value is None or isinstance(value, bool):
         return {None: "none", True: "true", False: "false"}[value]
     if isinstance(value, np.ndarray):
@@ -162,5 +162,5 @@ def shown(value: Any, width: int = 60) -> str:
 
 
 def cut(text: str, width: int = 80) -> str:
-    """The text in at most `width` characters."""
+    """Return the text in at most `width` characters."""
     return text if len(text) <= width else text[: width - 3] + "..."

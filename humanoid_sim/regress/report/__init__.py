@@ -30,7 +30,7 @@ def require_report() -> None:
 
 
 def report_page(results: Results, pictures: Sequence[Sequence[Picture]] = ()) -> str:
-    """The page, as HTML.
+    """Return the page, as HTML.
 
     Args:
         results: of the run.

@@ -73,12 +73,12 @@ SETTINGS: dict[Any, Any] = {
 
 
 def candidate_colour(index: int) -> str:
-    """Of the candidate at `index`; the fifth has the first one's again."""
+    """Return the colour of the candidate at `index`; the fifth has the first one's again."""
     return LIGHT[f"candidate{index % _CANDIDATES + 1}"]
 
 
 def panels(count: int, height: float, header: float = 0.0) -> tuple[Figure, list[Axes]]:
-    """A figure with `count` places for plots, `COLUMNS` in a row at most.
+    """Return a figure with `count` places for plots, `COLUMNS` in a row at most.
 
     Args:
         count: at least 1.
@@ -101,7 +101,7 @@ def style_axes(axes: Axes, *, grid: Literal["both", "x"] = "both") -> None:
 
 
 def svg_of(figure: Figure, name: str, description: str) -> str:
-    """The `svg` element of a figure, its colours those of the page in light and dark.
+    """Return the `svg` element of a figure, its colours those of the page in light and dark.
 
     Args:
         figure: drawn under `SETTINGS`.

@@ -34,7 +34,7 @@ _POWERS = 6
 
 
 def render(results: Results, pictures: Sequence[Sequence[Picture]]) -> str:
-    """The HTML of the page."""
+    """Return the HTML of the page."""
     environment = Environment(
         loader=PackageLoader("humanoid_sim.regress.report", "."),
         autoescape=True,
@@ -70,7 +70,7 @@ def render(results: Results, pictures: Sequence[Sequence[Picture]]) -> str:
 
 
 def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, Any]:
-    """What the page shows of one candidate beside what it holds itself."""
+    """Return what the page shows of one candidate beside what it holds itself."""
     first = worst(pair_up(candidate.run, results.baseline), results.metrics[0], _WORST)
     known = [(results.metric(comparison.metric), comparison) for comparison in candidate.comparisons]
     announced = {item.metric: item.change for item in results.detectable}
@@ -107,7 +107,7 @@ def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, 
 
 
 def _again(results: Results, candidate: Candidate, pair: Pair) -> str:
-    """The commands that run an episode again, record it, and play its policy on."""
+    """Return the commands that run an episode again, record it, and play its policy on."""
     episode = pair.candidate
     record = ["python", "-m", "humanoid_sim.regress", candidate.run.source, *results.arguments]
     file = f"runs/{recording_name(candidate.run.name, episode)}"
@@ -140,12 +140,12 @@ def scale_end(comparisons: Sequence[Comparison]) -> float:
 
 
 def _place(tolerances: float, end: float) -> float:
-    """Where so many tolerances lie on a bar: about even within them, and logarithmic beyond."""
+    """Return where so many tolerances lie on a bar: about even within them, and logarithmic beyond."""
     return math.copysign(100.0 * math.log2(1.0 + min(abs(tolerances), end)) / math.log2(1.0 + end), tolerances)
 
 
 def interval_bar(metric: MetricInfo, comparison: Comparison, end: float) -> IntervalBar | None:
-    """The bar on its candidate's scale; None without a change."""
+    """Return the bar on its candidate's scale; None without a change."""
     values, tolerance = (comparison.low, comparison.change, comparison.high), comparison.tolerance
     if None in values or tolerance is None:
         return None

@@ -32,7 +32,7 @@ def pair_up(candidate: PolicyRun, baseline: PolicyRun | None) -> tuple[Pair, ...
 
 
 def worst(pairs: Sequence[Pair], metric: MetricInfo, count: int) -> tuple[Pair, ...]:
-    """The episodes to look at first: failures that the baseline does not have, other failures, then by worsening.
+    """Give the episodes to look at first: failures that the baseline does not have, other failures, then by worsening.
 
     Where there is nothing to compare with, by the metric itself. Equals stay in their order.
     """
@@ -85,5 +85,5 @@ def trace_difference(pair: Pair, name: str) -> float:
 
 
 def trace(episode: Episode, name: str) -> FloatArray:
-    """A trace of shape (K,); NaN where there is no value."""
+    """Return a trace of shape (K,); NaN where there is no value."""
     return np.array([np.nan if value is None else value for value in episode.traces[name]], dtype=np.float64)

@@ -71,7 +71,7 @@ def worst_pictures(
 
 
 def worst_moment(episode: Episode, metric: MetricInfo, policy_dt: float) -> int:
-    """The policy step to look at: the last of an episode that failed, else where a metric's trace is worst.
+    """Return the policy step to look at: the last of an episode that failed, else where a metric's trace is worst.
 
     Args:
         episode: which.

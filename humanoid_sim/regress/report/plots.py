@@ -37,7 +37,7 @@ def moved_metrics(results: Results) -> list[MetricInfo]:
 
 
 def case_plot(results: Results, metrics: Sequence[MetricInfo], *, paired: bool, name: str) -> str:
-    """A panel for each metric with a row for each case: a dot per episode, a tick at the mean.
+    """Return a panel for each metric with a row for each case: a dot per episode, a tick at the mean.
 
     Args:
         results: of the run.
@@ -99,7 +99,7 @@ def _changes(run: PolicyRun, baseline: PolicyRun | None, metric: MetricInfo) -> 
 
 
 def _shade_worse(axes: Axes, results: Results, metric: MetricInfo) -> None:
-    """The line of no change, and the side that is worse than the suite tolerates."""
+    """Draw the line of no change, and shade the side that is worse than the suite tolerates."""
     axes.axvline(0.0, color=LIGHT["faint"], linewidth=0.8)
     tolerances = [
         comparison.tolerance
@@ -117,7 +117,7 @@ def _shade_worse(axes: Axes, results: Results, metric: MetricInfo) -> None:
 
 
 def _draw_row(axes: Axes, values: FloatArray, y: float, height: float, colour: str, metric: MetricInfo) -> None:
-    """A dot per episode and a tick at their mean; of a share the mean alone says all."""
+    """Draw a dot per episode and a tick at their mean; of a share the mean alone says all."""
     if not values.size:
         return
     mean = values.mean()
@@ -128,7 +128,7 @@ def _draw_row(axes: Axes, values: FloatArray, y: float, height: float, colour: s
 
 
 def trace_plot(results: Results, pair: Pair, colour: str, name: str) -> str:
-    """The traces of an episode that differ most from the baseline's, beside those; '' where none differs.
+    """Return the traces of an episode that differ most from the baseline's, beside those; '' where none differs.
 
     Args:
         results: of the run.
@@ -168,7 +168,7 @@ def _usual(episode: Episode, name: str) -> float:
 
 
 def _draw_trace(axes: Axes, episode: Episode, values: FloatArray, colour: str) -> None:
-    """A line; a cross where the episode failed."""
+    """Draw a line; a cross where the episode failed."""
     axes.plot(episode.trace_times, values, color=colour)
     known = np.flatnonzero(np.isfinite(values))
     if episode.failure and known.size:

@@ -34,7 +34,7 @@ _LOCAL_PEERS = '<Peers><Peer address="127.0.0.1"/></Peers>'
 
 
 def domain_id() -> int:
-    """The domain that `ROS_DOMAIN_ID` names; 0 without it.
+    """Return the domain that `ROS_DOMAIN_ID` names; 0 without it.
 
     Raises:
         InputError: it is no domain.
@@ -71,7 +71,7 @@ def check_network_interface(option: str, name: str) -> None:
 
 
 def is_wireless(interface: str) -> bool:
-    """Whether a network interface has no cable."""
+    """Return whether a network interface has no cable."""
     return Path("/sys/class/net", interface, "wireless").exists()
 
 

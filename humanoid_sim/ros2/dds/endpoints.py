@@ -18,19 +18,19 @@ _PREFIX = "rt"
 
 
 def dds_topic(topic: str) -> str:
-    """The DDS name of a ROS 2 topic: `rt/control_mode` for `/control_mode`."""
+    """Return the DDS name of a ROS 2 topic: `rt/control_mode` for `/control_mode`."""
     return f"{_PREFIX}{topic}"
 
 
 def dds_type(schema: str) -> str:
-    """The DDS name of a message type: `std_msgs::msg::dds_::Header_` for `std_msgs/msg/Header`."""
+    """Return the DDS name of a message type: `std_msgs::msg::dds_::Header_` for `std_msgs/msg/Header`."""
     package, kind, name = schema.split("/")
     return f"{package}::{kind}::dds_::{name}_"
 
 
 @cache
 def idl_type(schema: str) -> Any:
-    """A message type as Cyclone DDS's `IdlStruct`."""
+    """Return a message type as Cyclone DDS's `IdlStruct`."""
     from cyclonedds.idl import make_idl_struct, types  # noqa: PLC0415 - an extra
 
     primitives = {
@@ -103,7 +103,7 @@ class Writer:
 
     @property
     def readers(self) -> int:
-        """How many subscribe."""
+        """Return how many subscribe."""
         return len(self._writer.get_matched_subscriptions())
 
 
@@ -140,7 +140,7 @@ class Reader:
         return bool(self._set.wait(round(1e9 * timeout)))
 
     def take(self) -> list[Received]:
-        """What has come since the last call, oldest first."""
+        """Return what has come since the last call, oldest first."""
         taken = self._get(self._reader._ref, self._condition.mask, self._depth)
         if isinstance(taken, int):  # an error of the library's
             return []
@@ -149,7 +149,7 @@ class Reader:
         ]
 
     def name_of(self, writer: int) -> str:
-        """A writer's name for people: the first digits of its participant's GUID, and its own number there."""
+        """Return a writer's name for people: the first digits of its participant's GUID, and its own number there."""
         found = self._reader.get_matched_publication_data(writer)
         if found is None:
             return f"{writer:016x}"
@@ -158,5 +158,5 @@ class Reader:
 
     @property
     def writers(self) -> int:
-        """How many publish."""
+        """Return how many publish."""
         return len(self._reader.get_matched_publications())

@@ -65,7 +65,7 @@ def uniforms(keys: Words, stream: int, counter: npt.NDArray[np.integer], width: 
 def uniforms_of_streams(
     keys: Words, streams: Sequence[tuple[int, int]], counter: npt.NDArray[np.integer]
 ) -> list[FloatArray]:
-    """What `uniforms` gives of each of several streams and widths, all at once: most of the cost is of the call."""
+    """Say what `uniforms` gives of each of several streams and widths, all at once: most of the cost is of the call."""
     blocks = [-(-width // 4) for _, width in streams]
     count = keys.shape[1]
     words = np.empty((4, count, sum(blocks)), dtype=np.uint64)
@@ -81,7 +81,7 @@ def uniforms_of_streams(
 
 
 def normals(keys: Words, stream: int, counter: npt.NDArray[np.integer], width: int) -> FloatArray:
-    """Standard normal numbers, shape (N, width), by Box and Muller; arguments as of `uniforms`."""
+    """Return standard normal numbers, shape (N, width), by Box and Muller; arguments as of `uniforms`."""
     half = -(-width // 2)
     drawn = uniforms(keys, stream, counter, 2 * half)
     radius = np.sqrt(-2.0 * np.log(drawn[:, :half]))
@@ -221,7 +221,7 @@ class Draws:
         return values
 
     def turned(self, name: str, indices: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """An angle up to the field, and a direction in [0, 2 π), each of shape (k,), rad."""
+        """Return an angle up to the field, and a direction in [0, 2 π), each of shape (k,), rad."""
         if name not in self._shares:
             return np.zeros(len(indices)), np.zeros(len(indices))
         angle, direction = self._shares[name][indices].T
@@ -233,7 +233,7 @@ class Draws:
         return uniforms(self._keys, _STREAMS[name], self._counter(slice(None), part), width)
 
     def normal(self, name: str, step: IntArray, width: int) -> FloatArray:
-        """Standard normal numbers, shape (N, width), for the steps (N,) of all environments' episodes."""
+        """Return standard normal numbers, shape (N, width), for the steps (N,) of all environments' episodes."""
         return normals(self._keys, _STREAMS[name], self._counter(slice(None), step), width)
 
     def _counter(self, indices: IndexArray | slice, part: npt.ArrayLike) -> IntArray:
@@ -250,7 +250,7 @@ class Draws:
         return drawn
 
     def snapshot(self) -> dict[str, npt.NDArray[Any]]:
-        """Copies, for `restore` of as many environments."""
+        """Return copies, for `restore` of as many environments."""
         return {"keys": self._keys.copy(), "episode": self._episode.copy(), "amounts": self._amounts.copy()}
 
     def restore(self, snapshot: Mapping[str, npt.NDArray[Any]]) -> None:

@@ -55,7 +55,7 @@ class MotorDifferences:
         self.bias[indices] = draws.symmetric("joint_position_bias", indices)
 
     def applied(self, command: MITCommand) -> MITCommand:
-        """The command that motors without differences would have to be given, shape (N, n), for the same torque.
+        """Return the command that motors without differences would have to be given, shape (N, n), for the same torque.
 
         Twice as strong a motor is one with twice the gains and limits; one whose encoder shows too much aims too low.
         """
@@ -164,7 +164,7 @@ class BatchMotors:
         return affine_torque(self._bias, control, position, velocity, self.differences.limit)
 
     def snapshot(self) -> tuple[npt.NDArray[Any], ...]:
-        """Copies of the gains and of the commands in force and under way, for `restore`."""
+        """Return copies of the gains and of the commands in force and under way, for `restore`."""
         arrays = self._bias, self._targets, self._controls, self._arrival, self._control
         return tuple(array.copy() for array in arrays)
 

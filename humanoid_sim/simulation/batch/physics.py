@@ -53,11 +53,11 @@ class ModelPool:
         return mujoco.MjData(self.nominal)
 
     def __getitem__(self, i: int) -> mujoco.MjModel:
-        """The model of environment i."""
+        """Return the model of environment i."""
         return self._models[i]
 
     def select(self, indices: npt.NDArray[np.intp] | None) -> list[mujoco.MjModel]:
-        """The models of these environments, None for all."""
+        """Return the models of these environments, None for all."""
         return self._list if indices is None else self._models[indices].tolist()
 
     def separate(self) -> None:
@@ -227,7 +227,7 @@ class BatchPhysics:
         return broken
 
     def latest(self) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-        """Of each environment that took part in the latest `advance`: its index, its path and its controls.
+        """Yield, of each environment that took part in the latest `advance`, its index, its path and its controls.
 
         The path is of shape (steps + 1, …), the states before the first step and after each; the controls are of
         shape (steps, n). Valid until the next `advance`.
@@ -238,7 +238,7 @@ class BatchPhysics:
                 yield i, np.concatenate([initial[row][None], path[row]]), control[row]
 
     def past(self, delay: IndexArray) -> tuple[PhysicalStates, PhysicalStates, FloatArray]:
-        """Where the robots were some physics steps ago, but not before their start.
+        """Return where the robots were some physics steps ago, but not before their start.
 
         Args:
             delay: shape (N,), physics steps, at most the longest that was announced.
@@ -259,7 +259,7 @@ class BatchPhysics:
         return PhysicalStates(full, full[:, 0], full[:, self._qpos], full[:, self._qvel], acceleration)
 
     def snapshot(self) -> tuple[FloatArray, ...]:
-        """Copies of the states and of what is remembered of the steps before, for `restore`."""
+        """Return copies of the states and of what is remembered of the steps before, for `restore`."""
         arrays = self._state, self._before, self.acceleration, self._line, self._controls
         return tuple(array.copy() for array in arrays)
 
@@ -275,7 +275,7 @@ class BatchPhysics:
         control: FloatArray,
         control_spec: int = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED),
     ) -> FloatArray:
-        """What another model's sensors measure.
+        """Return what another model's sensors measure.
 
         Args:
             model: any.
@@ -302,7 +302,7 @@ class BatchPhysics:
         return sensordata[:, 0]
 
     def _with_wrench(self, control: FloatArray, wrench: FloatArray) -> FloatArray:
-        """Controls followed by the wrenches on all bodies, as MuJoCo orders them."""
+        """Return controls followed by the wrenches on all bodies, as MuJoCo orders them."""
         nominal = self._pool.nominal
         if self._pushed is None:
             self._pushed = np.zeros((*control.shape[:2], nominal.nu + 6 * nominal.nbody))

@@ -118,7 +118,7 @@ class Randomisation:
 
     @classmethod
     def of(cls, values: Randomisation | Mapping[str, Any] | None) -> Randomisation:
-        """The randomisation itself, one with these fields, or one without any differences for None.
+        """Return the randomisation itself, one with these fields, or one without any differences for None.
 
         Raises:
             InputError: there is no such field, or it is not what it should be.
@@ -134,17 +134,17 @@ class Randomisation:
         return cls(**(values or {}))
 
     def has(self, *names: str) -> bool:
-        """Whether any of these fields says that something differs."""
+        """Return whether any of these fields says that something differs."""
         return any(getattr(self, name) != _NEUTRAL[name] for name in names)
 
     @property
     def is_noisy(self) -> bool:
-        """Whether what the policy sees differs from what is, from report to report."""
+        """Return whether what the policy sees differs from what is, from report to report."""
         return self.has(*(name for name in _NEUTRAL if name.endswith("_noise")))
 
     @property
     def is_biased(self) -> bool:
-        """Whether what the policy sees is off by something that stays for the episode."""
+        """Return whether what the policy sees is off by something that stays for the episode."""
         return self.has(*(name for name in _NEUTRAL if name.endswith("_bias")))
 
 

@@ -143,13 +143,13 @@ class BatchSensors:
         self._data = [mujoco.MjData(self._model) for _ in range(physics.threads)]
 
     def measure(self, states: PhysicalStates) -> FloatArray:
-        """What `read` and `poses` take, of states of the N robots; shape (N, …), a new array."""
+        """Return what `read` and `poses` take, of states of the N robots; shape (N, …), a new array."""
         return self._physics.measure(self._model, self._data, states.full, _ARMATURE * states.acceleration)
 
     def read(
         self, states: PhysicalStates, measured: FloatArray, effort: FloatArray, base: BaseState | None
     ) -> MITState:
-        """The true state of N robots at these states.
+        """Return the true state of N robots at these states.
 
         Args:
             states: of the robots.
@@ -190,7 +190,7 @@ class BatchSensors:
         )
 
     def _felt(self, orientation: FloatArray, acceleration: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What an IMU makes of gravity that does not point down: it knows the vertical from nothing else."""
+        """Return what an IMU makes of gravity that does not point down: it knows the vertical from nothing else."""
         gravity, turn = np.array(self._physics.model.opt.gravity), self.differences.gravity_turn
         acceleration = acceleration + rotate_inverse(orientation, gravity - rotate(turn, gravity))
         return _as_from_matrix(multiply(conjugate(turn), orientation)), acceleration
@@ -205,11 +205,11 @@ class BatchSensors:
         return position.copy(), quaternion.copy()
 
     def centre_of_mass(self, measured: FloatArray) -> FloatArray:
-        """Of the whole robot, shape (N, 3), m, world frame; a new array."""
+        """Return the whole robot's centre of mass, shape (N, 3), m, world frame; a new array."""
         return measured[:, 10:13].copy()
 
     def disturb(self, state: MITState, step: npt.NDArray[np.int64]) -> MITState:
-        """What the sensors make of the true state.
+        """Return what the sensors make of the true state.
 
         Args:
             state: from `read`.
@@ -278,7 +278,7 @@ def _add_sensors(
     sites: Sequence[str],
     scanned: tuple[mujoco.mjtObj, str] | None,
 ) -> None:
-    """What is measured, in this order.
+    """Add what is measured, in this order.
 
     IMU: orientation, gyroscope, accelerometer. The centre of mass in the world. Base, then bodies: position and
     orientation in the world. Sites, one of which may be the IMU: velocity in the world. The frame of a height scan:
@@ -308,7 +308,7 @@ def _add_sensors(
 
 
 def _as_from_matrix(quaternion: FloatArray) -> FloatArray:
-    """Of the two quaternions of a rotation the one that `mju_mat2Quat` gives, as for one robot; shape (N, 4).
+    """Return the one of a rotation's two quaternions that `mju_mat2Quat` gives, as for one robot; shape (N, 4).
 
     Its scalar part is positive where the matrix's trace is (|w| > 1/2), otherwise its largest component is.
     """

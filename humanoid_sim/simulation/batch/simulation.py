@@ -237,7 +237,7 @@ class BatchSimulation:
         return self._touches.hardest()
 
     def model(self, i: int) -> mujoco.MjModel:
-        """The model of environment i, which others may share."""
+        """Return the model of environment i, which others may share."""
         return self._pool[i]
 
     def reseed(
@@ -392,20 +392,20 @@ class BatchSimulation:
             self.close()
 
     def truth(self) -> MITState:
-        """The true state of the robots now, shape (N, …): what `state` is without noise."""
+        """Return the true state of the robots now, shape (N, …): what `state` is without noise."""
         if self._truth is None:
             self._truth = self._sensors.read(self._physics.now, self._measure(), self._effort, self.base)
         return self._truth
 
     def state(self) -> MITState:
-        """What the robots report now, shape (N, …): late, biased and noisy as the randomisation says."""
+        """Return what the robots report now, shape (N, …): late, biased and noisy as the randomisation says."""
         if self._report is None:
             state = self._late_state() if self._is_late else self.truth()
             self._report = self._sensors.disturb(state, self._step)
         return self._report
 
     def _late_state(self) -> MITState:
-        """The state that has arrived by now."""
+        """Return the state that has arrived by now."""
         self._check_open()
         delay = self._sensors.differences.delay
         then, before, control = self._physics.past(delay)
@@ -418,7 +418,7 @@ class BatchSimulation:
         return replace(self._sensors.read(then, measured, effort, base), time=self._physics.time, joint_age=age)
 
     def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Where the bodies truly are.
+        """Return where the bodies truly are.
 
         Args:
             in_base: in the frame of the robot's base instead of the world's.
@@ -440,7 +440,7 @@ class BatchSimulation:
 
     @property
     def is_closed(self) -> bool:
-        """Whether `close` was called."""
+        """Return whether `close` was called."""
         return self._physics.is_closed
 
     def close(self) -> None:

@@ -36,7 +36,7 @@ class Argument(NamedTuple):
 
 
 def arguments_of(config: TrainConfig) -> dict[str, Argument]:
-    """The environments' arguments by keyword.
+    """Return the environments' arguments by keyword.
 
     Raises:
         InputError: one line with the option, its value and what is accepted.
@@ -45,7 +45,7 @@ def arguments_of(config: TrainConfig) -> dict[str, Argument]:
 
 
 def as_options(error: InputError) -> InputError:
-    """What an environment says about an argument, said of the option."""
+    """Return what an environment says about an argument, said of the option."""
     name, colon, rest = str(error).partition(":")
     return InputError(f"--{name.replace('_', '-')}:{rest}") if colon and name in ARGUMENTS else error
 
@@ -70,7 +70,7 @@ def _task(config: TrainConfig) -> Argument:
 
 
 def _contract(config: TrainConfig) -> Argument:
-    """That of the environment that is registered for the robot; of others that of the arms."""
+    """Return that of the environment that is registered for the robot; of others that of the arms."""
     known = {usual["robot"]: usual["contract"] for usual in _usual()}
     source = config.contract or known.get(config.robot) or _usual()[0]["contract"]
     return Argument(source, source)
@@ -87,7 +87,7 @@ def _motion(config: TrainConfig) -> Argument:
 
 
 def _usual() -> list[dict[str, Any]]:
-    """What the registered environments of one policy are about."""
+    """Return what the registered environments of one policy are about."""
     of_all = (entry.get("kwargs", {}) for entry in ENVIRONMENTS.values())
     return [arguments for arguments in of_all if "contract" in arguments]
 
@@ -157,7 +157,7 @@ def _privileged(config: TrainConfig) -> Argument:
 
 
 def own_object(option: str, text: str) -> Any:
-    """What `text` names: `examples/own_task.py:HoldTask`, or `my_package.tasks:HoldTask`.
+    """Return what `text` names: `examples/own_task.py:HoldTask`, or `my_package.tasks:HoldTask`.
 
     Args:
         option: which says so, for messages.

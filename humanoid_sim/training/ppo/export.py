@@ -49,7 +49,7 @@ class Actor(Protocol):
 
 
 def actor_of(model: Any, envs: Any = None) -> Actor:
-    """The actor of a model.
+    """Return the actor of a model.
 
     Args:
         model: of stable-baselines3, or a runner of rsl_rl.
@@ -111,7 +111,7 @@ def motion_file(motion: Motions | None, folder: Path) -> Path | None:
 
 
 def _environment(envs: Any) -> PolicyEnv | PolicyVectorEnv:
-    """What is inside the libraries' and Gymnasium's wrappers.
+    """Return what is inside the libraries' and Gymnasium's wrappers.
 
     Raises:
         InputError: it is no environment of a policy, or a wrapper changes what the policy sees or commands.
@@ -130,7 +130,7 @@ def _environment(envs: Any) -> PolicyEnv | PolicyVectorEnv:
 
 
 def _inside(wrapper: Any) -> Any:
-    """What is wrapped; of several environments the first. None: nothing."""
+    """Return what is wrapped; of several environments the first. None: nothing."""
     own = getattr(wrapper, "__dict__", {})
     inside = next((own[name] for name in _INSIDE if name in own), None)
     return next(iter(inside), None) if isinstance(inside, list | tuple) else inside
@@ -146,7 +146,7 @@ def _check_widths(network: Network, env: PolicyEnv | PolicyVectorEnv) -> None:
 
 
 def _training_run(scenario: Scenario, actor: Actor, seed: int) -> dict[str, npt.NDArray[Any]]:
-    """The arrays of a trace, as `docs/golden-vectors.md` lists them, one row per policy step.
+    """Return the arrays of a trace, as `docs/golden-vectors.md` lists them, one row per policy step.
 
     The actions are the library's own, not those of the exported file. The run ends early where the robot is no longer
     sound.

@@ -65,7 +65,7 @@ class EpisodeMeter(VectorWrapper):
 
     @property
     def mean_return(self) -> float:
-        """Of the latest episodes; NaN before any has ended."""
+        """Return the mean of the latest episodes; NaN before any has ended."""
         return self._mean(0)
 
     @property
@@ -79,7 +79,7 @@ class EpisodeMeter(VectorWrapper):
         return self._mean(2)
 
     def terms(self) -> dict[str, float]:
-        """Of each reward term the mean over the robots, in the latest step."""
+        """Return each reward term's mean over the robots, in the latest step."""
         means = {}
         terms = self._info.get("terms", {})
         for name, values in terms.items():
@@ -166,7 +166,7 @@ class Journal:
             self._show(self.line(row))
 
     def line(self, row: Mapping[str, float]) -> str:
-        """A row in words."""
+        """Return a row in words."""
         left = max(self._total - row["steps"], 0) / max(row["steps_per_second"], 1e-9)
         left = max(min(left, self._limit - row["seconds"]), 0.0)
         return (
@@ -182,7 +182,7 @@ class Journal:
 
 
 def read_progress(path: Path) -> list[dict[str, float]]:
-    """The rows of a `progress.csv`; an unfinished last line is left out.
+    """Return the rows of a `progress.csv`; an unfinished last line is left out.
 
     Raises:
         InputError: the file is missing or is none of these.

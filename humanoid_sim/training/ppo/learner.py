@@ -52,7 +52,7 @@ SETTINGS = PPOSettings()
 
 
 def first_spread(contract: PolicyContract, *, is_floating: bool) -> float:
-    """Standard deviation of the raw actions of a new network."""
+    """Return standard deviation of the raw actions of a new network."""
     return float(_FIRST_SPREAD[is_floating] / np.median(np.abs(contract.action_scale)))
 
 
@@ -94,14 +94,14 @@ class Learner(Protocol):
         """Write a checkpoint, between two updates."""
 
     def answer(self, observations: Float32Array) -> Float32Array:
-        """The actor's raw actions (k, m) for observations (k, N), as the library computes them."""
+        """Return the actor's raw actions (k, m) for observations (k, N), as the library computes them."""
 
     def close(self) -> None:
         """Close the environments."""
 
 
 def learner_class(algorithm: str) -> type[Learner]:
-    """The learner of an algorithm's name.
+    """Return the learner of an algorithm's name.
 
     Raises:
         MissingPackageError: its library is not installed.

@@ -134,13 +134,13 @@ class Graph:
         self._constants: dict[str, npt.NDArray[np.generic]] = {}
 
     def __call__(self, operator: str, *inputs: str, name: str = "", **attributes: Any) -> str:
-        """A node's output."""
+        """Return a node's output."""
         output = name or f"{operator.lower()}_{len(self._nodes)}"
         self._nodes.append(helper.make_node(operator, list(inputs), [output], name=output, **attributes))
         return output
 
     def constant(self, value: npt.ArrayLike, name: str = "", dtype: type = np.float32) -> str:
-        """An array that is stored in the graph."""
+        """Return an array that is stored in the graph."""
         name = name or f"constant_{len(self._constants)}"
         self._constants[name] = np.asarray(value, dtype=dtype)
         return name
@@ -168,7 +168,7 @@ class Graph:
 
 
 def network_graph(network: Network, name: str) -> onnx.GraphProto:
-    """The network as a graph from `obs` (B, N) to `actions` (B, m)."""
+    """Return the network as a graph from `obs` (B, N) to `actions` (B, m)."""
     weights = {}
     for i, (weight, bias) in enumerate(network.layers):
         weights[f"{_LAYERS}.{i}.weight"], weights[f"{_LAYERS}.{i}.bias"] = weight, bias

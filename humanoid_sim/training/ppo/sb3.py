@@ -45,7 +45,7 @@ class NormalisedObservation(BaseFeaturesExtractor):
 
     @property
     def deviation(self) -> Tensor:
-        """What observations are divided by."""
+        """Return what observations are divided by."""
         return self.variance.sqrt() + self._least
 
     def forward(self, observations: Tensor) -> Tensor:

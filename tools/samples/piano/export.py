@@ -31,7 +31,7 @@ _ARM = 7
 
 
 def piano_contract(description: RobotDescription, default: FloatArray) -> PolicyContract:
-    """The contract of the sample policy; `default`, shape (14,), rad, is commanded while the action is 0."""
+    """Return the contract of the sample policy; `default`, shape (14,), rad, is commanded while the action is 0."""
     joints = description.joint_names
     return PolicyContract(
         task_type="piano",
@@ -121,7 +121,7 @@ def _graph(
 
 
 def _of_row(g: SampleGraph, values: npt.NDArray[np.generic], row: str, to: int = onnx.TensorProto.INT64) -> str:
-    """What a table has in the rows (B, 1); integers are stored as small as they are."""
+    """Return what a table has in the rows (B, 1); integers are stored as small as they are."""
     small = values.astype(np.uint8 if values.max() < 256 else np.int32) if values.dtype.kind in "iu" else values
     dtype = np.float32 if small.dtype.kind == "f" else small.dtype.type
     found = g("Gather", g.constant(small, dtype=dtype), row, axis=0)
@@ -136,7 +136,7 @@ def _pointed(
     moves: tuple[Moves, Moves],
     rows: list[str],
 ) -> str:
-    """The key of each hand, (B, 2), `NONE` for none: `key_features` and `Pointer`."""
+    """Return the key of each hand, (B, 2), `NONE` for none: `key_features` and `Pointer`."""
     most, keys = g.constant(60.0), g.constant(np.arange(KEY_COUNT))
     wait = times[0]
     near, soon, later = (g("Min", part, most) for part in times)
@@ -189,7 +189,7 @@ def _moved(
     answer: str,
     times: tuple[str, str, str],
 ) -> list[str]:
-    """The next row of each hand, (B, 1): `Motion.step`."""
+    """Return the next row of each hand, (B, 1): `Motion.step`."""
     far, none = g.constant(FAR), g.constant(NONE, dtype=np.int64)
     here = [_of_row(g, own.key, row) for own, row in zip(moves, rows, strict=True)]
     points, aim = [], []

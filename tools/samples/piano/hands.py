@@ -192,7 +192,7 @@ class Motion:
         left: FloatArray,
         again: FloatArray,
     ) -> IntArray:
-        """The rows of both hands after a step; all arrays have the shape (S, 2).
+        """Return the rows of both hands after a step; all arrays have the shape (S, 2).
 
         A hand goes to the key that it is pointed at, or as far as the other leaves room: where that is, where it goes
         to, and the key that it is pointed at, if its note begins first. Then it presses the key in time.

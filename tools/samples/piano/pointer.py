@@ -25,7 +25,7 @@ _WIDTH = 48
 
 
 def times(seen: npt.NDArray[np.floating]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """When each key begins, ends, and begins again, in steps; `FAR` for never.
+    """Return when each key begins, ends, and begins again, in steps; `FAR` for never.
 
     Args:
         seen: shape (..., T, 88), 0 or 1, the goals at `OFFSETS`.
@@ -44,7 +44,7 @@ def times(seen: npt.NDArray[np.floating]) -> tuple[FloatArray, FloatArray, Float
 def key_features(
     wait: FloatArray, left: FloatArray, again: FloatArray, pressed: FloatArray, hands: FloatArray
 ) -> FloatArray:
-    """What the network sees of each key, shape (..., 88, FEATURES).
+    """Return what the network sees of each key, shape (..., 88, FEATURES).
 
     Args:
         wait: shape (..., 88), steps until it begins.

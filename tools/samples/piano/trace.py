@@ -62,7 +62,7 @@ def piano_run(
     seconds: float = _SECONDS,
     seed: int = 0,
 ) -> Arrays:
-    """The arrays of a trace, as `docs/golden-vectors.md` lists them, one row per policy step.
+    """Return the arrays of a trace, as `docs/golden-vectors.md` lists them, one row per policy step.
 
     Args:
         checkpoint: of a network from `export_piano_policy`.

@@ -120,7 +120,7 @@ def _lesson(
 
 
 def hands_of_notes(song: Song, reach: Sequence[Collection[int]]) -> tuple[list[Note], list[Note]]:
-    """The notes that each hand takes: of two at a time the lower is the left hand's, and else the nearer hand's.
+    """Return the notes that each hand takes: of two at a time the lower is the left hand's, and else the nearer hand's.
 
     Nearer counts the time that a hand has left, and that hands do not cross.
 
@@ -150,7 +150,7 @@ def hands_of_notes(song: Song, reach: Sequence[Collection[int]]) -> tuple[list[N
 
 
 def _targets(own: Sequence[Note], frames: int, moves: Moves, motion: Motion) -> npt.NDArray[np.int64]:
-    """The key of the note that a hand should be at or on its way to, shape (F,); it leaves in time for the next."""
+    """Get the key of the note that a hand should be at or on its way to, shape (F,); it leaves in time for the next."""
     found = np.full(frames, -1, dtype=np.int64)
     frame = 0
     for note, following in zip(own, [*own[1:], None], strict=True):
@@ -167,7 +167,7 @@ def _targets(own: Sequence[Note], frames: int, moves: Moves, motion: Motion) -> 
 
 
 def _needed(key: int, following: int, moves: Moves, motion: Motion) -> int:
-    """Steps from when a hand begins to leave a key until it sounds the next."""
+    """Return steps from when a hand begins to leave a key until it sounds the next."""
     a, b = (min(max(k, moves.lowest), moves.highest) - moves.lowest for k in (key, following))
     way = 0 if a == b else int(moves.busy[moves.way[a, b]]) + 1
     return int(moves.busy[moves.release[a]]) + 1 + way + motion.sounds

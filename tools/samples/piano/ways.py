@@ -48,14 +48,14 @@ class Ways:
         self._room: dict[tuple[int, int], FloatArray] = {}
 
     def __call__(self, hand: int, origin: int, key: int) -> Course:
-        """The commands from over one key to over another, the other arm at rest."""
+        """Return the commands from over one key to over another, the other arm at rest."""
         planned = self._planned(hand, origin, key, _STEPS)
         room = np.minimum(self._beside_weight(hand, origin), self._beside_weight(hand, key))
         steps = max(self._needed(hand, planned, _WAY * room), self.player.way_steps(origin, key))
         return self.player.led(self._planned(hand, origin, key, steps))[1:, self._poses.arms[hand]]
 
     def release(self, hand: int, key: int) -> Course:
-        """The commands from the bottom of a key to over it, the other arm at rest."""
+        """Return the commands from the bottom of a key to over it, the other arm at rest."""
         rise = smooth(np.linspace(0.0, 1.0, _STEPS + 1))[:, None]
         above, pressed = (self._poses.table[hand, row, key] for row in (ABOVE, PRESSED))
         planned = self._resting(_STEPS)
@@ -64,7 +64,7 @@ class Ways:
         return self.player.release(hand, key, needed)
 
     def _needed(self, hand: int, planned: FloatArray, effort: FloatArray) -> int:
-        """Steps, if poses planned for `_STEPS` are to need no more than an effort, shape (7,), N·m."""
+        """Return steps, if poses planned for `_STEPS` are to need no more than an effort, shape (7,), N·m."""
         arm = self._poses.arms[hand]
         padded = np.concatenate([planned[:1], planned, planned[-1:]])
         acceleration = (padded[2:] - 2.0 * planned + padded[:-2]) / self._dt**2
@@ -102,7 +102,7 @@ class Ways:
 
 
 def _lift(time: FloatArray, way: int) -> FloatArray:
-    """How far up a hand is on a way of some semitones: 0 over the keys, 1 on the line over all of them."""
+    """Return how far up a hand is on a way of some semitones: 0 over the keys, 1 on the line over all of them."""
     height = smooth(min(way / _LIFTED, 1.0))
     if way <= _ROUND:
         return height * np.sin(math.pi * time) ** 2

@@ -71,7 +71,7 @@ NO_AIM = Aim(SPEEDS, 1.0, np.eye(2), _EVERYTHING)
 
 
 def measure_response(scenario: Scenario, policy: Path) -> FloatArray:
-    """What the robot does, shape (k, 3), for each of the commands that `aim_from` knows; m/s, m/s, rad/s."""
+    """Return what the robot does, shape (k, 3), for each of the commands that `aim_from` knows; m/s, m/s, rad/s."""
     session = onnx_runtime().InferenceSession(str(policy), providers=["CPUExecutionProvider"])
     source, count = session.get_inputs()[0].name, len(_ASKED)
     simulation = BatchSimulation(
@@ -95,7 +95,7 @@ def measure_response(scenario: Scenario, policy: Path) -> FloatArray:
 
 
 def aim_from(response: FloatArray, ranges: FloatArray) -> Aim:
-    """The inverse of a response, as `measure_response` gives it; `ranges` (3, 2) are those of training."""
+    """Return the inverse of a response, as `measure_response` gives it; `ranges` (3, 2) are those of training."""
     back = _gain(response, _ASKED[:, 0] < 0.0)
     turned = _ASKED[:, 0] == 0.0
     slope, *_ = np.linalg.lstsq(_ASKED[turned, 1:], response[turned, 1:], rcond=None)
@@ -104,7 +104,7 @@ def aim_from(response: FloatArray, ranges: FloatArray) -> Aim:
 
 
 def _forward(response: FloatArray) -> FloatArray:
-    """What is to be told for `SPEEDS`, shape (5,)."""
+    """Return what is to be told for `SPEEDS`, shape (5,)."""
     rows = _ASKED[:, 0] > 0.0
     done = np.maximum.accumulate([0.0, *response[rows, 0]])
     told = np.interp(SPEEDS, done, [0.0, *_ASKED[rows, 0]])

@@ -286,7 +286,7 @@ def _result(
 
 
 def _averaged(values: FloatArray, width: int) -> FloatArray:
-    """The mean of `width` consecutive rows, shape (T - width + 1, …)."""
+    """Return the mean of `width` consecutive rows, shape (T - width + 1, …)."""
     width = min(width, len(values))
     summed = np.cumsum(np.concatenate([np.zeros_like(values[:1]), values]), axis=0)
     mean: FloatArray = (summed[width:] - summed[:-width]) / width

@@ -62,7 +62,7 @@ def export_walking(
 
 
 def walking_graph(weights: Mapping[str, npt.NDArray[np.float32]], aim: Aim = NO_AIM) -> onnx.GraphProto:
-    """A graph from `obs` (B, 53) to `actions` (B, 14); `gait.py` says what it computes, and why."""
+    """Return a graph from `obs` (B, 53) to `actions` (B, 14); `gait.py` says what it computes, and why."""
     g = SampleGraph(weights)
     asked = g.columns("obs", COMMAND, COMMAND + 1)
     begins, slope = [0.0, *SPEEDS], np.diff([0.0, *aim.ahead], append=aim.ahead[-1]) / np.diff([0.0, *SPEEDS, np.inf])

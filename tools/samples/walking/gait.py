@@ -145,7 +145,7 @@ STIRRED = 0.12, 0.22
 
 
 def awake(observation: Float32Array) -> Float32Array:
-    """What is observed, shape (..., 53), with a gait clock that a robot at rest does not see.
+    """Return what is observed, shape (..., 53), with a gait clock that a robot at rest does not see.
 
     The clock runs all the time. A robot that is to stand and does is shown sine and cosine 0: neither the gait nor the
     network moves a foot. The faster its base moves over its feet, because something pushed it, the more it sees of
@@ -177,7 +177,7 @@ def network_input(observation: Float32Array) -> Float32Array:
 
 
 def gait(observation: Float32Array, answer: Float32Array) -> Float32Array:
-    """The action of gait and network together, shape (..., 14), raw, while the left leg swings.
+    """Return the action of gait and network together, shape (..., 14), raw, while the left leg swings.
 
     Args:
         observation: shape (..., 53), as `to_canonical` gives it. Where no clock is seen, the gait is the default pose.
@@ -194,13 +194,13 @@ def gait(observation: Float32Array, answer: Float32Array) -> Float32Array:
 
 
 def to_canonical(observation: Float32Array) -> tuple[Float32Array, BoolArray]:
-    """What `awake` gives, shape (..., 53), mirrored where the right leg swings; and where that is, shape (...)."""
+    """Say what `awake` gives, shape (..., 53), mirrored where the right leg swings; and where that is, shape (...)."""
     mirrored = observation[..., PHASE] < 0.0
     source, sign = OBSERVATION_MIRROR
     return np.where(mirrored[..., None], observation[..., source] * sign, observation), mirrored
 
 
 def from_canonical(action: Float32Array, mirrored: BoolArray) -> Float32Array:
-    """The action, shape (..., 14), mirrored back where the observation was."""
+    """Return the action, shape (..., 14), mirrored back where the observation was."""
     source, sign = ACTION_MIRROR
     return np.where(mirrored[..., None], action[..., source] * sign, action)

@@ -75,7 +75,7 @@ class WalkingPolicy(ActorCriticPolicy):
 
 
 def network_weights(model: PPO) -> dict[str, npt.NDArray[np.float32]]:
-    """The actor's linear layers as `export_walking` takes them."""
+    """Return the actor's linear layers as `export_walking` takes them."""
     policy: Any = model.policy
     layers = [layer for layer in policy.mlp_extractor.policy_net if isinstance(layer, nn.Linear)]
     weights = {}
@@ -187,7 +187,7 @@ def _average(model: PPO, checkpoints: list[Path]) -> None:
 
 
 def _save(model: PPO, folder: Path, stage: Stage, steps: int) -> None:
-    """The checkpoint first, then where it stands: a run that ends between the two repeats a little."""
+    """Write the checkpoint first, then where it stands: a run that ends between the two repeats a little."""
     temporary = folder / "latest.tmp.zip"
     model.save(temporary)
     os.replace(temporary, folder / "latest.zip")

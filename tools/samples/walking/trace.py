@@ -49,7 +49,7 @@ def write_walking_trace(checkpoint: Path, output: Path) -> int:
 
 
 def walking_run(checkpoint: Path, description: RobotDescription, seed: int = 0) -> Arrays:
-    """The arrays of a trace, as `docs/golden-vectors.md` lists them, one row per policy step.
+    """Return the arrays of a trace, as `docs/golden-vectors.md` lists them, one row per policy step.
 
     Args:
         checkpoint: of a network from `export_walking`.

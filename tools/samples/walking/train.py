@@ -40,7 +40,7 @@ __all__ = ["export_aimed", "train_walking", "walking_contract"]
 
 
 def walking_contract() -> PolicyContract:
-    """The contract that the policy is trained under."""
+    """Return the contract that the policy is trained under."""
     return merge(read_contract_file(CONTRACT), str(CONTRACT), load_robot("lite_biped").joint_names)
 
 
