@@ -275,7 +275,7 @@ class PolicyContract:
 
     @property
     def takes_velocity_command(self) -> bool:
-        """Whether what the policy observes depends on the velocity command: as a term, or through the gait clock."""
+        """Tell whether what the policy observes depends on the velocity command: as a term, or by the gait clock."""
         return self.phase is not None or any(self.kind(term).reads == VELOCITY_COMMAND for term in self.terms)
 
     @property

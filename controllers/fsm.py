@@ -122,7 +122,7 @@ def choose_intent(intents: Sequence[Intent]) -> tuple[Intent | None, tuple[Inten
 
 
 def granted_intent(intents: Sequence[Intent], refusals: Sequence[str]) -> Intent | None:
-    """The intent of a tick that took effect, given those that came and the refusals of its output; None if none did.
+    """Return the intent that took effect in a tick, given those that came and its output's refusals; None if none did.
 
     Every intent but the chosen one is refused; one refusal more is that of the chosen one.
     """

@@ -62,7 +62,7 @@ class ObservationLayout:
         object.__setattr__(self, "history", max((term.term.history for term in self.terms), default=1))
 
     def locate(self, index: int) -> str:
-        """The value at `index` of the whole observation in words: `joint_pos[3]`, `joint_pos[3] of history step 1`."""
+        """Name the value at `index` of the whole observation: `joint_pos[3]`, `joint_pos[3] of history step 1`."""
         term, value, step = self._place(index)
         return f"{term.name}[{value}]" + (f" of history step {step}" if term.term.history > 1 else "")
 

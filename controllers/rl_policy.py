@@ -143,7 +143,7 @@ def infer(wiring: PolicyWiring, policy: Policy, observation: Float32Array, frame
 
 
 def _floats(answer: npt.ArrayLike) -> npt.NDArray[np.floating]:
-    """A policy's answer as the array of floats that it has to be: texts, masks and records become numbers too easily.
+    """Return a policy's answer as the array of floats that it must be: texts and masks become numbers too easily.
 
     Raises:
         TypeError: it is something else.

@@ -219,7 +219,7 @@ class Supervisor:
     def _attempt(
         self, name: str, controller_memory: Any, guards: GuardMemory | None, tick_input: TickInput
     ) -> tuple[_Result | Fault, bool]:
-        """A controller's result, with everything that must not leave it turned into a fault; and whether it raised."""
+        """Return a controller's result, with all that must not leave it turned into a fault; and whether it raised."""
         controller = self.controllers[name]
         try:
             if controller_memory is None:

@@ -136,7 +136,7 @@ def live_kind(name: str) -> TermKind:
 
 
 def is_known(name: str) -> bool:
-    """Whether a kind of term, or something that a robot reports, has this name: no live input may be declared so."""
+    """Tell whether a kind of term, or something that a robot reports, has this name, which no live input may have."""
     is_reported = name in EXTERN_WIDTHS or name.startswith(BASE_LINEAR_VELOCITY)
     return name == _COMMAND or name in TERM_KINDS or name in TERM_NAMES or is_reported
 

@@ -69,7 +69,7 @@ def with_structs(match: re.Match[str]) -> str:
 
 
 def staged(text: str, source: PurePosixPath) -> str:
-    """A page's Markdown for the site: links lead to pages, by their titles, and a script draws its diagrams."""
+    """Return a page's Markdown for the site: links lead to pages, by their titles, and a script draws its diagrams."""
     page = page_of(source)
     assert page is not None
 
@@ -91,7 +91,7 @@ def staged(text: str, source: PurePosixPath) -> str:
 
 
 def notebook_page(text: str, source: PurePosixPath) -> tuple[str, dict[str, bytes]]:
-    """A notebook's Markdown for the site, and the pictures beside it by their names: its cells, and what they show."""
+    """Return a notebook's Markdown for the site, its cells and what they show, and its pictures by their names."""
     parts: list[str] = []
     pictures: dict[str, bytes] = {}
     for cell in json.loads(text)["cells"]:
@@ -159,7 +159,7 @@ class Page(HTMLParser):
 
 
 def problems_and_outside(pages: Mapping[str, Page], files: Iterable[str]) -> tuple[list[str], dict[str, str]]:
-    """What is wrong between built pages, and each link to the outside with a page that has it.
+    """Return what is wrong between built pages, and each link to the outside with a page that has it.
 
     Args:
         pages: by their paths in the site.

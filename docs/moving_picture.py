@@ -54,7 +54,7 @@ Frames = list[tuple[Image.Image, int]]
 
 
 def play(*options: str) -> list[str]:
-    """The command line of a run that nobody watches."""
+    """Return the command line of a run that nobody watches."""
     return [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--video", "none", *options]
 
 
@@ -71,7 +71,7 @@ def film(recording: Path, video: Path, begin: float, end: float) -> None:
 
 
 def console_frames(folder: Path) -> Frames:
-    """The pictures of the console, each as long as it was to be seen."""
+    """Return the pictures of the console, each as long as it was to be seen."""
     times = json.loads((folder / "times.json").read_text("utf-8"))
     durations = [min(LONGEST, round(1e3 * (after - at))) for at, after in pairwise(times)]
     frames = []

@@ -225,7 +225,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         return self._observation.copy(), {"frame": int(loop.memory.frame), **self._true(loop)}
 
     def _begin(self, options: dict[str, Any], *, is_seeded: bool) -> tuple[PlantState, PolicyMemory | None, int]:
-        """Where the robot begins, with the policy's memory if it is not a fresh one, and the first frame that is shown.
+        """Return where the robot begins, with the policy's memory unless it is a fresh one, and the first frame shown.
 
         It sets the episode's commands.
         """

@@ -204,7 +204,7 @@ def _states(
 
 
 def with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDescription) -> Motions | None:
-    """The motions with goals in the place of songs: samples by name, and MIDI files, as far as the robot plays them."""
+    """Return the motions with goals in the place of songs: samples, and MIDI files, as far as the robot plays them."""
     if contract.task_type != "piano" or motion is None or isinstance(motion, Motion):
         return motion
     if isinstance(motion, str | Path):

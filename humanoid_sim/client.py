@@ -369,7 +369,7 @@ class Feed:
         return None
 
     def sample(self, number: int, ring: str = "tick") -> Sample | None:
-        """A whole copy of the sample with that number; None if it is overwritten, not there yet, or being written."""
+        """Copy the sample with that number; None if it is overwritten, not there yet, or being written."""
         offset, slots, size = self._rings[ring]
         start = offset + 64 + (number % slots) * size
         found, stamp, length, checksum = SLOT_HEAD.unpack_from(self._map, start)
@@ -390,7 +390,7 @@ class Feed:
                 yield sample
 
     def wait(self, number: int, timeout: float, ring: str = "tick") -> Sample | None:
-        """The newest sample once its number is above `number`; None after `timeout` s, or when the session has ended.
+        """Wait for a sample with a number above `number`; None after `timeout` s, or when the session has ended.
 
         It looks several times a tick: the session wakes nobody, because that would cost its loop a system call.
         """
@@ -412,7 +412,7 @@ class Feed:
         return decoder(sample.data)
 
     def status(self) -> dict[str, Any]:
-        """What is told beside ticks, twice a second: who owns REMOTE and the velocity, who was refused, the buses."""
+        """Return what is said beside ticks, twice a second: who owns REMOTE and the velocity, refusals, buses."""
         sample = self.latest("status")
         return {} if sample is None else dict(json.loads(sample.data))
 
@@ -449,7 +449,7 @@ class Decoder:
         return [(match[4], match[1], match[3] if match[2] else None) for match in matches if match]
 
     def __call__(self, message: bytes) -> dict[str, Any]:
-        """A message as a dict with the definition's names, arrays as NumPy's. Raises `SessionError` if it is none."""
+        """Decode a message into a dict with the definition's names. Raises `SessionError` if it is not one."""
         try:
             return _Cursor(message).struct("", self._types)
         except (struct.error, ValueError, KeyError) as error:

@@ -169,7 +169,7 @@ def _load(recording: Path, header: SessionHeader, settings: dict[str, Any], give
 
 
 def _with_progress(recording: Recording, inference: _Inference | None) -> Iterator[Entry]:
-    """The entries, with a bar on stderr while they pass if a person is watching; `inference` follows their policies."""
+    """Yield the entries, with a bar on stderr if a person is watching; `inference` follows their policies."""
     from rich.console import Console  # noqa: PLC0415
 
     console = Console(stderr=True)

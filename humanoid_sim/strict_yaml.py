@@ -53,7 +53,7 @@ class _Strictness(yaml.constructor.SafeConstructor):
 
 
 def _count_values(node: yaml.Node, known: dict[int, int], above: set[int]) -> int:
-    """The values in a node, those that aliases repeat counted each time; refuses too many, and a node within itself."""
+    """Count the values in a node, those that aliases repeat each time; refuse too many, and a node within itself."""
     if id(node) in known or isinstance(node, yaml.ScalarNode):
         return known.get(id(node), 1)
     if id(node) in above:

@@ -167,7 +167,7 @@ _ACCELERATION = 1000.0
 def has_jumped(
     moved: FloatArray, elapsed: FloatArray, velocity: FloatArray, previous_velocity: FloatArray, fastest: FloatArray
 ) -> npt.NDArray[np.bool_]:
-    """Whether a position moved by more than its velocity explains: an encoder lost its place, and the zero with it.
+    """Tell whether a position moved by more than its velocity explains: an encoder lost its place, and its zero.
 
     Between two frames a joint moves by the mean of its velocities times the time, to within a quarter of its
     acceleration times the time squared. So what is found at rest is a jump of 0.15 rad within 20 ms.

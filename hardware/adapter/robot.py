@@ -270,7 +270,7 @@ class HardwareRobot:
     # --- the control loop
 
     def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
-        """The latest state and one status per channel, of the IMU, and of this program's own commands if they were bad.
+        """Return the latest state, and a status per channel, of the IMU, and of this program's own commands if bad.
 
         Never raises, and waits for nothing.
         """

@@ -117,7 +117,7 @@ class Channel:
         return self._events.down
 
     def recent(self, event: BusEvent, since: float) -> str:
-        """What the latest event of a kind was, if it happened at or after `since` (s, robot's clock); else empty."""
+        """Say what the latest event of a kind was, if it happened at or after `since` (s, robot's clock)."""
         when, text = self._events.latest.get(event, (-float("inf"), ""))
         return text if when >= since else ""
 

@@ -129,7 +129,7 @@ class Emulator:
         return faults[-1] if faults else ""
 
     def submit(self, bus: int, frame: Frame, time: float) -> None:
-        """The computer sends a frame. `time`, s; what is past counts as now. A bus that is off takes nothing."""
+        """Take a frame that the computer sends at `time`, s; the past counts as now. A bus that is off takes none."""
         if not self._is_off[bus]:
             self._wires[bus].submit(HOST, frame, max(time, self.time))
 

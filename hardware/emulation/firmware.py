@@ -181,7 +181,7 @@ def _stopped(state: MotorState) -> MotorState:
 def _present_faults(
     identity: MotorIdentity, state: MotorState, sensed: Sensed, time: float
 ) -> tuple[StatusFault, FaultBit]:
-    """What is wrong at this instant. Overvoltage has no status bit, and an encoder fault none in the fault report."""
+    """Say what is wrong now. Overvoltage has no status bit, and an encoder fault none in the fault report."""
     in_status, in_report = NO_STATUS_FAULT, NO_FAULT
     if sensed.temperature >= identity.model.fault_temperature:
         in_status |= StatusFault.MOTOR_OVERTEMPERATURE

@@ -114,7 +114,7 @@ class Guardian:
     # --- the channels
 
     def opener(self, open_bus: OpenBus) -> OpenBus:
-        """Opens channels so that the guardian sees what leaves on its own, and so that nothing leaves beside it."""
+        """Return what opens channels so that the guardian sees what leaves, and so that nothing leaves beside it."""
 
         def open_watched(address: BusAddress) -> can.BusABC:
             index = self._channels.index(address) if address in self._channels else None

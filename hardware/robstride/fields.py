@@ -93,7 +93,7 @@ class Scale(Enum):
 
 
 def to_unsigned(value: float, limit: float) -> int:
-    """The raw field of a finite gain, cut off at 0 and at the limit: 0 to 65535. A gain below one step becomes 0."""
+    """Encode a finite gain, cut off at 0 and at the limit, in 0 to 65535. A gain below one step becomes 0."""
     return math.trunc(min(max(value, 0.0), limit) / limit * UNSIGNED_STEPS)
 
 

@@ -273,7 +273,7 @@ def fault_word(model: str) -> Parameter:
 
 
 def function_codes(model: str) -> Mapping[int, Parameter]:
-    """What is known of the function codes of a model, by index: measurements, and the CAN timeout that is stored."""
+    """Return what is known of a model's function codes, by index: measurements, and the stored CAN timeout."""
     first = 0x3017 if model == "rs-04" else 0x3016
     word = fault_word(model)
     stored = 0x200B if model in ("rs-03", "rs-04") else 0x200C

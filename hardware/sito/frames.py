@@ -61,7 +61,7 @@ def limp_frames(device_id: int, model: MotorModel, position: float = 0.0) -> tup
 
 
 def damping_frames(device_id: int, model: MotorModel, damping: float, position: float = 0.0) -> tuple[Frame, ...]:
-    """What brakes a motor and nothing else, N·m·s/rad: gains twice, for no frame is acknowledged, then the command."""
+    """Return what only brakes a motor, N·m·s/rad: gains twice, for no frame is acknowledged, then the command."""
     gains = encode(Gains(device_id, 0.0, min(max(damping, 0.0), model.damping)), model)
     return gains, gains, encode(Command(device_id, position, 0.0, 0.0), model)
 

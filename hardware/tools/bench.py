@@ -134,7 +134,7 @@ def channel_trouble(channels: RobstrideLink, index: int) -> str:
 
 
 def advice_for_silence(source: str) -> tuple[str, ...]:
-    """What to check where nobody answers on a channel, one line each: the kernel's word first, then the likeliest."""
+    """Say what to check where nobody answers on a channel, one line each: the kernel's word, then the likeliest."""
     address = parse_address(source)
     if address.interface in _EMULATED:
         emulate = "python -m humanoid_sim.hardware emulate --channel"

@@ -239,7 +239,7 @@ def _shown(default: Any) -> str:
 
 
 def filled(text: str) -> str:
-    """A help text on one line, with the names that ship with the package in the places of `{robots}` and the like."""
+    """Return a help text on one line, with the names that ship with the package in place of `{robots}` and so on."""
     text = " ".join(text.split())
     for kind in _SHIPPED:
         if f"{{{kind}}}" in text:

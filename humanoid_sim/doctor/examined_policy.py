@@ -75,7 +75,7 @@ class ExaminedPolicy:
         return _resampled(motion, contract.policy_dt)
 
     def base_reference(self) -> MotionReference | None:
-        """Where the robot's base should be, whatever a contract says about the anchor body; None if nobody knows."""
+        """Return where the robot's base should be, whatever the contract's anchor body; None if nobody knows."""
         motion, base = self.motion, self.description.base.body
         if motion is None or motion.layout != "joints_bodies_w" or base not in motion.body_names:
             return None

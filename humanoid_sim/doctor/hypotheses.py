@@ -116,7 +116,7 @@ def pairs(contract: PolicyContract, promising: Sequence[Hypothesis]) -> Iterator
 
 
 def spared(contract: PolicyContract, hypothesis: Hypothesis) -> Iterator[Hypothesis]:
-    """The hypothesis less one part of what it changes, for each part: a coarse edit may alter a right value as well.
+    """Yield the hypothesis less one part of what it changes: a coarse edit may alter a right value as well.
 
     Args:
         contract: the present one, whose values the parts keep.

@@ -40,7 +40,7 @@ class Pasting:
     """Its section `override:` as it is; empty without one."""
 
     def override(self, present: PolicyContract, wanted: PolicyContract) -> dict[str, Any]:
-        """The whole section as plain values: what it overrides now, and the changes; a key may be given only once."""
+        """Return the whole section as plain values: what it overrides now, and the changes; no key twice."""
         changed = overrides(present, wanted)
         merged: dict[str, Any] = deepcopy(dict(self.section))
         if changed:

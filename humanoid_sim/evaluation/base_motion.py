@@ -65,7 +65,7 @@ class BaseMotion:
         return self._released is not None
 
     def release(self, time: float, standing_height: float) -> None:
-        """The base is let go; `time` in s, robot's clock, `standing_height` in m, as `has_fallen` takes it."""
+        """Begin once the base is let go; `time` in s, robot's clock, `standing_height` in m, as of `has_fallen`."""
         self._released, self._standing_height = time, standing_height
 
     def update(self, time: float, base: BaseState) -> str:

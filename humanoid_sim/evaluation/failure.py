@@ -78,7 +78,7 @@ def describe_stray(error: PoseError, i: Index = ()) -> str:
 
 
 def body_has_strayed(squared_distance: FloatArray) -> BoolArray:
-    """Whether any tracked body is too far from the motion, shape (...), from squares (..., b), m²; NaN is too far."""
+    """Tell whether any tracked body is too far from the motion, shape (...), by squares (..., b), m²; NaN is."""
     strayed: BoolArray = ~(np.maximum.reduce(squared_distance, axis=-1) <= STRAYED_DISTANCE**2)
     return strayed
 

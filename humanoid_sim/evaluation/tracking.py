@@ -215,7 +215,7 @@ class AnchorErrors:
 def errors_of_run(
     description: RobotDescription, loaded: LoadedPolicy, motion: Motion | None
 ) -> tuple[TrackingErrors | None, AnchorErrors | None]:
-    """What measures how well a policy's motion is followed: poses of bodies in the base frame, or joints and an anchor.
+    """Return what measures how well a motion is followed: bodies in the base frame, or joints and an anchor.
 
     Args:
         description: the robot.

@@ -69,7 +69,7 @@ class Branch:
     notices: tuple[str, ...]
 
     def take_velocity(self, command: FloatArray, *, is_given: bool) -> FloatArray:
-        """The velocity command, shape (3,), to begin with: the given one, or else the recorded one, which goes on."""
+        """Return the velocity command, shape (3,), to begin with: the given one, or else the recorded one."""
         if is_given:
             self.inputs.leaves_velocity = True
             return command

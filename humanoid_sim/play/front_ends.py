@@ -20,7 +20,7 @@ _LOOK_WITHIN = 20.0
 
 
 def shows_window(config: PlayConfig) -> bool:
-    """Whether a run with these options opens a window, in a process of its own: on hardware only if it is asked for.
+    """Tell whether a run with these options opens a window, in its own process: on hardware only if asked for.
 
     Drawing takes a share of the computer that the loop runs on.
     """

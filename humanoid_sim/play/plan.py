@@ -301,7 +301,7 @@ def _robot(
 
 
 def _cost_of_plant(config: PlayConfig, policy: PolicyChoice, description: RobotDescription) -> str:
-    """What an approximate plant costs in truth on this robot and motion; '' of one that is exact, and of hardware."""
+    """Say what an approximate plant costs in truth on this robot and motion; '' of an exact one, and of hardware."""
     if config.hardware is not None or config.actuation != "implicit" or policy.checkpoint is None:
         return ""
     # Only who chooses such a plant waits for the measurement and its imports.

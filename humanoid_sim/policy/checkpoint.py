@@ -59,7 +59,7 @@ class Checkpoint:
             self.policy.model.time_limit = seconds
 
     def following(self, motion: Motion | None = None, motion_source: str = "motion") -> LoadedPolicy:
-        """The policy with a motion; None: the one in its graph, or none at all. Raises `InputError` if they do not fit.
+        """Load the policy with a motion; None: the one in its graph, or none. Raises `InputError` if they do not fit.
 
         Args:
             motion: what it is to follow.

@@ -92,7 +92,7 @@ class OnnxModel:
             check_tensors(path, self.metadata)
 
     def run(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[npt.NDArray[np.float32]]:
-        """The values of some outputs; raises whatever ONNX Runtime raises, and `TimeoutError` beyond the time limit."""
+        """Compute some outputs; raises whatever ONNX Runtime raises, and `TimeoutError` beyond the limit."""
         if self.can_loop:
             return self._run_in_time(outputs, inputs)
         values: list[npt.NDArray[np.float32]] = self._session.run(list(outputs), inputs)

@@ -180,7 +180,7 @@ def _voice(
 
 
 def _has_room(note: Note, other: Note, apart: int) -> bool:
-    """Whether two notes of different voices leave their hands room; where one ends as the other begins they need it."""
+    """Tell whether two notes of different voices leave their hands room, also where one ends as the other begins."""
     if note.track == other.track or note.start >= other.end + _RELEASED:
         return True
     high, low = (note, other) if note.track > other.track else (other, note)

@@ -246,7 +246,7 @@ def _ranked(sounding: list[Note]) -> list[Note]:
 
 
 def playable(song: Song, robot: RobotDescription) -> tuple[Song, tuple[Note, ...]]:
-    """What a robot can play of a song: within its reach, a note a finger at a time; and the notes that are left out.
+    """Return what a robot can play of a song: in its reach, a note a finger at a time; and the notes left out.
 
     It begins late enough for the hands to come over the keys. A robot without a piano leaves nothing out.
     """

@@ -75,7 +75,7 @@ def layout_of(contract: PolicyContract) -> MotionLayout:
 
 
 def convert(source: str, motion: NamedMotion, contract: PolicyContract, skeleton: Skeleton) -> tuple[Motion, str]:
-    """The motion file's content, and where its body poses come from: the source, or forward kinematics of its joints.
+    """Return the motion file's content, and whether its body poses are the source's or forward kinematics.
 
     The motion is at the policy's rate; messages call it `source`.
 

@@ -141,7 +141,7 @@ def _summary(name: str, distance: FloatArray, angle: FloatArray, tolerance: Tole
 
 
 def implausible_height(motion: NamedMotion, skeleton: Skeleton) -> BaseHeight | None:
-    """Whether the base is several times the robot's height above the ground; None if not, or if there is no base."""
+    """Tell whether the base is several times the robot's height above the ground; None if not, or without a base."""
     if motion.base_position is None or not motion.is_world:
         return None
     height = float(np.median(motion.base_position[:, 2]))
@@ -180,7 +180,7 @@ def orders_within_limits(
 
 
 def is_upside_down(source: SourceMotion) -> bool:
-    """The base is upside down most of the time, and would be upright with quaternions in the other order."""
+    """Tell whether the base is mostly upside down, and would be upright with quaternions in the other order."""
     if source.base_quaternion is None:
         return False
     order = source.quaternion_order

@@ -65,7 +65,7 @@ class Skeleton:
         return tuple(name for name in names if name in self.joints)
 
     def poses(self, joint_position: FloatArray, bodies: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
-        """Where joint positions (F, n), rad, put bodies, in the base frame: shapes (F, B, 3), m, and (F, B, 3, 3)."""
+        """Return where joint positions (F, n), rad, put bodies, base frame: (F, B, 3), m, and (F, B, 3, 3)."""
         columns = [self.bodies.index(name) for name in bodies]
         position, rotation = self._forward(joint_position)
         return position[:, columns], rotation[:, columns]

@@ -175,7 +175,7 @@ def _ratio_in_words(ratio: float, fps: float) -> str:
 
 
 def _derivatives(position: FloatArray, fps: float) -> list[FloatArray]:
-    """Derivatives (F - 8, …), rad/s, of positions (F, …), rad, smoothed: those of exporters, and one of sixth order."""
+    """Return derivatives (F - 8, …), rad/s, of positions (F, …), rad: those of exporters, and one of sixth order."""
     count = len(position) - 2 * _EDGE
 
     def at(offset: int) -> FloatArray:

@@ -120,7 +120,7 @@ class RecordedBody:
         return self._values
 
     def hinged_poses(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Of the children of `hinged` in their parents' frames: shape (J, 3), m, and (J, 4), w x y z."""
+        """Return the poses of the children of `hinged` in their parents' frames: (J, 3), m, and (J, 4), w x y z."""
         moved, straight, half = self._position, self._quaternion, (0.5 * values)[:, None]
         cos = np.cos(half)
         if self._has_slides:

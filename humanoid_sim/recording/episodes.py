@@ -43,7 +43,7 @@ class Episode:
 
 
 def read_episodes(recording: Recording, modes: frozenset[Mode], fps: float | None = None) -> Iterator[Episode]:
-    """The stretches in the given modes, in order. A missed deadline or a lost tick ends a stretch and begins another.
+    """Return the stretches in the given modes, in order. A missed deadline or a lost tick ends a stretch.
 
     In LOCOMOTION a stretch begins with its first policy step, so that at the policy's rate every frame is one.
 

@@ -64,7 +64,7 @@ def _differences(header: SessionHeader, recorded: TickOutput, replayed: TickOutp
 
 
 def state_difference(header: SessionHeader, recorded: MITState, simulated: MITState) -> Difference | None:
-    """The first of a simulated robot's readings that is not the recorded one; live inputs of others do not count."""
+    """Find a simulated robot's first reading that is not the recorded one; live inputs of others do not count."""
     return next(_readings(header, recorded, simulated), None)
 
 

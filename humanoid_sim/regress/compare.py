@@ -207,7 +207,7 @@ def _array(values: Mapping[int, float], kept: Set[int] | None = None) -> FloatAr
 
 
 def detectable_changes(suite: Suite, metrics: Sequence[MetricInfo], baseline: PolicyRun) -> tuple[Detectable, ...]:
-    """How small a worsening the suite finds with a probability of `POWER` in a candidate that runs with other seeds.
+    """Say how small a worsening the suite finds with probability `POWER` in a candidate with other seeds.
 
     That is the tolerance and (t + z) standard errors, from the baseline and the suite's number of seeds alone: those of
     the candidate are taken to spread as the baseline's do. Of a failure that the baseline does not have, one is enough:

@@ -121,7 +121,7 @@ def _run(
     executor: Executor,
     console: Console,
 ) -> tuple[Results, list[float]]:
-    """The baseline first, then what it can tell apart, then the candidates; with the seconds that each of these took.
+    """Run the baseline, then what it can tell apart, then the candidates; with the seconds that each took.
 
     The seconds are no part of the results: the same command gives the same results.
     """

@@ -74,7 +74,7 @@ def choose_backend(
     find_library: Callable[[str], str | None] = ctypes.util.find_library,
     try_egl: Callable[[], bool] | None = None,
 ) -> Choice:
-    """The OpenGL to draw with: what `MUJOCO_GL` asks for, else a display's, else OSMesa, else a working EGL, else none.
+    """Choose the OpenGL to draw with: `MUJOCO_GL`'s, else a display's, else OSMesa, else a working EGL, else none.
 
     Everything that the answer depends on can be given: `environ` (default: the process's), the platform, the search
     for a shared library, and the trial of EGL.

@@ -20,7 +20,7 @@ from humanoid_sim.simulation.model import JointAddresses, joint_addresses
 
 
 def commanded_pose(command: MITCommand, qpos: FloatArray, addresses: JointAddresses) -> FloatArray | None:
-    """Where a command pulls the robot, shape (nq,): joints with a K_p at their commanded positions; None without any.
+    """Return where a command pulls the robot, shape (nq,): joints with a K_p where commanded; None without any.
 
     Args:
         command: shape (n,); a position without a K_p means nothing.
@@ -123,7 +123,7 @@ class ReferenceGhost:
         return self._last[1]
 
     def _base(self, model: mujoco.MjModel, ghost: FloatArray, frame: int) -> FloatArray:
-        """Where the base (7,) must be for the anchor body to be where the motion has it, with the ghost's joints."""
+        """Return where the base (7,) must be for the anchor body to be the motion's, with the ghost's joints."""
         data = mujoco.MjData(model)
         data.qpos[:] = ghost
         data.qpos[:7] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)

@@ -100,7 +100,7 @@ class PoseRenderer:
         self._ghost: mujoco.MjData | None = None
 
     def draw(self, qpos: FloatArray, ghost: FloatArray | None = None) -> npt.NDArray[np.uint8]:
-        """The picture of a pose (nq,), shape (height, width, 3), RGB; of the last finite one, if this is not finite.
+        """Draw a pose (nq,), shape (height, width, 3), RGB; the last finite one, if this is not finite.
 
         `ghost`, shape (nq,), is a second pose, which the robot is shown to differ from.
 
@@ -125,7 +125,7 @@ class PoseRenderer:
         return self._renderer.render(self._data, self._ghost if shown else None)
 
     def _faster(self, opengl: _OpenGLRenderer) -> _OpenGLRenderer | Painter:
-        """The given renderer, or the painter if that is faster with this model at this size; asked once a process."""
+        """Return the given renderer, or the painter if faster with this model at this size; asked once a process."""
         width, height, camera = self._view
         painter = Painter(
             self._model, width, height, make_camera(self._model, camera, width / height), outlined=opengl.is_plain

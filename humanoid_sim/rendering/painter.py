@@ -241,7 +241,7 @@ def _sun(scene: mujoco.MjvScene) -> FloatArray:
 
 
 def _shaded(view: View, faces: FloatArray, sun: FloatArray = _SUN) -> tuple[FloatArray, FloatArray]:
-    """The faces (f, 4, 3) that turn towards the eye, camera frame, and the brightness (F,) of all: 0 for the others."""
+    """Return the faces (f, 4, 3) towards the eye, camera frame, and the brightness (F,) of all: 0 for the others."""
     normal = np.cross(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1])
     towards = view.eye - faces.mean(axis=1)
     scale = np.sqrt(np.einsum("fi,fi->f", normal, normal) * np.einsum("fi,fi->f", towards, towards))

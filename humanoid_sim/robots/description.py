@@ -43,7 +43,7 @@ def shipped_robots() -> tuple[str, ...]:
 
 
 def load_robot(name_or_path: str | Path) -> RobotDescription:
-    """The description of a shipped robot (`lite`), of the YAML file at a path, beside its MJCF, or of an MJCF alone.
+    """Load a shipped robot's description (`lite`), a YAML file's, beside its MJCF, or one of an MJCF alone.
 
     `robot_descriptions:g1` is the MJCF of a public robot: see `humanoid_sim.robots.public`.
 
@@ -352,7 +352,7 @@ def _merged(whole: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _bounded(robot: RobotDescription) -> RobotDescription:
-    """The robot with limits far away where its MJCF gives none, for checks of a file that does not have to give any."""
+    """Return the robot with limits far away where its MJCF gives none, for checks of a file that may leave them out."""
 
     def joint_bounded(joint: Any) -> Any:
         limits = {name: getattr(joint, name) for name in ("lower", "upper", "effort_limit")}

@@ -341,7 +341,7 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
 
     @classmethod
     def from_json(cls, text: str, folder: str = "") -> Self:
-        """A description from `to_json`'s text; `folder` says where its MJCF is, empty for the shipped robots' folder.
+        """Read a description from `to_json`'s text; `folder` has its MJCF, empty for the shipped robots' folder.
 
         Raises:
             InputError: the text is not such a document.

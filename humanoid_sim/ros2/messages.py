@@ -58,7 +58,7 @@ def _names_and_counts(names: tuple[str, ...]) -> tuple[bytes, bytes]:
 
 
 def _named_arrays(time_ns: int, names: tuple[str, ...], *arrays: npt.NDArray[np.float64]) -> bytes:
-    """A message of a header, names, and arrays with a number for each name. Those below go out 50 times a second."""
+    """Encode a header, names, and arrays with a number for each name. Those below go out 50 times a second."""
     head, count = _names_and_counts(names)
     first, *others = (values.tobytes() for values in arrays)
     return b"".join((ENCAPSULATION, _stamp(time_ns), head, first, *(part for own in others for part in (count, own))))

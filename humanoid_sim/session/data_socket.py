@@ -231,7 +231,7 @@ class DataSocket(ExternSource, Sink):
 
     @property
     def owners(self) -> Mapping[str, str]:
-        """Who commands at present: `REMOTE`, `velocity` and the live inputs, by name and process id; '' for nobody."""
+        """Say who commands at present: `REMOTE`, `velocity`, live inputs, by name and process id; '' for nobody."""
         return self._shown
 
     def latest(self) -> Mapping[str, Extern]:

@@ -67,7 +67,7 @@ class Interruption(IntentSource):
         return self._news.popleft() if self._news else ""
 
     def refuse_suspension(self) -> None:
-        """The terminal or another program asked the process to suspend itself. May be called from a signal handler."""
+        """Refuse to suspend the process, as was asked. May be called from a signal handler."""
         self._damps = True
         self._news.append("SIGTSTP (Ctrl-Z): a process that holds motors is not suspended; DAMPING instead")
 

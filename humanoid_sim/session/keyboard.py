@@ -60,7 +60,7 @@ class KeyReader:
         self._unfinished = ""
 
     def keys(self, text: str) -> list[str]:
-        """The keys in a piece of input, in order, letters in lower case; `up`, `down`, `left` and `right` for arrows.
+        """Return the keys in a piece of input, in order, letters in lower case, arrows as `up`, `down` and so on.
 
         A key that sends something else with an escape character is all that it sends.
         """
@@ -100,7 +100,7 @@ def key_help() -> str:
 
 
 def _by_key(attributes: list[Any]) -> list[Any]:
-    """Settings of a terminal that sends each key at once, Ctrl-S too; those that send signals go on sending them."""
+    """Return settings of a terminal that sends each key at once, Ctrl-S too; those that send signals still do."""
     iflag, oflag, cflag, lflag, ispeed, ospeed, characters = attributes
     characters = list(characters)
     characters[termios.VMIN], characters[termios.VTIME] = 1, 0

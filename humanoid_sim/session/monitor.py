@@ -126,7 +126,7 @@ class RunMonitor(WorkerSink):
             self._watch_base(state, record.qpos)
 
     def _watch_base(self, state: MITState, qpos: FloatArray) -> None:
-        """Of a tick in which the base is free; one in which the simulation breaks says nothing about the robot."""
+        """Watch a tick in which the base is free; one in which the simulation breaks says nothing about the robot."""
         observer, motion, time = self._observer, self.base, float(state.time)
         if observer is None or motion is None or has_run_away(state.joint_velocity):
             return

@@ -30,7 +30,7 @@ class DelayLine(Generic[T]):
         self._samples.append((step, value))
 
     def at(self, step: int) -> tuple[int, T]:
-        """The latest sample that has arrived at `step`, and the step at which it was taken. `step` must not go back."""
+        """Return the latest sample that has arrived at `step`, and when it was taken. `step` must not go back."""
         samples = self._samples
         while len(samples) > 1 and samples[1][0] + self._delay <= step:
             samples.popleft()

@@ -90,7 +90,7 @@ class InverseKinematics:
     def solve_path(
         self, position: FloatArray, rotation: FloatArray, start: FloatArray, *, posture: FloatArray | None = None
     ) -> FloatArray:
-        """A sequence of poses (F, B, 3) and (F, B, 3, 3), each search beginning at the solution before: (F, n), rad."""
+        """Solve poses (F, B, 3) and (F, B, 3, 3), each search beginning at the solution before: (F, n), rad."""
         path = np.empty((len(position), len(start)))
         q = start
         for k, (p, r) in enumerate(zip(position, rotation, strict=True)):

@@ -142,7 +142,7 @@ class DampingStability:
         return not self.exceeds(damping, limit)
 
     def check(self, damping: npt.ArrayLike, what: str, stiffness: npt.ArrayLike = 0.0) -> str:
-        """A warning about a K_d and its K_p, or '' if they are stable without oscillation; `what` says whose they are.
+        """Warn about a K_d and its K_p, or return '' if they are stable without oscillation; `what` has them.
 
         K_p matters only where damping is implicit.
 

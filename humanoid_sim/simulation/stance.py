@@ -83,7 +83,7 @@ class _Field:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, data: mujoco.MjData, geoms: list[int]) -> _Field | None:
-        """The only height field among geoms, if it is not turned and boxes beside it are one level; None otherwise."""
+        """Return the only height field among geoms, if not turned and with level boxes beside it; else None."""
         fields = [i for i in geoms if model.geom_type[i] == mujoco.mjtGeom.mjGEOM_HFIELD]
         boxes = [i for i in geoms if i not in fields]
         if len(fields) != 1 or not boxes:

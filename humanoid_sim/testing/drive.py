@@ -62,7 +62,7 @@ class StackDriver(RuleBasedStateMachine):
     """What watches the run."""
 
     def build(self, policy: ScriptedPolicy) -> Supervisor:
-        """The stack under test, new for every run. Whatever runs `policy` in LOCOMOTION is fuzzed with bad answers."""
+        """Make the stack under test, for every run. Whatever runs `policy` in LOCOMOTION is fuzzed with bad answers."""
         raise NotImplementedError(f"{type(self).__name__}.build is not defined: it must return the stack under test")
 
     def check(self, given: TickInput, output: TickOutput) -> None:

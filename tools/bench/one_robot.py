@@ -129,7 +129,7 @@ def recorder_cost(repetitions: int) -> list[Row]:
 
 
 def feed_cost(repetitions: int) -> list[Row]:
-    """What publishing a tick costs the control thread: its encoding, which a recording shares, and shared memory."""
+    """Time what publishing a tick costs the control thread: encoding, which a recording shares, and shared memory."""
     kept = _Kept()
     with _rig(record=False, publish=True, watch=kept) as rig:
         rig.block()

@@ -128,7 +128,7 @@ class ArmModel:
         return mass, bias
 
     def collides(self, q: FloatArray) -> bool:
-        """Whether the arm in pose (7,), rad, touches itself, the torso or the head. The other arm does not count."""
+        """Tell whether the arm in pose (7,), rad, touches itself, the torso or the head, not the other arm."""
         model, data = self._model, self._data
         self._place(q)
         mujoco.mj_comPos(model, data)
@@ -137,7 +137,7 @@ class ArmModel:
         return any(not (self._is_right[a] or self._is_right[b]) for a, b in bodies)
 
     def sample(self, rng: np.random.Generator, near_home: float = 0.4) -> FloatArray:
-        """A pose (7,), rad, without collision: from all over the limits, or, with a probability, from around pose A."""
+        """Draw a pose (7,), rad, without collision: from all over the limits, or, at times, from around pose A."""
         margin = _MARGIN * (self.upper - self.lower)
         while True:
             if rng.random() < near_home:

@@ -114,7 +114,7 @@ def _is_within_limits(arm: ArmModel, path: FloatArray) -> bool:
 
 
 def _at_speed(arm: ArmModel, path: FloatArray, speed: float) -> FloatArray:
-    """The path run through at another pace, so that the hand peaks at `speed` (m/s); it stops where the path ends."""
+    """Return the path at another pace, so that the hand peaks at `speed` (m/s); it stops where the path ends."""
     every = 10
     linear = arm.jacobians(path[::every])[:, 1, :3]
     hand = np.einsum("fij,fj->fi", linear, derivative(path, PERIOD)[::every])

@@ -136,7 +136,7 @@ SONGS: Mapping[str, Tune] = MappingProxyType(
 
 
 def song_bytes(tune: Tune) -> bytes:
-    """A tune as a Standard MIDI File of type 1: title and tempo, then a track for each voice. The same every time."""
+    """Write a tune as a Standard MIDI File of type 1: title and tempo, then a track per voice. The same each time."""
     file = mido.MidiFile(type=1, ticks_per_beat=_TICKS)
     head = mido.MidiTrack([mido.MetaMessage("track_name", name=tune.title)])
     head.append(mido.MetaMessage("set_tempo", tempo=round(6e7 / tune.tempo)))

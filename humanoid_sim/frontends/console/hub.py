@@ -213,7 +213,7 @@ class Hub:
         return "" if isinstance(wish, Beat) else "left out: more requests than are taken in a second"
 
     def _choose(self, asked: dict[str, Any], access: Access, watch: Watch, limit: RateLimit) -> str:
-        """What a page wants to be shown; why not, if it is refused. The view's figures are the same on all pages."""
+        """Take what a page wants to be shown; say why not, if refused. All pages share the view's figures."""
         if not limit.admits(time.monotonic()):
             return f"left out: more than {_CHOICES_PER_SECOND:g} choices a second"
         if "plot" in asked:

@@ -148,7 +148,7 @@ class Plots:
         self._shadow_steps.append(step)
 
     def _shadowed(self, time: float, position: FloatArray) -> FloatArray:
-        """The joints beside what a shadow policy would command, its answer and what it saw; not those of the past."""
+        """Return the joints beside what a shadow policy would command, its answer and what it saw; no past ones."""
         if self._shadow_widths is None:
             return np.empty(0)
         joints, actions, observed = self._shadow_widths

@@ -41,7 +41,7 @@ def may_pass(message: object) -> bool:
 
 @contextlib.contextmanager
 def _on_unix_socket(path: Path) -> Iterator[None]:
-    """A Unix socket in the place of the TCP port that viser opens: any page of a local browser could reach that one."""
+    """Open a Unix socket in the place of viser's TCP port, which any page of a local browser could reach."""
     serve = websockets.asyncio.server.serve
 
     def serve_here(handler: Any, _host: str, _port: int, **options: Any) -> Any:

@@ -46,7 +46,7 @@ def available_controllers(header: SessionHeader) -> frozenset[str]:
 
 
 def refusals(record: TickRecord, available: Container[str]) -> dict[Intent, str]:
-    """Why each intent would be refused after a tick; empty where it would be granted. The session decides, not this."""
+    """Say why each intent would be refused after a tick; empty where it would be granted. The session decides."""
     control, standby = record.output.control_mode, record.output.standby
     safety = merge_safety(record.input.safety)
     is_finished = standby is not None and standby.is_finished
@@ -88,7 +88,7 @@ def state(record: TickRecord, available: Container[str]) -> dict[str, Any]:
 
 
 def _offered(name: str, refusal: str, record: TickRecord) -> dict[str, str]:
-    """What a button shows; `why` leaves out what the page has elsewhere: the button's name, and the safety statuses."""
+    """Return what a button shows; `why` leaves out what the page has elsewhere: its name, and safety statuses."""
     safety = describe_safety(merge_safety(record.input.safety))
     why = refusal.removeprefix(f"{name} refused: ").replace(safety, "see Safety below")
     return {"name": name, "refusal": refusal, "why": why}

@@ -103,7 +103,7 @@ class Steering:
         return "" if owner is None else f"it belongs to {owner or 'nobody'}"
 
     def due(self, now: int) -> Due | None:
-        """What to send at present; None if nothing. A stop is sent for as long as it is news, and then left alone."""
+        """Return what to send at present; None if nothing. A stop is sent for as long as it is news."""
         if self.page is None:
             return None
         deliberate = 1e-9 * (now - self.changed) <= _DELIBERATE

@@ -55,7 +55,7 @@ def local_topics(attachment: Attachment) -> dict[str, Topic]:
 
 
 def network_topics(attachment: Attachment) -> dict[str, Topic]:
-    """The topics that another machine may see, by name: what shows the robot, and nothing that safety depends on."""
+    """Return the topics that another machine may see, by name: what shows the robot, nothing that safety needs."""
     return _with_joint_states(attachment, _ACROSS)
 
 

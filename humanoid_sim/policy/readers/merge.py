@@ -76,7 +76,7 @@ def _join_fields(partials: Sequence[PartialContract], kinds: Kinds) -> dict[str,
 
 
 def _same_structure(name: str, other: str) -> bool:
-    """Whether the two cannot both be told: the same field, or a whole (`phase: null`) and a part (`phase.period`)."""
+    """Tell whether the two exclude each other: the same field, or a whole (`phase: null`) and a part of it."""
     return name == other or name.startswith(f"{other}.") or other.startswith(f"{name}.")
 
 

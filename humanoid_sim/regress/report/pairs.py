@@ -64,7 +64,7 @@ def metric_values(episodes: Sequence[Episode], metric: str) -> FloatArray:
 
 
 def mean_over_cases(episodes: Sequence[Episode], metric: str) -> float | None:
-    """The mean of the cases' means, as verdicts take it: cases weigh equally however many episodes of each failed."""
+    """Return the mean of the cases' means, as verdicts take it: cases weigh equally, whatever failed in them."""
     values = [metric_values(members, metric) for members in by_case(episodes).values()]
     means = [float(members.mean()) for members in values if members.size]
     return float(np.mean(means)) if means else None

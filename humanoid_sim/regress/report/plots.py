@@ -188,7 +188,7 @@ def _draw_range(axes: Axes, episodes: Sequence[Episode], name: str, factor: floa
 
 
 def margin_plot(results: Results, name: str) -> str:
-    """A panel for each disturbance: the share of episodes that fail as it is raised; '' where no margin was measured.
+    """Draw a panel for each disturbance: the share of episodes that fail as it is raised; '' without margins.
 
     Args:
         results: of the run.

@@ -375,7 +375,7 @@ class BatchSimulation:
         self._truth = self._report = self._measured = None
 
     def snapshot(self) -> dict[str, Any]:
-        """A copy of all that later steps and reports depend on, for `restore` of a simulation that was built alike."""
+        """Copy all that later steps and reports depend on, for `restore` of a simulation that was built alike."""
         arrays = {"effort": self._effort.copy(), "step": self._step.copy(), "fault": self._fault.copy()}
         parts = {"physics": self._physics.snapshot(), "motors": self._motors.snapshot()}
         return arrays | parts | {"draws": self._draws.snapshot(), "is_closed": self._physics.is_closed}

@@ -96,7 +96,7 @@ def export(model: Any, envs: Any, output: str | os.PathLike[str]) -> Path:
 
 
 def motion_file(motion: Motions | None, folder: Path) -> Path | None:
-    """The file of a motion, of several the first; one that has no file is written into `folder`. None: there is none.
+    """Return a motion's file, of several the first; one without a file is written into `folder`. None: no motion.
 
     Raises:
         InputError: it cannot be written.

@@ -159,7 +159,7 @@ class Graph:
         return value
 
     def build(self, name: str, **ends: int) -> onnx.GraphProto:
-        """The graph; `ends` are its input and its output, with their widths. How many rows there are is left open."""
+        """Build the graph; `ends` are its input and output, with widths. The number of rows is left open."""
         (source, sink) = (
             helper.make_tensor_value_info(name, TensorProto.FLOAT, ("batch", width)) for name, width in ends.items()
         )

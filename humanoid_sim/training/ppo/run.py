@@ -110,7 +110,7 @@ def _use_threads(count: int) -> None:
 
 
 def seed_of(seed: int, updates: int) -> int:
-    """Of networks, actions and environments: a training that goes on after some updates does not begin again alike."""
+    """Seed networks, actions and environments: a training that goes on does not begin again alike."""
     return seed if updates == 0 else int(np.random.SeedSequence([seed, updates]).generate_state(1)[0])
 
 

@@ -79,7 +79,7 @@ class Ways:
         return self._room[hand, key]
 
     def _planned(self, hand: int, origin: int, key: int, steps: int) -> FloatArray:
-        """The poses on a way, shape (steps + 1, n), rad: up, along the line over all keys, and down, all at once."""
+        """Return the poses on a way, shape (steps + 1, n), rad: up, along the line over all keys, and down."""
         arm, table = self._poses.arms[hand], self._poses.table[hand]
         time = np.linspace(0.0, 1.0, steps + 1)
         share = smooth(time)

@@ -163,7 +163,7 @@ def awake(observation: Float32Array) -> Float32Array:
 
 
 def network_input(observation: Float32Array) -> Float32Array:
-    """What the network sees, shape (..., 55): the observation, and the velocity of the base over the foot that stands.
+    """Return what the network sees, shape (..., 55): the observation, and the base's velocity over the standing foot.
 
     The policy does not observe its velocity. A leg whose foot stands measures it.
 
