@@ -42,7 +42,7 @@ class SiteError(Exception):
 
 
 def page_of(path: PurePosixPath) -> PurePosixPath | None:
-    """Where a file of the repository is in the site; None if it is not there."""
+    """Return where a file of the repository is in the site; None if it is not there."""
     if str(path) in ROOT_PAGES:
         return PurePosixPath(ROOT_PAGES[str(path)])
     if path.parent == NOTEBOOKS and path.suffix == ".ipynb":

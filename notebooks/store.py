@@ -28,13 +28,13 @@ _SETTINGS = {"MPLBACKEND": "module://matplotlib_inline.backend_inline", "MUJOCO_
 
 
 def fingerprint(cells: Sequence[Mapping[str, Any]]) -> str:
-    """Of the code of a notebook's cells, which its outputs belong to."""
+    """Hash the code of a notebook's cells, which its outputs belong to."""
     code = "\0".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
     return hashlib.sha256(code.encode()).hexdigest()
 
 
 def kinds(cell: Mapping[str, Any]) -> list[str]:
-    """What a code cell has put out: names of streams, and the best kind of each thing that it showed."""
+    """Return what a code cell has put out: names of streams, and the best kind of each thing that it showed."""
     found = []
     for output in cell["outputs"]:
         names = [output["name"]] if output["output_type"] == "stream" else list(output.get("data", {"error": ""}))
@@ -83,7 +83,7 @@ def _anonymous(line: str, temporary: re.Pattern[str]) -> str:
 
 
 def _texts(output: Any) -> Iterator[tuple[Any, str, str]]:
-    """Where an output has text: the mapping, the key, the text."""
+    """Yield where an output has text: the mapping, the key, the text."""
     if "text" in output:
         yield output, "text", output.text
     for name, content in output.get("data", {}).items():
@@ -92,7 +92,7 @@ def _texts(output: Any) -> Iterator[tuple[Any, str, str]]:
 
 
 def compare(stored: Sequence[Any], now: Sequence[Any]) -> list[str]:
-    """What cells put out now that is not of the kinds that are stored."""
+    """Return what cells put out now that is not of the kinds that are stored."""
     return [
         f"cell {i}: stored is {kinds(before)}, now {kinds(after)}"
         for i, (before, after) in enumerate(zip(stored, now, strict=True))
