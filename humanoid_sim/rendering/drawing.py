@@ -225,10 +225,6 @@ def main(parent: int) -> int:
     return 0
 
 
-if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1])))
-
-
 class KeyLights:
     """Colours of a model's keys. A model without a piano has none, and nothing happens.
 
@@ -271,3 +267,7 @@ class KeyLights:
 
 _COLOURS = {(True, True): rgb(HIT), (True, False): rgb(WRONG), (False, True): rgb(MISSED)}
 """By whether a key is down, and whether it should be."""
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1])))
