@@ -213,14 +213,6 @@ def other_foot(contract: PolicyContract) -> PolicyContract:
     return replace(contract, phase=replace(contract.phase, offsets=contract.phase.offsets[::-1]))
 
 
-def period(seconds: float) -> Edit:
-    def edit(contract: PolicyContract) -> PolicyContract:
-        assert contract.phase is not None
-        return replace(contract, phase=replace(contract.phase, period=seconds))
-
-    return edit
-
-
 SINGLES = (
     Mistake("unitree", "left knee turned round", turned_round("left_knee_joint"), "joint direction"),
     Mistake("unitree", "IMU a quarter about z", imu_axes("y -x z"), "IMU axes"),
@@ -272,7 +264,12 @@ DOUBLES = (
         gravity_flipped,
         ("joint direction", "projected_gravity sign"),
     ),
-    ("playground", gravity_flipped, other_foot, ("gait clock start", "projected_gravity sign")),
+    (
+        "playground",
+        gravity_flipped,
+        term("joint_pos", relative=False),
+        ("joint_pos relative", "projected_gravity sign"),
+    ),
     ("playground", term("joint_pos", relative=False), imu_axes("-y x z"), ("IMU axes", "joint_pos relative")),
     ("legs", gravity_flipped, scaled_actions(0.5), ("action scale", "projected_gravity sign")),
     ("legs", sides_swapped("left", "right"), gravity_flipped, ("joint order", "projected_gravity sign")),
