@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from humanoid_sim.frontends.attach import Attachment
-from humanoid_sim.frontends.console.ghosts import Ghosts
 from humanoid_sim.frontends.console.plots import Plots, Watch, bus_loads
 from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.mit import KEY_PRESSED, FloatArray
@@ -19,6 +18,9 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.stack import no_policy, recorded_policy
+
+if TYPE_CHECKING:  # viser, which the rest of this module does without
+    from humanoid_sim.frontends.console.ghosts import Ghosts
 
 _SHOWN = 0.1
 """s for which a stroke is shown at least: pages are told ten times a second."""

@@ -11,8 +11,6 @@ from humanoid_sim.frontends.console.showing import ShownKeys
 from humanoid_sim.messages import ControlMode, Mode, PolicyStep, SessionHeader, TickRecord
 from humanoid_sim.mit import Extern
 
-pytest.importorskip("mjviser", reason="viser and mjviser are not installed (extra 'console')")
-
 
 class Loaded:
     """As much of a piano policy as is looked at: key 39 in frame 0, keys 39 and 43 in frame 1."""
