@@ -61,10 +61,8 @@ def writer(at: Client, topic: str, quality: Qos) -> DataWriter:
 
 
 def now(play: Played) -> dict[str, Any]:
-    """The latest tick."""
-    sample = play.feed.latest()
-    assert sample is not None
-    return play.feed.decode(sample)
+    """The latest tick; a sample that is being overwritten is none."""
+    return play.feed.decode(until(play.feed.latest))
 
 
 def stand_by(play: Played) -> None:
