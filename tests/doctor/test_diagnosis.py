@@ -50,8 +50,8 @@ def mistake(policy: str, name: str) -> Mistake:
 @pytest.mark.parametrize(
     ("policy", "name"),
     [
-        ("unitree", "projected_gravity sign flipped"),
-        ("waltz", "columns flattened column-major"),
+        pytest.param("unitree", "projected_gravity sign flipped", marks=pytest.mark.slow),
+        pytest.param("waltz", "columns flattened column-major", marks=pytest.mark.slow),
         ("holosoma", "terms in listed order instead of alphabetical"),
     ],
 )
