@@ -12,6 +12,8 @@ from tools.samples.evaluate import TrackingFailedError, follow, inverse_kinemati
 from tools.samples.motions import BODIES, POLICY_DT, joint_frames, pose_a
 from tools.samples.random_motions import held_out_motions
 
+pytestmark = pytest.mark.slow  # of the shipped policy, by the metrics that it was trained for
+
 SAMPLES = ("circle", "drum", "reach", "wave")
 
 

@@ -12,6 +12,8 @@ from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from tools.samples import main
 from tools.samples.walking.evaluate import CASES, WalkingCase, run_case
 
+pytestmark = pytest.mark.slow  # of the shipped policy, by the metrics that it was trained for
+
 
 def test_the_cases_are_those_that_the_policy_is_judged_by() -> None:
     assert [case.command for case in CASES[:8]] == [
