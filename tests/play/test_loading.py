@@ -63,8 +63,12 @@ def test_a_policy_that_walks_takes_a_velocity_from_when_it_is_loaded(
         assert session.intake.load("lite_biped_velocity", command="0.3,0,0").granted
         session.until(lambda: "velocity_command" in str(session.tick()["extern"]))
         session.walk()
-        session.intake.velocity(0.1, 0.0, 0.0, deliberate=True)
-        session.until(lambda: str(session.feed.status()["owners"]["velocity"]).startswith("test "))
+
+        def owns() -> bool:  # for as long as it goes on sending
+            session.intake.velocity(0.1, 0.0, 0.0, deliberate=True)
+            return str(session.feed.status()["owners"]["velocity"]).startswith("test ")
+
+        session.until(owns)
         assert session.intake.ask("damp", LONG).granted
         _, events = quit_and_replay(session, capfd)
     (loaded,) = (event for event in events if event.kind is EventKind.POLICY)
