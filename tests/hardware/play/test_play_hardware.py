@@ -301,7 +301,7 @@ def test_a_fault_on_the_bus_damps_and_the_summary_has_it(
     result = run("--robot", quick, *HARDWARE, "--script", script, *PLACEHOLDER)
     assert result.status == 1
     assert result.modes[-1] == "DAMPING"
-    assert "safety FAULT RX_TIMEOUT from virtual:play" in result.reasons[-1]
+    assert "safety FAULT RX_TIMEOUT from humanoid_devices_robstride/virtual:play" in result.reasons[-1]
     assert "right_wrist_yaw" in result.reasons[-1]
     ages = [float(tick.input.state.joint_age.max()) for tick in result.ticks]
     first = next(i for i, tick in enumerate(result.ticks) if not all(s.is_ok for s in tick.input.safety))

@@ -41,7 +41,7 @@ def test_reactivate_leads_back_to_motion(
     def operator() -> None:
         while os.getpid() not in [session.process for session in running_sessions()]:
             time.sleep(0.01)
-        steps = ["damp", "load_a", 1.0, "fault", 0.5, "load_a", "mend", 0.3, "reactivate", "damp", "load_a", 1.0]
+        steps = ["damp", "load_a", 1.0, "fault", 0.5, "load_a", "mend", 0.3, "reactivate", "damp", "load_a", 3.0]
         for step in [*steps, "damp", 0.3, "quit"]:
             if isinstance(step, float):
                 time.sleep(step)
