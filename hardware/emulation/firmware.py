@@ -215,8 +215,9 @@ def _protect(identity: MotorIdentity, state: MotorState, sensed: Sensed, time: f
     in_status, in_report = _present_faults(identity, state, sensed, time)
     hot = sensed.temperature >= identity.model.warning_temperature
     warnings = WarningBit.MOTOR_OVERTEMPERATURE_WARNING if hot else NO_WARNING
-    in_status |= state.status_faults
-    in_report |= state.faults
+    if state.status_faults is not in_status or state.faults is not in_report:  # flags are slow to combine
+        in_status |= state.status_faults
+        in_report |= state.faults
     if (in_status, in_report, warnings) != (state.status_faults, state.faults, state.warnings):
         state = replace(state, status_faults=in_status, faults=in_report, warnings=warnings)
     return _stopped(state) if state.is_running and (in_status or in_report) else state

@@ -43,7 +43,8 @@ class EmulatorHost:
     be read; their stamps again say when they came over the bus, where the interface keeps them.
 
     On a computer that cannot run them in real time the motors' world stands still for a while now and then, rather than
-    answer later and later: no bus queues for seconds. `slipped` says for how long.
+    answer later and later: no bus queues for seconds. What waits for a bus passes at once then, or those with the least
+    priority would seem silent. `slipped` says for how long.
     """
 
     def __init__(
@@ -145,6 +146,7 @@ class EmulatorHost:
         if behind > _MOST_BEHIND:
             self._begin += behind
             self.slipped += behind
+            self._emulator.hurry()
             until = self._emulator.time
         # What python-can stamps is the system's wall clock, or whatever a driver counts: see `_arrival`.
         wall = time.time()

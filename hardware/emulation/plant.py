@@ -79,9 +79,9 @@ class MotorPlant:
         for name in offsets:
             if name not in names:
                 raise InputError(f"homing_offset: {known_names('joint', name, names)}")
-        index = [i for i, _ in driven]
-        self._qpos_index = plant.addresses.qpos[index]
-        self._dof_index = plant.addresses.dof[index]
+        self._driven = [i for i, _ in driven]
+        self._qpos_index = plant.addresses.qpos[self._driven]
+        self._dof_index = plant.addresses.dof[self._driven]
         self._direction = np.array([float(joint.motor.direction) for joint in self.joints if joint.motor is not None])
         self._offset = np.array([offsets.get(name, 0.0) for name in names])
         self._base: FloatingBase | None = None
@@ -174,9 +174,7 @@ class MotorPlant:
         """Return a snapshot, stamped with `time`."""
         plant = self._plant
         effort = np.zeros(self.description.joint_count)
-        effort[[self.description.joint_names.index(joint.name) for joint in self.joints]] = (
-            self._direction * self.torque
-        )
+        effort[self._driven] = self._direction * self.torque
         body = self._senses.read(plant.data, plant.acceleration)
         return PlantTruth(
             time, plant.position.copy(), plant.velocity.copy(), effort, plant.data.qpos.copy(), body.imu, body.live

@@ -43,6 +43,9 @@ class Wire:
         # by node: when a frame is ready, its arbitration key, the frame
         self._current: tuple[float, int, Frame] | None = None
         self._free_at = -math.inf
+        self._is_hurried = False
+        self.next_time = math.inf
+        """s, when something happens next: a frame begins or ends. Infinity: nothing is waiting."""
         self.busy = 0.0
         """s for which the bus has been occupied."""
         self.frames = 0
@@ -51,6 +54,7 @@ class Wire:
     def submit(self, node: int, frame: Frame, time: float) -> None:
         """Queue a frame that is ready to be sent at `time`, s."""
         self._waiting.setdefault(node, deque()).append((time, arbitration_key(frame), frame))
+        self._schedule()
 
     def waiting(self, node: int) -> int:
         """Frames of a node that are not yet on the bus."""
@@ -61,14 +65,19 @@ class Wire:
         """Forget every frame that has not been received."""
         self._waiting.clear()
         self._current = None
+        self._schedule()
 
-    @property
-    def next_time(self) -> float:
-        """s, when something happens next: a frame begins or ends. Infinity: nothing is waiting."""
+    def hurry(self) -> None:
+        """Let everything that waits now pass at once: the bus owes the time in which its computer did not run it."""
+        self._is_hurried = bool(self._waiting)
+
+    def _schedule(self) -> None:
+        """Set `next_time` after a change: a bus is asked for it far more often than it changes."""
         if self._current is not None:
-            return self._current[0]
-        ready = min((queue[0][0] for queue in self._waiting.values()), default=math.inf)
-        return max(ready, self._free_at)
+            self.next_time = self._current[0]
+        else:
+            ready = min([queue[0][0] for queue in self._waiting.values()], default=math.inf)
+            self.next_time = max(ready, self._free_at)
 
     def step(self) -> Transmission | None:
         """Take the event at `next_time`: the frame that has ended there, or None if one begins."""
@@ -76,6 +85,7 @@ class Wire:
             time, node, frame = self._current
             self._current, self._free_at = None, time
             self.frames += 1
+            self._schedule()
             return Transmission(time, node, frame)
         now = self.next_time
         ready = [(queue[0], node) for node, queue in self._waiting.items() if queue[0][0] <= now]
@@ -87,9 +97,11 @@ class Wire:
         queue.popleft()
         if not queue:
             del self._waiting[node]
-        duration = frame_bits(frame) * self._bit_time if self._bit_time else 0.0
+        duration = 0.0 if self._is_hurried else frame_bits(frame) * self._bit_time if self._bit_time else 0.0
+        self._is_hurried = self._is_hurried and bool(self._waiting)
         self.busy += duration
         self._current = now + duration, node, frame
+        self._schedule()
         return None
 
 

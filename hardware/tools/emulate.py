@@ -53,7 +53,7 @@ def emulate(config: Emulate) -> int:
     ending = threading.Event()
     handlers = [(number, signal.signal(number, _ender(ending))) for number in (signal.SIGINT, signal.SIGTERM)]
     try:
-        with punctual_threads(behind=0) as punctuality:
+        with punctual_threads(behind=10) as punctuality:
             motors = VirtualMotors(
                 description,
                 addresses,

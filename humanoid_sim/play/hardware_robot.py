@@ -95,7 +95,7 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
             mode_listener=partial(support_in_mode, motors) if motors is not None and description.is_floating else None,
             notices=(*notices, *unjudged),
             bring_up=_BringUp(robot, description, addresses, emulated=motors is not None),
-            figures=lambda: _figures(robot),
+            figures=lambda: _figures(robot, motors),
             is_driven=lambda: robot.is_enabled,
             failure=lambda: "" if motors is None or motors.failure is None else f"emulated motors: {motors.failure!r}",
             keyboard="" if keyboard is None else str(keyboard.path),
@@ -189,9 +189,13 @@ class _BringUp:
         self._robot.accept(versions)
 
 
-def _figures(robot: HardwareRobot) -> Mapping[str, Any]:
+def _figures(robot: HardwareRobot, motors: VirtualMotors | None) -> Mapping[str, Any]:
+    """Return the robot's statistics, and for how long, s, emulated motors stood still: they seem silent then."""
     statistics = robot.statistics
-    return {**msgspec.to_builtins(statistics, str_keys=True), "lines": list(statistics.lines())}
+    lines, slipped = list(statistics.lines()), 0.0 if motors is None else motors.slipped
+    if slipped:
+        lines.append(f"the emulated motors stood still for {slipped:.2f} s because this computer was too slow for them")
+    return {**msgspec.to_builtins(statistics, str_keys=True), "emulation_stood_still": slipped, "lines": lines}
 
 
 class MeasuredPose:

@@ -206,4 +206,4 @@ get("policy-load").addEventListener("submit", (event) => {
   get("policy-answer").textContent = loading ? "checking, and loading …" : "not sent, there is no connection";
 });
 setInterval(cover, 100);
-connect();
+document.addEventListener("DOMContentLoaded", connect); // not before every script of the page has run

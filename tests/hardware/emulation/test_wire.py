@@ -57,6 +57,17 @@ def test_a_bus_without_bus_time_keeps_the_order_of_submission() -> None:
     assert wire.busy == 0.0
 
 
+def test_what_waits_passes_at_once_when_hurried_and_later_frames_take_their_time_again() -> None:
+    wire = Wire(1 / _BIT)
+    for node in range(3):
+        wire.submit(node, Frame(0x02001100 + node, bytes(8)), 0.0)
+    wire.hurry()
+    assert [(at, node) for at, node, _ in _run(wire)] == [(0.0, 0), (0.0, 1), (0.0, 2)]
+    later = Frame(0x020011FD, bytes(8))
+    wire.submit(0, later, 1.0)
+    assert _run(wire) == [(pytest.approx(1.0 + frame_bits(later) * _BIT), 0, later.arbitration_id)]
+
+
 def test_clearing_forgets_what_was_waiting_and_what_was_on_the_bus() -> None:
     wire = Wire(1 / _BIT)
     wire.submit(HOST, Frame(0x01800011, bytes(8)), 0.0)
