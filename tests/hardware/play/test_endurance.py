@@ -1,4 +1,4 @@
-"""Minutes of `play --hardware` on 14 emulated motors, with the figures that are claimed for it."""
+"""Long runs of `play --hardware` on 14 emulated motors, with the figures that are claimed for it."""
 
 from __future__ import annotations
 
@@ -36,19 +36,25 @@ def report(figures: dict[str, Any], what: str) -> None:
     )
 
 
+@pytest.fixture
+def seconds(request: pytest.FixtureRequest) -> int:
+    """How long a run takes, s; a minute with --complete."""
+    return 60 if request.config.getoption("--complete") else 20
+
+
 @pytest.mark.parametrize("robot", ["lite", "lite_sito"])
-def test_a_minute_at_50_hz_on_one_bus(robot: str, run: Callable[..., Result]) -> None:
+def test_runs_at_50_hz_on_one_bus(robot: str, run: Callable[..., Result], seconds: int) -> None:
     """Of one family, and of two: ten motors that acknowledge each command, and four that acknowledge none."""
-    options = ("--hardware", "virtual:minute", "--robot", robot, *SCRIPT, "--duration", "60")
+    options = ("--hardware", "virtual:minute", "--robot", robot, *SCRIPT, "--duration", str(seconds))
     result = run(*options, *(("--allow-no-timeout",) if robot == "lite_sito" else ()))
     report(result.summary, f"{robot} on one bus")
     assert result.status == 0
     loop, hardware = result.summary["loop"], result.summary["hardware"]
-    assert loop["ticks"] >= 3000
+    assert loop["ticks"] >= 50 * seconds
     is_first = any(line.startswith("SCHED_FIFO, ") for line in loop["measures"])
     assert loop["overruns"] <= (0 if is_first else 0.005 * loop["ticks"])  # else other programs may come first
     silent = 4 if robot == "lite_sito" else 0
-    assert hardware["commanded"] == hardware["acknowledged"] >= (14 - silent) * 3000
+    assert hardware["commanded"] == hardware["acknowledged"] >= (14 - silent) * 50 * seconds
     assert hardware["unconfirmed"] * 14 == silent * (hardware["commanded"] + hardware["unconfirmed"])
     assert (hardware["invalid_frames"], hardware["refused"], hardware["saturations"]) == (0, 0, {})
     assert result.summary["safety"] == []
@@ -106,12 +112,12 @@ def stalls(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stalls]:
                 watcher.stdout.close()
 
 
-def test_a_minute_at_200_hz_on_two_buses(run: Callable[..., Result], stalls: Stalls) -> None:
+def test_runs_at_200_hz_on_two_buses(run: Callable[..., Result], stalls: Stalls, seconds: int) -> None:
     """No deadline is missed but where the machine itself stood still; those are reported, and nothing is caught up.
 
     Where a machine is too slow to emulate 14 motors at 200 Hz beside the loop, which the run says, at half of it.
     """
-    hardware_options = ("--hardware", "virtual:left,virtual:right", *SCRIPT, "--duration", "60")
+    hardware_options = ("--hardware", "virtual:left,virtual:right", *SCRIPT, "--duration", str(seconds))
     for rate in (200, 100):
         stalls.missed.clear()
         result = run(*hardware_options, "--control-frequency", str(rate))
@@ -127,7 +133,7 @@ def test_a_minute_at_200_hz_on_two_buses(run: Callable[..., Result], stalls: Sta
     assert len(unexplained) <= (0 if is_first else 0.005 * loop["ticks"])  # else others, or the motors, may come first
     assert sum(tick.overrun for tick in result.ticks) <= loop["overruns"] <= loop["skipped_deadlines"]
     assert f"{loop['overruns']} missed deadlines, {loop['skipped_deadlines']} skipped" in result.out
-    assert loop["ticks"] + loop["skipped_deadlines"] >= 60 * rate
+    assert loop["ticks"] + loop["skipped_deadlines"] >= seconds * rate
     assert loop["tick_time_p99"] < 1.0 / rate
     assert len(hardware["channels"]) == 2
     assert hardware["acknowledged"] >= 0.999 * hardware["commanded"]
@@ -135,11 +141,11 @@ def test_a_minute_at_200_hz_on_two_buses(run: Callable[..., Result], stalls: Sta
 
 @pytest.mark.timeout(400)
 def test_a_dds_bridge_at_full_rate_and_a_client_that_floods_do_not_disturb_the_loop(
-    run: Callable[..., Result], stalls: Stalls, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+    run: Callable[..., Result], stalls: Stalls, monkeypatch: pytest.MonkeyPatch, seconds: int
 ) -> None:
     """10 000 samples a second, most of them wrong: all are refused outside the loop's process, and counted."""
     pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
-    domain, seconds = free_domain(), 60 if request.config.getoption("--complete") else 20
+    domain = free_domain()
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     joints = ",".join(load_robot("lite").joint_names)
     flood = Path(__file__).parents[2] / "frontends" / "dds" / "flood.py"
