@@ -23,8 +23,9 @@ def resident_megabytes() -> float:
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 @pytest.mark.skipif(not _STATM.exists(), reason="needs Linux's /proc")
-def test_a_hundred_thousand_vector_steps_hold_their_memory() -> None:
-    """Episodes that end, actions that are refused, late commands and noise included."""
+def test_many_vector_steps_hold_their_memory(request: pytest.FixtureRequest) -> None:
+    """Episodes that end, actions that are refused, late commands and noise included; 100,000 steps with --complete."""
+    count = 100_000 if request.config.getoption("--complete") else 25_000
     envs = gymnasium.make_vec(
         "humanoid_sim/LiteTracking-v0",
         num_envs=2,
@@ -35,7 +36,7 @@ def test_a_hundred_thousand_vector_steps_hold_their_memory() -> None:
     envs.reset(seed=0)
     generator = np.random.default_rng(0)
     episodes, faults, early = 0, 0, 0.0
-    for step in range(100_000):
+    for step in range(count):
         action = generator.uniform(-0.3, 0.3, (2, 14)).astype(np.float32)
         if step % 97 == 0:
             action[step % 2] = np.nan
@@ -44,7 +45,7 @@ def test_a_hundred_thousand_vector_steps_hold_their_memory() -> None:
         faults += "fault" in info
         if step == 10_000:
             early = resident_megabytes()
-    assert episodes > 3_000
-    assert faults > 500
+    assert episodes > 0.03 * count
+    assert faults > 0.005 * count
     assert resident_megabytes() < early + 2.0
     envs.close()
