@@ -151,7 +151,7 @@ class _Search:
         self._plan = replace(self._plan, brief=self._fitting(self._plan.brief, len(coarse), _BRIEFLY))
         rest = self._stage("single changes", coarse, self._plan.brief, ranking, _BRIEFLY)
         glanced = Ranking()
-        look = _shortened(self._plan.brief, _long_enough(ranking))
+        look = _shortened(self._plan.brief, _long_enough(ranking, _LOOK))
         rest += self._stage("changes of one joint", details, look, glanced, _GLANCED)
         seen = [verdict.hypothesis for verdict in sorted(glanced.verdicts.values(), key=lambda verdict: verdict.order)]
         best = seen[:_PROMOTED_DETAILS]
@@ -188,7 +188,8 @@ class _Search:
         ranking.pairs_known, wanted = _pairs(self._contract, glanced, ranking, plan.pairs)
         if ranking.pairs_known > _PROMOTED_GLANCES:
             seen = Ranking()
-            left = self._stage("pairs at a glance", wanted, plan.glance, seen, _PAIRS_GLANCED, ranking.pairs_known)
+            glance = _shortened(plan.brief, _long_enough(ranking, _GLANCE))
+            left = self._stage("pairs at a glance", wanted, glance, seen, _PAIRS_GLANCED, ranking.pairs_known)
             best = sorted(seen.verdicts.values(), key=lambda verdict: verdict.order)
             chosen = [verdict.hypothesis for verdict in best[:_PROMOTED_GLANCES]]
             self._stage("pairs of changes", chosen, plan.brief, together, _PAIRS_BRIEFLY)
@@ -261,10 +262,10 @@ class _Search:
                 self._stage("parts of the best", smaller, self._plan.thorough, self._ranking, 1.0)
 
 
-def _long_enough(ranking: Ranking) -> float:
-    """Return the share of a brief trial's time in which a change of one joint shows what it does."""
+def _long_enough(ranking: Ranking, least: float) -> float:
+    """Return the share of a brief trial's time, `least` or more, in which a change shows what it does."""
     fall = 0.0 if ranking.present is None or ranking.present.stays_up else ranking.present.time_up
-    return float(np.clip(_PAST_THE_FALL * fall, _LOOK, 1.0))
+    return float(np.clip(_PAST_THE_FALL * fall, least, 1.0))
 
 
 def _with_rivals(promising: Sequence[Hypothesis], ranking: Ranking) -> list[Hypothesis]:
