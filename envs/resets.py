@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -62,6 +62,17 @@ def require_same_step(envs: VectorEnv[Any, Any, Any], library: str) -> None:
     if mode is not AutoresetMode.SAME_STEP:
         shown = mode.value if isinstance(mode, AutoresetMode) else mode
         raise InputError(f"autoreset_mode: is {shown!r}, expected 'SameStep' for {library}")
+
+
+def term_means(info: Mapping[str, Any]) -> dict[str, float]:
+    """Return each reward term's mean over the environments that had one in a step, by the step's `info`."""
+    means: dict[str, float] = {}
+    for entries in (info, info.get("final_info", {})):
+        for name, values in entries.get("terms", {}).items():
+            mask = entries["terms"].get(f"_{name}")
+            if mask is not None and mask.any() and name not in means:
+                means[name] = float(values[mask].mean())
+    return means
 
 
 def count_option(name: str, value: Any) -> int:

@@ -6,7 +6,7 @@ import os
 import tempfile
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -24,7 +24,8 @@ from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.motion import Motion, write_motion
 from humanoid_sim.policy_tools.stamp import stamp
 from humanoid_sim.simulation.batch import BatchSimulation
-from humanoid_sim.training.ppo.network import Float32Array, Network, require_same_answers, write_network
+from humanoid_sim.training.ppo.learner import Actor
+from humanoid_sim.training.ppo.network import Network, require_same_answers, write_network
 
 _CHANGING = (gymnasium.ObservationWrapper, gymnasium.ActionWrapper, VectorObservationWrapper, VectorActionWrapper)
 _INSIDE = ("env", "venv", "envs")
@@ -32,20 +33,6 @@ _INSIDE = ("env", "venv", "envs")
 _PROBES = 64
 _STEPS = 100
 """Policy steps of the run that golden vectors are taken from, at most."""
-
-
-class Actor(Protocol):
-    """The part of a model that is exported."""
-
-    def network(self) -> Network:
-        """As it is exported.
-
-        Raises:
-            InputError: it is none of linear layers.
-        """
-
-    def answer(self, observations: Float32Array) -> Float32Array:
-        """Raw actions (k, m) for observations (k, N), as the library computes them."""
 
 
 def actor_of(model: Any, envs: Any = None) -> Actor:
@@ -56,7 +43,7 @@ def actor_of(model: Any, envs: Any = None) -> Actor:
         envs: around which it was trained; those of stable-baselines3 may normalise observations.
 
     Raises:
-        InputError: it is no such model.
+        InputError: it is not such a model.
     """
     library = {kind.__module__.partition(".")[0] for kind in type(model).__mro__}
     if "stable_baselines3" in library:
@@ -114,7 +101,7 @@ def _environment(envs: Any) -> PolicyEnv | PolicyVectorEnv:
     """Return what is inside the libraries' and Gymnasium's wrappers.
 
     Raises:
-        InputError: it is no environment of a policy, or a wrapper changes what the policy sees or commands.
+        InputError: it is not an environment of a policy, or a wrapper changes what the policy sees or commands.
     """
     inner = envs
     while not isinstance(inner, PolicyEnv | PolicyVectorEnv):
