@@ -89,14 +89,3 @@ def _line(name: str, value: Any) -> tuple[list[float], list[float]]:
 
 def _is_share(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value <= 1.0
-
-
-def checked_progress(progress: float) -> float:
-    """Return the progress of training as a number.
-
-    Raises:
-        InputError: it is not in [0, 1].
-    """
-    if not (isinstance(progress, int | float) and 0.0 <= progress <= 1.0):
-        raise InputError(f"progress: is {progress!r}, expected a number from 0 to 1")
-    return float(progress)

@@ -97,6 +97,19 @@ class Scenario:
         """Return where the velocity of a floating base's robot is told: for the policy, and for the task."""
         return tuple(dict.fromkeys((*self.contract.velocity_points, *self.task.bodies)))
 
+    def robot_options(self) -> dict[str, Any]:
+        """Return the options of simulated robots, one or a batch, that the scenario decides."""
+        return {
+            "control_period": self.contract.policy_dt,
+            "physics_timestep": self.physics_timestep,
+            "actuation": self.actuation,
+            "anchor_body": self.contract.anchor_body,
+            "velocity_at": self.velocity_points,
+            "height_scan": self.contract.height_scan,
+            "bodies": self.bodies,
+            "terrain": self.terrain,
+        }
+
 
 def make_scenario(
     contract: Named | PolicyContract | Checkpoint,

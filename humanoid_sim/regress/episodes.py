@@ -99,14 +99,8 @@ class EpisodeBatch:
         self.simulation = BatchSimulation(
             scenario.description,
             len(seeds),
-            control_period=contract.policy_dt,
-            physics_timestep=scenario.physics_timestep,
-            actuation=case.suite.actuation,
+            **{**scenario.robot_options(), "velocity_at": contract.velocity_points, "bodies": bodies},
             threads=threads,
-            anchor_body=contract.anchor_body,
-            velocity_at=contract.velocity_points,
-            height_scan=contract.height_scan,
-            bodies=bodies,
             randomisation=disturbance.randomisation,
             seeds=self._keys,
         )

@@ -141,17 +141,12 @@ def _training_run(scenario: Scenario, actor: Actor, seed: int) -> dict[str, npt.
     Raises:
         InputError: the policy's first action would be refused on any robot.
     """
+    actuation = "implicit" if scenario.actuation == "implicit" else "affine"
     simulation = BatchSimulation(
         scenario.description,
         1,
-        control_period=scenario.contract.policy_dt,
-        physics_timestep=scenario.physics_timestep,
-        actuation="implicit" if scenario.actuation == "implicit" else "affine",
+        **scenario.robot_options() | {"actuation": actuation, "terrain": None},
         threads=1,
-        anchor_body=scenario.contract.anchor_body,
-        velocity_at=scenario.velocity_points,
-        height_scan=scenario.contract.height_scan,
-        bodies=scenario.bodies,
     )
     start = scenario.task.start(np.random.default_rng(seed).random((1, scenario.task.draws)))
     moving = np.linalg.norm(start.commands[0], axis=1)
