@@ -98,7 +98,7 @@ def broken(progress):
             {"task": "own.py:number"},
             "--task: 'own.py:number' is not a task, expected a subclass of humanoid_sim.envs.tasks",
         ),
-        ({"task": "own.py:Half"}, "--task: 'own.py:Half' is not a whole task, it lacks _describe_stray, _measure"),
+        ({"task": "own.py:Half"}, "--task: 'own.py:Half' is not a whole task, it lacks _measure"),
         ({"task": "own.py:Hall"}, "--task: unknown name 'Hall' (did you mean 'Half'?) in 'own.py'"),
         ({"curriculum": "harder"}, "--curriculum: is 'harder', expected a YAML file, or a function: FILE.py:NAME or "),
         ({"curriculum": "own.py:number"}, "--curriculum: 'own.py:number' is not a function"),
