@@ -51,7 +51,7 @@ def read_baseline(path: Path) -> PolicyRun:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         if b'"candidates"' in data and b'"suite"' in data:  # taken for a baseline more often than anything else
             raise InputError(f"{path}: is a result of --json, expected a baseline of --write-baseline") from None
-        raise InputError(f"{path}: is no baseline of `regress --write-baseline`: {reason_of(error)}") from None
+        raise InputError(f"{path}: is not a baseline of `regress --write-baseline`: {reason_of(error)}") from None
     if not run.episodes:
         raise InputError(f"{path}: holds no episodes, expected a baseline of `regress --write-baseline`")
     return run

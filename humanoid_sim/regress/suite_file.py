@@ -6,7 +6,6 @@ What types cannot say is checked here: numbers in their ranges, names that exist
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -20,7 +19,7 @@ from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.suite import AXES, Suite
 from humanoid_sim.simulation.batch.randomisation import LONGEST_DELAY
-from humanoid_sim.strict_yaml import read_yaml
+from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
 __all__ = ["SUITE_OF", "chosen_suite", "load_suite", "shipped_suites"]
 
@@ -28,9 +27,6 @@ SUITE_OF = {"tracking": "lite_tracking", "velocity": "velocity", "walking": "vel
 """The shipped suite for a task of the environments."""
 
 _SEEDS = 2**31
-_PLACE = re.compile(r"^(?P<problem>.*?)(?: - at `\$\.?(?P<place>.*?)`)?$", re.DOTALL)
-_CHOICES = {"task": tuple(METRICS), "axis": tuple(AXES)}
-"""What is accepted where a suite may choose."""
 
 
 def shipped_suites() -> tuple[str, ...]:
@@ -54,27 +50,14 @@ def load_suite(name_or_path: str) -> tuple[Suite, Path]:
     path = asset_path("suites", f"{name_or_path}.yaml") if name_or_path in known else Path(name_or_path)
     document = read_yaml(path)
     if not isinstance(document, dict):
-        raise InputError(f"{path}: is no suite, expected a mapping with name, task, cases, seeds and tolerances")
+        raise InputError(f"{path}: is not a suite, expected a mapping with name, task, cases, seeds and tolerances")
     try:
         suite = msgspec.convert(document, Suite)
     except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {_place_and_problem(str(error))}") from None
+        raise InputError(f"{path}: {schema_problem(error, document, Suite)}") from None
     for problem in suite_problems(suite):
         raise InputError(f"{path}: {problem}")
     return suite, path.resolve().parent
-
-
-def _place_and_problem(message: str) -> str:
-    """Turn ``Expected `int`, got `str` - at `$.seeds` `` into `seeds: expected int, got str`."""
-    found = _PLACE.match(message)
-    assert found is not None  # matches any text
-    problem = found["problem"].replace("`", "'")
-    problem = problem.replace("Object missing required", "misses the").replace("Object contains", "has the")
-    problem = problem[0].lower() + problem[1:]
-    place = found["place"] or ""
-    accepted = _CHOICES.get(place.rpartition(".")[2]) if problem.startswith("invalid enum value") else None
-    problem += f", expected one of {', '.join(accepted)}" if accepted else ""
-    return f"{place}: {problem}" if place else problem
 
 
 def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:

@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -22,7 +22,7 @@ from humanoid_sim.names import near_miss
 from humanoid_sim.robots.checks import description_problems
 from humanoid_sim.robots.public import PREFIX, public_mjcf, public_name
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
-from humanoid_sim.strict_yaml import read_strictly, type_at, value_at
+from humanoid_sim.strict_yaml import read_strictly, schema_problem
 
 __all__ = [
     "RobotDescription",
@@ -81,7 +81,8 @@ def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
     if document is None:
         raise InputError(f"{label}: is empty, expected a robot description")
     if not isinstance(document, dict):
-        raise InputError(f"{label}: is a {_kind(document)}, expected a mapping with name, mjcf, joints, …")
+        kind = {list: "list", str: "text", bool: "boolean"}.get(type(document), "number")
+        raise InputError(f"{label}: is a {kind}, expected a mapping with name, mjcf, joints, …")
     if "folder" in document:
         raise InputError(f"{label}: folder: is not a field of the file; give 'mjcf' relative to the file instead")
     partial = _is_partial(document)
@@ -94,11 +95,11 @@ def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
     try:
         robot = msgspec.convert(document, RobotDescription)
     except msgspec.ValidationError as error:
-        raise InputError(f"{label}: {_field_and_problem(str(error), document)}") from None
+        raise InputError(f"{label}: {schema_problem(error, document, RobotDescription, hidden='folder')}") from None
     for problem in description_problems(_bounded(robot) if partial else robot):
         raise InputError(f"{label}: {problem}")
     if not is_file(robot.mjcf_path):
-        raise InputError(f"{label}: mjcf: '{robot.mjcf}' is no file; it is looked up beside the description")
+        raise InputError(f"{label}: mjcf: '{robot.mjcf}' is not a file; it is looked up beside the description")
     return robot
 
 
@@ -119,55 +120,6 @@ def _find(name_or_path: str) -> tuple[Path, str]:
         public = "" if near_miss(name_or_path, known) else public_name(name_or_path)
         raise InputError(f"{unknown}; did you mean {public}?" if public else unknown)
     return regular_file(path, "a robot's YAML file or an MJCF"), name_or_path
-
-
-_KINDS = {dict: "mapping", list: "list", str: "text", bool: "boolean", int: "number", float: "number"}
-
-
-def _kind(value: object) -> str:
-    return _KINDS.get(type(value), type(value).__name__)
-
-
-_LONGEST_NUMBER = 1024
-"""Bits of a whole number that is shown in a message: more than that a float cannot hold either."""
-_ACCEPTED = {
-    "`float`": "a number",
-    "`float | null`": "a number",
-    "`int`": "a whole number",
-    "`str`": "a text",
-    "`array`": "a list",
-    "`object`": "a mapping",
-    "`object | null`": "a mapping",
-}
-"""What msgspec calls a type, and what a person does."""
-
-
-def _field_and_problem(message: str, document: dict[str, Any]) -> str:
-    """Turn ``Expected `float`, got `str` - at `$.imu` `` into `imu: is 'x', expected a number`."""
-    problem, _, place = message.partition(" - at `$")
-    place = place.rstrip("`").lstrip(".")
-    expected, is_type, _ = problem.removeprefix("Expected ").partition(", got ")
-    if is_type:
-        line = f"is {_shown(value_at(document, place))}, expected {_ACCEPTED.get(expected, expected)}"
-    elif problem.startswith("Invalid enum value"):
-        accepted = " or ".join(str(value) for value in get_args(type_at(RobotDescription, place)))
-        line = f"is {_shown(value_at(document, place))}, expected {accepted}"
-    elif problem.startswith("Object contains unknown field"):
-        known = [name for name in type_at(RobotDescription, place).__struct_fields__ if name != "folder"]
-        line = known_names("field", problem.split("`")[1], known)
-    else:
-        line = problem.replace("Object missing", "misses").replace("`", "'")
-    return f"{place}: {line}" if place else line
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, dict | list):
-        return f"a {_kind(value)}"
-    if value is None:
-        return "nothing"
-    if isinstance(value, int) and value.bit_length() > _LONGEST_NUMBER:  # Python refuses to write out the longest
-        return f"a number of {value.bit_length()} bits"
-    return repr(value)
 
 
 def with_contract(description: RobotDescription, contract: PolicyContract) -> RobotDescription:
@@ -312,7 +264,7 @@ def _completed(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
     path = folder / document["mjcf"]
     if not is_file(path):
-        raise InputError(f"mjcf: '{document['mjcf']}' is no file; it is looked up beside the description")
+        raise InputError(f"mjcf: '{document['mjcf']}' is not a file; it is looked up beside the description")
     described = describe_mjcf(path)
     whole: dict[str, Any] = msgspec.to_builtins(described)
     del whole["folder"]

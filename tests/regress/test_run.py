@@ -230,7 +230,7 @@ def test_options_that_cannot_be(suite: str, tmp_path: Path, capsys: pytest.Captu
             f"--record-failures: '{there}' is a file, expected a folder",
         ),
         ((policy, "--suite", "velocity"), "--robot: is missing; the suite 'velocity' is for any robot and names none"),
-        ((policy, *short, "--baseline", str(there)), f"{there}: is no baseline of `regress --write-baseline`"),
+        ((policy, *short, "--baseline", str(there)), f"{there}: is not a baseline of `regress --write-baseline`"),
         ((str(tmp_path / "none.onnx"), *short), f"{tmp_path / 'none.onnx'}: no such file, expected an ONNX file"),
     ):
         assert complaint(capsys, *arguments).startswith(expected)
