@@ -25,16 +25,23 @@ class Accepted:
 
     minimum: float = -math.inf
     above: bool = False
-    """Whether the minimum itself is refused."""
+    """True where the minimum itself is refused."""
+    below: float = math.inf
+    """Least number that is too large."""
 
     def problem(self, value: float | str) -> str:
         """Return what is wrong with a value, '' if nothing is."""
         if isinstance(value, str):
             return "" if value.strip() else "is empty, expected a text"
-        if math.isfinite(value) and (value > self.minimum or (value == self.minimum and not self.above)):
+        is_enough = value > self.minimum or (value == self.minimum and not self.above)
+        if math.isfinite(value) and is_enough and value < self.below:
             return ""
+        if isinstance(value, int):
+            most = "" if self.below == math.inf else f", less than {self.below:.0f}"
+            return f"is {value}, expected at least {self.minimum:g}{most}"
         bound = "" if self.minimum == -math.inf else f" {'>' if self.above else '>='} {self.minimum:g}"
-        return f"is {value}, expected a finite number{bound}"
+        most = "" if self.below == math.inf else f" and < {self.below:g}"
+        return f"is {value}, expected a finite number{bound}{most}"
 
 
 Text = Annotated[str, Accepted()]

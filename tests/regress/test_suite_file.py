@@ -62,7 +62,7 @@ def test_a_suite_of_ones_own(tmp_path: Path) -> None:
         ("task: tracking", "task: piano", "cases[0].motion: is of no use to a piano task, expected a song"),
         ("motion: wave", "song: twinkle", "cases[0].song: is of no use to a tracking task, expected a motion"),
         ("joint_error:", "elbow_error:", "tolerances: unknown tracking metric 'elbow_error'; known: body_pos"),
-        ("{relative: 0.05}", "{relative: -1}", "tolerances.body_position_error.relative: is -1, expected"),
+        ("{relative: 0.05}", "{relative: -1}", "tolerances.body_position_error.relative: is -1.0, expected"),
         ("mass: [0.9, 1.1]", "mass: [1.1, 0.9]", "randomisation: mass is (1.1, 0.9), expected two finite"),
         ("mass: [0.9, 1.1]", "weight: [1, 1]", "randomisation: unknown field 'weight'; known: mass, "),
         ("joint_position: 0.05", "joint_position: .nan", "start.joint_position: is nan, expected a finite"),
