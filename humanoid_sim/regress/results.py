@@ -275,6 +275,15 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         return (*metrics, *(f"margin {margin.axis}" for margin in self.margins if margin.verdict in FAILING))
 
     @property
+    def left_out(self) -> dict[str, list[str]]:
+        """Names of metrics, by what they lack, such as `5 of 48 pairs in which an episode failed`."""
+        found: dict[str, list[str]] = {}
+        for comparison in self.comparisons:
+            if comparison.left_out:
+                found.setdefault(describe_left_out(comparison), []).append(comparison.metric)
+        return found
+
+    @property
     def unclear(self) -> tuple[str, ...]:
         """Names of the metrics that more seeds would have to decide."""
         return tuple(comparison.metric for comparison in self.comparisons if comparison.verdict in OPEN)

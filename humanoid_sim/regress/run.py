@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import platform
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -29,16 +28,13 @@ from humanoid_sim.regress.options import RegressConfig, check_outputs
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, distinct_names, prepare_policy, prepare_suite
 from humanoid_sim.regress.progress import EpisodeProgress
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
-from humanoid_sim.regress.report import report_page, require_report
+from humanoid_sim.regress.report import require_report
 from humanoid_sim.regress.results import Candidate, PolicyRun, Results, SuiteInfo
 from humanoid_sim.regress.show import show_candidate, show_detectable, show_run, show_verdict
 from humanoid_sim.regress.suite_file import chosen_suite, load_suite
 
-if TYPE_CHECKING:
-    from humanoid_sim.regress.report.pictures import Picture
-
 _RECORDINGS = Path("runs")
-"""Where --episode writes, unless --record-failures says."""
+"""Folder in which --episode writes, unless --record-failures names one."""
 
 
 def regress(config: RegressConfig) -> int:
@@ -84,12 +80,18 @@ def regress(config: RegressConfig) -> int:
                 console.print(
                     _which_joints(config, candidate, results.baseline), markup=False, highlight=False, soft_wrap=True
                 )
-    pictures: list[list[Picture]] = []
+    documents: dict[Path | None, Callable[[], bytes]] = {
+        config.write_baseline: lambda: json_of(results.candidates[0].run),
+        config.json: lambda: json_of(results),
+        config.junit: lambda: junit_xml(results, seconds),
+    }
     if config.report is not None:
-        from humanoid_sim.regress.report.pictures import worst_pictures  # noqa: PLC0415 - only where there is a report
+        from humanoid_sim.regress.report.page import report_page  # noqa: PLC0415 - only where there is a report
+        from humanoid_sim.regress.report.pictures import worst_pictures  # noqa: PLC0415
 
         pictures = worst_pictures(prepared, policies, baseline, results)
-    _write(config, results, seconds, pictures)
+        documents[config.report] = lambda: report_page(results, pictures).encode()
+    _write(documents)
     if config.record_failures is not None or config.episode is not None:
         _record(config, prepared, policies, results)
     return ExitStatus.of(results.passed)
@@ -172,7 +174,7 @@ def _run(
 def run_policy(
     prepared: PreparedSuite, policy: TestedPolicy, executor: Executor, margins: bool = False, label: str = ""
 ) -> PolicyRun:
-    """Every episode of a policy.
+    """Run every episode of a policy.
 
     Args:
         prepared: the suite.
@@ -208,7 +210,7 @@ def run_policy(
 
 
 def _record(config: RegressConfig, prepared: PreparedSuite, policies: Sequence[TestedPolicy], results: Results) -> None:
-    """Failing episodes, or the one that was asked for."""
+    """Record failing episodes, or the one that was asked for."""
     console, folder = Console(emoji=False), config.record_failures or _RECORDINGS
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -224,22 +226,14 @@ def _record(config: RegressConfig, prepared: PreparedSuite, policies: Sequence[T
                 console.print(f"recorded {path}", markup=False, highlight=False, soft_wrap=True)
 
 
-def _write(
-    config: RegressConfig, results: Results, seconds: Sequence[float], pictures: Sequence[Sequence[Picture]]
-) -> None:
-    """All files that were asked for: what keeps one from being written keeps none of the others.
+def _write(documents: Mapping[Path | None, Callable[[], bytes]]) -> None:
+    """Write all files that were asked for: what keeps one from being written keeps none of the others.
 
     Raises:
         InputError: the first that could not be written.
     """
-    writers: list[tuple[Path | None, Callable[[], bytes]]] = [
-        (config.write_baseline, lambda: json_of(results.candidates[0].run)),
-        (config.json, lambda: json_of(results)),
-        (config.junit, lambda: junit_xml(results, seconds)),
-        (config.report, lambda: report_page(results, pictures).encode()),
-    ]
     problems = []
-    for path, document in writers:
+    for path, document in documents.items():
         if path is not None:
             try:
                 with whole_file(path) as file:
