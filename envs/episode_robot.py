@@ -80,7 +80,6 @@ class EpisodeRobot(MujocoRobot):
         """Build the model.
 
         Args:
-            description: the robot.
             bodies: MJCF bodies that `body_poses` gives; they must be the model's.
             options: as `MujocoRobot` takes them.
 
@@ -201,7 +200,6 @@ def recorded_start(path: str | Path, description: RobotDescription) -> tuple[Pla
     """Return the plant and the robot's report in the tick in which LOCOMOTION began, bit for bit.
 
     Args:
-        path: a recording of `play` in simulation.
         description: the robot, whose model lies where the recorded one's did.
 
     Raises:

@@ -39,7 +39,6 @@ def export_rollouts(
     Args:
         env: a policy's environment, from `gymnasium.make`; it stays open.
         dataset_id: `[namespace/]name-v0`.
-        episodes: how many.
         policy: from an observation, shape (N,), to a raw action, shape (m,); None for the checkpoint that the
             environment was made with.
         seed: of the first episode; the following ones have the numbers after it.

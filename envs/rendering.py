@@ -49,11 +49,6 @@ class Window:
     def __init__(self, description: RobotDescription, period: float, terrain: Terrain | None = None) -> None:
         """Open the window.
 
-        Args:
-            description: of the robot.
-            period: s between two poses that are shown.
-            terrain: that it stands on; None for a level floor.
-
         Raises:
             InputError: no window can be opened here, or another one is open.
         """
@@ -99,11 +94,8 @@ class ShownEnv(CopyableEnv):
         """Prepare what is shown.
 
         Args:
-            description: of the robot.
             period: s between two poses.
-            render_mode: `rgb_array`, `human` or None.
             pictures: width and height in pixels, and the camera of the model; None looks at the robot from the front.
-            terrain: that it stands on; None for a level floor.
 
         Raises:
             InputError: there is no such mode, or a picture has no such size.

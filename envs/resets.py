@@ -135,12 +135,7 @@ class StartNumbers:
     """
 
     def __init__(self, count: int, width: int) -> None:
-        """Set up.
-
-        Args:
-            count: N.
-            width: k, numbers that one start takes.
-        """
+        """Set up for `count` environments, a start of which takes `width` numbers."""
         self._generators: list[np.random.Generator | None] = [None] * count
         self.seeds = np.zeros(count, dtype=np.uint64)
         """Shape (N,), what the environments were last seeded with (of a longer seed the lowest 64 bits)."""

@@ -55,9 +55,6 @@ def make_task(
 
     Args:
         task: name in `TASKS`, or `auto`; or a class of your own.
-        description: of the robot.
-        contract: of the policy.
-        reference: of the contract's motion.
         options: as `Task` takes them.
 
     Raises:

@@ -113,9 +113,7 @@ class Task(ABC):
         """Prepare for a robot and a contract.
 
         Args:
-            description: of the robot.
             contract: of the policy; its joints are the robot's.
-            reference: of the contract's motion.
             standing_height: m, of the centre of mass above the floor where the robot stands; 0 for a fixed base.
             weights: of terms that should have another weight than the task gives them, 1/s per unit of the term.
             episode_seconds: s after which an episode is truncated; tasks that follow a motion end with it instead.

@@ -277,7 +277,6 @@ def mean_interval(
         plus: one array per case, a value per seed; for paired comparisons the differences.
         minus: one array per case, sampled independently of `plus`; empty for nothing to subtract.
         confidence: two-sided, such as 0.95.
-        resamples: of the bootstrap.
     """
     generator = np.random.default_rng(_SEED)
     spread = np.zeros(resamples)

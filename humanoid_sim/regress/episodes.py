@@ -67,9 +67,6 @@ def run_episodes(
     """Run one episode per seed.
 
     Args:
-        case: policy and case.
-        seeds: of the episodes.
-        disturbance: of the robots.
         threads: that step physics; None for one per processor.
         watch: is filled with every policy step; None: nobody watches.
 

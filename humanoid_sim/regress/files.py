@@ -60,11 +60,6 @@ def read_baseline(path: Path) -> PolicyRun:
 def matching_baseline(prepared: PreparedSuite, baseline: PolicyRun, config: RegressConfig) -> PolicyRun:
     """Return the part of a stored baseline that a suite's cases are compared with.
 
-    Args:
-        prepared: the suite.
-        baseline: as it was stored.
-        config: the options, which name its file.
-
     Raises:
         InputError: a case is not in it, or was another when the baseline was made, its figures mean something else, or
             it lacks a metric that the suite judges.
@@ -117,7 +112,6 @@ def junit_xml(results: Results, seconds: Sequence[float] = ()) -> bytes:
     A metric without a baseline to compare with, or without episodes, is a skipped case.
 
     Args:
-        results: of the run.
         seconds: that each candidate took; its cases share them equally, as every verdict is of all its episodes.
     """
     root = ElementTree.Element("testsuites", name=_clean(f"regress {results.suite.name}"))

@@ -149,9 +149,7 @@ class Measures:
         """Take one policy step.
 
         Args:
-            step: from 0.
             sample: after the step, without the sensors' noise.
-            command: that was in force.
             simulation: after the step.
         """
         self.rows["effort"][step] = rms(sample.torque)
@@ -175,10 +173,7 @@ class TrackingMeasures(Measures):
         """As `Measures`.
 
         Args:
-            task: with the motion.
             joint_reference: shape (F, n), rad, robot's order; None where the motion says nothing of the joints.
-            steps: policy steps of an episode.
-            count: N.
         """
         super().__init__(task, steps, count, ("body_position_error", "body_orientation_error", "joint_error"))
         self._joint_reference = joint_reference

@@ -94,7 +94,6 @@ def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> Prepa
     """Read what a suite names.
 
     Args:
-        suite: the suite.
         folder: what its paths are relative to.
         robot: instead of the suite's.
 
@@ -212,11 +211,6 @@ def prepare_case(
     """Bring a policy and a case together.
 
     Args:
-        suite: of the case.
-        case: what is to be done.
-        checkpoint: the policy.
-        policy: the checkpoint's, for batches.
-        description: the robot.
         motion: that the case names, or the goals of its song; None for the one in the policy, or for a task without.
 
     Raises:

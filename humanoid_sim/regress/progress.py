@@ -19,10 +19,7 @@ class EpisodeProgress(Progress):
         """Start at none.
 
         Args:
-            console: that it is shown on.
             label: whose episodes these are; empty to show nothing.
-            total: how many there will be.
-            clock: s.
         """
         columns = TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn()
         is_hidden = not label or not console.is_terminal

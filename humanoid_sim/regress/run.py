@@ -177,9 +177,6 @@ def run_policy(
     """Run every episode of a policy.
 
     Args:
-        prepared: the suite.
-        policy: the policy.
-        executor: runs the episodes.
         margins: measure the robustness margins too.
         label: of how far it is, on stderr; empty for silence.
     """

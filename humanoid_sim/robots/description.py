@@ -71,9 +71,7 @@ def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
     """Return the robot of a file's document.
 
     Args:
-        document: of the YAML file.
         label: what to call the file in messages.
-        folder: where it is.
 
     Raises:
         InputError: as `load_robot`.
@@ -254,7 +252,6 @@ def _completed(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return the whole document of a robot file that gives only what differs from its MJCF.
 
     Args:
-        document: the file's.
         folder: that its MJCF is relative to.
 
     Raises:

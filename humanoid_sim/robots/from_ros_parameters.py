@@ -34,7 +34,6 @@ def convert_parameters(path: Path, robot: str, folder: Path) -> tuple[dict[str, 
     """Return the document of a robot file, and a line for each node with parameters that are left out.
 
     Args:
-        path: of the YAML file.
         robot: that the controllers drive: a shipped one, its YAML file, or an MJCF.
         folder: where the robot file will be, to which the MJCF's path is relative.
 

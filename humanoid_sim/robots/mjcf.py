@@ -199,7 +199,6 @@ def own_joint_damping(model: mujoco.MjModel, description: RobotDescription) -> M
 
     Args:
         model: from `bare_model`.
-        description: the robot.
     """
     damping = {name: float(model.dof_damping[model.joint(name).dofadr[0]]) for name in description.joint_names}
     return {name: value for name, value in damping.items() if value}

@@ -56,9 +56,6 @@ class NamedFiles:
     def check(self, path: Path) -> None:
         """Refuse files that are larger than any robot's, or no files.
 
-        Args:
-            path: of the model.
-
         Raises:
             InputError: one line with the file, its size and what is accepted.
         """

@@ -81,7 +81,6 @@ def panels(count: int, height: float, header: float = 0.0) -> tuple[Figure, list
     """Return a figure with `count` places for plots, `COLUMNS` in a row at most.
 
     Args:
-        count: at least 1.
         height: inches of 72 points, of a row.
         header: likewise, above the first one.
     """

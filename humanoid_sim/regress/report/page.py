@@ -33,12 +33,7 @@ _POWERS = 6
 
 
 def report_page(results: Results, pictures: Sequence[Sequence[Picture]] = ()) -> str:
-    """Return the page, as HTML.
-
-    Args:
-        results: of the run.
-        pictures: of each candidate's worst episode; none without.
-    """
+    """Return the page, as HTML."""
     environment = Environment(
         loader=PackageLoader("humanoid_sim.regress.report", "."),
         autoescape=True,

@@ -161,7 +161,6 @@ def own_object(option: str, text: str) -> Any:
     """Return what `text` names: `examples/own_task.py:HoldTask`, or `my_package.tasks:HoldTask`.
 
     Args:
-        option: for messages.
         text: a file or a module that can be imported, a colon, and a name in it.
 
     Raises:

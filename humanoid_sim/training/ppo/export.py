@@ -39,7 +39,6 @@ def actor_of(model: Any, envs: Any = None) -> Actor:
     """Return the actor of a model.
 
     Args:
-        model: of stable-baselines3, or a runner of rsl_rl.
         envs: around which it was trained; those of stable-baselines3 may normalise observations.
 
     Raises:

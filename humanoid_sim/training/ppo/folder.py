@@ -32,11 +32,7 @@ class RunFolder:
         """Begin a run, or find the checkpoint of the one to resume.
 
         Args:
-            path: of the folder.
-            config: the options.
             subject: what options came to that name a file, a class or a default, by option, as plain values.
-            settings: of PPO.
-            suffix: of the library's checkpoints.
 
         Raises:
             InputError: it cannot be made, it has a checkpoint that is not to be resumed, or one of another run.

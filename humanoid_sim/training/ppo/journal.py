@@ -83,13 +83,9 @@ class Journal:
         """Begin, or go on.
 
         Args:
-            folder: of the run.
             steps: at which the training will end.
-            meter: around the environments.
-            show: takes lines for people.
             limit: s of training, earlier runs of the folder counted in, after which it will end sooner.
             done: steps of the checkpoint that the training goes on from; rows beyond it are dropped.
-            tensorboard: write its logs.
 
         Raises:
             InputError: a file cannot be read or written, or TensorBoard is not installed.
