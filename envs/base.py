@@ -39,7 +39,7 @@ class PolicyEnvironment(CopyableEnv):
         check_options(options, type(self), make_scenario)
         self.scenario = scenario = make_scenario(contract, robot, motion, **options)
         self.privileged = Privileged(privileged, is_floating=scenario.description.is_floating) if privileged else None
-        """What the critic sees; None for nothing more than the policy."""
+        """Observation of the critic; None where it sees what the policy does."""
         self.fault_count = 0
         """Episodes that a fault has ended so far."""
         self._curriculum, self._progress = curriculum, 0.0

@@ -46,7 +46,7 @@ def export_rollouts(
         about: as `minari.create_dataset_from_buffers` takes it: `author`, `algorithm_name`, `description`, …
 
     Raises:
-        InputError: there is such a dataset, the number of episodes is below 1, or this is no policy's environment.
+        InputError: there is such a dataset, the number of episodes is below 1, or this is not a policy's environment.
     """
     ours = env.unwrapped
     if not isinstance(ours, PolicyEnv):

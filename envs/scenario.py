@@ -66,7 +66,7 @@ class Scenario:
     live: LiveInputs
     """Source of the live inputs that the contract declares."""
     starts: EpisodeStarts
-    """Where episodes begin."""
+    """Beginnings of episodes."""
     contract_as_read: PolicyContract
     """Contract of the policy, before the robot's own limits went into it."""
     motion: Motions | None = None

@@ -65,7 +65,7 @@ class Judgement:
     reward: FloatArray
     """The sum of the terms, dimensionless."""
     terms: Mapping[str, FloatArray]
-    """What each term adds to the reward: its weight (1/s per unit of the term) times its value times `policy_dt`."""
+    """Shares of the terms in the reward: its weight (1/s per unit of the term) times its value times `policy_dt`."""
     terminated: BoolArray
     """The robot has failed at the task."""
     truncated: BoolArray

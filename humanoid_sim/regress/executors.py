@@ -1,4 +1,4 @@
-"""Who runs batches of episodes: this process, or a Ray cluster (extra `cluster`); the results are the same.
+"""Executors of batches of episodes: this process, or a Ray cluster (extra `cluster`); the results are the same.
 
 A task of a cluster is some seeds of one policy and case. What it needs travels with it: model, contract, motion, suite
 and the robot's description. The package must be installed on every node, and a robot of one's own must be in the same
@@ -49,7 +49,7 @@ class Executor(Protocol):
     def run(
         self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
     ) -> list[Episode]:
-        """Every case with every seed: case by case and, within one, seed by seed."""
+        """Run every case with every seed: case by case and, within one, seed by seed."""
         ...
 
 
@@ -58,7 +58,7 @@ class LocalExecutor:
     """Runs one case after the other in this process, each on several threads."""
 
     threads: int | None = None
-    """That step physics; None for one per processor."""
+    """Threads that step physics; None for one per processor."""
 
     def run(
         self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
@@ -89,7 +89,7 @@ class Parcel:
 
 
 def pack_case(case: PreparedCase) -> Parcel:
-    """Everything that another machine needs to prepare the same case."""
+    """Pack everything that another machine needs to prepare the same case."""
     checkpoint = case.checkpoint
     path = Path(checkpoint.source)
     external = external_file(path)

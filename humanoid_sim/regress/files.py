@@ -28,7 +28,7 @@ from humanoid_sim.regress.results import (
 )
 
 _UNWRITABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""What XML 1.0 cannot hold, not even escaped."""
+"""Characters that XML 1.0 cannot hold, not even escaped."""
 
 
 def json_of(value: msgspec.Struct) -> bytes:

@@ -50,13 +50,13 @@ class PreparedSuite:
 
     suite: Suite
     robot: str
-    """What the robot is called, wherever one is: a shipped robot's name or an absolute path."""
+    """Name of the robot, wherever one is: a shipped robot's name or an absolute path."""
     description: RobotDescription
-    """Of the robot, as it is without a policy."""
+    """Robot as it is without a policy."""
     motions: Mapping[str, Motion | Song | None]
-    """By case: its motion, or what the robot can play of its song; None where the case names none."""
+    """Motion by case, or what the robot can play of its song; None where the case names none."""
     digests: Mapping[str, str]
-    """By case, of all that its episodes depend on beside policy and seed: results are compared only where equal."""
+    """SHA-256 by case of all that its episodes depend on beside policy and seed: only equals are compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +68,7 @@ class PreparedCase:
     checkpoint: Checkpoint
     policy: BatchedPolicy
     description: RobotDescription
-    """Of the robot, as it is without a policy."""
+    """Robot as it is without a policy."""
     motion: Motion | None
     scenario: Scenario
     steps: int

@@ -1,4 +1,4 @@
-"""What a person reads on the terminal."""
+"""Output for a person on the terminal."""
 
 from __future__ import annotations
 

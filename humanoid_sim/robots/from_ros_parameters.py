@@ -27,7 +27,7 @@ _ELSEWHERE = {
     "mode_manager": "gamepad bindings: play --gamepad FILE reads them",
     "rl_policy_controller": "the checkpoint and its contract say it",
 }
-"""Where the parameters of a node belong that a robot file does not have."""
+"""Places where the parameters of a node belong that a robot file does not have."""
 
 
 def convert_parameters(path: Path, robot: str, folder: Path) -> tuple[dict[str, Any], list[str]]:

@@ -29,7 +29,7 @@ from humanoid_sim.regress.results import (
 
 _WORST = 10
 _POWERS = 6
-"""Of ten: no bar reaches further."""
+"""Powers of ten: no bar reaches further."""
 
 
 def report_page(results: Results, pictures: Sequence[Sequence[Picture]] = ()) -> str:
@@ -116,7 +116,7 @@ def _again(results: Results, candidate: Candidate, pair: Pair) -> str:
 
 @dataclass(frozen=True, slots=True)
 class IntervalBar:
-    """Where the change of a metric and its interval lie on a bar from -100 to 100, worse to the right."""
+    """Position of the change of a metric and its interval on a bar from -100 to 100, worse to the right."""
 
     left: float
     change: float

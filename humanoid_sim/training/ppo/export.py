@@ -29,7 +29,7 @@ from humanoid_sim.training.ppo.network import Network, require_same_answers, wri
 
 _CHANGING = (gymnasium.ObservationWrapper, gymnasium.ActionWrapper, VectorObservationWrapper, VectorActionWrapper)
 _INSIDE = ("env", "venv", "envs")
-"""Where wrappers of Gymnasium and of the libraries keep what they wrap."""
+"""Attributes in which wrappers of Gymnasium and of the libraries keep what they wrap."""
 _PROBES = 64
 _STEPS = 100
 """Policy steps of the run that golden vectors are taken from, at most."""
