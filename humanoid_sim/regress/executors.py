@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
@@ -43,32 +43,24 @@ _TASKS_PER_PROCESSOR = 2
 """So that a processor that is done early has something left to do."""
 
 
-class Executor(Protocol):
-    """Runs episodes. Whoever it is, they are the same, bit for bit on machines of a kind."""
+Executor = Callable[[Sequence[PreparedCase], Sequence[int], Disturbance, Advance], list[Episode]]
+"""Function that runs every case with every seed: case by case and, within one, seed by seed. Whoever it is, the
+episodes are the same, bit for bit on machines of a kind."""
+
+
+def local_executor(threads: int | None = None) -> Executor:
+    """Return what runs case after case in this process, each on so many threads; None for one per processor."""
 
     def run(
-        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
+        cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
     ) -> list[Episode]:
-        """Run every case with every seed: case by case and, within one, seed by seed."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class LocalExecutor:
-    """Runs one case after the other in this process, each on several threads."""
-
-    threads: int | None = None
-    """Threads that step physics; None for one per processor."""
-
-    def run(
-        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
-    ) -> list[Episode]:
-        """See `Executor.run`."""
         episodes: list[Episode] = []
         for case in cases:
-            episodes += run_episodes(case, seeds, disturbance, threads=self.threads)
+            episodes += run_episodes(case, seeds, disturbance, threads=threads)
             advance(len(seeds))
         return episodes
+
+    return run
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +172,7 @@ class RayExecutor:
     def run(
         self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
     ) -> list[Episode]:
-        """See `Executor.run`."""
+        """See `Executor`."""
         ray = self._ray
         processors = max(int(ray.cluster_resources().get("CPU", 1)), 1)
         size = max(math.ceil(len(cases) * len(seeds) / (_TASKS_PER_PROCESSOR * processors)), 1)

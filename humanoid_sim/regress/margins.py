@@ -77,7 +77,7 @@ def measure_margins(cases: Sequence[PreparedCase], executor: Executor, advance: 
         while levels:
             level = levels.pop(0)
             disturbance = disturbance_at(sweep, level, suite.pushes, timestep)
-            episodes = executor.run(chosen, seeds, disturbance, lambda _: None)
+            episodes = executor(chosen, seeds, disturbance, lambda _: None)
             reasons = [reason for episode in episodes if (reason := _failed(suite, margins, episode))]
             shares[level] = len(reasons) / len(episodes)
             if shares[level] > margins.allowed_failures:

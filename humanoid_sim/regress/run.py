@@ -21,7 +21,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.definitions import DEFINITIONS
 from humanoid_sim.files import whole_file
 from humanoid_sim.regress.compare import FEW_SEEDS, detectable_changes, fewest_seeds, judge
-from humanoid_sim.regress.executors import LOCAL, Executor, LocalExecutor, RayExecutor
+from humanoid_sim.regress.executors import LOCAL, Executor, RayExecutor, local_executor
 from humanoid_sim.regress.files import json_of, junit_xml, matching_baseline, read_baseline
 from humanoid_sim.regress.margins import measure_margins, planned_levels
 from humanoid_sim.regress.options import RegressConfig, check_outputs
@@ -67,10 +67,10 @@ def regress(config: RegressConfig) -> int:
                 baseline = replace(baseline, name=file.stem)
     console = Console(quiet=config.quiet, emoji=False)  # a name such as ':a:' is no picture
     with ExitStack() as stack:
-        executor: Executor = LocalExecutor(config.threads)
+        executor = local_executor(config.threads)
         if config.ray is not None:
             processors = config.threads if config.ray == LOCAL else None
-            executor = stack.enter_context(closing(RayExecutor(config.ray, processors)))
+            executor = stack.enter_context(closing(RayExecutor(config.ray, processors))).run
         results, seconds = _run(config, prepared, baseline, policies, executor, console)
     if config.episode is None:
         plain = Console(emoji=False)
@@ -183,7 +183,7 @@ def run_policy(
     suite = prepared.suite
     total = len(suite.cases) * suite.seeds + (planned_levels(suite) if margins else 0)
     with EpisodeProgress(Console(stderr=True, emoji=False), label, total) as advance:
-        episodes = executor.run(policy.cases, suite.seed_numbers, suite.disturbance, advance)
+        episodes = executor(policy.cases, suite.seed_numbers, suite.disturbance, advance)
         found = measure_margins(policy.cases, executor, advance) if margins else ()
     return PolicyRun(
         name=policy.name,

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import importlib
 import math
 import os
+import pkgutil
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,11 +20,10 @@ from humanoid_sim.assets import asset_path, shipped
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
-from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.errors import FieldError, InputError, MissingPackageError, known_names, reason_of
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.names import near_miss
 from humanoid_sim.robots.checks import description_problems
-from humanoid_sim.robots.public import PREFIX, public_mjcf, public_name
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
 from humanoid_sim.strict_yaml import read_strictly, schema_problem
 
@@ -45,7 +48,7 @@ def shipped_robots() -> tuple[str, ...]:
 def load_robot(name_or_path: str | Path) -> RobotDescription:
     """Load a shipped robot's description (`lite`), a YAML file's, beside its MJCF, or one of an MJCF alone.
 
-    `robot_descriptions:g1` is the MJCF of a public robot: see `humanoid_sim.robots.public`.
+    `robot_descriptions:g1` is the MJCF of a public robot, of which the package robot_descriptions has many.
 
     A YAML's MJCF must exist; its content is checked when a simulation is built. A path that ends in `.xml` is any
     user's MJCF: `humanoid_sim.robots.mjcf` says what is read from it. A YAML without a list of joints changes single
@@ -118,6 +121,73 @@ def _find(name_or_path: str) -> tuple[Path, str]:
         public = "" if near_miss(name_or_path, known) else public_name(name_or_path)
         raise InputError(f"{unknown}; did you mean {public}?" if public else unknown)
     return regular_file(path, "a robot's YAML file or an MJCF"), name_or_path
+
+
+PREFIX = "robot_descriptions:"
+"""Prefix of public robots' names: `robot_descriptions:g1` is the MJCF that the package knows as `g1`."""
+_MJCF, _URDF = "_mj_description", "_description"
+
+
+def public_robots() -> tuple[str, ...]:
+    """Return names of the robots whose MJCF that package knows.
+
+    Raises:
+        MissingPackageError: it is not installed.
+    """
+    return tuple(sorted(name.removesuffix(_MJCF) for name in _modules() if name.endswith(_MJCF)))
+
+
+def public_name(name: str) -> str:
+    """Return the public robot that was probably meant by a name without the prefix, with it; '' for none.
+
+    Also '' where robot_descriptions is not installed: nobody knows its names then.
+    """
+    try:
+        known = public_robots()
+    except MissingPackageError:
+        return ""
+    parts = name.lower().replace("-", "_").split("_")
+    without_vendor = ("_".join(parts[i:]) for i in range(len(parts)))
+    found = next((short for short in without_vendor if short in known), "") or near_miss(name, known)
+    return f"{PREFIX}{found}" if found else ""
+
+
+def public_mjcf(name: str) -> Path:
+    """Return the MJCF of a public robot. At its first use its repository is cloned, with progress on stderr.
+
+    Args:
+        name: with the prefix, as the user gave it.
+
+    Raises:
+        InputError: there is no such robot, or it cannot be had now.
+        MissingPackageError: robot_descriptions is not installed.
+    """
+    short = name.removeprefix(PREFIX).removesuffix(_MJCF)
+    known = public_robots()
+    if short not in known:
+        if short + _URDF in _modules() or short in _modules():
+            raise InputError(
+                f"{name}: robot_descriptions has this robot as a URDF only; "
+                "`python -m humanoid_sim.robot convert` makes an MJCF of one"
+            )
+        raise InputError(known_names("public robot", short, known))
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            module = importlib.import_module(f"robot_descriptions.{short}{_MJCF}")
+    except Exception as error:  # of git, of the network, of the disk: whatever it is, the robot is not here
+        raise InputError(
+            f"{name}: could not be fetched: {reason_of(error)}; it is cloned with git at its first use, which needs a "
+            "network, into ~/.cache/robot_descriptions, or into the folder that ROBOT_DESCRIPTIONS_CACHE names"
+        ) from None
+    return Path(module.MJCF_PATH)
+
+
+def _modules() -> frozenset[str]:
+    try:
+        import robot_descriptions  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise MissingPackageError("robot_descriptions", "menagerie", f"--robot {PREFIX}…") from None
+    return frozenset(module.name for module in pkgutil.iter_modules(robot_descriptions.__path__))
 
 
 def with_contract(description: RobotDescription, contract: PolicyContract) -> RobotDescription:
