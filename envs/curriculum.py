@@ -13,22 +13,22 @@ from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.simulation.batch.draws import FULL, SCALED
 
 Curriculum = Callable[[float], Mapping[str, float]]
-"""Of the progress in [0, 1]: amounts in [0, 1] by name. Names are `commands`, `terrain`, `randomisation`, and any of
-its fields, which counts more than that. What is not named counts in full."""
+"""Amounts in [0, 1] by name, as a function of the progress in [0, 1]. Names are `commands`, `terrain`,
+`randomisation`, and any of its fields, which counts more than that. What is not named counts in full."""
 
 _COMMANDS, _TERRAIN, _RANDOMISATION = "commands", "terrain", "randomisation"
 
 
 @dataclass(frozen=True, slots=True)
 class Amounts:
-    """What a curriculum says at one moment."""
+    """Amounts that a curriculum gives at one moment."""
 
     commands: float = 1.0
-    """Of the velocity commands that a task draws."""
+    """Amount of the velocity commands that a task draws."""
     terrain: float = 1.0
-    """Of the hardness of a terrain: 0 for its easiest tiles alone."""
+    """Amount of the hardness of a terrain: 0 for its easiest tiles alone."""
     randomisation: Mapping[str, float] = field(default_factory=lambda: FULL)
-    """By field."""
+    """Amounts by field."""
 
 
 def amounts_at(curriculum: Curriculum | None, progress: float) -> Amounts:
@@ -59,7 +59,7 @@ def scheduled(points: Mapping[str, Any]) -> Curriculum:
         points: for each name one amount, or pairs of a progress and an amount, such as `[[0.5, 0.0], [1.0, 1.0]]`.
 
     Raises:
-        InputError: a name is unknown, or a value is no amount and no such list.
+        InputError: a name is unknown, or a value is neither an amount nor such a list.
     """
     amounts_at(lambda _: dict.fromkeys(points, 0.0), 0.0)  # which knows the names
     lines = {name: _line(name, value) for name, value in points.items()}
@@ -89,14 +89,3 @@ def _line(name: str, value: Any) -> tuple[list[float], list[float]]:
 
 def _is_share(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value <= 1.0
-
-
-def checked_progress(progress: float) -> float:
-    """Return the progress of training as a number.
-
-    Raises:
-        InputError: it is not in [0, 1].
-    """
-    if not (isinstance(progress, int | float) and 0.0 <= progress <= 1.0):
-        raise InputError(f"progress: is {progress!r}, expected a number from 0 to 1")
-    return float(progress)

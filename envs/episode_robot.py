@@ -27,7 +27,7 @@ from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 BoolArray = npt.NDArray[np.bool_]
 
 _KEPT = ("_pending", "_joint_line", "_body_line", "_step", "_fault", "_is_closed", "_is_lifted")
-"""What a `MujocoRobot` remembers beside its plant: commands and samples under way, its clock, what went wrong."""
+"""Attributes of a `MujocoRobot` beside its plant: commands and samples under way, its clock, what went wrong."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +58,17 @@ class PlantState:
             robot.acceleration.copy(),
         )
 
+    def require(self, data: mujoco.MjData) -> None:
+        """Refuse the state of another robot than that of `data`.
+
+        Raises:
+            InputError: it is one.
+        """
+        given, expected = (self.qpos.shape, self.qvel.shape), (data.qpos.shape, data.qvel.shape)
+        if given != expected:
+            (qpos, qvel), (nq, nv) = given, expected
+            raise InputError(f"state: qpos and qvel have the shapes {qpos} and {qvel}, expected {nq} and {nv}")
+
 
 class EpisodeRobot(MujocoRobot):
     """A `MujocoRobot` that starts anew with every episode: to the last bit as in an episode before, or anywhere else.
@@ -69,7 +80,6 @@ class EpisodeRobot(MujocoRobot):
         """Build the model.
 
         Args:
-            description: the robot.
             bodies: MJCF bodies that `body_poses` gives; they must be the model's.
             options: as `MujocoRobot` takes them.
 
@@ -109,11 +119,7 @@ class EpisodeRobot(MujocoRobot):
         """
         self.relaunch()
         data = self.data
-        if start.qpos.shape != data.qpos.shape or start.qvel.shape != data.qvel.shape:
-            raise InputError(
-                f"state: qpos and qvel have the shapes {start.qpos.shape} and {start.qvel.shape}, "
-                f"expected {data.qpos.shape} and {data.qvel.shape}"
-            )
+        start.require(data)
         data.qpos[:], data.qvel[:] = start.qpos, start.qvel
         if start.acceleration is not None:
             data.qacc[:] = data.qacc_warmstart[:] = start.acceleration
@@ -194,11 +200,10 @@ def recorded_start(path: str | Path, description: RobotDescription) -> tuple[Pla
     """Return the plant and the robot's report in the tick in which LOCOMOTION began, bit for bit.
 
     Args:
-        path: a recording of `play` in simulation.
         description: the robot, whose model lies where the recorded one's did.
 
     Raises:
-        InputError: it is no such recording, LOCOMOTION never began, or the plant does not repeat the recorded states.
+        InputError: it is another file, LOCOMOTION never began, or the plant does not repeat the recorded states.
     """
     recording = open_recording(path)
     robot = _recorded_robot(recording, description)
@@ -221,7 +226,9 @@ def _recorded_robot(recording: Recording, description: RobotDescription) -> Mujo
         names = ("physics_timestep", "actuation", "base_height", "drop")
         chosen = {name: options[name] for name in names} | {"base_yaw": options["yaw"]}
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{recording.path}: is no recording of play in simulation: its header lacks {error}") from None
+        raise InputError(
+            f"{recording.path}: is not a recording of play in simulation: its header lacks {error}"
+        ) from None
     if recorded.joint_names != description.joint_names:
         raise InputError(f"{recording.path}: is of the robot '{recorded.name}', the environment's '{description.name}'")
     return MujocoRobot(recorded, control_period=header.control_period, **chosen)

@@ -54,7 +54,6 @@ def hub_entry(name: str, task: str = "", **options: Any) -> MakeEnv:
     Args:
         name: of a policy's environment, such as `humanoid_sim/LiteTracking-v0`: the name of the suite as well.
         task: what is to be done, in words, for policies that read it.
-        options: of the environment.
 
     Returns:
         `make_env(n_envs=1, use_async_envs=False, cfg=None)`, which gives `{name: {0: vector environment}}`.

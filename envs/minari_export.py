@@ -39,7 +39,6 @@ def export_rollouts(
     Args:
         env: a policy's environment, from `gymnasium.make`; it stays open.
         dataset_id: `[namespace/]name-v0`.
-        episodes: how many.
         policy: from an observation, shape (N,), to a raw action, shape (m,); None for the checkpoint that the
             environment was made with.
         seed: of the first episode; the following ones have the numbers after it.
@@ -47,7 +46,7 @@ def export_rollouts(
         about: as `minari.create_dataset_from_buffers` takes it: `author`, `algorithm_name`, `description`, …
 
     Raises:
-        InputError: there is such a dataset, the number of episodes is below 1, or this is no policy's environment.
+        InputError: there is such a dataset, the number of episodes is below 1, or this is not a policy's environment.
     """
     ours = env.unwrapped
     if not isinstance(ours, PolicyEnv):

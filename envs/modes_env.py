@@ -8,19 +8,17 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import numpy.typing as npt
 from gymnasium import spaces
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
 from humanoid_sim.controllers.supervisor import SupervisorMemory
-from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.episode_robot import EpisodeRobot
-from humanoid_sim.envs.rendering import RENDER_MODES, Window, available_render_modes, check_render_mode, make_pictures
-from humanoid_sim.envs.resets import velocity_option
+from humanoid_sim.envs.rendering import RENDER_MODES, ShownEnv
+from humanoid_sim.envs.resets import refuse_others, velocity_option
 from humanoid_sim.envs.scenario import Named, read_policy
 from humanoid_sim.envs.spaces import INTENTS, modes_action_space, modes_observation, modes_observation_space
-from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import ControlMode, Intent, Mode, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion
@@ -34,7 +32,7 @@ from humanoid_sim.stack import build_supervisor
 Step = tuple[dict[str, Any], float, bool, bool, dict[str, Any]]
 
 
-class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
+class ModesEnv(ShownEnv, gymnasium.Env[dict[str, Any], Any]):
     """One step is one control tick of the whole stack, as `play` runs it: read, supervisor, write.
 
     The action is an intent, 0 for none, and, with `remote`, a remote command to go with it; `spaces` describes
@@ -90,7 +88,6 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
         Raises:
             InputError: one line that says what cannot be read, or what does not fit.
         """
-        check_render_mode(render_mode)
         description = robot if isinstance(robot, RobotDescription) else load_robot(robot)
         frequency = description.simulation.control_frequency if control_frequency is None else control_frequency
         for name, value in (("control_frequency", frequency), ("episode_seconds", episode_seconds)):
@@ -121,13 +118,10 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
         )
         self.action_space = modes_action_space(description, remote)
         self.observation_space = modes_observation_space(description)
-        self.metadata = {"render_modes": available_render_modes(), "render_fps": round(1.0 / period)}
-        self.render_mode = render_mode
+        self._prepare_pictures(description, period, render_mode, (width, height, camera))
         self.is_remote = remote
-        """Whether REMOTE is available, and actions have a remote command."""
+        """True where REMOTE is available, and actions have a remote command."""
         self.max_episode_steps = max(round(episode_seconds / period), 1)
-        self._pictures = make_pictures(description, width, height, camera)
-        self._window: Window | None = None
         self._memory: SupervisorMemory | None = None
         self._inbox = RemoteInbox(self.robot.joints, lambda: self.robot.time)
         self._velocity: FloatArray = np.zeros(3)
@@ -149,8 +143,7 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
         super().reset(seed=seed)
         options = {} if options is None else dict(options)
         self._velocity = velocity_option(options.pop("command", np.zeros(3)))
-        if options:
-            raise InputError(f"reset: {known_names('option', next(iter(options)), ('command',))}")
+        refuse_others(options, "command")
         self.robot.relaunch()
         self._memory, self._steps = self.supervisor.initial(), 0
         self._inbox = RemoteInbox(self.robot.joints, lambda: self.robot.time)
@@ -193,18 +186,6 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
         state, safety = self._read()
         observation = self._observe(state, output, safety)
         return observation, reward, output.quit, self._steps >= self.max_episode_steps, info
-
-    def render(self) -> npt.NDArray[np.uint8] | None:
-        """Return the picture, shape (height, width, 3), in the mode `rgb_array`; the window of `human` shows itself."""
-        return self._pictures.draw(self.robot.qpos) if self.render_mode == "rgb_array" else None
-
-    def close(self) -> None:
-        """Close windows and contexts. May be called twice."""
-        self._pictures.close()
-        if self._window is not None:
-            self._window.close()
-            self._window = None
-        self.robot.close()
 
     def snapshot(self) -> dict[str, Any]:
         """See `CopyableEnv.snapshot`."""
@@ -255,13 +236,6 @@ class ModesEnv(CopyableEnv, gymnasium.Env[dict[str, Any], Any]):
         if rows.shape != expected:
             raise FieldError(f"remote command has shape {rows.shape}, expected {expected}")
         return MITCommand(*rows)
-
-    def _show(self, tick: TickInput, output: TickOutput) -> None:
-        if self.render_mode != "human":
-            return
-        if self._window is None:
-            self._window = Window(self.robot.description, self.robot.control_period)
-        self._window.show(tick, output, self.robot.qpos)
 
 
 def _live_inputs(

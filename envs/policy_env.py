@@ -11,36 +11,33 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.base import RL_POLICY
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.live_inputs import LiveInput
 from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.controllers.reference import Frame
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
-from humanoid_sim.envs.copying import CopyableEnv
-from humanoid_sim.envs.curriculum import Curriculum, amounts_at, checked_progress
+from humanoid_sim.envs.base import PolicyEnvironment
+from humanoid_sim.envs.curriculum import Curriculum
 from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, recorded_start
-from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
+from humanoid_sim.envs.privileged import PrivilegedTerm
 from humanoid_sim.envs.randomised_robot import RandomisedRobot
-from humanoid_sim.envs.rendering import RENDER_MODES, Window, available_render_modes, check_render_mode, make_pictures
-from humanoid_sim.envs.resets import velocity_option
-from humanoid_sim.envs.scenario import Motions, Named, check_options, make_scenario
-from humanoid_sim.envs.spaces import action_space, observation_space, outlier
-from humanoid_sim.envs.tasks import Task
+from humanoid_sim.envs.rendering import RENDER_MODES, ShownEnv
+from humanoid_sim.envs.resets import refuse_others, velocity_option
+from humanoid_sim.envs.scenario import Motions, Named
+from humanoid_sim.envs.spaces import action_space, outlier
 from humanoid_sim.envs.tasks.reward_terms import require_finite
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
 from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import Randomisation
 from humanoid_sim.simulation.mujoco_robot import StateSampling
-from humanoid_sim.simulation.plant import Actuation, BatchActuation, check_actuation
-from humanoid_sim.simulation.terrain import Terrain
+from humanoid_sim.simulation.plant import BatchActuation, check_actuation
 
 Array = npt.NDArray[Any]
 Step = tuple[Array, float, bool, bool, dict[str, Any]]
 
 
-class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
+class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
     """One step is one policy step: the action's command, held for the contract's `policy_dt`.
 
     The action is the policy's raw action and the observation what the policy observes, made by the functions of the
@@ -68,24 +65,17 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         robot: Named | RobotDescription,
         motion: Motions | None = None,
         *,
-        task: str | type[Task] = "auto",
-        actuation: Actuation = "affine",
-        physics_timestep: float | None = None,
         command_delay: float = 0.0,
         state_delay: float = 0.0,
         state_sampling: StateSampling = "now",
         randomisation: Randomisation | Mapping[str, Any] | None = None,
         curriculum: Curriculum | None = None,
-        action_limit: float | None = None,
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
         camera: str | None = None,
-        live: Mapping[str, LiveInput] | None = None,
-        guards: bool = True,
-        terrain: Terrain | Mapping[str, Any] | str | None = None,
         privileged: Sequence[str] | Mapping[str, PrivilegedTerm] = (),
-        **task_options: Any,
+        **options: Any,
     ) -> None:
         """Build the robot. Delays are between robot and policy: rewards and terminations are those of the true state.
 
@@ -95,70 +85,32 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             motion: a sample motion by name, a file by path, or the motion itself, or several of these, of which each
                 episode has one; None for the one that a checkpoint carries in its graph, and for policies that follow
                 none.
-            task: `tracking`, `motion`, `velocity`, `balance`, or `auto` for the one that the contract was made for;
-                or a class of your own, of `humanoid_sim.envs.tasks.Task`.
-            actuation: `affine`, stepped natively, or `qfrc_applied`, the reference; they agree to 1e-9;
-                `implicit`, the faster approximation.
-            physics_timestep: s; None for the robot's.
             command_delay: s from a step's beginning to its command's arrival.
             state_delay: s from a state to its being observed.
             state_sampling: `now` or `on_command`; see `MujocoRobot`.
             randomisation: how the episodes' robots differ, or its fields by name, as `PolicyVectorEnv` takes it; None:
                 not at all. The delays are then part of it, and the plant is one that a batch can have.
             curriculum: how much of it, and of the commands, counts at the `progress` that is set; None: all.
-            action_limit: largest magnitude of a raw action; None: the contract's, or 100.
             render_mode: `rgb_array`, `human` or None.
             width: pixels of a picture.
             height: pixels of a picture.
             camera: of the model; None looks at the robot from the front.
-            live: by its name, what makes each live input that the contract declares: of an `MITState` a value of
-                shape (..., width).
-            guards: whether the guards of the robot's description watch the joints, as in the deployed control stack.
-            terrain: what the robot walks on: `flat`, `rough`, `slopes`, `steps`, `mixed`, or a `Terrain` or its fields
-                by name.
             privileged: what `info["privileged"]` holds for a critic: names out of `PRIVILEGED_TERMS`, or functions by
                 name.
-            task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise`, `rewards` as `Task` takes
-                them, and `reference_start`: the share of the episodes that begin at a random frame of the motion, in
-                the motion's own state.
+            options: as `make_scenario` takes them.
 
         Raises:
             InputError: one line that says what cannot be read, or what does not fit.
         """
-        check_render_mode(render_mode)
-        if task_options:
-            check_options(task_options, PolicyEnv, make_scenario)
-        self.scenario = scenario = make_scenario(
-            contract,
-            robot,
-            motion,
-            task=task,
-            physics_timestep=physics_timestep,
-            actuation=actuation,
-            action_limit=action_limit,
-            live=live,
-            guards=guards,
-            terrain=terrain,
-            **task_options,
-        )
-        self.robot = self._make_robot(randomisation, command_delay, state_delay, state_sampling)
-        self._curriculum, self._progress = curriculum, 0.0
-        amounts_at(curriculum, self._progress)
+        self.observation_space = self._prepare(contract, robot, motion, curriculum, privileged, options)
+        scenario = self.scenario
+        self.action_space = action_space(scenario.wiring, scenario.description)
+        self.robot = self._robots = self._make_robot(randomisation, command_delay, state_delay, state_sampling)
         self._drawn_from: int | None = None
-        self.privileged = Privileged(privileged, is_floating=scenario.description.is_floating) if privileged else None
-        """What the critic sees; None for nothing more than the policy."""
-        bounds = observation_space(scenario.wiring, scenario.description)
-        self.observation_space, self.action_space = bounds, action_space(scenario.wiring, scenario.description)
-        self.fault_count = 0
-        """Episodes that a fault has ended so far."""
-        fps = round(1.0 / scenario.contract.policy_dt)
-        self.metadata = {"render_modes": available_render_modes(), "render_fps": fps}
         self.max_episode_steps = scenario.task.episode_steps
-        self.render_mode = render_mode
-        self._pictures = make_pictures(scenario.description, width, height, camera, scenario.terrain)
-        self._window: Window | None = None
-        self._low, self._high = bounds.low, bounds.high
-        self._loop: ClosedLoop | None = None
+        self._prepare_pictures(
+            scenario.description, scenario.contract.policy_dt, render_mode, (width, height, camera), scenario.terrain
+        )
         self._observation = np.zeros_like(self._low)
         self._commands: FloatArray = np.zeros((1, 3))
         self._steps = 0
@@ -171,35 +123,23 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         state_sampling: StateSampling,
     ) -> EpisodeRobot | RandomisedRobot:
         scenario = self.scenario
-        options: dict[str, Any] = {
-            "control_period": scenario.contract.policy_dt,
-            "physics_timestep": scenario.physics_timestep,
-            "actuation": scenario.actuation,
-            "anchor_body": scenario.contract.anchor_body,
-            "velocity_at": scenario.velocity_points,
-            "height_scan": scenario.contract.height_scan,
-            "bodies": scenario.bodies,
-            "terrain": scenario.terrain,
-        }
         if randomisation is None:
-            options |= {"command_delay": command_delay, "state_delay": state_delay, "state_sampling": state_sampling}
-            return EpisodeRobot(scenario.description, support=False, **options)
+            return EpisodeRobot(
+                scenario.description,
+                **scenario.robot_options(),
+                support=False,
+                command_delay=command_delay,
+                state_delay=state_delay,
+                state_sampling=state_sampling,
+            )
         for name, value in (("command_delay", command_delay), ("state_delay", state_delay)):
             if value:
                 raise InputError(f"{name}: is {value:g} s beside a randomisation, expected it as a field of that")
         if state_sampling != "now":
             raise InputError(f"state_sampling: is {state_sampling!r} beside a randomisation, expected now")
         check_actuation(scenario.actuation, get_args(BatchActuation))
-        return RandomisedRobot(scenario.description, randomisation=Randomisation.of(randomisation), **options)
-
-    @property
-    def progress(self) -> float:
-        """Say how far training has come, in [0, 1], which whoever trains sets: the curriculum of the next episodes."""
-        return self._progress
-
-    @progress.setter
-    def progress(self, progress: float) -> None:
-        self._progress = checked_progress(progress)
+        drawn = Randomisation.of(randomisation)
+        return RandomisedRobot(scenario.description, randomisation=drawn, **scenario.robot_options())
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -221,7 +161,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             loop.observation, loop.memory = loop.wiring.observe(memory, loop.state)
         # of a state of the caller's choice it may be anything
         self._observation = np.clip(loop.observation, self._low, self._high)
-        self._show(loop.state, MITCommand.zeros(len(self.robot.joints)))
+        self._show_step(loop.state, MITCommand.zeros(len(self.robot.joints)))
         return self._observation.copy(), {"frame": int(loop.memory.frame), **self._true(loop)}
 
     def _begin(self, options: dict[str, Any], *, is_seeded: bool) -> tuple[PlantState, PolicyMemory | None, int]:
@@ -229,7 +169,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
 
         It sets the episode's commands.
         """
-        scenario, amounts = self.scenario, amounts_at(self._curriculum, self._progress)
+        scenario, amounts = self.scenario, self._amounts()
         start = scenario.starts(self.np_random.random(scenario.starts.draws), amounts)
         if isinstance(self.robot, RandomisedRobot):
             is_new = is_seeded or self._drawn_from != self.np_random_seed
@@ -244,9 +184,7 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         if "command" in options:
             self._commands = velocity_option(options.pop("command"))[None]
         plant, memory = options.pop("state", plant), options.pop("memory", None)
-        if options:
-            known = ("command", "recording", "state", "memory")
-            raise InputError(f"reset: {known_names('option', next(iter(options)), known)}")
+        refuse_others(options, "command", "recording", "state", "memory")
         if not isinstance(plant, PlantState):
             raise InputError(f"reset: state is a {type(plant).__name__}, expected a PlantState")
         return plant, None if memory is None else _policy_memory(memory), frame
@@ -284,34 +222,9 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
         judgement = task.judge(sample)
         require_finite(judgement.reward, judgement.terms)
         self._observation = observation.copy()
-        self._show(loop.state, command)
+        self._show_step(loop.state, command)
         info = {"frame": frame, "terms": judgement.terms, **self._true(loop, sample)}
         return observation, float(judgement.reward), bool(judgement.terminated), bool(judgement.truncated), info
-
-    def render(self) -> npt.NDArray[np.uint8] | None:
-        """Return the picture, shape (height, width, 3), in the mode `rgb_array`; the window of `human` shows itself."""
-        return self._pictures.draw(self.robot.qpos) if self.render_mode == "rgb_array" else None
-
-    def close(self) -> None:
-        """Close windows and contexts. May be called twice."""
-        self._pictures.close()
-        if self._window is not None:
-            self._window.close()
-            self._window = None
-        self.robot.close()
-
-    def snapshot(self) -> dict[str, Any]:
-        """See `CopyableEnv.snapshot`."""
-        loop = None if self._loop is None else self._loop.snapshot()
-        return super().snapshot() | {"robot": self.robot.snapshot(), "_loop": loop}
-
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """See `CopyableEnv.restore`."""
-        robot, loop = snapshot["robot"], snapshot["_loop"]
-        super().restore({name: value for name, value in snapshot.items() if name not in ("robot", "_loop")})
-        self.robot.restore(robot)
-        scenario = self.scenario
-        self._loop = None if loop is None else ClosedLoop.resumed(self.robot, scenario.wiring, loop, scenario.live)
 
     def _lost(self, fault: str, frame: Frame) -> Step:
         self.fault_count += 1
@@ -324,13 +237,9 @@ class PolicyEnv(CopyableEnv, gymnasium.Env[Array, Array]):
             return {}
         return {"privileged": self.privileged(sample or sample_step(loop, self.robot, self._steps))}
 
-    def _show(self, state: MITState, command: MITCommand) -> None:
-        if self.render_mode != "human":
-            return
-        if self._window is None:
-            self._window = Window(self.scenario.description, self.scenario.contract.policy_dt, self.scenario.terrain)
+    def _show_step(self, state: MITState, command: MITCommand) -> None:
         mode = ControlMode(Mode.LOCOMOTION, RL_POLICY, f"step {self._steps}")
-        self._window.show(TickInput(state), TickOutput(command, mode), self.robot.qpos)
+        self._show(TickInput(state), TickOutput(command, mode))
 
 
 def _policy_memory(memory: PolicyMemory | RLPolicyMemory) -> PolicyMemory:

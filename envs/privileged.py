@@ -1,4 +1,4 @@
-"""What a critic may see in training and no robot can measure: the true state, whatever the policy sees of it."""
+"""Observations of a critic in training that no robot can measure: the true state, whatever the policy sees of it."""
 
 from __future__ import annotations
 

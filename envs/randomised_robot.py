@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from humanoid_sim.envs.episode_robot import PlantState
 from humanoid_sim.envs.tasks.task import Start
-from humanoid_sim.errors import InputError
 from humanoid_sim.mit import COMMAND_FIELDS, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation
@@ -22,7 +21,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 
 class RandomisedRobot:
-    """What `EpisodeRobot` is to an environment, with the differences that are drawn for its episodes.
+    """Robot of an environment, as `EpisodeRobot` is, with the differences that are drawn for its episodes.
 
     There is one text of what a randomisation does to a robot, that of `BatchSimulation`, so a robot alone is to the
     last bit what it would be among others.
@@ -37,29 +36,16 @@ class RandomisedRobot:
         self.batch = BatchSimulation(description, 1, threads=1, **options)
         """The simulation."""
         self.description = description
+        self.joints, self.control_period = self.batch.joints, self.batch.control_period
+        self.physics_steps = self.batch.physics_steps
         self.data = mujoco.MjData(self.batch.model(0))
-        """The present pose and motion, for pictures: nothing is simulated in it."""
+        """Present pose and motion, for pictures: nothing is simulated in it."""
         self._show()
 
     @property
     def model(self) -> mujoco.MjModel:
         """The robot as it is in this episode."""
         return self.batch.model(0)
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """See `Robot.joints`."""
-        return self.batch.joints
-
-    @property
-    def physics_steps(self) -> int:
-        """Physics steps in one control period."""
-        return self.batch.physics_steps
-
-    @property
-    def control_period(self) -> float:
-        """s, by which one `step` advances."""
-        return self.batch.control_period
 
     @property
     def is_closed(self) -> bool:
@@ -112,12 +98,7 @@ class RandomisedRobot:
         Raises:
             InputError: the state is another robot's.
         """
-        expected = self.data.qpos.shape, self.data.qvel.shape
-        if (start.qpos.shape, start.qvel.shape) != expected:
-            raise InputError(
-                f"state: qpos and qvel have the shapes {start.qpos.shape} and {start.qvel.shape}, "
-                f"expected {expected[0]} and {expected[1]}"
-            )
+        start.require(self.data)
         self.batch.reset(qpos=start.qpos[None], qvel=start.qvel[None])
         self._show()
 

@@ -61,8 +61,6 @@ def reference_joints(
     """Return the motion's joints in its first `count` frames; of one that has bodies only, those that bring them there.
 
     Args:
-        description: the robot.
-        contract: of the policy that follows the motion.
         reference: the motion; of several, each begins anew.
         count: frames; None for all.
 

@@ -34,7 +34,7 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
         "kwargs": {"robot": "lite", "policy": "lite_tracking", "motion": "wave"},
     },
 }
-"""What `gymnasium.register` is told, by id."""
+"""Arguments of `gymnasium.register` by id."""
 
 
 def register_environments() -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from time import perf_counter, sleep
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+import numpy.typing as npt
 
+from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import FloatArray
@@ -20,16 +22,6 @@ from humanoid_sim.simulation.terrain import Terrain
 RENDER_MODES = ["human", "rgb_array"]
 
 
-def check_render_mode(mode: str | None) -> None:
-    """Refuse a render mode that there is not.
-
-    Raises:
-        InputError: naming those that there are.
-    """
-    if mode is not None and mode not in RENDER_MODES:
-        raise InputError(f"render_mode: is {mode!r}, expected {', '.join(RENDER_MODES)} or None")
-
-
 def available_render_modes() -> list[str]:
     """Return the render modes that this machine can show: without a display no window opens."""
     return [mode for mode in RENDER_MODES if mode != "human" or has_display()]
@@ -38,7 +30,7 @@ def available_render_modes() -> list[str]:
 def make_pictures(
     description: RobotDescription, width: int, height: int, camera: str | None, terrain: Terrain | None = None
 ) -> PoseRenderer:
-    """`rgb_array`: pictures of a robot, with a model of their own.
+    """Return what draws pictures of a robot for `rgb_array`, with a model of their own.
 
     Raises:
         InputError: a picture has no such size.
@@ -56,11 +48,6 @@ class Window:
 
     def __init__(self, description: RobotDescription, period: float, terrain: Terrain | None = None) -> None:
         """Open the window.
-
-        Args:
-            description: of the robot.
-            period: s between two poses that are shown.
-            terrain: that it stands on; None for a level floor.
 
         Raises:
             InputError: no window can be opened here, or another one is open.
@@ -88,3 +75,52 @@ class Window:
     def close(self) -> None:
         """Close the window. May be called twice."""
         self._viewer.close()
+
+
+class ShownEnv(CopyableEnv):
+    """Base of environments of one robot, which Gymnasium's render modes show."""
+
+    robot: Any
+    _window: Window | None = None
+
+    def _prepare_pictures(
+        self,
+        description: RobotDescription,
+        period: float,
+        render_mode: str | None,
+        pictures: tuple[int, int, str | None],
+        terrain: Terrain | None = None,
+    ) -> None:
+        """Prepare what is shown.
+
+        Args:
+            period: s between two poses.
+            pictures: width and height in pixels, and the camera of the model; None looks at the robot from the front.
+
+        Raises:
+            InputError: there is no such mode, or a picture has no such size.
+        """
+        if render_mode is not None and render_mode not in RENDER_MODES:
+            raise InputError(f"render_mode: is {render_mode!r}, expected {', '.join(RENDER_MODES)} or None")
+        self.metadata = {"render_modes": available_render_modes(), "render_fps": round(1.0 / period)}
+        self.render_mode = render_mode
+        self._pictures = make_pictures(description, *pictures, terrain)
+        self._shown = description, period, terrain
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """Return the picture, shape (height, width, 3), in the mode `rgb_array`; the window of `human` shows itself."""
+        return self._pictures.draw(self.robot.qpos) if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Close windows and contexts. May be called twice."""
+        self._pictures.close()
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+        self.robot.close()
+
+    def _show(self, tick: TickInput, output: TickOutput) -> None:
+        if self.render_mode == "human":
+            if self._window is None:
+                self._window = Window(*self._shown)
+            self._window.show(tick, output, self.robot.qpos)

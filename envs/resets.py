@@ -1,8 +1,8 @@
-"""What environments and their resets take, checked; and the random numbers that their episodes start from."""
+"""Options of environments and their resets, checked; and the random numbers that their episodes start from."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,11 @@ from humanoid_sim.mit import FloatArray
 IndexArray = npt.NDArray[np.intp]
 
 _EPISODES = 16
-"""Whose start numbers are drawn at a time."""
+"""Number of episodes whose start numbers are drawn at a time."""
 
 
 def reset_seeds(seed: int | Sequence[int | None] | None, count: int) -> Sequence[int | None]:
-    """One seed per environment: `seed`, `seed + 1`, … of a number; None leaves an environment's stream as it is.
+    """Return one seed per environment: `seed`, `seed + 1`, … of a number; None leaves an environment's stream as it is.
 
     Raises:
         InputError: they are not whole numbers, or not as many as environments.
@@ -64,11 +64,22 @@ def require_same_step(envs: VectorEnv[Any, Any, Any], library: str) -> None:
         raise InputError(f"autoreset_mode: is {shown!r}, expected 'SameStep' for {library}")
 
 
+def term_means(info: Mapping[str, Any]) -> dict[str, float]:
+    """Return each reward term's mean over the environments that had one in a step, by the step's `info`."""
+    means: dict[str, float] = {}
+    for entries in (info, info.get("final_info", {})):
+        for name, values in entries.get("terms", {}).items():
+            mask = entries["terms"].get(f"_{name}")
+            if mask is not None and mask.any() and name not in means:
+                means[name] = float(values[mask].mean())
+    return means
+
+
 def count_option(name: str, value: Any) -> int:
     """Return a number of environments or steps.
 
     Raises:
-        InputError: it is none.
+        InputError: it is not one.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise InputError(f"{name}: is {value!r}, expected a whole number >= 1")
@@ -79,7 +90,7 @@ def reset_mask(mask: Any, count: int) -> npt.NDArray[np.bool_]:
     """Return the environments to reset, shape (count,); all where no mask is given.
 
     Raises:
-        InputError: it is no such array, or chooses none.
+        InputError: it is not such an array, or chooses none.
     """
     if mask is None:
         return np.ones(count, dtype=np.bool_)
@@ -90,42 +101,30 @@ def reset_mask(mask: Any, count: int) -> npt.NDArray[np.bool_]:
     return mask
 
 
-def reset_command(options: dict[str, Any], count: int) -> FloatArray | None:
-    """Return the velocity commands, shape (count, 3), of the options that remain; None: the task's.
+def velocity_option(value: Any, count: int | None = None) -> FloatArray:
+    """Return vx, vy in m/s and yaw rate in rad/s, shape (3,); of `count` environments, (count, 3).
 
     Raises:
-        InputError: it is not three finite numbers or that many per environment, or there is another option.
-    """
-    others = [name for name in options if name != "command"]
-    if others:
-        raise InputError(f"reset: {known_names('option', others[0], ('command', 'reset_mask'))}")
-    if "command" not in options:
-        return None
-    try:
-        command = np.asarray(options["command"], dtype=np.float64)
-    except (TypeError, ValueError):
-        command = np.empty(0)
-    if command.shape not in ((3,), (count, 3)) or not np.isfinite(command).all():
-        raise InputError(
-            f"reset: command is {options['command']!r}, expected vx, vy and yaw rate: three finite numbers, or three "
-            f"for each of {count} environments"
-        )
-    return np.broadcast_to(command, (count, 3))
-
-
-def velocity_option(value: Any) -> FloatArray:
-    """Shape (3,): vx, vy in m/s and yaw rate in rad/s.
-
-    Raises:
-        InputError: the option is not three finite numbers.
+        InputError: the option is not three finite numbers, nor that many for each of the environments.
     """
     try:
         command = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         command = np.empty(0)
-    if command.shape != (3,) or not np.isfinite(command).all():
-        raise InputError(f"reset: command is {value!r}, expected vx, vy and yaw rate: three finite numbers")
-    return command
+    if command.shape not in ((3,), (count, 3)) or not np.isfinite(command).all():
+        several = "" if count is None else f", or three for each of {count} environments"
+        raise InputError(f"reset: command is {value!r}, expected vx, vy and yaw rate: three finite numbers{several}")
+    return command if count is None else np.broadcast_to(command, (count, 3))
+
+
+def refuse_others(options: Mapping[str, Any], *known: str) -> None:
+    """Refuse options of a reset that nobody has taken.
+
+    Raises:
+        InputError: there is one.
+    """
+    for name in options:
+        raise InputError(f"reset: {known_names('option', name, known)}")
 
 
 class StartNumbers:
@@ -136,12 +135,7 @@ class StartNumbers:
     """
 
     def __init__(self, count: int, width: int) -> None:
-        """Set up.
-
-        Args:
-            count: N.
-            width: k, numbers that one start takes.
-        """
+        """Set up for `count` environments, a start of which takes `width` numbers."""
         self._generators: list[np.random.Generator | None] = [None] * count
         self.seeds = np.zeros(count, dtype=np.uint64)
         """Shape (N,), what the environments were last seeded with (of a longer seed the lowest 64 bits)."""

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import VectorEnv
 
-from humanoid_sim.envs.resets import require_same_step
+from humanoid_sim.envs.resets import require_same_step, term_means
 from humanoid_sim.errors import MissingPackageError
 
 try:
@@ -75,7 +75,7 @@ class RslRlVecEnv(VecEnv):
         self._observations = self._grouped(observation, info)
         extras = {
             "time_outs": torch.from_numpy(truncated & ~terminated),
-            "log": {f"/reward/{name}": value for name, value in _means(info).items()},
+            "log": {f"/reward/{name}": value for name, value in term_means(info).items()},
         }
         rewards = torch.from_numpy(reward.astype(np.float32))
         return self._observations, rewards, torch.from_numpy(terminated | truncated), extras
@@ -90,14 +90,3 @@ class RslRlVecEnv(VecEnv):
             seen = np.concatenate([observation, info["privileged"]], axis=-1)
             groups["critic"] = torch.from_numpy(seen)
         return TensorDict(groups, batch_size=[self.num_envs])
-
-
-def _means(info: dict[str, Any]) -> dict[str, float]:
-    """Return each reward term's mean over the environments that had one in this step."""
-    means: dict[str, float] = {}
-    for entries in (info, info.get("final_info", {})):
-        for name, values in entries.get("terms", {}).items():
-            mask = entries["terms"].get(f"_{name}")
-            if mask is not None and mask.any() and name not in means:
-                means[name] = float(values[mask].mean())
-    return means

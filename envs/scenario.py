@@ -1,4 +1,4 @@
-"""What an environment is about, whatever steps it: a robot, a policy, the motion that it follows, and a task."""
+"""Scenario of an environment, whatever steps it: a robot, a policy, the motion that it follows, and a task."""
 
 from __future__ import annotations
 
@@ -44,37 +44,35 @@ Named = str | Path
 Motions = Named | Motion | Sequence[Named | Motion]
 """One motion, or several."""
 
-_CONTRACTS = (".yaml", ".yml")
-
 _MOST = float(np.finfo(np.float32).max)
-"""Of an action limit: an action of float32 that is infinite must be beyond it."""
+"""Largest action limit: an action of float32 that is infinite must be beyond it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scenario:
-    """Everything about an environment that does not depend on how many robots there are."""
+    """Parts of an environment that do not depend on how many robots there are."""
 
     description: RobotDescription
     """The robot, with the contract's gains, in the contract's default pose."""
     wiring: PolicyWiring
-    """What the policy observes and commands, by the functions of the deployed controller."""
+    """Observations and commands of the policy, by the functions of the deployed controller."""
     task: Task
     policy: Policy
     """The checkpoint's; one that answers zeros where there is only a contract."""
     physics_timestep: float
     """s"""
     actuation: Actuation
-    """How the motors are simulated."""
+    """Simulation of the motors."""
     live: LiveInputs
-    """What feeds the live inputs that the contract declares."""
+    """Source of the live inputs that the contract declares."""
     starts: EpisodeStarts
-    """Where episodes begin."""
+    """Beginnings of episodes."""
     contract_as_read: PolicyContract
-    """Of the policy, before the robot's own limits went into it."""
+    """Contract of the policy, before the robot's own limits went into it."""
     motion: Motions | None = None
-    """What the policy was given to follow, songs as the goals that they came to; None: nothing."""
+    """Motion that the policy was given to follow, songs as the goals that they came to; None: nothing."""
     guards: Guards | None = None
-    """Those of the deployed control stack, which end an episode as they end LOCOMOTION there."""
+    """Guards of the deployed control stack, which end an episode as they end LOCOMOTION there."""
 
     @property
     def terrain(self) -> Terrain | None:
@@ -96,6 +94,19 @@ class Scenario:
     def velocity_points(self) -> tuple[str, ...]:
         """Return where the velocity of a floating base's robot is told: for the policy, and for the task."""
         return tuple(dict.fromkeys((*self.contract.velocity_points, *self.task.bodies)))
+
+    def robot_options(self) -> dict[str, Any]:
+        """Return the options of simulated robots, one or a batch, that the scenario decides."""
+        return {
+            "control_period": self.contract.policy_dt,
+            "physics_timestep": self.physics_timestep,
+            "actuation": self.actuation,
+            "anchor_body": self.contract.anchor_body,
+            "velocity_at": self.velocity_points,
+            "height_scan": self.contract.height_scan,
+            "bodies": self.bodies,
+            "terrain": self.terrain,
+        }
 
 
 def make_scenario(
@@ -143,9 +154,9 @@ def make_scenario(
     if task_options:
         check_options(task_options, make_scenario)
     described = robot if isinstance(robot, RobotDescription) else load_robot(robot)
-    checkpoint = contract if isinstance(contract, Checkpoint) else checkpoint_of(contract, described.joint_names)
+    checkpoint = checkpoint_of(contract, described.joint_names)
     followed = with_songs(motion, checkpoint.contract, described)
-    loaded = _read_policy(checkpoint, followed, described.joint_names, motion_source)
+    loaded = read_policy(checkpoint, followed, described.joint_names, motion_source)
     read = with_joint_limits(loaded.contract, described)
     description = with_contract(described, read)
     points = [point_velocity(point) for point in (BASE, *read.velocity_points)] if description.is_floating else []
@@ -226,48 +237,45 @@ def with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDes
     return several
 
 
-def _read_policy(
-    source: Named | PolicyContract | Checkpoint, motion: Motions | None, joints: tuple[str, ...], motion_source: str
-) -> LoadedPolicy:
-    """As `read_policy`, with one motion or several."""
-    if motion is None or isinstance(motion, str | Path | Motion):
-        return read_policy(source, motion, joints, motion_source)
-    checkpoint = source if isinstance(source, Checkpoint) else checkpoint_of(source, joints)
-    if not motion:
-        raise InputError("motion: is an empty list, expected a motion or several")
-    if checkpoint.motion is not None:
-        raise InputError(f"motion: is a list, and {checkpoint.source} carries its own in its graph, expected one")
-    loaded = [read_policy(checkpoint, one, joints, f"{motion_source}[{i}]") for i, one in enumerate(motion)]
-    try:
-        return replace(loaded[0], reference=MotionReference.joined([one.reference for one in loaded]))
-    except FieldError as error:
-        raise InputError(f"motion: {error}") from None
-
-
 def read_policy(
     source: Named | PolicyContract | Checkpoint,
-    motion: Named | Motion | None,
+    motion: Motions | None,
     joints: tuple[str, ...],
     motion_source: str = "motion",
 ) -> LoadedPolicy:
-    """Return a policy with the motion that it follows, checked against each other.
+    """Return a policy with the motion, or the motions, that it follows, checked against each other.
 
     Args:
         source: a checkpoint, a contract, or the name or path of a checkpoint or a contract file. Where there is no
             checkpoint the policy answers zeros.
-        motion: a sample motion by name, a file by path, or the motion itself; None for the one that a checkpoint
-            carries in its graph, and for policies that follow none.
+        motion: a sample motion by name, a file by path, or the motion itself, or several of these; None for the one
+            that a checkpoint carries in its graph, and for policies that follow none.
         joints: of the robot, in its order.
         motion_source: what to call a motion that is given itself.
 
     Raises:
         InputError: one line that says what cannot be read, or what does not fit.
     """
-    checkpoint = source if isinstance(source, Checkpoint) else checkpoint_of(source, joints)
+    checkpoint = checkpoint_of(source, joints)
+    if motion is not None and not isinstance(motion, str | Path | Motion):
+        if not motion:
+            raise InputError("motion: is an empty list, expected a motion or several")
+        if checkpoint.motion is not None:
+            raise InputError(f"motion: is a list, and {checkpoint.source} carries its own in its graph, expected one")
+        loaded = [read_policy(checkpoint, one, joints, f"{motion_source}[{i}]") for i, one in enumerate(motion)]
+        try:
+            return replace(loaded[0], reference=MotionReference.joined([one.reference for one in loaded]))
+        except FieldError as error:
+            raise InputError(f"motion: {error}") from None
     contract, followed = checkpoint.contract, checkpoint.motion
     what = motion_source if isinstance(motion, Motion | None) else str(motion)
-    if motion is not None:
-        followed = motion if isinstance(motion, Motion) else _read_motion(what)
+    if isinstance(motion, str | Path):
+        try:
+            followed = read_motion(motion_path(what))
+        except InputError as error:  # which names the option of `play`
+            raise InputError(str(error).removeprefix("--")) from None
+    elif motion is not None:
+        followed = motion
     if contract.task_type == "locomotion":
         if motion is not None:
             raise InputError(f"motion: is '{what}', but {checkpoint.source} follows no motion")
@@ -276,48 +284,36 @@ def read_policy(
     return checkpoint.following(followed, what)
 
 
-def checkpoint_of(source: Named | PolicyContract, joints: tuple[str, ...]) -> Checkpoint:
+def checkpoint_of(source: Named | PolicyContract | Checkpoint, joints: tuple[str, ...]) -> Checkpoint:
     """Return a checkpoint, or a contract with a policy that answers zeros; arguments and errors as of `read_policy`."""
+    if isinstance(source, Checkpoint):
+        return source
     if isinstance(source, PolicyContract):
         return Checkpoint(source, zero_policy(source.action_count), "contract")
-    path = _policy_file(source)
+    path = policy_path(source, "policy", contracts=True)
     if path.suffix == ".onnx":
         return load_checkpoint(path, None, joints)
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(f"policy: is '{source}', expected a checkpoint (.onnx) or a contract (.yaml)")
     contract = merge(read_contract_file(path), str(path), joints)
     return Checkpoint(contract, zero_policy(contract.action_count), str(path))
 
 
-def _read_motion(name: str) -> Motion:
-    try:
-        path = motion_path(name)
-    except InputError as error:  # which names the option of `play`
-        raise InputError(str(error).removeprefix("--")) from None
-    return read_motion(path)
-
-
-def _policy_file(name: Named) -> Path:
-    """Return the file of a checkpoint (.onnx) or a contract (.yaml)."""
-    path = policy_path(name, "policy", contracts=True)
-    if path.suffix not in (".onnx", *_CONTRACTS):
-        raise InputError(f"policy: is '{name}', expected a checkpoint (.onnx) or a contract (.yaml)")
-    return path
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeStarts:
-    """Functions of random numbers that a caller hands in, for one robot or many."""
+    """Starts of episodes by random numbers that a caller hands in, for one robot or many."""
 
     task: Task
     reference: MotionReference
     """One motion or several, of which each episode has one."""
     terrain: Terrain | None = None
-    """What the robot walks on; None for a level floor."""
+    """Ground that the robot walks on; None for a level floor."""
     reference_start: float = 0.0
     """Share of the episodes that begin at a random frame of the motion, in the motion's own state."""
     states: ReferenceStates | None = None
-    """Of all frames, where some episodes begin there."""
+    """States at all frames, where some episodes begin there."""
     turns: bool = False
-    """Whether a motion in the world may have any heading: its policy lays it onto the robot."""
+    """True where a motion in the world may have any heading: its policy lays it onto the robot."""
 
     @property
     def draws(self) -> int:

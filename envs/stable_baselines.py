@@ -90,7 +90,7 @@ class StableBaselinesVecEnv(VecEnv):
             AttributeError: neither has one of that name.
         """
         owner = self.envs if hasattr(self.envs, attr_name) else self.envs.unwrapped
-        return [getattr(owner, attr_name)] * len(self._chosen(indices))
+        return [getattr(owner, attr_name)] * len(list(self._get_indices(indices)))
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
         """Set an attribute of the vector environment, below the wrappers that are around it.
@@ -98,7 +98,7 @@ class StableBaselinesVecEnv(VecEnv):
         Raises:
             InputError: only for some of the environments.
         """
-        if len(self._chosen(indices)) < self.num_envs:
+        if len(list(self._get_indices(indices))) < self.num_envs:
             raise InputError(f"{attr_name}: the environments are one, expected a value for all of them")
         setattr(self.envs.unwrapped, attr_name, value)
 
@@ -107,13 +107,8 @@ class StableBaselinesVecEnv(VecEnv):
     ) -> list[Any]:
         """Call a method of the vector environment once; its result stands for each of these environments."""
         result = getattr(self.envs, method_name)(*method_args, **method_kwargs)
-        return [result] * len(self._chosen(indices))
+        return [result] * len(list(self._get_indices(indices)))
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Indices = None) -> list[bool]:
         """Return whether a wrapper of single environments is around them: there is none around a native vector."""
-        return [False] * len(self._chosen(indices))
-
-    def _chosen(self, indices: Indices) -> list[int]:
-        if indices is None:
-            return list(range(self.num_envs))
-        return [indices] if isinstance(indices, int) else list(indices)
+        return [False] * len(list(self._get_indices(indices)))

@@ -12,15 +12,21 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.live_inputs import LiveInput
-from humanoid_sim.envs.copying import CopyableEnv
-from humanoid_sim.envs.curriculum import Curriculum, amounts_at, checked_progress
-from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
+from humanoid_sim.envs.base import PolicyEnvironment
+from humanoid_sim.envs.curriculum import Curriculum
+from humanoid_sim.envs.privileged import PrivilegedTerm
 from humanoid_sim.envs.rendering import make_pictures
-from humanoid_sim.envs.resets import StartNumbers, autoreset, count_option, reset_command, reset_mask, reset_seeds
-from humanoid_sim.envs.scenario import Motions, Named, check_options, make_scenario
-from humanoid_sim.envs.spaces import action_space, observation_space, outlier
-from humanoid_sim.envs.tasks import Task
+from humanoid_sim.envs.resets import (
+    StartNumbers,
+    autoreset,
+    count_option,
+    refuse_others,
+    reset_mask,
+    reset_seeds,
+    velocity_option,
+)
+from humanoid_sim.envs.scenario import Motions, Named
+from humanoid_sim.envs.spaces import action_space, outlier
 from humanoid_sim.envs.tasks.reward_terms import require_finite
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
@@ -28,7 +34,6 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 from humanoid_sim.simulation.plant import BatchActuation, check_actuation
-from humanoid_sim.simulation.terrain import Terrain
 
 Float32Array = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
@@ -36,7 +41,7 @@ IndexArray = npt.NDArray[np.intp]
 Step = tuple[Float32Array, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
 
-class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
+class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, Any]):
     """N `PolicyEnv`s with a native plant in one: `humanoid_sim.simulation.batch` steps them, arrays do the rest.
 
     Seeded with the same numbers, and given the same actions, every environment does what a `PolicyEnv` does: the same
@@ -61,10 +66,6 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         robot: Named | RobotDescription,
         motion: Motions | None = None,
         *,
-        task: str | type[Task] = "auto",
-        actuation: BatchActuation = "affine",
-        physics_timestep: float | None = None,
-        action_limit: float | None = None,
         randomisation: Randomisation | Mapping[str, Any] | None = None,
         curriculum: Curriculum | None = None,
         threads: int | None = None,
@@ -74,11 +75,8 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         width: int = 480,
         height: int = 480,
         camera: str | None = None,
-        live: Mapping[str, LiveInput] | None = None,
-        guards: bool = True,
-        terrain: Terrain | Mapping[str, Any] | str | None = None,
         privileged: Sequence[str] | Mapping[str, PrivilegedTerm] = (),
-        **task_options: Any,
+        **options: Any,
     ) -> None:
         """Build the robots.
 
@@ -87,10 +85,6 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             contract: of the policy; or the name or path of a checkpoint (.onnx) or a contract file (.yaml).
             robot: a description, or what `load_robot` takes.
             motion: what a tracking policy follows, as `PolicyEnv` takes it.
-            task: as `PolicyEnv` takes it.
-            actuation: `affine`, which agrees with the reference, or `implicit`, the faster approximation for training.
-            physics_timestep: s; None for what suits robot and plant.
-            action_limit: largest magnitude of a raw action; None: the contract's, or 100.
             randomisation: how the environments differ, or its fields by name; None: not at all.
             curriculum: how much of it, and of the commands, counts at the `progress` that is set; None: all.
             threads: that step physics; None for one per processor that this process may use.
@@ -100,54 +94,27 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             width: pixels of one environment's picture.
             height: pixels of one environment's picture.
             camera: of the model; None looks at the robot from the front.
-            live: by its name, what makes each live input that the contract declares: of an `MITState` a value of
-                shape (..., width).
-            guards: whether the guards of the robot's description watch the joints, as in the deployed control stack.
-            terrain: as `PolicyEnv` takes it.
             privileged: as `PolicyEnv` takes it.
-            task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise`, `rewards` as `Task` takes
-                them, and `reference_start` as `make_scenario` does.
+            options: as `make_scenario` takes them; `actuation` is `affine`, which agrees with the reference, or
+                `implicit`, the faster approximation for training.
 
         Raises:
             InputError: one line that says what cannot be read, or what does not fit.
         """
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode: is {render_mode!r}, expected rgb_array or None for a vector environment")
-        if task_options:
-            check_options(task_options, PolicyVectorEnv, make_scenario)
         num_envs = count_option("num_envs", num_envs)
-        check_actuation(actuation, get_args(BatchActuation))
-        self.scenario = scenario = make_scenario(
-            contract,
-            robot,
-            motion,
-            task=task,
-            physics_timestep=physics_timestep,
-            actuation=actuation,
-            action_limit=action_limit,
-            live=live,
-            guards=guards,
-            terrain=terrain,
-            **task_options,
-        )
-        self.simulation = BatchSimulation(
+        self.single_observation_space = bounds = self._prepare(contract, robot, motion, curriculum, privileged, options)
+        scenario = self.scenario
+        check_actuation(scenario.actuation, get_args(BatchActuation))
+        self.simulation = self._robots = BatchSimulation(
             scenario.description,
             num_envs,
-            control_period=scenario.contract.policy_dt,
-            physics_timestep=scenario.physics_timestep,
-            actuation=actuation,
+            **scenario.robot_options(),
             threads=threads,
-            anchor_body=scenario.contract.anchor_body,
-            velocity_at=scenario.velocity_points,
-            height_scan=scenario.contract.height_scan,
-            bodies=scenario.bodies,
             randomisation=Randomisation.of(randomisation),
-            terrain=scenario.terrain,
         )
-        self.privileged = Privileged(privileged, is_floating=scenario.description.is_floating) if privileged else None
-        """What the critic sees; None for nothing more than the policy."""
         self.num_envs = num_envs
-        self.single_observation_space = bounds = observation_space(scenario.wiring, scenario.description)
         self.single_action_space = action_space(scenario.wiring, scenario.description)
         self.observation_space = batch_space(bounds, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -160,30 +127,15 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         }
         self.wrench: FloatArray | None = None
         """Shape (N, 6), N and N·m, on the base in all following steps, as `BatchSimulation.step` takes it."""
-        self.fault_count = 0
-        """Episodes that a fault has ended so far."""
         self._pictures = make_pictures(scenario.description, width, height, camera, scenario.terrain)
-        self._low, self._high = bounds.low, bounds.high
         unlimited = np.iinfo(np.int64).max if max_episode_steps is None else max_episode_steps
         self._longest = count_option("max_episode_steps", unlimited)
         self.max_episode_steps = min(self._longest, scenario.task.episode_steps)
         self._numbers = StartNumbers(num_envs, scenario.starts.draws)
-        self._loop: ClosedLoop | None = None
         self._observation = np.zeros((num_envs, *bounds.shape), dtype=np.float32)
         self._commands: FloatArray = scenario.task.start(np.zeros((num_envs, scenario.task.draws))).commands
         self._steps = np.zeros(num_envs, dtype=np.int64)
         self._is_over = np.zeros(num_envs, dtype=np.bool_)
-        self._curriculum, self._progress = curriculum, 0.0
-        amounts_at(curriculum, self._progress)
-
-    @property
-    def progress(self) -> float:
-        """Say how far training has come, in [0, 1], which whoever trains sets: the curriculum of the next episodes."""
-        return self._progress
-
-    @progress.setter
-    def progress(self, progress: float) -> None:
-        self._progress = checked_progress(progress)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
@@ -195,7 +147,8 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         """
         options = {} if options is None else dict(options)
         mask = reset_mask(options.pop("reset_mask", None), self.num_envs)
-        command = reset_command(options, self.num_envs)
+        command = velocity_option(options.pop("command"), self.num_envs) if "command" in options else None
+        refuse_others(options, "command", "reset_mask")
         seeds = reset_seeds(seed, self.num_envs)
         if self._loop is None and not mask.all():
             raise gymnasium.error.ResetNeeded("reset_mask: the first reset is of all environments")
@@ -247,7 +200,7 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
             command: shape (N, 3), for the whole episode; None: what the task draws.
             is_new: shape (N,), which have new seeds; None: none.
         """
-        scenario, amounts = self.scenario, amounts_at(self._curriculum, self._progress)
+        scenario, amounts = self.scenario, self._amounts()
         first = np.zeros(self.num_envs, dtype=np.bool_) if is_new is None else is_new
         if first.any():
             self.simulation.reseed(self._numbers.seeds[first], np.flatnonzero(first), amounts.randomisation)
@@ -347,19 +300,6 @@ class PolicyVectorEnv(CopyableEnv, VectorEnv[Float32Array, Float32Array, Any]):
         self._observation = np.where(sound[:, None], observation, self._observation)
         return sound, sample_step(loop, simulation, np.maximum(self._steps, 1)), faults
 
-    def snapshot(self) -> dict[str, Any]:
-        """See `CopyableEnv.snapshot`."""
-        loop = None if self._loop is None else self._loop.snapshot()
-        return super().snapshot() | {"simulation": self.simulation.snapshot(), "_loop": loop}
-
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """See `CopyableEnv.restore`."""
-        simulation, loop = snapshot["simulation"], snapshot["_loop"]
-        super().restore({name: value for name, value in snapshot.items() if name not in ("simulation", "_loop")})
-        self.simulation.restore(simulation)
-        scenario = self.scenario
-        self._loop = None if loop is None else ClosedLoop.resumed(self.simulation, scenario.wiring, loop, scenario.live)
-
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
         """Return a picture of each environment, shape (height, width, 3); None unless the mode is `rgb_array`."""
         if self.render_mode is None:
@@ -381,7 +321,7 @@ class _VectorInfo:
     def __init__(self, count: int) -> None:
         self._count = count
         self.entries: dict[str, Any] = {}
-        """What `step` and `reset` return."""
+        """Info that `step` and `reset` return."""
 
     def add(self, key: str, values: Array, mask: BoolArray) -> None:
         """Add an entry of the environments in the mask, unless there are none; `values` is shape (N, …)."""

@@ -12,7 +12,7 @@ import msgspec
 import yaml
 
 from humanoid_sim.bounds import YAML_BYTES, YAML_TEXT, YAML_VALUES
-from humanoid_sim.errors import InputError, one_line
+from humanoid_sim.errors import InputError, known_names, one_line
 from humanoid_sim.files import regular_file
 
 UNREADABLE = (ValueError, OverflowError, TypeError, LookupError, AttributeError, RecursionError)
@@ -170,6 +170,68 @@ def read_strictly(path: Path, label: str, what: str = "a YAML file") -> Any:
         raise InputError(f"{label}: not YAML that can be read: {type(error).__name__}: {error}") from None
 
 
+_ACCEPTED = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "a text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a mapping",
+}
+"""Types in the words of msgspec, and of a person."""
+_LONGEST_NUMBER = 1024
+"""Bits of a whole number that is shown in a message: more than that a float cannot hold either."""
+_LONGEST_VALUE = 60
+"""Characters of a value that is shown in a message."""
+
+
+def schema_problem(
+    error: msgspec.ValidationError, document: Any, struct: type[msgspec.Struct], *, hidden: str = ""
+) -> str:
+    """Return what msgspec has found wrong with a document, such as `joints[3].upper: is 'x', expected a number`.
+
+    Args:
+        error: of `msgspec.convert`.
+        document: that was to be converted.
+        struct: to which.
+        hidden: a field of it that no file has.
+    """
+    problem, _, place = str(error).partition(" - at `$")
+    place = place.rstrip("`").lstrip(".")
+    expected, is_type, _ = problem.removeprefix("Expected ").partition(", got ")
+    if is_type:
+        accepted = " or ".join(_ACCEPTED.get(name, name) for name in expected.strip("`").split(" | "))
+        problem = f"is {_shown(value_at(document, place))}, expected {accepted}"
+    elif problem.startswith("Object contains unknown field"):
+        known = [name for name in type_at(struct, place).__struct_fields__ if name != hidden]
+        problem = known_names("field", problem.split("`")[1], known)
+    elif problem.startswith("Invalid enum value"):
+        problem = (
+            f"is {_shown(value_at(document, place))}, expected one of {', '.join(_choices(type_at(struct, place)))}"
+        )
+    else:
+        problem = problem.replace("Object missing", "misses").replace("`", "'")
+    return f"{place}: {problem}" if place else problem
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return "nothing"
+    if isinstance(value, int) and value.bit_length() > _LONGEST_NUMBER:  # Python refuses to write out the longest
+        return f"a number of {value.bit_length()} bits"
+    text = repr(value)
+    return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 1]}…"
+
+
+def _choices(annotation: Any) -> list[str]:
+    """Return the words that a type accepts, and what else it does."""
+    choices = [choice if isinstance(choice, str) else "" for choice in get_args(annotation)]
+    if all(choices):
+        return choices
+    words = [word for part in get_args(annotation) for word in get_args(part) if isinstance(word, str)]
+    return [*words, "or values"] if words else [str(choice) for choice in get_args(annotation)]
+
+
 def value_at(document: Any, place: str) -> Any:
     """Get the value at a place as msgspec names it, such as `joints[3].upper`, or the last that is there on the way."""
     for key in _keys(place):
@@ -184,7 +246,8 @@ def type_at(struct: type[msgspec.Struct], place: str) -> Any:
     """Return what a schema expects at a place: of several types a struct before others."""
     kind: Any = struct
     for key in _keys(place):
-        kind = get_args(kind)[0] if key.isdigit() else get_type_hints(kind)[key]
+        is_item = key.isdigit() or key == "..."  # of a list; of a mapping, whatever its key
+        kind = get_args(kind)[-1 if key == "..." else 0] if is_item else get_type_hints(kind)[key]
         if get_origin(kind) in (Union, UnionType):
             kinds = [one for one in get_args(kind) if one not in (NoneType, msgspec.UnsetType)]
             kind = next((one for one in kinds if hasattr(one, "__struct_fields__")), kinds[0])

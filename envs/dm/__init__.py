@@ -36,7 +36,6 @@ def load(
     """Return a task as a `dm_control.rl.control.Environment`, which `dm_control.viewer.launch` opens too.
 
     Args:
-        name: of `NAMES`.
         seed: of the starts; the same seed gives the same episodes, and those of the Gymnasium environment. None: any.
         time_limit: s after which an episode ends, if the task does not end it before.
         flat_observation: one array in the order in which the policy sees it, instead of one per term.

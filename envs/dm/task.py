@@ -34,7 +34,6 @@ class RobotPhysics(mujoco.Physics):
         """Share the robot's model and data.
 
         Args:
-            robot: the robot.
             advance: takes one policy step with the action that the task was given.
         """
         super().__init__(wrapper.MjData(robot.data))
@@ -68,7 +67,6 @@ class PolicyTask(control.Task):
         """Take over an environment.
 
         Args:
-            env: the environment; it renders nothing.
             seed: of its starts, None for any.
         """
         self.env = env
@@ -146,7 +144,6 @@ class TaskEnvironment(control.Environment):
 
         Args:
             again: makes another one, as this was made; it can be pickled.
-            task: what it is about.
             options: as `control.Environment` takes them.
         """
         robot = task.env.robot

@@ -1,4 +1,4 @@
-"""What a policy is to do, for one robot or a batch of them: where it starts, its reward, and when it has failed.
+"""Tasks for a policy, for one robot or a batch of them: where it starts, its reward, and when it has failed.
 
 Single, vector and `dm_env` environments, training and regression all judge a policy step with the functions of this
 package. Everything takes and returns arrays `(..., n)`; nothing simulates and nothing is random but the numbers that a
@@ -38,10 +38,10 @@ TASKS: Mapping[str, type[Task]] = MappingProxyType(
 )
 """By name."""
 TASK_OPTIONS = ("weights", "episode_seconds", "joint_noise", "velocity_noise", "rewards")
-"""What a user may set of any task; the rest comes from the robot."""
+"""Options of any task; the rest comes from the robot."""
 
 _NEEDS = {"tracking": "motion_body_pos_b", "motion": "reference_joint_pos", "piano": "target_keys"}
-"""What a task reads from the reference."""
+"""Term of the reference that a task reads."""
 
 
 def make_task(
@@ -55,9 +55,6 @@ def make_task(
 
     Args:
         task: name in `TASKS`, or `auto`; or a class of your own.
-        description: of the robot.
-        contract: of the policy.
-        reference: of the contract's motion.
         options: as `Task` takes them.
 
     Raises:

@@ -42,6 +42,7 @@ class MotionTask(Task):
     two anchor terms are 0.
     """
 
+    FOLLOWS_MOTION = True
     WEIGHTS: ClassVar[Mapping[str, float]] = MappingProxyType(
         {"joint_position": 1.0, "anchor_position": 0.5, "anchor_orientation": 0.5, **Task.WEIGHTS}
     )
@@ -53,8 +54,7 @@ class MotionTask(Task):
         super().__init__(description, contract, reference, **options)
         self._order = joint_indices(contract.joint_names, description.joint_names, "joint_names of the policy")
         self.has_anchor = "anchor_pos" in reference.terms and bool(contract.anchor_body)
-        """Whether the motion and the contract say where a body is in the world."""
-        self.episode_steps = max(reference.lengths or (reference.frame_count,)) - 1
+        """True where motion and contract say where a body is in the world."""
 
     def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
         target = self.reference.term("reference_joint_pos", sample.frame)
@@ -77,6 +77,3 @@ class MotionTask(Task):
 
     def _describe_stray(self, sample: StepSample, i: int) -> str:
         return describe_stray(self.anchor_error(sample), i)
-
-    def _is_over(self, sample: StepSample) -> BoolArray:
-        return np.asarray(sample.frame) >= self.reference.last(sample.frame)

@@ -42,6 +42,7 @@ class PianoTask(Task):
     is its energy cost, and `low_wrist` is in the place of its cost of forearms that touch.
     """
 
+    FOLLOWS_MOTION = True
     WEIGHTS: ClassVar[Mapping[str, float]] = MappingProxyType(
         {"keys_hit": 0.5, "no_wrong_key": 0.5, "reach": 0.25, "energy": -0.0005, "low_wrist": -5.0, **Task.WEIGHTS}
     )
@@ -62,7 +63,6 @@ class PianoTask(Task):
         if self._song.shape[1] != len(self._strike_points):
             raise InputError(f"motion: has {self._song.shape[1]} keys, and the piano {len(self._strike_points)}")
         self._lowest = float(self._strike_points[:, 2].min()) + _WRIST_HEIGHT
-        self.episode_steps = max(reference.lengths or (reference.frame_count,)) - 1
 
     def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
         pressed = sample.state.extern[KEY_PRESSED].value > 0.5
@@ -82,9 +82,3 @@ class PianoTask(Task):
             "low_wrist": total(np.maximum(self._lowest - wrists[..., 2], 0.0)),
         }
         return values, np.zeros(asked.shape, dtype=np.bool_)
-
-    def _describe_stray(self, sample: StepSample, i: int) -> str:
-        return ""
-
-    def _is_over(self, sample: StepSample) -> BoolArray:
-        return np.asarray(sample.frame) >= self.reference.last(sample.frame)

@@ -1,4 +1,4 @@
-"""A user's own reward terms: what they may be, and what they may give."""
+"""Reward terms of a user's own: what they may be, and what they may give."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def checked_terms(rewards: Mapping[str, RewardTerm] | None) -> dict[str, RewardT
     """Return the terms by name.
 
     Raises:
-        InputError: one is no weight with a function.
+        InputError: one is not a weight with a function.
     """
     if not isinstance(rewards, Mapping | None):
         raise InputError(f"rewards: is {_kind(rewards)}, expected a (weight, function) by the name of each term")

@@ -1,4 +1,4 @@
-"""What every task is, the terms of every reward (little effort, smooth actions, no joint stops), and standing still."""
+"""Base of every task, the terms of every reward (little effort, smooth actions, no joint stops), and standing still."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _STOP_MARGIN = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """Where an episode begins, and what is asked for in it. The base stands on its feet where the robot starts."""
+    """Start of an episode, and what is asked for in it. The base stands on its feet where the robot starts."""
 
     joint_position: FloatArray
     """Shape (..., n), rad, robot's order."""
@@ -42,7 +42,7 @@ class Start:
     commands: FloatArray
     """Shape (..., k, 3), the velocity commands one after the other: vx, vy in m/s, yaw rate in rad/s, heading frame."""
     frame: npt.NDArray[np.integer] | None = None
-    """Shape (...), of the reference, that is shown first; None: 0."""
+    """Frame of the reference that is shown first, shape (...); None: 0."""
     base_offset: FloatArray | None = None
     """Shape (..., 3), m, world frame, by which a floating base is moved then; None for not at all."""
     base_pose: FloatArray | None = None
@@ -60,12 +60,12 @@ class Start:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
-    """What a task thinks of a policy step; every array is shape (...)."""
+    """Judgement of a policy step by a task; every array is shape (...)."""
 
     reward: FloatArray
     """The sum of the terms, dimensionless."""
     terms: Mapping[str, FloatArray]
-    """What each term adds to the reward: its weight (1/s per unit of the term) times its value times `policy_dt`."""
+    """Shares of the terms in the reward: its weight (1/s per unit of the term) times its value times `policy_dt`."""
     terminated: BoolArray
     """The robot has failed at the task."""
     truncated: BoolArray
@@ -91,6 +91,8 @@ class Task(ABC):
         {"action_rate": -0.02, "effort": -0.05, "joint_stops": -2.0}
     )
     """1/s per unit of each term."""
+    FOLLOWS_MOTION: ClassVar[bool] = False
+    """True of a task that ends with its motion, not after a time."""
 
     bodies: tuple[str, ...] = ()
     """Bodies, with a site of the same name each, whose poses and velocities the task looks at beside the motion's."""
@@ -111,9 +113,7 @@ class Task(ABC):
         """Prepare for a robot and a contract.
 
         Args:
-            description: of the robot.
             contract: of the policy; its joints are the robot's.
-            reference: of the contract's motion.
             standing_height: m, of the centre of mass above the floor where the robot stands; 0 for a fixed base.
             weights: of terms that should have another weight than the task gives them, 1/s per unit of the term.
             episode_seconds: s after which an episode is truncated; tasks that follow a motion end with it instead.
@@ -124,7 +124,7 @@ class Task(ABC):
 
         Raises:
             InputError: a number is not finite, a weight is for a term that the task does not have, or a further term
-                is no weight with a function.
+                is not a weight with a function.
         """
         numbers = {"episode_seconds": episode_seconds, "joint_noise": joint_noise, "velocity_noise": velocity_noise}
         for name, value in numbers.items():
@@ -144,7 +144,8 @@ class Task(ABC):
         self._rate = {name: weight * contract.policy_dt for name, weight in self.weights.items()}
         self.contract = contract
         self.reference = reference
-        self.episode_steps = max(round(episode_seconds / contract.policy_dt), 1)
+        longest = max(reference.lengths or (reference.frame_count,)) - 1
+        self.episode_steps = longest if self.FOLLOWS_MOTION else max(round(episode_seconds / contract.policy_dt), 1)
         """Policy steps after which an episode is truncated; of tasks that follow a motion, those to its last frame."""
         self._is_floating = description.is_floating
         self._standing_height = standing_height
@@ -217,15 +218,17 @@ class Task(ABC):
             return describe_fall(sample.base, self._standing_height, i)
         return self._describe_stray(sample, i)
 
-    @abstractmethod
     def _describe_stray(self, sample: StepSample, i: int) -> str:
         """Return how robot `i`, which has not fallen, has failed at the task; '' at one where it can only fall."""
+        return ""
 
     @abstractmethod
     def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
         """Return the values of the task's own terms, before their weights, and whether the robot has failed at it."""
 
     def _is_over(self, sample: StepSample) -> BoolArray:
+        if self.FOLLOWS_MOTION:
+            return np.asarray(sample.frame) >= self.reference.last(sample.frame)
         return np.asarray(sample.step) >= self.episode_steps
 
 
@@ -248,6 +251,3 @@ class BalanceTask(Task):
         velocity = sample.state.joint_velocity
         speed = total(velocity * velocity)
         return {"alive": np.ones_like(speed), "joint_velocity": speed}, np.zeros(speed.shape, dtype=np.bool_)
-
-    def _describe_stray(self, sample: StepSample, i: int) -> str:
-        return ""

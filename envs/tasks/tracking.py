@@ -37,6 +37,7 @@ class TrackingTask(Task):
     Terminated where a body is further than 0.3 m from its reference; truncated with the motion's last frame.
     """
 
+    FOLLOWS_MOTION = True
     WEIGHTS: ClassVar[Mapping[str, float]] = MappingProxyType(
         {"body_position": 1.0, "body_orientation": 0.5, **Task.WEIGHTS}
     )
@@ -47,7 +48,6 @@ class TrackingTask(Task):
         """As `Task`, with a reference that has `motion_body_pos_b` and `motion_body_ori_b`."""
         super().__init__(description, contract, reference, **options)
         count = len(contract.body_names)
-        self.episode_steps = max(reference.lengths or (reference.frame_count,)) - 1
         self._position = reference.terms["motion_body_pos_b"].astype(np.float64).reshape(-1, count, 3)
         columns = reference.terms["motion_body_ori_b"].astype(np.float64).reshape(-1, count, 6)
         self._quaternion = quaternion_from_matrix(rotation_from_6d(columns))
@@ -78,6 +78,3 @@ class TrackingTask(Task):
     def _describe_stray(self, sample: StepSample, i: int) -> str:
         distance = self.position_error(sample.body_position, sample.frame)[i]
         return describe_body_stray(distance, self.contract.body_names)
-
-    def _is_over(self, sample: StepSample) -> BoolArray:
-        return np.asarray(sample.frame) >= self.reference.last(sample.frame)

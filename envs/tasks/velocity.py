@@ -87,9 +87,6 @@ class VelocityTask(Task):
         command: FloatArray = np.take_along_axis(commands, i[..., None, None], axis=-2)[..., 0, :]
         return command
 
-    def _describe_stray(self, sample: StepSample, i: int) -> str:
-        return ""
-
     def _measure(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
         base = sample.base
         assert base is not None

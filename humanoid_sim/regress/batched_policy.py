@@ -24,7 +24,7 @@ class BatchedPolicy:
     """`(observations (B, N), frames (B,)) -> raw actions (B, m)`, float32."""
 
     batching: str
-    """How it is done, for a report: `in batches`, or `row by row` and why."""
+    """Kind of inference, for a report: `in batches`, or `row by row` and why."""
 
     def __init__(self, policy: OnnxPolicy) -> None:
         """Try out whether the model answers a batch as it answers single rows.

@@ -43,7 +43,7 @@ FEW_SEEDS = 6
 _SEED = 2026
 _MOST_FREEDOM = 1e4
 _ANGLES = np.linspace(0.0, 0.5 * np.pi, 20_001)
-"""That the integral of `student_quantile` is taken over."""
+"""Angles that `student_quantile` integrates over."""
 
 
 def judge(suite: Suite, baseline: PolicyRun | None, run: PolicyRun, *, strict: bool = False) -> Candidate:
@@ -265,7 +265,7 @@ class Interval:
     low: float
     high: float
     detectable: float = 0.0
-    """How far from 0 the mean has to be for an interval like this not to hold 0 with a probability of `POWER`."""
+    """Distance of the mean from 0 at which such an interval does not hold 0 with a probability of `POWER`."""
 
 
 def mean_interval(
@@ -277,7 +277,6 @@ def mean_interval(
         plus: one array per case, a value per seed; for paired comparisons the differences.
         minus: one array per case, sampled independently of `plus`; empty for nothing to subtract.
         confidence: two-sided, such as 0.95.
-        resamples: of the bootstrap.
     """
     generator = np.random.default_rng(_SEED)
     spread = np.zeros(resamples)

@@ -31,9 +31,9 @@ Trace = tuple[float | None, ...]
 LONGEST_TRACE = 128
 """Values of a trace that is kept, at most."""
 _DIGITS = 5
-"""That are kept of each: for plots, not for comparisons."""
+"""Digits that are kept of each value: for plots, not for comparisons."""
 _PUSH_STREAM = 1
-"""Apart from the draws of the start, which have the same seed."""
+"""Stream of random numbers apart from the draws of the start, which have the same seed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,9 +41,9 @@ class Step:
     """One policy step of a batch as the control stack saw it, for recordings."""
 
     state: MITState
-    """That the policy was shown."""
+    """State that the policy was shown."""
     action: Float32Array | None
-    """Shape (N, m), raw, whatever the policy answered; None: the episodes have ended in this state."""
+    """Actions, shape (N, m), raw, whatever the policy answered; None: the episodes have ended in this state."""
     qpos: FloatArray
     """Shape (N, nq), MuJoCo's generalised position at that state."""
     qvel: FloatArray
@@ -67,9 +67,6 @@ def run_episodes(
     """Run one episode per seed.
 
     Args:
-        case: policy and case.
-        seeds: of the episodes.
-        disturbance: of the robots.
         threads: that step physics; None for one per processor.
         watch: is filled with every policy step; None: nobody watches.
 
@@ -99,14 +96,8 @@ class EpisodeBatch:
         self.simulation = BatchSimulation(
             scenario.description,
             len(seeds),
-            control_period=contract.policy_dt,
-            physics_timestep=scenario.physics_timestep,
-            actuation=case.suite.actuation,
+            **{**scenario.robot_options(), "velocity_at": contract.velocity_points, "bodies": bodies},
             threads=threads,
-            anchor_body=contract.anchor_body,
-            velocity_at=contract.velocity_points,
-            height_scan=contract.height_scan,
-            bodies=bodies,
             randomisation=disturbance.randomisation,
             seeds=self._keys,
         )

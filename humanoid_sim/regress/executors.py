@@ -1,4 +1,4 @@
-"""Who runs batches of episodes: this process, or a Ray cluster (extra `cluster`); the results are the same.
+"""Executors of batches of episodes: this process, or a Ray cluster (extra `cluster`); the results are the same.
 
 A task of a cluster is some seeds of one policy and case. What it needs travels with it: model, contract, motion, suite
 and the robot's description. The package must be installed on every node, and a robot of one's own must be in the same
@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
@@ -43,32 +43,24 @@ _TASKS_PER_PROCESSOR = 2
 """So that a processor that is done early has something left to do."""
 
 
-class Executor(Protocol):
-    """Runs episodes. Whoever it is, they are the same, bit for bit on machines of a kind."""
+Executor = Callable[[Sequence[PreparedCase], Sequence[int], Disturbance, Advance], list[Episode]]
+"""Function that runs every case with every seed: case by case and, within one, seed by seed. Whoever it is, the
+episodes are the same, bit for bit on machines of a kind."""
+
+
+def local_executor(threads: int | None = None) -> Executor:
+    """Return what runs case after case in this process, each on so many threads; None for one per processor."""
 
     def run(
-        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
+        cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
     ) -> list[Episode]:
-        """Every case with every seed: case by case and, within one, seed by seed."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class LocalExecutor:
-    """Runs one case after the other in this process, each on several threads."""
-
-    threads: int | None = None
-    """That step physics; None for one per processor."""
-
-    def run(
-        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
-    ) -> list[Episode]:
-        """See `Executor.run`."""
         episodes: list[Episode] = []
         for case in cases:
-            episodes += run_episodes(case, seeds, disturbance, threads=self.threads)
+            episodes += run_episodes(case, seeds, disturbance, threads=threads)
             advance(len(seeds))
         return episodes
+
+    return run
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +81,7 @@ class Parcel:
 
 
 def pack_case(case: PreparedCase) -> Parcel:
-    """Everything that another machine needs to prepare the same case."""
+    """Pack everything that another machine needs to prepare the same case."""
     checkpoint = case.checkpoint
     path = Path(checkpoint.source)
     external = external_file(path)
@@ -180,7 +172,7 @@ class RayExecutor:
     def run(
         self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
     ) -> list[Episode]:
-        """See `Executor.run`."""
+        """See `Executor`."""
         ray = self._ray
         processors = max(int(ray.cluster_resources().get("CPU", 1)), 1)
         size = max(math.ceil(len(cases) * len(seeds) / (_TASKS_PER_PROCESSOR * processors)), 1)

@@ -28,7 +28,7 @@ from humanoid_sim.regress.results import (
 )
 
 _UNWRITABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""What XML 1.0 cannot hold, not even escaped."""
+"""Characters that XML 1.0 cannot hold, not even escaped."""
 
 
 def json_of(value: msgspec.Struct) -> bytes:
@@ -51,7 +51,7 @@ def read_baseline(path: Path) -> PolicyRun:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         if b'"candidates"' in data and b'"suite"' in data:  # taken for a baseline more often than anything else
             raise InputError(f"{path}: is a result of --json, expected a baseline of --write-baseline") from None
-        raise InputError(f"{path}: is no baseline of `regress --write-baseline`: {reason_of(error)}") from None
+        raise InputError(f"{path}: is not a baseline of `regress --write-baseline`: {reason_of(error)}") from None
     if not run.episodes:
         raise InputError(f"{path}: holds no episodes, expected a baseline of `regress --write-baseline`")
     return run
@@ -59,11 +59,6 @@ def read_baseline(path: Path) -> PolicyRun:
 
 def matching_baseline(prepared: PreparedSuite, baseline: PolicyRun, config: RegressConfig) -> PolicyRun:
     """Return the part of a stored baseline that a suite's cases are compared with.
-
-    Args:
-        prepared: the suite.
-        baseline: as it was stored.
-        config: the options, which name its file.
 
     Raises:
         InputError: a case is not in it, or was another when the baseline was made, its figures mean something else, or
@@ -117,7 +112,6 @@ def junit_xml(results: Results, seconds: Sequence[float] = ()) -> bytes:
     A metric without a baseline to compare with, or without episodes, is a skipped case.
 
     Args:
-        results: of the run.
         seconds: that each candidate took; its cases share them equally, as every verdict is of all its episodes.
     """
     root = ElementTree.Element("testsuites", name=_clean(f"regress {results.suite.name}"))

@@ -23,9 +23,7 @@ def disturbance_at(sweep: Sweep, level: float, pushes: Pushes | None, timestep: 
     """Return a robot that is as described but for one thing.
 
     Args:
-        sweep: says for what.
         level: in the unit of the axis.
-        pushes: of the suite, for their interval.
         timestep: s of physics, to a multiple of which jitter is rounded.
     """
     if sweep.axis == "push":
@@ -62,7 +60,6 @@ def measure_margins(cases: Sequence[PreparedCase], executor: Executor, advance: 
 
     Args:
         cases: of the policy, one per case of the suite.
-        executor: runs the episodes.
         advance: told of the levels that are done.
     """
     suite = cases[0].suite
@@ -80,7 +77,7 @@ def measure_margins(cases: Sequence[PreparedCase], executor: Executor, advance: 
         while levels:
             level = levels.pop(0)
             disturbance = disturbance_at(sweep, level, suite.pushes, timestep)
-            episodes = executor.run(chosen, seeds, disturbance, lambda _: None)
+            episodes = executor(chosen, seeds, disturbance, lambda _: None)
             reasons = [reason for episode in episodes if (reason := _failed(suite, margins, episode))]
             shares[level] = len(reasons) / len(episodes)
             if shares[level] > margins.allowed_failures:

@@ -1,4 +1,4 @@
-"""The metrics of each task: what they mean, how every policy step is measured, and how the steps make one number.
+"""Metrics of each task: what they mean, how every policy step is measured, and how the steps make one number.
 
 A new metric is an entry in `METRICS` and, unless it is of the episode as a whole, a row in the measures of its task.
 """
@@ -26,7 +26,7 @@ from humanoid_sim.simulation.batch import BatchSimulation
 
 TaskName = Literal["tracking", "velocity", "piano"]
 Summary = Literal["rms", "mean", "episode"]
-"""How an episode's steps become its value: root mean square, mean, or not at all: it is of the episode as a whole."""
+"""Summary of an episode's steps: root mean square, mean, or none, for a value of the episode as a whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +111,7 @@ METRICS: Mapping[TaskName, Mapping[str, Metric]] = MappingProxyType(
 ALWAYS: Mapping[TaskName, tuple[str, ...]] = MappingProxyType(
     {"tracking": ("losses", "faults"), "velocity": ("falls", "faults"), "piano": ("hard_touches", "faults")}
 )
-"""What is judged whether a suite names it or not: errors are those of the episodes that did not fail."""
+"""Metrics that are judged whether a suite names them or not: errors are those of the episodes that did not fail."""
 
 _WINDOW = 1.0
 """s over which a walking robot's velocity is averaged: one or two strides, so that their sway does not count."""
@@ -149,9 +149,7 @@ class Measures:
         """Take one policy step.
 
         Args:
-            step: from 0.
             sample: after the step, without the sensors' noise.
-            command: that was in force.
             simulation: after the step.
         """
         self.rows["effort"][step] = rms(sample.torque)
@@ -175,10 +173,7 @@ class TrackingMeasures(Measures):
         """As `Measures`.
 
         Args:
-            task: with the motion.
             joint_reference: shape (F, n), rad, robot's order; None where the motion says nothing of the joints.
-            steps: policy steps of an episode.
-            count: N.
         """
         super().__init__(task, steps, count, ("body_position_error", "body_orientation_error", "joint_error"))
         self._joint_reference = joint_reference
@@ -200,7 +195,7 @@ class TrackingMeasures(Measures):
 
 
 class VelocityMeasures(Measures):
-    """How well a robot keeps a commanded velocity, how upright, and at what cost."""
+    """Errors against a commanded velocity, tilt, slip and power."""
 
     def __init__(self, task: Task, feet: Feet, settle: float, steps: int, count: int) -> None:
         """As `Measures`, for episodes whose first `settle` s do not count for the errors."""
@@ -248,7 +243,7 @@ class VelocityMeasures(Measures):
 
 
 class PianoMeasures(Measures):
-    """Which keys are down against those that the song asks for, and how hard they are touched."""
+    """Keys that are down against those that the song asks for, and how hard they are touched."""
 
     def __init__(self, task: Task, goals: npt.NDArray[np.floating], force_limit: float, steps: int, count: int) -> None:
         """As `Measures`, for goals of shape (F, 88), and keys that may be touched with `force_limit` N."""

@@ -50,13 +50,13 @@ class PreparedSuite:
 
     suite: Suite
     robot: str
-    """What the robot is called, wherever one is: a shipped robot's name or an absolute path."""
+    """Name of the robot, wherever one is: a shipped robot's name or an absolute path."""
     description: RobotDescription
-    """Of the robot, as it is without a policy."""
+    """Robot as it is without a policy."""
     motions: Mapping[str, Motion | Song | None]
-    """By case: its motion, or what the robot can play of its song; None where the case names none."""
+    """Motion by case, or what the robot can play of its song; None where the case names none."""
     digests: Mapping[str, str]
-    """By case, of all that its episodes depend on beside policy and seed: results are compared only where equal."""
+    """SHA-256 by case of all that its episodes depend on beside policy and seed: only equals are compared."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +68,7 @@ class PreparedCase:
     checkpoint: Checkpoint
     policy: BatchedPolicy
     description: RobotDescription
-    """Of the robot, as it is without a policy."""
+    """Robot as it is without a policy."""
     motion: Motion | None
     scenario: Scenario
     steps: int
@@ -94,7 +94,6 @@ def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> Prepa
     """Read what a suite names.
 
     Args:
-        suite: the suite.
         folder: what its paths are relative to.
         robot: instead of the suite's.
 
@@ -212,11 +211,6 @@ def prepare_case(
     """Bring a policy and a case together.
 
     Args:
-        suite: of the case.
-        case: what is to be done.
-        checkpoint: the policy.
-        policy: the checkpoint's, for batches.
-        description: the robot.
         motion: that the case names, or the goals of its song; None for the one in the policy, or for a task without.
 
     Raises:

@@ -57,10 +57,6 @@ def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance
     """Run an episode again and write it as a recording, whole or not at all.
 
     Args:
-        path: of the recording.
-        case: of the episode.
-        episode: which.
-        disturbance: that it was run with.
         robot: what `play` calls it; empty for its name.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What a regression run found: frozen structs that are JSON as they stand.
+"""Results of a regression run: frozen structs that are JSON as they stand.
 
 `Results` is what `--json` prints and what the report is made from; one `PolicyRun` alone is a baseline file. Numbers
 that do not exist (an error of an episode that failed in its first step) are None, in JSON null.
@@ -37,7 +37,7 @@ _LISTED = 3
 
 
 class MetricInfo(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a metric means."""
+    """Meaning of a metric."""
 
     name: str
     """Such as `body_position_error`."""
@@ -77,7 +77,7 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     failure: str = ""
     """Why the episode failed, in one line; empty: it did not."""
     kind: Literal["", "fault", "lost"] = ""
-    """Of the failure. `fault`: the controller's own refusal (a non-finite or too large action or observation), or a
+    """Kind of failure. `fault`: the controller's own refusal (a non-finite or too large action or observation), or a
     simulation that became non-finite. `lost`: the robot fell, or strayed too far from what it should follow."""
     metrics: Mapping[str, float | None]
     """By the metric's name, in its unit; None: not measured."""
@@ -94,7 +94,7 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 class Margin(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How much of one disturbance a policy bears."""
+    """Amount of one disturbance that a policy bears."""
 
     axis: str
     """Such as `delay`."""
@@ -127,11 +127,11 @@ class PolicyRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     format: Literal["humanoid_sim.regress/1"] = "humanoid_sim.regress/1"
     name: str
-    """What to call the policy: unique within a run."""
+    """Name of the policy: unique within a run."""
     source: str
     """The file that it came from."""
     sha256: str
-    """Of that file."""
+    """Digest of that file."""
     suite: str
     """The suite's name."""
     case_digests: Mapping[str, str]
@@ -141,11 +141,11 @@ class PolicyRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     margins: tuple[Margin, ...] = ()
     """Empty without `--margins`."""
     definitions: Mapping[str, str] = {}
-    """What its figures mean, as `humanoid_sim.evaluation.definitions` had it: only equals are compared."""
+    """Meanings of its figures, as `humanoid_sim.evaluation.definitions` had it: only equals are compared."""
     batching: str = ""
-    """How inference was batched: `in batches`, or `row by row: …` and why not."""
+    """Batching of inference: `in batches`, or `row by row: …` and why not."""
     versions: Mapping[str, str] = {}
-    """Of the packages that the numbers depend on, and of the platform."""
+    """Versions of the packages that the numbers depend on, and of the platform."""
 
     @property
     def failures(self) -> tuple[Episode, ...]:
@@ -154,7 +154,7 @@ class PolicyRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class Detectable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How small a worsening the suite can detect in a candidate that runs with other seeds, from the baseline alone.
+    """Worsening that the suite can detect in a candidate that runs with other seeds, from the baseline alone.
 
     What pairs of the same seeds detect is known once the candidate has run: `Comparison.detectable`.
     """
@@ -212,7 +212,7 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     cases: tuple[CaseComparison, ...] = ()
     """Case by case; one that is worse makes the whole metric worse. Empty for shares of failed episodes."""
     new_failures: tuple[str, ...] = ()
-    """Of a share of failed episodes: the candidate's that failed, in cases in which none of the baseline's did. One is
+    """Episodes behind a share of failures: the candidate's, in cases in which none of the baseline's failed. One is
     enough to make the metric worse."""
 
     @property
@@ -261,7 +261,7 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Empty without a baseline."""
     margins: tuple[MarginComparison, ...] = ()
     few_seeds: int | None = None
-    """Of each case, that the two were compared with, where that is fewer than a verdict takes."""
+    """Number of seeds of each case, where that is fewer than a verdict takes."""
 
     @property
     def undecided(self) -> bool:
@@ -273,6 +273,15 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         """Names of the metrics that fail the candidate and, with the prefix `margin `, of the margins that do."""
         metrics = [c.metric for c in self.comparisons if c.verdict in FAILING]
         return (*metrics, *(f"margin {margin.axis}" for margin in self.margins if margin.verdict in FAILING))
+
+    @property
+    def left_out(self) -> dict[str, list[str]]:
+        """Names of metrics, by what they lack, such as `5 of 48 pairs in which an episode failed`."""
+        found: dict[str, list[str]] = {}
+        for comparison in self.comparisons:
+            if comparison.left_out:
+                found.setdefault(describe_left_out(comparison), []).append(comparison.metric)
+        return found
 
     @property
     def unclear(self) -> tuple[str, ...]:
@@ -287,9 +296,9 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     metrics: tuple[MetricInfo, ...]
     """In the order in which they are shown; the first is the one that episodes are ranked by."""
     confidence: float
-    """That none of a candidate's intervals misses its change, such as 0.95: it is shared among the metrics."""
+    """Probability that none of a candidate's intervals misses its change, shared among the metrics."""
     resamples: int
-    """Of the bootstrap."""
+    """Resamples of the bootstrap."""
     baseline: PolicyRun | None
     detectable: tuple[Detectable, ...]
     """Empty without a baseline."""
@@ -297,9 +306,9 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     strict: bool = False
     """A metric whose verdict is open fails."""
     warnings: tuple[str, ...] = ()
-    """What to keep in mind when reading the verdicts, such as few seeds."""
+    """Cautions for reading the verdicts, such as few seeds."""
     arguments: tuple[str, ...] = ()
-    """Of the command line, what says how an episode is run: suite, robot and contract."""
+    """Words of the command line that say how an episode is run: suite, robot and contract."""
 
     @property
     def passed(self) -> bool:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import platform
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -22,23 +21,20 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.definitions import DEFINITIONS
 from humanoid_sim.files import whole_file
 from humanoid_sim.regress.compare import FEW_SEEDS, detectable_changes, fewest_seeds, judge
-from humanoid_sim.regress.executors import LOCAL, Executor, LocalExecutor, RayExecutor
+from humanoid_sim.regress.executors import LOCAL, Executor, RayExecutor, local_executor
 from humanoid_sim.regress.files import json_of, junit_xml, matching_baseline, read_baseline
 from humanoid_sim.regress.margins import measure_margins, planned_levels
 from humanoid_sim.regress.options import RegressConfig, check_outputs
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, distinct_names, prepare_policy, prepare_suite
 from humanoid_sim.regress.progress import EpisodeProgress
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
-from humanoid_sim.regress.report import report_page, require_report
+from humanoid_sim.regress.report import require_report
 from humanoid_sim.regress.results import Candidate, PolicyRun, Results, SuiteInfo
 from humanoid_sim.regress.show import show_candidate, show_detectable, show_run, show_verdict
 from humanoid_sim.regress.suite_file import chosen_suite, load_suite
 
-if TYPE_CHECKING:
-    from humanoid_sim.regress.report.pictures import Picture
-
 _RECORDINGS = Path("runs")
-"""Where --episode writes, unless --record-failures says."""
+"""Folder in which --episode writes, unless --record-failures names one."""
 
 
 def regress(config: RegressConfig) -> int:
@@ -71,10 +67,10 @@ def regress(config: RegressConfig) -> int:
                 baseline = replace(baseline, name=file.stem)
     console = Console(quiet=config.quiet, emoji=False)  # a name such as ':a:' is no picture
     with ExitStack() as stack:
-        executor: Executor = LocalExecutor(config.threads)
+        executor = local_executor(config.threads)
         if config.ray is not None:
             processors = config.threads if config.ray == LOCAL else None
-            executor = stack.enter_context(closing(RayExecutor(config.ray, processors)))
+            executor = stack.enter_context(closing(RayExecutor(config.ray, processors))).run
         results, seconds = _run(config, prepared, baseline, policies, executor, console)
     if config.episode is None:
         plain = Console(emoji=False)
@@ -84,12 +80,18 @@ def regress(config: RegressConfig) -> int:
                 console.print(
                     _which_joints(config, candidate, results.baseline), markup=False, highlight=False, soft_wrap=True
                 )
-    pictures: list[list[Picture]] = []
+    documents: dict[Path | None, Callable[[], bytes]] = {
+        config.write_baseline: lambda: json_of(results.candidates[0].run),
+        config.json: lambda: json_of(results),
+        config.junit: lambda: junit_xml(results, seconds),
+    }
     if config.report is not None:
-        from humanoid_sim.regress.report.pictures import worst_pictures  # noqa: PLC0415 - only where there is a report
+        from humanoid_sim.regress.report.page import report_page  # noqa: PLC0415 - only where there is a report
+        from humanoid_sim.regress.report.pictures import worst_pictures  # noqa: PLC0415
 
         pictures = worst_pictures(prepared, policies, baseline, results)
-    _write(config, results, seconds, pictures)
+        documents[config.report] = lambda: report_page(results, pictures).encode()
+    _write(documents)
     if config.record_failures is not None or config.episode is not None:
         _record(config, prepared, policies, results)
     return ExitStatus.of(results.passed)
@@ -172,19 +174,16 @@ def _run(
 def run_policy(
     prepared: PreparedSuite, policy: TestedPolicy, executor: Executor, margins: bool = False, label: str = ""
 ) -> PolicyRun:
-    """Every episode of a policy.
+    """Run every episode of a policy.
 
     Args:
-        prepared: the suite.
-        policy: the policy.
-        executor: runs the episodes.
         margins: measure the robustness margins too.
         label: of how far it is, on stderr; empty for silence.
     """
     suite = prepared.suite
     total = len(suite.cases) * suite.seeds + (planned_levels(suite) if margins else 0)
     with EpisodeProgress(Console(stderr=True, emoji=False), label, total) as advance:
-        episodes = executor.run(policy.cases, suite.seed_numbers, suite.disturbance, advance)
+        episodes = executor(policy.cases, suite.seed_numbers, suite.disturbance, advance)
         found = measure_margins(policy.cases, executor, advance) if margins else ()
     return PolicyRun(
         name=policy.name,
@@ -208,7 +207,7 @@ def run_policy(
 
 
 def _record(config: RegressConfig, prepared: PreparedSuite, policies: Sequence[TestedPolicy], results: Results) -> None:
-    """Failing episodes, or the one that was asked for."""
+    """Record failing episodes, or the one that was asked for."""
     console, folder = Console(emoji=False), config.record_failures or _RECORDINGS
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -224,22 +223,14 @@ def _record(config: RegressConfig, prepared: PreparedSuite, policies: Sequence[T
                 console.print(f"recorded {path}", markup=False, highlight=False, soft_wrap=True)
 
 
-def _write(
-    config: RegressConfig, results: Results, seconds: Sequence[float], pictures: Sequence[Sequence[Picture]]
-) -> None:
-    """All files that were asked for: what keeps one from being written keeps none of the others.
+def _write(documents: Mapping[Path | None, Callable[[], bytes]]) -> None:
+    """Write all files that were asked for: what keeps one from being written keeps none of the others.
 
     Raises:
         InputError: the first that could not be written.
     """
-    writers: list[tuple[Path | None, Callable[[], bytes]]] = [
-        (config.write_baseline, lambda: json_of(results.candidates[0].run)),
-        (config.json, lambda: json_of(results)),
-        (config.junit, lambda: junit_xml(results, seconds)),
-        (config.report, lambda: report_page(results, pictures).encode()),
-    ]
     problems = []
-    for path, document in writers:
+    for path, document in documents.items():
         if path is not None:
             try:
                 with whole_file(path) as file:

@@ -1,4 +1,4 @@
-"""What a person reads on the terminal."""
+"""Output for a person on the terminal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from humanoid_sim.regress.results import (
     PolicyRun,
     Results,
     describe_detectable,
-    describe_left_out,
     describe_limit,
     describe_share,
     describe_verdicts,
@@ -98,11 +97,7 @@ def show_candidate(console: Console, results: Results, candidate: Candidate) -> 
             _change(comparison, unit),
             describe_share(comparison.detectable, comparison, unit),
         )
-    without: dict[str, list[str]] = {}
-    for comparison in candidate.comparisons:
-        if comparison.left_out:
-            without.setdefault(describe_left_out(comparison), []).append(comparison.metric)
-    for text, names in without.items():
+    for text, names in candidate.left_out.items():
         console.print(f"without {text}: {', '.join(names)}", markup=False, highlight=False, soft_wrap=True)
     console.print(table)
     if not paired:

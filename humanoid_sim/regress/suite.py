@@ -1,4 +1,4 @@
-"""What a suite is: a task, its cases and seeds, what disturbs the robot, and how much worse is still accepted.
+"""Schema of a suite: a task, its cases and seeds, what disturbs the robot, and how much worse is still accepted.
 
 A suite is one YAML file; `assets/suites/lite_tracking.yaml` is the example. These structs are its schema,
 `humanoid_sim.regress.suite_file.load_suite` reads it.
@@ -8,14 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
 from humanoid_sim.regress.metrics import ALWAYS, METRICS, TaskName, has_metric
 from humanoid_sim.regress.results import MetricInfo
+from humanoid_sim.robots.schema import Accepted, NotNegative, Positive
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.plant import BatchActuation
+
+SEEDS = 2**31
+"""Least number that is not a seed any more."""
+Share = Annotated[float, Accepted(0.0, below=1.0)]
 
 Axis = Literal["delay", "jitter", "gains", "friction", "joint_friction", "mass", "push", "noise"]
 AXES: Mapping[str, tuple[str, float]] = {
@@ -28,7 +33,7 @@ AXES: Mapping[str, tuple[str, float]] = {
     "push": ("m/s", 0.0),
     "noise": ("rad", 0.0),
 }
-"""What margins are measured of: unit, and the value that disturbs nothing."""
+"""Axes of margins: unit, and the value that disturbs nothing."""
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -47,38 +52,38 @@ class Case(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class Start(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How far from the policy's default pose, and from rest, an episode may begin."""
+    """Spread around the policy's default pose, and around rest, in which episodes begin."""
 
-    joint_position: float = 0.0
+    joint_position: NotNegative = 0.0
     """rad, uniform to both sides, joint by joint."""
-    joint_velocity: float = 0.0
+    joint_velocity: NotNegative = 0.0
     """rad/s, likewise."""
 
 
 class Pushes(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Sudden changes of a floating base's horizontal velocity, in a direction that is drawn."""
 
-    speed: float
+    speed: Positive
     """m/s"""
-    interval: float = 4.0
+    interval: Positive = 4.0
     """s between two; the first comes after half of it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """What disturbs the robots, beside where they start."""
+    """Disturbances of the robots, beside where they start."""
 
     randomisation: Randomisation
     pushes: Pushes | None = None
 
 
 class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How much worse than the baseline a metric may be: the larger of the two."""
+    """Worsening against the baseline that a metric may have: the larger of the two."""
 
-    relative: float = 0.0
-    """As a share of the baseline."""
-    absolute: float = 0.0
-    """In the metric's unit."""
+    relative: NotNegative = 0.0
+    """Share of the baseline."""
+    absolute: NotNegative = 0.0
+    """Worsening in the metric's unit."""
 
 
 class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -86,7 +91,7 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     axis: Axis
     levels: tuple[float, ...]
-    """In the axis' unit, away from the value that disturbs nothing."""
+    """Levels in the axis' unit, away from the value that disturbs nothing."""
 
     @property
     def name(self) -> str:
@@ -98,20 +103,20 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class Margins(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How robustness margins are measured."""
+    """Measurement of robustness margins."""
 
     sweeps: tuple[Sweep, ...]
-    seeds: int = 4
-    """Of each case at each level."""
+    seeds: Annotated[int, Accepted(1)] = 4
+    """Number of seeds of each case at each level."""
     cases: tuple[str, ...] = ()
     """Names; empty: all."""
-    allowed_failures: float = 0.0
+    allowed_failures: Share = 0.0
     """Share of the episodes that may fail at a level that is passed."""
-    bisections: int = 3
-    """How often the stretch between the last level passed and the first one failed is halved."""
-    tolerance: float = 0.15
-    """How much smaller than the baseline's a margin may be, as a share of that."""
-    limits: Mapping[str, float] = {}
+    bisections: Annotated[int, Accepted(0)] = 3
+    """Number of halvings of the stretch between the last level passed and the first one failed."""
+    tolerance: NotNegative = 0.15
+    """Share of the baseline's by which a margin may be smaller."""
+    limits: Mapping[str, NotNegative] = {}
     """By metric: an episode beyond this counts as failed too."""
 
 
@@ -124,30 +129,30 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     robot: str = ""
     """A shipped robot, or the path of a description or an MJCF, relative to the suite; empty: `--robot` says."""
     cases: tuple[Case, ...]
-    seeds: int
-    """Of each case."""
-    first_seed: int = 0
+    seeds: Annotated[int, Accepted(2)]
+    """Number of seeds of each case."""
+    first_seed: Annotated[int, Accepted(0, below=SEEDS)] = 0
     tolerances: Mapping[str, Tolerance]
     """By metric, in the order of the report: these are judged. Failures always are, with tolerance 0 unless given."""
-    confidence: float = 0.95
-    """That none of a candidate's intervals misses its change."""
-    case_tolerance: float = 2.0
-    """How much worse a single case may be, in multiples of the tolerance for the mean over all of them."""
-    resamples: int = 10_000
-    """Of the bootstrap."""
+    confidence: Annotated[float, Accepted(0.5, below=1.0)] = 0.95
+    """Probability that none of a candidate's intervals misses its change."""
+    case_tolerance: NotNegative = 2.0
+    """Tolerance for a single case, in multiples of that for the mean over all of them."""
+    resamples: Annotated[int, Accepted(2)] = 10_000
+    """Resamples of the bootstrap."""
     start: Start = Start()
     randomisation: Mapping[str, float | tuple[float, float]] = {}
     """Fields of `humanoid_sim.simulation.batch.Randomisation`."""
     pushes: Pushes | None = None
-    settle: float = 1.0
+    settle: NotNegative = 1.0
     """s at the start of a velocity episode that its errors do not count: the robot begins at rest."""
-    action_limit: float | None = None
+    action_limit: Positive | None = None
     """Largest magnitude of a raw action, as of the controller; default: each policy's own, or else 100."""
-    physics_timestep: float | None = None
+    physics_timestep: Positive | None = None
     """s; default: the robot's."""
     actuation: BatchActuation = "affine"
-    """How the motors are simulated; see `humanoid_sim.simulation.plant`."""
-    base_height: float | None = None
+    """Simulation of the motors; see `humanoid_sim.simulation.plant`."""
+    base_height: Positive | None = None
     """m, where a free base starts; default: the robot's."""
     margins: Margins | None = None
 

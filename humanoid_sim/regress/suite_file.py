@@ -1,12 +1,8 @@
-"""Read a suite; whatever is wrong is one line with the file, the field and what is accepted.
-
-What types cannot say is checked here: numbers in their ranges, names that exist, cases that fit the task.
-"""
+"""Read a suite; whatever is wrong is one line with the file, the field and what is accepted."""
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -18,19 +14,13 @@ from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.files import is_file
 from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.options import RegressConfig
-from humanoid_sim.regress.suite import AXES, Suite
+from humanoid_sim.regress.suite import AXES, SEEDS, Suite
+from humanoid_sim.robots.checks import refused_values
 from humanoid_sim.simulation.batch.randomisation import LONGEST_DELAY
-from humanoid_sim.strict_yaml import read_yaml
-
-__all__ = ["SUITE_OF", "chosen_suite", "load_suite", "shipped_suites"]
+from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
 SUITE_OF = {"tracking": "lite_tracking", "velocity": "velocity", "walking": "velocity", "piano": "lite_piano"}
 """The shipped suite for a task of the environments."""
-
-_SEEDS = 2**31
-_PLACE = re.compile(r"^(?P<problem>.*?)(?: - at `\$\.?(?P<place>.*?)`)?$", re.DOTALL)
-_CHOICES = {"task": tuple(METRICS), "axis": tuple(AXES)}
-"""What is accepted where a suite may choose."""
 
 
 def shipped_suites() -> tuple[str, ...]:
@@ -54,27 +44,14 @@ def load_suite(name_or_path: str) -> tuple[Suite, Path]:
     path = asset_path("suites", f"{name_or_path}.yaml") if name_or_path in known else Path(name_or_path)
     document = read_yaml(path)
     if not isinstance(document, dict):
-        raise InputError(f"{path}: is no suite, expected a mapping with name, task, cases, seeds and tolerances")
+        raise InputError(f"{path}: is not a suite, expected a mapping with name, task, cases, seeds and tolerances")
     try:
         suite = msgspec.convert(document, Suite)
     except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {_place_and_problem(str(error))}") from None
+        raise InputError(f"{path}: {schema_problem(error, document, Suite)}") from None
     for problem in suite_problems(suite):
         raise InputError(f"{path}: {problem}")
     return suite, path.resolve().parent
-
-
-def _place_and_problem(message: str) -> str:
-    """Turn ``Expected `int`, got `str` - at `$.seeds` `` into `seeds: expected int, got str`."""
-    found = _PLACE.match(message)
-    assert found is not None  # matches any text
-    problem = found["problem"].replace("`", "'")
-    problem = problem.replace("Object missing required", "misses the").replace("Object contains", "has the")
-    problem = problem[0].lower() + problem[1:]
-    place = found["place"] or ""
-    accepted = _CHOICES.get(place.rpartition(".")[2]) if problem.startswith("invalid enum value") else None
-    problem += f", expected one of {', '.join(accepted)}" if accepted else ""
-    return f"{place}: {problem}" if place else problem
 
 
 def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
@@ -108,8 +85,8 @@ def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
         name, _, seed = config.episode.rpartition(":")
         if name not in names:
             raise InputError(f"--episode: {known_names('case', name, names)}")
-        if int(seed) >= _SEEDS:
-            raise InputError(f"--episode: the seed is {seed}, expected 0 to {_SEEDS - 1}")
+        if int(seed) >= SEEDS:
+            raise InputError(f"--episode: the seed is {seed}, expected 0 to {SEEDS - 1}")
         only = tuple(case for case in cases if case.name == name)
         chosen = msgspec.structs.replace(chosen, cases=only, first_seed=int(seed), seeds=1)
     return chosen
@@ -119,7 +96,7 @@ def suite_problems(suite: Suite) -> Iterator[str]:
     """Yield what types cannot say, each as `place: what is wrong`."""
     yield from _case_problems(suite)
     yield from _name_problems(suite)
-    yield from _number_problems(suite)
+    yield from refused_values(suite)
     for i, sweep in enumerate(() if suite.margins is None else suite.margins.sweeps):
         nominal, levels, expected = AXES[sweep.axis][1], sweep.levels, ""
         away = [nominal, *levels]
@@ -194,43 +171,3 @@ def _name_problems(suite: Suite) -> Iterator[str]:
     sweeps = [sweep.name for sweep in margins.sweeps if sweep.levels]
     if len(set(sweeps)) < len(sweeps):
         yield "margins.sweeps: one is given twice"
-
-
-def _number_problems(suite: Suite) -> Iterator[str]:
-    """Numbers that are out of their ranges."""
-    margins, pushes = suite.margins, suite.pushes
-    counts = {"seeds": (suite.seeds, 2), "resamples": (suite.resamples, 2)}
-    shares = {"confidence": (suite.confidence, 0.5)}
-    numbers = {
-        "settle": suite.settle,
-        "case_tolerance": suite.case_tolerance,
-        "start.joint_position": suite.start.joint_position,
-        "start.joint_velocity": suite.start.joint_velocity,
-    }
-    for name, tolerance in suite.tolerances.items():
-        numbers |= {f"tolerances.{name}.{part}": getattr(tolerance, part) for part in ("relative", "absolute")}
-    if margins is not None:
-        counts["margins.seeds"], shares["margins.allowed_failures"] = (
-            (margins.seeds, 1),
-            (margins.allowed_failures, 0.0),
-        )
-        counts["margins.bisections"] = (margins.bisections, 0)
-        numbers |= {f"margins.limits.{name}": limit for name, limit in margins.limits.items()}
-        numbers["margins.tolerance"] = margins.tolerance
-    positives = {name: getattr(suite, name) for name in ("action_limit", "physics_timestep", "base_height")}
-    if pushes is not None:
-        positives |= {"pushes.speed": pushes.speed, "pushes.interval": pushes.interval}
-    for place, (count, least) in counts.items():
-        if count < least:
-            yield f"{place}: is {count}, expected at least {least}"
-    if not 0 <= suite.first_seed < _SEEDS:
-        yield f"first_seed: is {suite.first_seed}, expected 0 to {_SEEDS - 1}"
-    for place, (share, at_least) in shares.items():
-        if not at_least <= share < 1.0:
-            yield f"{place}: is {share:g}, expected {at_least:g} or more, and less than 1"
-    for place, number in numbers.items():
-        if not 0.0 <= number < math.inf:
-            yield f"{place}: is {number:g}, expected a finite number >= 0"
-    for place, positive in positives.items():
-        if positive is not None and not 0.0 < positive < math.inf:
-            yield f"{place}: is {positive:g}, expected a finite number > 0"

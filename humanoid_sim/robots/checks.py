@@ -1,9 +1,9 @@
-"""What has to hold in a description beyond its types: accepted values, lists as long as the joints, poses in limits."""
+"""Checks of a description beyond its types: accepted values, lists as long as the joints, poses in limits."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import get_args, get_type_hints
 
 import msgspec
@@ -18,8 +18,8 @@ _TOPIC_PREFIX = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def description_problems(robot: RobotDescription) -> Iterator[str]:
-    """Everything that is wrong, as `joints[3].upper: what is wrong`: values by themselves before what they make."""
-    refused = list(_refused_values(robot, ""))
+    """Yield everything that is wrong, as `joints[3].upper: what is wrong`: single values before what they make."""
+    refused = list(refused_values(robot))
     yield from refused
     if refused:
         return
@@ -75,18 +75,22 @@ def _piano(robot: RobotDescription) -> Iterator[str]:
             yield f"piano.reach[{i}]: is {[low, high]}, expected {expected}"
 
 
-def _refused_values(struct: msgspec.Struct, prefix: str) -> Iterator[str]:
-    """Values that the schema's `Accepted` refuses, in the order of the document."""
+def refused_values(struct: msgspec.Struct, prefix: str = "") -> Iterator[str]:
+    """Yield what the `Accepted` of a schema refuse, in the order of the document, with the place of each."""
     for name, hint in get_type_hints(type(struct), include_extras=True).items():
         value = getattr(struct, name)
         # Of `Positive`, `Positive | None` and `tuple[Positive, ...]` alike.
         marks = [mark for kind in (hint, *get_args(hint)) for mark in getattr(kind, "__metadata__", ())]
         accepted = next((mark for mark in marks if isinstance(mark, Accepted)), None)
-        several = isinstance(value, tuple)
-        for i, item in enumerate(value if several else (value,)):
-            where = f"{prefix}{name}[{i}]" if several else f"{prefix}{name}"
+        if isinstance(value, Mapping):
+            items = {f"{prefix}{name}.{key}": item for key, item in value.items()}
+        elif isinstance(value, tuple):
+            items = {f"{prefix}{name}[{i}]": item for i, item in enumerate(value)}
+        else:
+            items = {f"{prefix}{name}": value}
+        for where, item in items.items():
             if isinstance(item, msgspec.Struct):
-                yield from _refused_values(item, f"{where}.")
+                yield from refused_values(item, f"{where}.")
             elif accepted is not None and item is not None and accepted.problem(item):
                 yield f"{where}: {accepted.problem(item)}"
 

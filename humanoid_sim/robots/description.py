@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import importlib
 import math
 import os
+import pkgutil
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -16,13 +20,12 @@ from humanoid_sim.assets import asset_path, shipped
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
-from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.errors import FieldError, InputError, MissingPackageError, known_names, reason_of
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.names import near_miss
 from humanoid_sim.robots.checks import description_problems
-from humanoid_sim.robots.public import PREFIX, public_mjcf, public_name
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
-from humanoid_sim.strict_yaml import read_strictly, type_at, value_at
+from humanoid_sim.strict_yaml import read_strictly, schema_problem
 
 __all__ = [
     "RobotDescription",
@@ -45,7 +48,7 @@ def shipped_robots() -> tuple[str, ...]:
 def load_robot(name_or_path: str | Path) -> RobotDescription:
     """Load a shipped robot's description (`lite`), a YAML file's, beside its MJCF, or one of an MJCF alone.
 
-    `robot_descriptions:g1` is the MJCF of a public robot: see `humanoid_sim.robots.public`.
+    `robot_descriptions:g1` is the MJCF of a public robot, of which the package robot_descriptions has many.
 
     A YAML's MJCF must exist; its content is checked when a simulation is built. A path that ends in `.xml` is any
     user's MJCF: `humanoid_sim.robots.mjcf` says what is read from it. A YAML without a list of joints changes single
@@ -71,9 +74,7 @@ def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
     """Return the robot of a file's document.
 
     Args:
-        document: of the YAML file.
         label: what to call the file in messages.
-        folder: where it is.
 
     Raises:
         InputError: as `load_robot`.
@@ -81,7 +82,8 @@ def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
     if document is None:
         raise InputError(f"{label}: is empty, expected a robot description")
     if not isinstance(document, dict):
-        raise InputError(f"{label}: is a {_kind(document)}, expected a mapping with name, mjcf, joints, …")
+        kind = {list: "list", str: "text", bool: "boolean"}.get(type(document), "number")
+        raise InputError(f"{label}: is a {kind}, expected a mapping with name, mjcf, joints, …")
     if "folder" in document:
         raise InputError(f"{label}: folder: is not a field of the file; give 'mjcf' relative to the file instead")
     partial = _is_partial(document)
@@ -94,11 +96,11 @@ def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
     try:
         robot = msgspec.convert(document, RobotDescription)
     except msgspec.ValidationError as error:
-        raise InputError(f"{label}: {_field_and_problem(str(error), document)}") from None
+        raise InputError(f"{label}: {schema_problem(error, document, RobotDescription, hidden='folder')}") from None
     for problem in description_problems(_bounded(robot) if partial else robot):
         raise InputError(f"{label}: {problem}")
     if not is_file(robot.mjcf_path):
-        raise InputError(f"{label}: mjcf: '{robot.mjcf}' is no file; it is looked up beside the description")
+        raise InputError(f"{label}: mjcf: '{robot.mjcf}' is not a file; it is looked up beside the description")
     return robot
 
 
@@ -121,53 +123,71 @@ def _find(name_or_path: str) -> tuple[Path, str]:
     return regular_file(path, "a robot's YAML file or an MJCF"), name_or_path
 
 
-_KINDS = {dict: "mapping", list: "list", str: "text", bool: "boolean", int: "number", float: "number"}
+PREFIX = "robot_descriptions:"
+"""Prefix of public robots' names: `robot_descriptions:g1` is the MJCF that the package knows as `g1`."""
+_MJCF, _URDF = "_mj_description", "_description"
 
 
-def _kind(value: object) -> str:
-    return _KINDS.get(type(value), type(value).__name__)
+def public_robots() -> tuple[str, ...]:
+    """Return names of the robots whose MJCF that package knows.
+
+    Raises:
+        MissingPackageError: it is not installed.
+    """
+    return tuple(sorted(name.removesuffix(_MJCF) for name in _modules() if name.endswith(_MJCF)))
 
 
-_LONGEST_NUMBER = 1024
-"""Bits of a whole number that is shown in a message: more than that a float cannot hold either."""
-_ACCEPTED = {
-    "`float`": "a number",
-    "`float | null`": "a number",
-    "`int`": "a whole number",
-    "`str`": "a text",
-    "`array`": "a list",
-    "`object`": "a mapping",
-    "`object | null`": "a mapping",
-}
-"""What msgspec calls a type, and what a person does."""
+def public_name(name: str) -> str:
+    """Return the public robot that was probably meant by a name without the prefix, with it; '' for none.
+
+    Also '' where robot_descriptions is not installed: nobody knows its names then.
+    """
+    try:
+        known = public_robots()
+    except MissingPackageError:
+        return ""
+    parts = name.lower().replace("-", "_").split("_")
+    without_vendor = ("_".join(parts[i:]) for i in range(len(parts)))
+    found = next((short for short in without_vendor if short in known), "") or near_miss(name, known)
+    return f"{PREFIX}{found}" if found else ""
 
 
-def _field_and_problem(message: str, document: dict[str, Any]) -> str:
-    """Turn ``Expected `float`, got `str` - at `$.imu` `` into `imu: is 'x', expected a number`."""
-    problem, _, place = message.partition(" - at `$")
-    place = place.rstrip("`").lstrip(".")
-    expected, is_type, _ = problem.removeprefix("Expected ").partition(", got ")
-    if is_type:
-        line = f"is {_shown(value_at(document, place))}, expected {_ACCEPTED.get(expected, expected)}"
-    elif problem.startswith("Invalid enum value"):
-        accepted = " or ".join(str(value) for value in get_args(type_at(RobotDescription, place)))
-        line = f"is {_shown(value_at(document, place))}, expected {accepted}"
-    elif problem.startswith("Object contains unknown field"):
-        known = [name for name in type_at(RobotDescription, place).__struct_fields__ if name != "folder"]
-        line = known_names("field", problem.split("`")[1], known)
-    else:
-        line = problem.replace("Object missing", "misses").replace("`", "'")
-    return f"{place}: {line}" if place else line
+def public_mjcf(name: str) -> Path:
+    """Return the MJCF of a public robot. At its first use its repository is cloned, with progress on stderr.
+
+    Args:
+        name: with the prefix, as the user gave it.
+
+    Raises:
+        InputError: there is no such robot, or it cannot be had now.
+        MissingPackageError: robot_descriptions is not installed.
+    """
+    short = name.removeprefix(PREFIX).removesuffix(_MJCF)
+    known = public_robots()
+    if short not in known:
+        if short + _URDF in _modules() or short in _modules():
+            raise InputError(
+                f"{name}: robot_descriptions has this robot as a URDF only; "
+                "`python -m humanoid_sim.robot convert` makes an MJCF of one"
+            )
+        raise InputError(known_names("public robot", short, known))
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            module = importlib.import_module(f"robot_descriptions.{short}{_MJCF}")
+    except Exception as error:  # of git, of the network, of the disk: whatever it is, the robot is not here
+        raise InputError(
+            f"{name}: could not be fetched: {reason_of(error)}; it is cloned with git at its first use, which needs a "
+            "network, into ~/.cache/robot_descriptions, or into the folder that ROBOT_DESCRIPTIONS_CACHE names"
+        ) from None
+    return Path(module.MJCF_PATH)
 
 
-def _shown(value: object) -> str:
-    if isinstance(value, dict | list):
-        return f"a {_kind(value)}"
-    if value is None:
-        return "nothing"
-    if isinstance(value, int) and value.bit_length() > _LONGEST_NUMBER:  # Python refuses to write out the longest
-        return f"a number of {value.bit_length()} bits"
-    return repr(value)
+def _modules() -> frozenset[str]:
+    try:
+        import robot_descriptions  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise MissingPackageError("robot_descriptions", "menagerie", f"--robot {PREFIX}…") from None
+    return frozenset(module.name for module in pkgutil.iter_modules(robot_descriptions.__path__))
 
 
 def with_contract(description: RobotDescription, contract: PolicyContract) -> RobotDescription:
@@ -302,7 +322,6 @@ def _completed(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return the whole document of a robot file that gives only what differs from its MJCF.
 
     Args:
-        document: the file's.
         folder: that its MJCF is relative to.
 
     Raises:
@@ -312,7 +331,7 @@ def _completed(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
     path = folder / document["mjcf"]
     if not is_file(path):
-        raise InputError(f"mjcf: '{document['mjcf']}' is no file; it is looked up beside the description")
+        raise InputError(f"mjcf: '{document['mjcf']}' is not a file; it is looked up beside the description")
     described = describe_mjcf(path)
     whole: dict[str, Any] = msgspec.to_builtins(described)
     del whole["folder"]

@@ -27,14 +27,13 @@ _ELSEWHERE = {
     "mode_manager": "gamepad bindings: play --gamepad FILE reads them",
     "rl_policy_controller": "the checkpoint and its contract say it",
 }
-"""Where the parameters of a node belong that a robot file does not have."""
+"""Places where the parameters of a node belong that a robot file does not have."""
 
 
 def convert_parameters(path: Path, robot: str, folder: Path) -> tuple[dict[str, Any], list[str]]:
     """Return the document of a robot file, and a line for each node with parameters that are left out.
 
     Args:
-        path: of the YAML file.
         robot: that the controllers drive: a shipped one, its YAML file, or an MJCF.
         folder: where the robot file will be, to which the MJCF's path is relative.
 

@@ -32,7 +32,7 @@ def convert_urdf(path: Path, base: BaseKind, folder: Path, imu: str | None = Non
     """
     regular_file(path, "a URDF")
     if path.suffix != ".urdf":
-        raise InputError(f"{path}: is no .urdf")
+        raise InputError(f"{path}: is not a .urdf")
     spec = read_spec(path)
     spec.compiler.fusestatic = False
     _find_meshes(spec, path, folder)

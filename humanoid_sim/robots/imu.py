@@ -1,4 +1,4 @@
-"""Where a robot's IMU is, as far as its MJCF tells: found for robots that do not say, and named for people."""
+"""Place of a robot's IMU, as far as its MJCF tells: found for robots that do not say, and named for people."""
 
 from __future__ import annotations
 

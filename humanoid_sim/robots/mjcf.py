@@ -38,7 +38,7 @@ _LONGEST_TIMESTEP = {"fixed": 0.0005, "floating": 0.001}
 
 _STANDBY_SECONDS = 2.0
 _NO_ROOM = (MemoryError, RuntimeError, mujoco.FatalError)
-"""What MuJoCo raises where it finds no memory, or does not know what went wrong."""
+"""Errors that MuJoCo raises where it finds no memory, or does not know what went wrong."""
 _FINITE = (
     *("body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos"),
     *("geom_pos", "geom_quat", "geom_size", "site_pos", "jnt_pos", "jnt_axis"),
@@ -195,11 +195,10 @@ def bare_model(description: RobotDescription) -> mujoco.MjModel:
 
 
 def own_joint_damping(model: mujoco.MjModel, description: RobotDescription) -> Mapping[str, float]:
-    """N·m·s/rad that the MJCF itself gives the robot's joints, by name; those without any are left out.
+    """Return damping in N·m·s/rad that the MJCF itself gives the joints, by name; those without any are left out.
 
     Args:
         model: from `bare_model`.
-        description: the robot.
     """
     damping = {name: float(model.dof_damping[model.joint(name).dofadr[0]]) for name in description.joint_names}
     return {name: value for name, value in damping.items() if value}

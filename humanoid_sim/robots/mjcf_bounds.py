@@ -1,4 +1,4 @@
-"""What an MJCF may ask for, looked at in its text: MuJoCo takes the memory before it finds that it is too much."""
+"""Bounds on what an MJCF may ask for, checked in its text: MuJoCo takes memory before it finds it too much."""
 
 from __future__ import annotations
 
@@ -55,9 +55,6 @@ class NamedFiles:
 
     def check(self, path: Path) -> None:
         """Refuse files that are larger than any robot's, or no files.
-
-        Args:
-            path: of the model.
 
         Raises:
             InputError: one line with the file, its size and what is accepted.
@@ -118,7 +115,7 @@ _MODELS = ("include", "model")
 _COPIES = {"replicate": 1, "composite": 3, "flexcomp": 3}
 """Elements that make others, as often as the product of so many numbers in `count`."""
 _SUBDIVISIONS = 7
-"""Of a built-in sphere: 20·4^7 faces."""
+"""Subdivisions of a built-in sphere: 20·4^7 faces."""
 _UNITS = {"K": 10, "M": 20, "G": 30, "T": 40, "P": 50, "E": 60}
 _DEPTH = 200
 """Levels of elements: MuJoCo's own parser ends at a few more, and some of its passes recurse."""

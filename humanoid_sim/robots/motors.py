@@ -22,25 +22,25 @@ writes 12.57, firmware before `humanoid_sim.hardware.robstride.firmware`'s table
 
 @dataclass(frozen=True, slots=True)
 class MotorFamily:
-    """What all motors of one protocol have in common."""
+    """Common traits of all motors of one protocol."""
 
     name: str
     """As robot descriptions have it."""
     ids: range
     """Ids that its frames can address."""
     last_bytes: frozenset[int] = frozenset()
-    """What the identifiers of a host's frames end with, where that is not a motor's id: a motor of a family that is
+    """Last bytes of the identifiers of a host's frames, where that is not a motor's id: a motor of a family that is
     addressed by this byte must not have one of these ids, in case it looks at no other."""
     has_timeout: bool = True
-    """Whether its motors stop by themselves when their host falls silent."""
+    """True where its motors stop by themselves when their host falls silent."""
     has_torque_limit: bool = True
-    """Whether a motor can be told a limit for its torque and its current."""
+    """True where a motor can be told a limit for its torque and its current."""
     has_reports: bool = True
-    """Whether its motors can send their state by themselves, beside the answers to commands."""
+    """True where its motors can send their state by themselves, beside the answers to commands."""
     gains_apart: bool = False
-    """Whether K_p and K_d come in a frame of their own, so that a command may meet gains that are not its own."""
+    """True where K_p and K_d come in a frame of their own, so that a command may meet gains that are not its own."""
     stiffness_doubt: float = 1.0
-    """How many times the K_p that it was told a motor may have, where sources disagree: torque is bounded for that."""
+    """Largest ratio of a motor's K_p to what it was told, where sources disagree: torque is bounded for that."""
     damping_doubt: float = 1.0
     """Likewise K_d."""
 
@@ -142,7 +142,7 @@ _ROWS = (
     MotorModel("rs-06", 5000.0, 100.0, 50.0, 36.0, 11.0, 36.0, 57.0, 50.3, 135.0, 135.0),
 )
 SITO_COUNTS_PER_RAD = 65536.0 / (2.0 * math.pi)
-"""Of positions and velocities, at the output."""
+"""Scale of positions and velocities, at the output."""
 
 
 def _sito(name: str, gear: int) -> MotorModel:

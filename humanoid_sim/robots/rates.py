@@ -15,12 +15,6 @@ def steps_per_period(
 ) -> int:
     """Return how many steps of `step` make up `period`; both in s.
 
-    Args:
-        period: the longer one.
-        step: the shorter one.
-        period_name: what to call `period` in messages.
-        step_name: what to call `step` in messages.
-
     Raises:
         InputError: either is not a positive number, `period` has more than `MOST_STEPS` steps, or `step` does not
             divide it to within 1e-9; the message then names the nearest step that does.

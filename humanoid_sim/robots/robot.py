@@ -1,4 +1,4 @@
-"""What every robot is to the control loop."""
+"""Interface of every robot to the control loop."""
 
 from __future__ import annotations
 

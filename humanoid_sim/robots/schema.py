@@ -1,4 +1,4 @@
-"""What a robot is: its joints, limits, gains, motors, poses and rates. Data only; nothing here imports a simulator.
+"""Schema of a robot: its joints, limits, gains, motors, poses and rates. Data only; nothing here imports a simulator.
 
 A description is one YAML file beside its MJCF model (`assets/robots/lite.yaml` is the example). These structs are its
 schema, `humanoid_sim.robots.checks` what has to hold between fields, `humanoid_sim.robots.description.load_robot` reads
@@ -25,16 +25,23 @@ class Accepted:
 
     minimum: float = -math.inf
     above: bool = False
-    """Whether the minimum itself is refused."""
+    """True where the minimum itself is refused."""
+    below: float = math.inf
+    """Least number that is too large."""
 
     def problem(self, value: float | str) -> str:
         """Return what is wrong with a value, '' if nothing is."""
         if isinstance(value, str):
             return "" if value.strip() else "is empty, expected a text"
-        if math.isfinite(value) and (value > self.minimum or (value == self.minimum and not self.above)):
+        is_enough = value > self.minimum or (value == self.minimum and not self.above)
+        if math.isfinite(value) and is_enough and value < self.below:
             return ""
+        if isinstance(value, int):
+            most = "" if self.below == math.inf else f", less than {self.below:.0f}"
+            return f"is {value}, expected at least {self.minimum:g}{most}"
         bound = "" if self.minimum == -math.inf else f" {'>' if self.above else '>='} {self.minimum:g}"
-        return f"is {value}, expected a finite number{bound}"
+        most = "" if self.below == math.inf else f" and < {self.below:g}"
+        return f"is {value}, expected a finite number{bound}{most}"
 
 
 Text = Annotated[str, Accepted()]
@@ -83,7 +90,7 @@ class JointDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
 
 
 class BaseSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What carries the robot."""
+    """Base that carries the robot."""
 
     type: Literal["fixed", "floating"] = "fixed"
     """`fixed`: welded to the world, as the Lite's chest is; `floating`: the base moves freely, and may fall."""
@@ -95,7 +102,7 @@ class BaseSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 
 class SimulationSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the robot is simulated."""
+    """Settings of the robot in simulation."""
 
     physics_timestep: Positive = 0.0005
     """s"""
@@ -104,12 +111,12 @@ class SimulationSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
     floor_height: Finite = 0.0
     """m, world frame, height of the floor that the scene adds."""
     joint_damping: Literal["keep", "drop"] = "keep"
-    """What becomes of the damping that the MJCF itself gives the joints: it acts beside the commanded K_d, or it is 0.
+    """Fate of the damping that the MJCF itself gives the joints: it acts beside the commanded K_d, or it is 0.
     A policy's contract may decide otherwise."""
 
 
 class HardwareSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the real robot is driven."""
+    """Settings of the real robot."""
 
     control_frequency: Positive = 50.0
     """Hz"""
@@ -155,7 +162,7 @@ class FollowingGuard(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """A joint that is pulled hard must come nearer to where it is asked to be."""
 
     effort_share: Positive = 0.8
-    """Of the joint's effort limit: K_p times the error from which it is pulled hard."""
+    """Share of the joint's effort limit: K_p times the error from which it is pulled hard."""
     effort: tuple[Positive | None, ...] = ()
     """N·m, one per joint, instead of that share; null: not watched. A floating base's robot keeps the shares of its own
     limits here where a policy's contract lowers them."""
@@ -185,7 +192,7 @@ class SpeedGuard(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class GuardSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What watches the joints while a controller drives them; `null` turns a guard off."""
+    """Guards of the joints while a controller drives them; `null` turns a guard off."""
 
     following: FollowingGuard | None = FollowingGuard()
     limit: LimitGuard | None = LimitGuard()
@@ -193,7 +200,7 @@ class GuardSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
 
 class SignSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """By how much a sound robot at rest may differ from its model, where the signs of its joints are judged."""
+    """Amounts by which a sound robot at rest may differ from its model, where the signs of its joints are judged."""
 
     mass_error: NotNegative = 0.1
     """Share of each body's mass."""
@@ -243,7 +250,7 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
 
     name: Text
     topic_prefix: str = ""
-    """What its own ROS 2 topics are under, such as `lite` of `/lite/joint_states`; empty: its name."""
+    """Prefix of its own ROS 2 topics, such as `lite` of `/lite/joint_states`; empty: its name."""
     mjcf: Text
     """The MJCF model's path, relative to the description's own folder."""
     joints: tuple[JointDescription, ...]
@@ -262,13 +269,13 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     remote_policy_controller: RemoteSettings = RemoteSettings()
     guards: GuardSettings = GuardSettings()
     signs: SignSettings | None = SignSettings()
-    """How far a sound robot may be from its model where signs are judged; none: they are not."""
+    """Differences of a sound robot from its model where signs are judged; none: they are not."""
     check_poses: tuple[dict[str, float], ...] = ()
     """rad, by joint: poses in which the signs of more joints show; other joints stay where STANDBY has them."""
     piano: PianoSettings | None = None
-    """Of a robot that plays one."""
+    """Piano of a robot that plays one."""
     folder: str = ""
-    """Where the description was read; empty: the folder of the shipped robots. Not part of the file."""
+    """Folder where the description was read; empty: the folder of the shipped robots. Not part of the file."""
 
     @property
     def mjcf_path(self) -> Path:

@@ -29,7 +29,7 @@ def read(path: Path, text: str) -> str:
         ("policy_dt: fast", "policy_dt: is 'fast', expected a number"),
         ("joint_stiffness: [1, x]", "joint_stiffness[1]: is 'x', expected a number"),
         ("observation: [a, {name: b, scale: big}]", "observation[1].scale: is 'big', expected a number or a list"),
-        ("observation: [{scale: 1}]", "observation[0]: Object missing required field `name`"),
+        ("observation: [{scale: 1}]", "observation[0]: misses required field 'name'"),
         ("override: {phase: {period: '1'}}", "override.phase.period: is '1', expected a number"),
         ("terms: {joint_pos: {frame: sideways}}", "terms.joint_pos.frame: is 'sideways', expected one of body, world"),
         ("override: {terms: {joint_pos: {history: 1.5}}}", "override.terms.joint_pos.history: is 1.5, expected a w"),

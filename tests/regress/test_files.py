@@ -97,10 +97,10 @@ def test_round_trip(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "is no baseline of `regress --write-baseline`"),
-        ("[1]", r"is no baseline.*Expected `object`, got `array`"),
-        ('{"name": 1}', r"is no baseline.*Expected `str`, got `int` - at `\$.name`"),
-        ('{"format": "humanoid_sim.regress/9"}', "is no baseline.*humanoid_sim.regress/9"),
+        ("", "is not a baseline of `regress --write-baseline`"),
+        ("[1]", r"is not a baseline.*Expected `object`, got `array`"),
+        ('{"name": 1}', r"is not a baseline.*Expected `str`, got `int` - at `\$.name`"),
+        ('{"format": "humanoid_sim.regress/9"}', "is not a baseline.*humanoid_sim.regress/9"),
     ],
 )
 def test_what_is_no_baseline(tmp_path: Path, text: str, message: str) -> None:

@@ -9,7 +9,7 @@ import pytest
 from policies import SAMPLE
 from regress_runs import SHORT, episode, yaml_suite
 
-from humanoid_sim.regress.executors import Advance, LocalExecutor
+from humanoid_sim.regress.executors import Advance, local_executor
 from humanoid_sim.regress.margins import compare_margins, disturbance_at, measure_margins, planned_levels
 from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepare_suite
 from humanoid_sim.regress.results import Episode, Margin
@@ -30,7 +30,7 @@ class FailsBeyond:
     def __init__(self) -> None:
         self.ran: list[tuple[str, tuple[int, ...]]] = []
 
-    def run(
+    def __call__(
         self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
     ) -> list[Episode]:
         self.ran += [(case.case.name, tuple(seeds)) for case in cases]
@@ -80,7 +80,7 @@ def test_a_sweep_that_nothing_fails_in_says_so(short: tuple[PreparedCase, ...]) 
 
 
 def test_the_lite_bears_some_delay_and_no_gains_at_all(short: tuple[PreparedCase, ...]) -> None:
-    delay, gains = measure_margins(short, LocalExecutor(), lambda _: None)
+    delay, gains = measure_margins(short, local_executor(), lambda _: None)
     assert delay.limit >= 0.02
     assert 0.01 < gains.limit <= 0.5
     assert gains.fails_at is not None

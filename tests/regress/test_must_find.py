@@ -15,7 +15,7 @@ from policies import G1_SCENE, G1_WALKER, SAMPLE, WALKER, noisy_copy, swapped_co
 from published import needs_policies
 
 from humanoid_sim.regress.compare import detectable_changes, judge
-from humanoid_sim.regress.executors import LocalExecutor
+from humanoid_sim.regress.executors import local_executor
 from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.results import Candidate, PolicyRun, describe_share
@@ -42,7 +42,7 @@ class Field:
     def run(self, policy: Path, suite: Suite | None = None) -> PolicyRun:
         """All episodes of a policy."""
         prepared = prepare_suite(self.suite if suite is None else suite, self.folder, self.robot)
-        return run_policy(prepared, prepare_policy(prepared, policy), LocalExecutor())
+        return run_policy(prepared, prepare_policy(prepared, policy), local_executor())
 
     def judge(self, policy: Path, seeds: int | None = None) -> Candidate:
         """A policy against the baseline, with the suite's seeds or more."""

@@ -15,8 +15,9 @@ from regress_runs import SHORT, standing_policy, yaml_suite
 from humanoid_sim.assets import WALKING_POLICY, asset_path
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
-from humanoid_sim.regress import main, run
+from humanoid_sim.regress import main
 from humanoid_sim.regress.preparation import distinct_names
+from humanoid_sim.regress.report import page as page_module
 from humanoid_sim.regress.results import Results
 from humanoid_sim.replay import main as replay
 
@@ -161,7 +162,7 @@ def test_two_policies_of_the_same_name_are_told_apart(suite: str, tmp_path: Path
 
 def test_the_report_is_made_of_the_results(suite: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is on the page is tested with the report itself."""
-    monkeypatch.setattr(run, "report_page", lambda found, pictures: f"<p>{found.passed} {pictures}</p>")
+    monkeypatch.setattr(page_module, "report_page", lambda found, pictures: f"<p>{found.passed} {pictures}</p>")
     page = tmp_path / "report.html"
     assert main([str(SAMPLE), "--suite", suite, "--report", str(page), "--quiet"]) == 0
     (picture,) = re.findall(r"Picture\(title='(.*?)', png=b'\\x89PNG", page.read_text(encoding="utf-8"))
@@ -230,7 +231,7 @@ def test_options_that_cannot_be(suite: str, tmp_path: Path, capsys: pytest.Captu
             f"--record-failures: '{there}' is a file, expected a folder",
         ),
         ((policy, "--suite", "velocity"), "--robot: is missing; the suite 'velocity' is for any robot and names none"),
-        ((policy, *short, "--baseline", str(there)), f"{there}: is no baseline of `regress --write-baseline`"),
+        ((policy, *short, "--baseline", str(there)), f"{there}: is not a baseline of `regress --write-baseline`"),
         ((str(tmp_path / "none.onnx"), *short), f"{tmp_path / 'none.onnx'}: no such file, expected an ONNX file"),
     ):
         assert complaint(capsys, *arguments).startswith(expected)

@@ -13,9 +13,9 @@ from invented import Behaviour
 
 from humanoid_sim.errors import MissingPackageError
 from humanoid_sim.regress import report
-from humanoid_sim.regress.report import report_page, require_report
+from humanoid_sim.regress.report import require_report
 from humanoid_sim.regress.report.drawing import LIGHT
-from humanoid_sim.regress.report.page import interval_bar, scale_end
+from humanoid_sim.regress.report.page import interval_bar, report_page, scale_end
 from humanoid_sim.regress.report.pictures import Picture, worst_moment
 from humanoid_sim.regress.results import Comparison, MetricInfo
 
@@ -303,8 +303,6 @@ def test_without_matplotlib_one_line_says_what_to_install(monkeypatch):
     monkeypatch.setattr(report, "find_spec", lambda _: None)
     with pytest.raises(MissingPackageError, match=r"--report needs the package 'matplotlib'.*humanoid_sim\[report\]"):
         require_report()
-    with pytest.raises(MissingPackageError):
-        report_page(invented.worse())
 
 
 ERROR = MetricInfo(name="error", unit="m", better="lower", summary="")

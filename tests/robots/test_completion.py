@@ -75,5 +75,5 @@ def test_what_is_wrong_is_named(hopper: Path, text: str, message: str) -> None:
 
 def test_a_missing_mjcf(hopper: Path) -> None:
     hopper.unlink()
-    with pytest.raises(InputError, match=r"mine.yaml: mjcf: 'hopper.xml' is no file; it is looked up beside"):
+    with pytest.raises(InputError, match=r"mine.yaml: mjcf: 'hopper.xml' is not a file; it is looked up beside"):
         robot(hopper, "")

@@ -49,8 +49,8 @@ REMOTE = "remote_policy_controller"
 
 BAD_VALUES = [
     ("name", 3, "is 3, expected a text"),
-    ("mjcf", "nowhere.xml", "'nowhere.xml' is no file; it is looked up beside the description"),
-    ("mjcf", "x" * 5000, f"'{'x' * 5000}' is no file; it is looked up beside the description"),
+    ("mjcf", "nowhere.xml", "'nowhere.xml' is not a file; it is looked up beside the description"),
+    ("mjcf", "x" * 5000, f"'{'x' * 5000}' is not a file; it is looked up beside the description"),
     ("imu", "", "is empty, expected a text"),
     ("hands", ["left_hand", "left_hand"], "has the same entry 'left_hand' as hands[0]"),
     ("folder", "/", "is not a field of the file; give 'mjcf' relative to the file instead"),
@@ -65,8 +65,8 @@ BAD_VALUES = [
     ("joints[0].effort_limit", float("inf"), "is inf, expected a finite number > 0"),
     ("joints[0].stiffness", -1.0, "is -1.0, expected a finite number >= 0"),
     ("joints[0].damping", True, "is True, expected a number"),
-    ("joints[1].motor", "rs-00", "is 'rs-00', expected a mapping"),
-    ("joints[1].motor.direction", 2, "is 2, expected -1 or 1"),
+    ("joints[1].motor", "rs-00", "is 'rs-00', expected a mapping or null"),
+    ("joints[1].motor.direction", 2, "is 2, expected one of -1, 1"),
     ("joints[1].motor.can_id", 0, "is 0, expected 1 to 127"),
     ("joints[1].motor.can_id", 1.5, "is 1.5, expected a whole number"),
     ("joints[1].motor.can_id", 11, "is 11, which is taken by joints[0] (left_shoulder_pitch)"),
@@ -91,9 +91,9 @@ BAD_VALUES = [
     ("simulation.floor_height", float("inf"), "is inf, expected a finite number"),
     ("base", "floating", "is 'floating', expected a mapping"),
     ("base", {"type": "floating", "body": " "}, "is empty, expected a text"),
-    ("base", {"type": "flying"}, "is 'flying', expected fixed or floating"),
+    ("base", {"type": "flying"}, "is 'flying', expected one of fixed, floating"),
     ("base", {"height": float("nan")}, "is nan, expected a finite number"),
-    ("base", {"height": "high"}, "is 'high', expected a number"),
+    ("base", {"height": "high"}, "is 'high', expected a number or null"),
     ("hardware.control_frequency", 0, "is 0.0, expected a finite number > 0"),
     ("hardware.rx_timeout_ms", "fast", "is 'fast', expected a number"),
     ("damping_controller.damping_scalar", -5.0, "is -5.0, expected a finite number >= 0"),
@@ -104,7 +104,7 @@ BAD_VALUES = [
     (f"{STANDBY}.pose_segments", [[0.0] * 14], "has 1 poses, expected 2, one per segment duration"),
     (f"{STANDBY}.pose_segments[1]", [0.0], f"has 1 values, {PER_JOINT}"),
     (f"{STANDBY}.pose_segments[1][3]", 1.0, f"is 1, {ELBOW}"),
-    (f"{REMOTE}.stale_command_policy", "freeze", "is 'freeze', expected passive or hold"),
+    (f"{REMOTE}.stale_command_policy", "freeze", "is 'freeze', expected one of passive, hold"),
     (f"{REMOTE}.stale_command_timeout_ms", 0, "is 0.0, expected a finite number > 0"),
 ]
 

@@ -8,7 +8,8 @@ import pytest
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.robots.piano import PIANOS, TRIGGER, key_joint_names, piano_mjcf
+from humanoid_sim.robots.piano import PIANOS, TRIGGER, key_joint_names
+from tools.samples.piano.mjcf import piano_mjcf
 
 FIGURES: dict[str, Any] = json.loads(Path(__file__).parent.parent.joinpath("data", "piano.json").read_text())
 

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.public import public_name
+from humanoid_sim.robots.description import load_robot, public_name
 
 pytest.importorskip("robot_descriptions")
 

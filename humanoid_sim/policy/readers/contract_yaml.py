@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, get_args, get_type_hints
+from typing import Any, Literal, get_type_hints
 
 import msgspec
 import numpy as np
@@ -17,12 +17,11 @@ from msgspec import UNSET, UnsetType
 
 from humanoid_sim.controllers.contract import FORMS, Form, PhaseRule, TensorNames
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.errors import FieldError, InputError, known_names, one_line
+from humanoid_sim.errors import FieldError, InputError, one_line
 from humanoid_sim.files import is_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.readers.partial import Given, PartialContract
-from humanoid_sim.policy.readers.values import cut
-from humanoid_sim.strict_yaml import read_yaml, type_at, value_at
+from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
 __all__ = [
     "COMMAND_AXES",
@@ -201,8 +200,8 @@ def _convert(document: Any, struct: type[msgspec.Struct], where: str, place: str
     try:
         return msgspec.convert(document, struct)
     except msgspec.ValidationError as error:
-        problem = _problem(str(error), document, struct)
-        joint = "" if not place else ": " if problem.startswith("is ") or problem.startswith("unknown ") else "."
+        problem = schema_problem(error, document, struct)
+        joint = "" if not place else ": " if problem.startswith(("is ", "unknown ", "misses ")) else "."
         raise InputError(f"{where}: {one_line(f'{place}{joint}{problem}')}") from None
     except (OverflowError, RecursionError) as error:
         raise InputError(f"{where}: {error}") from None
@@ -241,40 +240,3 @@ def _value(name: str, value: Any) -> Any:
 
 def _number_or_array(value: Any) -> Any:
     return np.array(value, dtype=np.float64) if isinstance(value, list) else value
-
-
-def _choices(annotation: Any) -> list[str]:
-    """Return the words that a type accepts, and what else it does."""
-    choices = [choice if isinstance(choice, str) else "" for choice in get_args(annotation)]
-    if all(choices):
-        return choices
-    words = [word for part in get_args(annotation) for word in get_args(part) if isinstance(word, str)]
-    return [*words, "or values"]
-
-
-_ACCEPTED = {
-    "float": "a number",
-    "int": "a whole number",
-    "str": "a text",
-    "bool": "true or false",
-    "array": "a list",
-    "object": "a mapping",
-    "null": "null",
-}
-"""What msgspec calls a type, and what a person does."""
-
-
-def _problem(message: str, document: Any, struct: type[msgspec.Struct]) -> str:
-    """Turn ``Expected `float`, got `str` - at `$.phase.period` `` into `phase.period: is 'x', expected a number`."""
-    problem, _, place = message.partition(" - at `$")
-    place = place.rstrip("`").lstrip(".")
-    expected, is_type, _ = problem.removeprefix("Expected ").partition(", got ")
-    if is_type:
-        accepted = " or ".join(_ACCEPTED.get(name, name) for name in expected.strip("`").split(" | "))
-        problem = f"is {cut(repr(value_at(document, place)), 60)}, expected {accepted}"
-    elif problem.startswith("Object contains unknown field"):
-        problem = known_names("field", problem.split("`")[1], type_at(struct, place).__struct_fields__)
-    elif problem.startswith("Invalid enum value"):
-        accepted = ", ".join(_choices(type_at(struct, place)))
-        problem = f"is {cut(repr(value_at(document, place)), 60)}, expected one of {accepted}"
-    return f"{place}: {problem}" if place else problem

@@ -29,17 +29,17 @@ COLOURS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "unclear": ("#a87800", "#e0b34a"),
     }
 )
-"""By what they mean, in light and in dark. Colour-blind readers can tell worse from better, and candidates apart."""
+"""Colours by meaning, in light and in dark. Colour-blind readers can tell worse from better, and candidates apart."""
 
 LIGHT: Mapping[str, str] = MappingProxyType({meaning: light for meaning, (light, _) in COLOURS.items()})
-"""What plots are drawn in; on the page these colours become variables."""
+"""Colours that plots are drawn in; on the page these colours become variables."""
 
 COLUMNS = 3
 _CANDIDATES = 4
 _WIDTH = 11.1
 """Inches of 72 points: the page's column."""
 _DPI = 72.0
-"""Of SVG output: one figure inch is 72 points."""
+"""Resolution of SVG output: one figure inch is 72 points."""
 
 SETTINGS: dict[Any, Any] = {
     "svg.fonttype": "none",  # text stays text: small, sharp, and found by the browser's search
@@ -69,7 +69,7 @@ SETTINGS: dict[Any, Any] = {
     "figure.facecolor": "none",
     "axes.facecolor": "none",
 }
-"""Of Matplotlib, while a figure is made, drawn on and written."""
+"""Settings of Matplotlib while a figure is made, drawn on and written."""
 
 
 def candidate_colour(index: int) -> str:
@@ -81,7 +81,6 @@ def panels(count: int, height: float, header: float = 0.0) -> tuple[Figure, list
     """Return a figure with `count` places for plots, `COLUMNS` in a row at most.
 
     Args:
-        count: at least 1.
         height: inches of 72 points, of a row.
         header: likewise, above the first one.
     """

@@ -1,4 +1,4 @@
-"""What the template `page.html` shows: verdicts first, then what they come from."""
+"""Report of a run: the template `page.html`, filled in. Verdicts come first, then what they come from."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from humanoid_sim.regress.results import (
     Comparison,
     MetricInfo,
     Results,
-    describe_left_out,
     describe_limit,
     describe_share,
     describe_verdicts,
@@ -30,11 +29,11 @@ from humanoid_sim.regress.results import (
 
 _WORST = 10
 _POWERS = 6
-"""Of ten: no bar reaches further."""
+"""Powers of ten: no bar reaches further."""
 
 
-def render(results: Results, pictures: Sequence[Sequence[Picture]]) -> str:
-    """Return the HTML of the page."""
+def report_page(results: Results, pictures: Sequence[Sequence[Picture]] = ()) -> str:
+    """Return the page, as HTML."""
     environment = Environment(
         loader=PackageLoader("humanoid_sim.regress.report", "."),
         autoescape=True,
@@ -75,10 +74,6 @@ def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, 
     known = [(results.metric(comparison.metric), comparison) for comparison in candidate.comparisons]
     announced = {item.metric: item.change for item in results.detectable}
     end = scale_end(candidate.comparisons)
-    without: dict[str, list[str]] = {}
-    for metric, comparison in known:
-        if comparison.left_out:
-            without.setdefault(describe_left_out(comparison), []).append(metric.name)
     return {
         "run": candidate.run,
         "word": "passed" if candidate.passed else "undecided" if candidate.undecided else "failed",
@@ -98,7 +93,7 @@ def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, 
         ],
         "end": end,
         "tolerated": _place(1.0, end),
-        "left_out": [(text, tuple(names)) for text, names in without.items()],
+        "left_out": list(candidate.left_out.items()),
         "worst": first,
         "again": _again(results, candidate, first[0]) if first else "",
         "traces": trace_plot(results, first[0], candidate_colour(index), f"traces-{index}-plot") if first else "",
@@ -121,7 +116,7 @@ def _again(results: Results, candidate: Candidate, pair: Pair) -> str:
 
 @dataclass(frozen=True, slots=True)
 class IntervalBar:
-    """Where the change of a metric and its interval lie on a bar from -100 to 100, worse to the right."""
+    """Position of the change of a metric and its interval on a bar from -100 to 100, worse to the right."""
 
     left: float
     change: float
@@ -157,7 +152,7 @@ def interval_bar(metric: MetricInfo, comparison: Comparison, end: float) -> Inte
     return IntervalBar(min(low, high), change, max(low, high))
 
 
-def _listed(names: tuple[str, ...]) -> str:
+def _listed(names: Sequence[str]) -> str:
     """Such as `effort, slip and margin delay`."""
     readable = [name.replace("_", " ") for name in names]
     return " and ".join([", ".join(readable[:-1]), readable[-1]] if len(readable) > 1 else readable)

@@ -43,10 +43,7 @@ def worst_pictures(
     """For each candidate its worst episode at its worst moment; and the baseline then, where it is a checkpoint.
 
     Args:
-        prepared: the suite.
-        policies: the candidates.
         baseline: a checkpoint, or a stored run, of which nothing is drawn.
-        results: what is known of them.
     """
     model = build_model(prepared.description)
     painter = PoseRenderer(lambda: model, *_SIZE, fastest=True)
@@ -71,13 +68,7 @@ def worst_pictures(
 
 
 def worst_moment(episode: Episode, metric: MetricInfo, policy_dt: float) -> int:
-    """Return the policy step to look at: the last of an episode that failed, else where a metric's trace is worst.
-
-    Args:
-        episode: which.
-        metric: whose trace.
-        policy_dt: s.
-    """
+    """Return the policy step to look at: the last of an episode that failed, else where a metric's trace is worst."""
     if episode.failure or metric.name not in episode.traces:
         return episode.steps
     values = trace(episode, metric.name) * (1.0 if metric.better == "lower" else -1.0)

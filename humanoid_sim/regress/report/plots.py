@@ -40,10 +40,7 @@ def case_plot(results: Results, metrics: Sequence[MetricInfo], *, paired: bool, 
     """Return a panel for each metric with a row for each case: a dot per episode, a tick at the mean.
 
     Args:
-        results: of the run.
-        metrics: to be shown, at least one.
         paired: show candidate less baseline, seed by seed, and what is worse than tolerated; else all policies' values.
-        name: unique in the page.
     """
     cases = results.suite.cases
     shown = _policies(results)[1 if paired else 0 :]
@@ -128,14 +125,7 @@ def _draw_row(axes: Axes, values: FloatArray, y: float, height: float, colour: s
 
 
 def trace_plot(results: Results, pair: Pair, colour: str, name: str) -> str:
-    """Return the traces of an episode that differ most from the baseline's, beside those; '' where none differs.
-
-    Args:
-        results: of the run.
-        pair: the episode and its counterpart.
-        colour: of the candidate.
-        name: unique in the page.
-    """
+    """Return the traces of an episode that differ most from the baseline's, beside those; '' where none differs."""
     names = list(pair.candidate.traces)
     if pair.baseline is not None:
         sizes = {name: trace_difference(pair, name) / _usual(pair.baseline, name) for name in names}
@@ -188,12 +178,7 @@ def _draw_range(axes: Axes, episodes: Sequence[Episode], name: str, factor: floa
 
 
 def margin_plot(results: Results, name: str) -> str:
-    """Draw a panel for each disturbance: the share of episodes that fail as it is raised; '' without margins.
-
-    Args:
-        results: of the run.
-        name: unique in the page.
-    """
+    """Draw a panel for each disturbance: the share of episodes that fail as it is raised; '' without margins."""
     policies = _policies(results)
     disturbances = list(dict.fromkeys(margin.axis for run, _ in policies for margin in run.margins))
     if not disturbances:

@@ -24,14 +24,14 @@ class Run:
     """Robot and task: the diagram that it belongs to."""
     label: str
     rows: Sequence[Mapping[str, float]]
-    """Of `progress.csv`, those with a return."""
+    """Rows of `progress.csv` with a return."""
 
 
 def read_run(folder: Path) -> Run:
     """Read the folder of a run.
 
     Raises:
-        InputError: it is none, or no episode has ended in it yet.
+        InputError: it is not one, or no episode has ended in it yet.
     """
     place = folder / "run.json"
     try:
@@ -39,7 +39,7 @@ def read_run(folder: Path) -> Run:
         subject, library = f"{known['robot']}, {known['task']}", _LIBRARIES[known["algorithm"]]
         robots = int(known["robots"])
     except (OSError, ValueError, LookupError, TypeError):
-        raise InputError(f"{folder}: is no folder of `train`: {place.name} cannot be read") from None
+        raise InputError(f"{folder}: is not a folder of `train`: {place.name} cannot be read") from None
     rows = [row for row in read_progress(folder / PROGRESS) if row["return"] == row["return"]]
     if not rows:
         raise InputError(f"{folder / PROGRESS}: no episode has ended yet, expected a longer run")
@@ -50,7 +50,7 @@ def curves(config: CurvesConfig) -> int:
     """Draw them; returns the exit status.
 
     Raises:
-        InputError: a folder is none of `train`, or the picture cannot be written.
+        InputError: a folder is not one of `train`, or the picture cannot be written.
     """
     output = output_file(Path(config.output), "--output", ".png")
     runs = [read_run(Path(name)) for name in config.runs]

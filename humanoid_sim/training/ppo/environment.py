@@ -1,25 +1,31 @@
-"""Which option of `train` becomes which argument of the environments."""
+"""Options of `train` as arguments of the environments, and what a run trains: contract, robot, motion and task."""
 
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import inspect
-import sys
+import runpy
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import MappingProxyType, ModuleType
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.envs.curriculum import Curriculum, amounts_at, scheduled
+from humanoid_sim.envs.policy_env import PolicyEnv
+from humanoid_sim.envs.privileged import Privileged
 from humanoid_sim.envs.registration import ENVIRONMENTS
+from humanoid_sim.envs.scenario import Scenario, checkpoint_of, make_scenario
 from humanoid_sim.envs.tasks import TASKS, Task
+from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError, known_names, reason_of
 from humanoid_sim.files import is_file
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import Randomisation
 from humanoid_sim.simulation.terrain import Terrain
 from humanoid_sim.strict_yaml import read_yaml
+from humanoid_sim.training.ppo.learner import ALGORITHMS
 from humanoid_sim.training.ppo.options import TrainConfig
 
 _YAML = (".yaml", ".yml")
@@ -31,8 +37,7 @@ class Argument(NamedTuple):
 
     value: Any
     told: Any
-    """What the folder's `run.json` keeps of it, so that a run is resumed as it was begun, whatever became of its files:
-    plain values."""
+    """Plain value stored in `run.json`, so that a resumed run has the original settings even if files changed."""
 
 
 def arguments_of(config: TrainConfig) -> dict[str, Argument]:
@@ -62,10 +67,10 @@ def _task(config: TrainConfig) -> Argument:
         return Argument(text, None)  # told by what it comes to
     task = own_object("--task", text)
     if not (inspect.isclass(task) and issubclass(task, Task)):
-        raise InputError(f"--task: '{text}' is no task, expected a subclass of humanoid_sim.envs.tasks.Task")
+        raise InputError(f"--task: '{text}' is not a task, expected a subclass of humanoid_sim.envs.tasks.Task")
     if inspect.isabstract(task):
         missing = ", ".join(sorted(task.__abstractmethods__))
-        raise InputError(f"--task: '{text}' is no whole task, it lacks {missing}")
+        raise InputError(f"--task: '{text}' is not a whole task, it lacks {missing}")
     return Argument(task, text)
 
 
@@ -118,7 +123,7 @@ def _curriculum(config: TrainConfig) -> Argument:
         raise InputError(f"--curriculum: is '{text}', expected a YAML file, or a function: {_FORM}")
     function = own_object("--curriculum", text)
     if not callable(function):
-        raise InputError(f"--curriculum: '{text}' is no function, expected one of the progress, 0 to 1")
+        raise InputError(f"--curriculum: '{text}' is not a function, expected one of the progress, 0 to 1")
     _checked(function, text)
     return Argument(function, text)
 
@@ -143,7 +148,7 @@ def _fields(option: str, file: str) -> Any:
 
 
 def _named(text: str, values: Any, make: Callable[[Any], Any]) -> Any:
-    """Made of the values of a file, which a complaint names."""
+    """Return what is made of the values of a file, which a complaint names."""
     try:
         return make(values)
     except InputError as error:
@@ -152,15 +157,10 @@ def _named(text: str, values: Any, make: Callable[[Any], Any]) -> Any:
         raise InputError(f"{text}: {error}") from None
 
 
-def _privileged(config: TrainConfig) -> Argument:
-    return Argument(config.privileged, list(config.privileged))
-
-
 def own_object(option: str, text: str) -> Any:
     """Return what `text` names: `examples/own_task.py:HoldTask`, or `my_package.tasks:HoldTask`.
 
     Args:
-        option: which says so, for messages.
         text: a file or a module that can be imported, a colon, and a name in it.
 
     Raises:
@@ -169,37 +169,23 @@ def own_object(option: str, text: str) -> Any:
     place, _, name = text.rpartition(":")
     if not place or not name.isidentifier():
         raise InputError(f"{option}: is '{text}', expected {_FORM}")
+    if place.endswith(".py") and not is_file(Path(place)):
+        raise InputError(f"{option}: '{place}': no such file")
     try:
-        module = _from_file(option, Path(place)) if place.endswith(".py") else importlib.import_module(place)
-    except InputError:
-        raise
+        if place.endswith(".py"):
+            known = runpy.run_path(place, run_name=f"humanoid_sim_own_{Path(place).stem}")
+        else:
+            known = vars(importlib.import_module(place))
     except ModuleNotFoundError as error:
         raise InputError(f"{option}: '{place}' cannot be imported: no module '{error.name}'") from None
     except (Exception, SystemExit) as error:  # whatever somebody's code does
         raise InputError(
             f"{option}: '{place}' cannot be imported: {type(error).__name__}: {reason_of(error)}"
         ) from None
-    if not hasattr(module, name):
-        names = [each for each in vars(module) if not each.startswith("_")]
+    if name not in known:
+        names = [each for each in known if not each.startswith("_")]
         raise InputError(f"{option}: {known_names('name', name, names, listed=False)} in '{place}'")
-    return getattr(module, name)
-
-
-def _from_file(option: str, path: Path) -> ModuleType:
-    if not is_file(path):
-        raise InputError(f"{option}: '{path}': no such file")
-    name = f"humanoid_sim_own_{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module
+    return known[name]
 
 
 ARGUMENTS: Mapping[str, Callable[[TrainConfig], Argument]] = MappingProxyType(
@@ -214,9 +200,67 @@ ARGUMENTS: Mapping[str, Callable[[TrainConfig], Argument]] = MappingProxyType(
         "reference_start": _as_given("reference_start"),
         "randomisation": _randomisation,
         "curriculum": _curriculum,
-        "privileged": _privileged,
+        "privileged": lambda config: Argument(config.privileged, list(config.privileged)),
     }
 )
-"""By the environments' keyword, what reads it from the options."""
+"""Readers from the options, by the environments' keyword."""
 ONLY_TRAINED = ("randomisation", "curriculum", "privileged")
-"""Arguments that a robot does not get that is only looked at, nor a scenario."""
+"""Arguments not passed to preview environments or scenarios."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subject:
+    """Contract, robot, motion and task of a run of `train`, read and checked."""
+
+    scenario: Scenario
+    contract: PolicyContract
+    """As it was read, before the robot's own limits went into it."""
+    task: str
+    """Name in `TASKS`, or of a class of the user's own."""
+    arguments: Mapping[str, Any]
+    """Arguments of the environments, by keyword."""
+    told: Mapping[str, Any]
+    """Plain values that the arguments came to, which a run that is resumed must have again."""
+
+    @property
+    def robot(self) -> str:
+        """Name or path."""
+        return str(self.arguments["robot"])
+
+    def environments(self, robots: int) -> PolicyVectorEnv:
+        """Make so many robots, for either library."""
+        return PolicyVectorEnv(robots, **self.arguments, autoreset_mode="SameStep")
+
+    def environment(self) -> PolicyEnv:
+        """Make one robot that is as its model says, to be looked at from an episode's beginning."""
+        left_out = (*ONLY_TRAINED, "reference_start")
+        return PolicyEnv(**{name: value for name, value in self.arguments.items() if name not in left_out})
+
+
+def subject_of(config: TrainConfig) -> Subject:
+    """Read and check what the options name.
+
+    Raises:
+        InputError: one line with the option, its value and what is accepted.
+    """
+    if config.algorithm not in ALGORITHMS:
+        raise InputError(f"--algorithm: {known_names('algorithm', config.algorithm, ALGORITHMS)}")
+    if config.privileged and config.algorithm == "ppo-sb3":
+        raise InputError("--privileged: stable-baselines3's critic sees what the policy sees; give ppo-rsl_rl")
+    read = arguments_of(config)
+    arguments = {name: argument.value for name, argument in read.items()}
+    description = load_robot(config.robot)
+    source = arguments["contract"]
+    checkpoint = checkpoint_of(source, description.joint_names)
+    if arguments["motion"] is None and checkpoint.contract.task_type != "locomotion":
+        raise InputError(f"--motion: is missing; {source} carries its motion itself, which a new policy will not")
+    try:
+        given = {name: value for name, value in arguments.items() if name not in ONLY_TRAINED}
+        scenario = make_scenario(**given | {"contract": checkpoint, "robot": description})
+        if config.privileged:
+            Privileged(config.privileged, is_floating=description.is_floating)
+    except InputError as error:
+        raise as_options(error) from None
+    task = next((name for name, kind in TASKS.items() if type(scenario.task) is kind), type(scenario.task).__name__)
+    told = {name: argument.told for name, argument in read.items()}
+    return Subject(scenario, checkpoint.contract, task, arguments, told | {"task": told["task"] or task})

@@ -6,7 +6,7 @@ import os
 import tempfile
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -24,39 +24,25 @@ from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.motion import Motion, write_motion
 from humanoid_sim.policy_tools.stamp import stamp
 from humanoid_sim.simulation.batch import BatchSimulation
-from humanoid_sim.training.ppo.network import Float32Array, Network, require_same_answers, write_network
+from humanoid_sim.training.ppo.learner import Actor
+from humanoid_sim.training.ppo.network import Network, require_same_answers, write_network
 
 _CHANGING = (gymnasium.ObservationWrapper, gymnasium.ActionWrapper, VectorObservationWrapper, VectorActionWrapper)
 _INSIDE = ("env", "venv", "envs")
-"""Where wrappers of Gymnasium and of the libraries keep what they wrap."""
+"""Attributes in which wrappers of Gymnasium and of the libraries keep what they wrap."""
 _PROBES = 64
 _STEPS = 100
 """Policy steps of the run that golden vectors are taken from, at most."""
-
-
-class Actor(Protocol):
-    """The part of a model that is exported."""
-
-    def network(self) -> Network:
-        """As it is exported.
-
-        Raises:
-            InputError: it is none of linear layers.
-        """
-
-    def answer(self, observations: Float32Array) -> Float32Array:
-        """Raw actions (k, m) for observations (k, N), as the library computes them."""
 
 
 def actor_of(model: Any, envs: Any = None) -> Actor:
     """Return the actor of a model.
 
     Args:
-        model: of stable-baselines3, or a runner of rsl_rl.
         envs: around which it was trained; those of stable-baselines3 may normalise observations.
 
     Raises:
-        InputError: it is no such model.
+        InputError: it is not such a model.
     """
     library = {kind.__module__.partition(".")[0] for kind in type(model).__mro__}
     if "stable_baselines3" in library:
@@ -114,7 +100,7 @@ def _environment(envs: Any) -> PolicyEnv | PolicyVectorEnv:
     """Return what is inside the libraries' and Gymnasium's wrappers.
 
     Raises:
-        InputError: it is no environment of a policy, or a wrapper changes what the policy sees or commands.
+        InputError: it is not an environment of a policy, or a wrapper changes what the policy sees or commands.
     """
     inner = envs
     while not isinstance(inner, PolicyEnv | PolicyVectorEnv):
@@ -154,17 +140,12 @@ def _training_run(scenario: Scenario, actor: Actor, seed: int) -> dict[str, npt.
     Raises:
         InputError: the policy's first action would be refused on any robot.
     """
+    actuation = "implicit" if scenario.actuation == "implicit" else "affine"
     simulation = BatchSimulation(
         scenario.description,
         1,
-        control_period=scenario.contract.policy_dt,
-        physics_timestep=scenario.physics_timestep,
-        actuation="implicit" if scenario.actuation == "implicit" else "affine",
+        **scenario.robot_options() | {"actuation": actuation, "terrain": None},
         threads=1,
-        anchor_body=scenario.contract.anchor_body,
-        velocity_at=scenario.velocity_points,
-        height_scan=scenario.contract.height_scan,
-        bodies=scenario.bodies,
     )
     start = scenario.task.start(np.random.default_rng(seed).random((1, scenario.task.draws)))
     moving = np.linalg.norm(start.commands[0], axis=1)

@@ -1,10 +1,9 @@
-"""The folder of a run: what it is a run of, and its checkpoint."""
+"""Folder of a run: what it is a run of, and its checkpoint."""
 
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ _PPO = "ppo"
 
 
 class RunFolder:
-    """Made if it is missing; refused where another run is."""
+    """Folder of a run: `run.json`, which says what it is a run of, and its checkpoint."""
 
     def __init__(
         self, path: Path, config: TrainConfig, subject: Mapping[str, Any], settings: PPOSettings, suffix: str
@@ -33,11 +32,7 @@ class RunFolder:
         """Begin a run, or find the checkpoint of the one to resume.
 
         Args:
-            path: of the folder.
-            config: the options.
             subject: what options came to that name a file, a class or a default, by option, as plain values.
-            settings: of PPO.
-            suffix: of the library's checkpoints.
 
         Raises:
             InputError: it cannot be made, it has a checkpoint that is not to be resumed, or one of another run.
@@ -53,34 +48,19 @@ class RunFolder:
         elif config.resume:
             raise InputError(f"--resume: '{path}' has no run to go on with, expected a folder of `train`")
         else:
-            self._make()
+            try:
+                path.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(f"--folder: '{path}' cannot be made a folder: {error.strerror}") from None
             with whole_file(self._place) as file:
                 file.write(json.dumps(self._run, indent=1).encode())
-
-    def _make(self) -> None:
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"--folder: '{self.path}' cannot be made a folder: {error.strerror}") from None
+        self.curriculum_steps: int | None = self._run["curriculum_steps"]
+        """Policy steps after which the curriculum's progress is 1; None: there is no curriculum."""
 
     @property
     def start(self) -> Path | None:
         """The checkpoint to go on from; None at the beginning, also of a run that ended before its first."""
         return self.checkpoint if self.is_resumed and is_file(self.checkpoint) else None
-
-    @property
-    def curriculum_steps(self) -> int | None:
-        """Policy steps after which the curriculum's progress is 1; None: there is no curriculum."""
-        steps: int | None = self._run["curriculum_steps"]
-        return steps
-
-    def save(self, write: Callable[[Path], None]) -> None:
-        """Replace the checkpoint by what `write` writes to a path.
-
-        Raises:
-            InputError: it cannot be written.
-        """
-        replace_file(self.checkpoint, write)
 
     def _check(self, resume: bool) -> None:
         if not resume:
@@ -98,19 +78,3 @@ class RunFolder:
                 raise InputError(
                     f"{option}: is {value!r}, but the run in '{self.path}' has {before!r}; --resume keeps it"
                 )
-
-
-def replace_file(path: Path, write: Callable[[Path], None]) -> None:
-    """Have a library write a file under a temporary name; it takes its own when it is whole.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    temporary = path.with_name(f".{path.stem}.tmp{path.suffix}")
-    try:
-        write(temporary)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        temporary.unlink(missing_ok=True)

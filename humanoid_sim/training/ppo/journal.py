@@ -1,4 +1,4 @@
-"""What a training tells meanwhile: a line for people, `progress.csv`, and TensorBoard's logs."""
+"""Journal of a training: a line for people, `progress.csv`, and TensorBoard's logs."""
 
 from __future__ import annotations
 
@@ -13,22 +13,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import VectorEnv, VectorWrapper
+from gymnasium.vector import VectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
+from humanoid_sim.envs.resets import term_means
 from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.files import is_file, whole_file
 
 PROGRESS = "progress.csv"
 COLUMNS = ("steps", "seconds", "steps_per_second", "return", "episode_steps", "failed", "spread")
-"""Of `progress.csv`: policy steps, s of training, 1/s, mean return and length of the latest episodes that ended, the
-share of them that failed, and the standard deviation of the raw actions."""
+"""Columns of `progress.csv`: policy steps, s of training, 1/s, mean return and length of the
+latest episodes that ended, the share of them that failed, and the standard deviation of the raw actions."""
 _SHOWN_EVERY = 10.0
 """s of wall time between two lines."""
 
 
 @dataclass(frozen=True, slots=True)
 class Update:
-    """What a library says after it has updated the network."""
+    """Report of a library that has updated the network."""
 
     steps: int
     """Policy steps of all robots since the beginning of the training."""
@@ -37,59 +39,31 @@ class Update:
     losses: Mapping[str, float] = field(default_factory=dict)
 
 
-class EpisodeMeter(VectorWrapper):
-    """Watches episodes go by; changes nothing."""
+class EpisodeMeter(RecordEpisodeStatistics):
+    """Gymnasium's statistics of the latest N episodes of N robots, and how many of them failed."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
-        """Watch `env`, whose mean figures are those of the latest N episodes that ended."""
-        super().__init__(env)
-        self._returns, self._lengths = np.zeros(env.num_envs), np.zeros(env.num_envs, dtype=np.int64)
-        self._ended: deque[tuple[float, int, bool]] = deque(maxlen=env.num_envs)
+        """Watch `env`, which starts episodes in the step that ends the last ones."""
+        super().__init__(env, buffer_length=env.num_envs)
+        self._failures: deque[bool] = deque(maxlen=env.num_envs)
         self._info: dict[str, Any] = {}
-
-    def reset(self, **options: Any) -> Any:
-        """See `VectorEnv.reset`: all episodes begin."""
-        self._returns[:], self._lengths[:] = 0.0, 0
-        return super().reset(**options)
 
     def step(self, actions: Any) -> Any:
         """See `VectorEnv.step`."""
         result = super().step(actions)
-        _, reward, terminated, truncated, self._info = result
-        self._returns += reward
-        self._lengths += 1
-        for i in np.flatnonzero(terminated | truncated).tolist():
-            self._ended.append((float(self._returns[i]), int(self._lengths[i]), bool(terminated[i])))
-            self._returns[i], self._lengths[i] = 0.0, 0
+        _, _, terminated, truncated, self._info = result
+        self._failures.extend(terminated[terminated | truncated])
         return result
 
-    @property
-    def mean_return(self) -> float:
-        """Return the mean of the latest episodes; NaN before any has ended."""
-        return self._mean(0)
-
-    @property
-    def mean_length(self) -> float:
-        """Policy steps; NaN before any episode has ended."""
-        return self._mean(1)
-
-    @property
-    def failed(self) -> float:
-        """Share of them that ended because the robot failed."""
-        return self._mean(2)
+    def means(self) -> tuple[float, float, float]:
+        """Return mean return and length, and the share that failed; NaN before any episode has ended."""
+        queues = self.return_queue, self.length_queue, self._failures
+        mean_return, mean_length, failed = (float(np.mean(queue)) if queue else math.nan for queue in queues)
+        return mean_return, mean_length, failed
 
     def terms(self) -> dict[str, float]:
-        """Return each reward term's mean over the robots, in the latest step."""
-        means = {}
-        terms = self._info.get("terms", {})
-        for name, values in terms.items():
-            mask = terms.get(f"_{name}")
-            if mask is not None and mask.any():
-                means[name] = float(values[mask].mean())
-        return means
-
-    def _mean(self, column: int) -> float:
-        return float(np.mean([row[column] for row in self._ended])) if self._ended else float("nan")
+        """Return each reward term's mean over the robots that had one in the latest step."""
+        return term_means(self._info)
 
 
 class Journal:
@@ -109,13 +83,9 @@ class Journal:
         """Begin, or go on.
 
         Args:
-            folder: of the run.
             steps: at which the training will end.
-            meter: around the environments.
-            show: takes lines for people.
             limit: s of training, earlier runs of the folder counted in, after which it will end sooner.
             done: steps of the checkpoint that the training goes on from; rows beyond it are dropped.
-            tensorboard: write its logs.
 
         Raises:
             InputError: a file cannot be read or written, or TensorBoard is not installed.
@@ -134,7 +104,7 @@ class Journal:
 
     @property
     def seconds(self) -> float:
-        """S of training, earlier runs of the folder counted in."""
+        """Training time in s, including earlier runs in this folder."""
         return self._before + time.monotonic() - self._begin
 
     def record(self, update: Update) -> None:
@@ -147,8 +117,7 @@ class Journal:
         steps, then = self._latest
         speed = (update.steps - steps) / max(now - then, 1e-9)
         self._latest = update.steps, now
-        values = (self.seconds, speed, meter.mean_return, meter.mean_length, meter.failed, update.spread)
-        row = dict(zip(COLUMNS, (update.steps, *values), strict=True))
+        row = dict(zip(COLUMNS, (update.steps, self.seconds, speed, *meter.means(), update.spread), strict=True))
         try:
             with self._path.open("ab") as file:
                 file.write(_line(row))
@@ -185,7 +154,7 @@ def read_progress(path: Path) -> list[dict[str, float]]:
     """Return the rows of a `progress.csv`; an unfinished last line is left out.
 
     Raises:
-        InputError: the file is missing or is none of these.
+        InputError: the file is missing or is not one of these.
     """
     if not is_file(path):
         raise InputError(f"{path}: no such file, expected {PROGRESS} of a training")
@@ -198,7 +167,7 @@ def read_progress(path: Path) -> list[dict[str, float]]:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except (ValueError, csv.Error):
-        raise InputError(f"{path}: is no progress of a training, expected the columns {', '.join(COLUMNS)}") from None
+        raise InputError(f"{path}: is not a training's progress, expected the columns {', '.join(COLUMNS)}") from None
 
 
 def _line(row: Mapping[str, float]) -> bytes:

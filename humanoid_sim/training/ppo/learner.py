@@ -1,11 +1,12 @@
-"""What both libraries' PPO are to a run of `train`, and its settings, the same for both as far as both have them."""
+"""PPO of either library as a run of `train` uses it, and its settings, the same for both as far as both have them."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import IO, Any, ClassVar, Protocol
 
 import numpy as np
 from gymnasium.vector import VectorEnv
@@ -13,7 +14,7 @@ from gymnasium.vector import VectorEnv
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import MissingPackageError
 from humanoid_sim.training.ppo.journal import Update
-from humanoid_sim.training.ppo.network import Float32Array
+from humanoid_sim.training.ppo.network import Float32Array, Network
 
 ALGORITHMS = ("ppo-sb3", "ppo-rsl_rl")
 
@@ -28,9 +29,9 @@ class PPOSettings:
     """One PPO."""
 
     widths: tuple[int, ...] = (256, 128)
-    """Of the hidden layers, of actor and critic each; ELU between them."""
+    """Widths of the hidden layers, of actor and critic each; ELU between them."""
     steps_per_update: int = 32
-    """Of each robot."""
+    """Policy steps of each robot."""
     epochs: int = 5
     minibatches: int = 4
     learning_rate: float = 5e-4
@@ -52,7 +53,7 @@ SETTINGS = PPOSettings()
 
 
 def first_spread(contract: PolicyContract, *, is_floating: bool) -> float:
-    """Return standard deviation of the raw actions of a new network."""
+    """Return the standard deviation of the raw actions of a new network."""
     return float(_FIRST_SPREAD[is_floating] / np.median(np.abs(contract.action_scale)))
 
 
@@ -60,16 +61,34 @@ class EndedError(Exception):
     """The run is to end after this update."""
 
 
-class Learner(Protocol):
+class Actor(Protocol):
+    """The part of a model that is exported."""
+
+    def network(self) -> Network:
+        """Return the network as it is exported.
+
+        Raises:
+            InputError: it is not made of linear layers.
+        """
+
+    def answer(self, observations: Float32Array) -> Float32Array:
+        """Return raw actions (k, m) for observations (k, N), as the library computes them."""
+
+
+class Learner(ABC):
     """PPO of one library, around environments that it closes."""
 
-    SUFFIX: str
-    """Of its checkpoints."""
+    SUFFIX: ClassVar[str]
+    """File name suffix of its checkpoints."""
     model: Any
     """The library's own."""
     envs: Any
     """The environments, as the library takes them."""
+    actor: Actor
+    steps: int
+    """Policy steps of all robots so far."""
 
+    @abstractmethod
     def __init__(
         self, envs: VectorEnv[Any, Any, Any], settings: PPOSettings, spread: float, seed: int, start: Path | None
     ) -> None:
@@ -83,21 +102,13 @@ class Learner(Protocol):
             start: a checkpoint to go on from.
         """
 
-    @property
-    def steps(self) -> int:
-        """Policy steps of all robots so far."""
-
+    @abstractmethod
     def learn(self, steps: int, after_update: Callable[[Update], bool]) -> None:
         """Train until so many policy steps are done; `after_update` returns whether to go on."""
 
-    def save(self, path: Path) -> None:
+    @abstractmethod
+    def save(self, file: IO[bytes]) -> None:
         """Write a checkpoint, between two updates."""
-
-    def answer(self, observations: Float32Array) -> Float32Array:
-        """Return the actor's raw actions (k, m) for observations (k, N), as the library computes them."""
-
-    def close(self) -> None:
-        """Close the environments."""
 
 
 def learner_class(algorithm: str) -> type[Learner]:

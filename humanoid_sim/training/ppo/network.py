@@ -19,26 +19,15 @@ from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.metadata import write_metadata
 
-__all__ = [
-    "Graph",
-    "Network",
-    "as_array",
-    "linear_layers",
-    "require_same_answers",
-    "write_model",
-    "write_network",
-]
-
 Float32Array = npt.NDArray[np.float32]
 
-_LAYERS = "network"
 _OPSET = 17
 _IR_VERSION = 8  # of the time of opset 17: runtimes from 2022 on read it
 _TOLERANCE = 1e-4
 """Difference of an action, absolute up to 1 and relative beyond: ONNX Runtime adds up in another order than PyTorch."""
 
 _OPERATORS = {"ELU": "Elu", "ReLU": "Relu", "SiLU": "SiLU", "Sigmoid": "Sigmoid", "Tanh": "Tanh"}
-"""What may be between linear layers: PyTorch's names, and those that `Graph.perceptron` takes."""
+"""Activations between linear layers: PyTorch's names, and those that `Graph.perceptron` takes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,13 +37,13 @@ class Network:
     mean: Float32Array
     """Shape (N,), in the observation's units."""
     deviation: Float32Array
-    """Shape (N,), > 0: what observations are divided by."""
+    """Divisor of observations, shape (N,), > 0."""
     layers: tuple[tuple[Float32Array, Float32Array], ...]
     """Weights (out, in) and bias (out,) of each."""
     bounds: tuple[Float32Array, Float32Array] | None = None
     """Least and greatest raw action, shape (m,) each, that the library let pass; None: any."""
     activation: str = "Elu"
-    """As `Graph.perceptron` takes it."""
+    """Activation as `Graph.perceptron` takes it."""
     largest: float | None = None
     """Magnitude to which normalised observations are clipped; None: not at all."""
 
@@ -146,7 +135,7 @@ class Graph:
         return name
 
     def perceptron(self, name: str, value: str, activation: str = "SiLU") -> str:
-        """Linear layers with an activation between them: SiLU, or an operator's name."""
+        """Add linear layers with an activation between them: SiLU, or an operator's name."""
         layers = sorted({int(key.split(".")[1]) for key in self._weights if key.startswith(f"{name}.")})
         for layer in layers:
             kernel, bias = (
@@ -167,33 +156,31 @@ class Graph:
         return helper.make_graph(self._nodes, name, [source], [sink], constants)
 
 
-def network_graph(network: Network, name: str) -> onnx.GraphProto:
-    """Return the network as a graph from `obs` (B, N) to `actions` (B, m)."""
+def write_network(path: Path, network: Network, contract: PolicyContract, name: str) -> None:
+    """Write a policy that describes itself, from `obs` (B, N) to `actions` (B, m), without golden vectors.
+
+    An existing file is replaced only by a whole one.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
     weights = {}
     for i, (weight, bias) in enumerate(network.layers):
-        weights[f"{_LAYERS}.{i}.weight"], weights[f"{_LAYERS}.{i}.bias"] = weight, bias
+        weights[f"network.{i}.weight"], weights[f"network.{i}.bias"] = weight, bias
     g = Graph(weights)
     seen = g("Div", g("Sub", "obs", g.constant(network.mean)), g.constant(network.deviation))
     if network.largest is not None:
         seen = g("Clip", seen, *(g.constant(bound) for bound in (-network.largest, network.largest)))
-    answer = g.perceptron(_LAYERS, seen, network.activation)
+    answer = g.perceptron("network", seen, network.activation)
     if network.bounds is None:
         g("Identity", answer, name="actions")
     else:
         low, high = (g.constant(bound) for bound in network.bounds)
         g("Min", g("Max", answer, low), high, name="actions")
-    return g.build(name, obs=len(network.mean), actions=len(network.layers[-1][1]))
-
-
-def write_network(path: Path, network: Network, contract: PolicyContract, name: str) -> None:
-    """Write a policy that describes itself, without golden vectors; an existing file is replaced only by a whole one.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
     contract = replace(contract, tensors=TensorNames())  # of the model that the contract was taken from
     metadata = {**write_metadata(contract), STAMP_KEY: encode(contract)}
-    write_model(path, network_graph(network, name), metadata)
+    graph = g.build(name, obs=len(network.mean), actions=len(network.layers[-1][1]))
+    write_model(path, graph, metadata)
 
 
 def require_same_answers(

@@ -84,11 +84,6 @@ class TrainConfig:
         "simulation": ("actuation", "physics_timestep"),
         "what is kept and measured": ("checkpoint_seconds", "video_minutes", "tensorboard", "regress"),
     }
-    CALLED_ELSEWHERE: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "robots": ("--num-envs", "--envs"),
-        "steps": ("--total-timesteps", "--timesteps"),
-        "algorithm": ("--algo",),
-    }
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
         ("--robot lite_biped --minutes 30", "a policy that walks"),
         ("--robot lite_biped --minutes 60 --resume", "go on for half an hour more"),

@@ -6,7 +6,7 @@ import contextlib
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import torch
@@ -19,33 +19,8 @@ from torch import nn
 from humanoid_sim.envs.rsl_rl import RslRlVecEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.training.ppo.journal import Update
-from humanoid_sim.training.ppo.learner import EndedError, PPOSettings
+from humanoid_sim.training.ppo.learner import EndedError, Learner, PPOSettings
 from humanoid_sim.training.ppo.network import Float32Array, Network, as_array, linear_layers
-
-
-class _Reporter:
-    """In the place of rsl_rl's own logger, which prints a page for each update and copies the repository's state."""
-
-    writer = None
-    """None keeps the runner from writing checkpoints itself."""
-
-    def __init__(self, report: Callable[[float, dict[str, float]], bool]) -> None:
-        self._report = report
-
-    def init_logging_writer(self) -> None:
-        """Nothing to begin."""
-
-    def process_env_step(self, *_: Any) -> None:
-        """Episodes are counted by `EpisodeMeter`."""
-
-    def save_model(self, path: str, iteration: int) -> None:
-        """Nothing to upload."""
-
-    def log(self, *, loss_dict: dict[str, float], action_std: torch.Tensor, learning_rate: float, **_: Any) -> None:
-        """After an update."""
-        losses = {**{name: float(value) for name, value in loss_dict.items()}, "learning_rate": float(learning_rate)}
-        if not self._report(float(action_std.detach().mean()), losses):
-            raise EndedError
 
 
 class RslRlActor:
@@ -55,7 +30,7 @@ class RslRlActor:
         """See `actor_of`.
 
         Raises:
-            InputError: it is no runner, or its actor is of another kind.
+            InputError: it is not a runner, or its actor is of another kind.
         """
         algorithm = getattr(runner, "alg", None)
         if algorithm is None:
@@ -83,7 +58,7 @@ class RslRlActor:
             return as_array(self._actor({"policy": torch.from_numpy(observations).to(device)}))
 
 
-class RslRlLearner:
+class RslRlLearner(Learner):
     """See `Learner`."""
 
     SUFFIX = ".pt"
@@ -123,32 +98,25 @@ class RslRlLearner:
             },
         }
         with contextlib.redirect_stdout(io.StringIO()):  # it prints its networks
-            self.model = OnPolicyRunner(self.envs, configuration, log_dir=None)
+            self.model: Any = OnPolicyRunner(self.envs, configuration, log_dir=None)
         for model in (self.model.alg.actor, self.model.alg.critic):
             model.obs_normalizer.eps = settings.least_deviation
-        self.steps = 0
-        if start is not None:
-            self.steps = int(self.model.load(str(start))["steps"])
+        self.steps = 0 if start is None else int(self.model.load(str(start))["steps"])
+        self.actor = RslRlActor(self.model)
 
     def learn(self, steps: int, after_update: Callable[[Update], bool]) -> None:
         """See `Learner.learn`."""
 
-        def report(spread: float, losses: dict[str, float]) -> bool:
+        def log(*, loss_dict: dict[str, float], action_std: torch.Tensor, learning_rate: float, **_: Any) -> None:
             self.steps += self._per_update
-            return after_update(Update(self.steps, spread, losses))
+            losses = {name: float(value) for name, value in loss_dict.items()} | {"learning_rate": learning_rate}
+            if not after_update(Update(self.steps, float(action_std.detach().mean()), losses)):
+                raise EndedError
 
-        self.model.logger = _Reporter(report)
+        self.model.logger.log = log  # its own writes a page for each update, and only where it has a folder
         with contextlib.suppress(EndedError):
             self.model.learn(max(-(-(steps - self.steps) // self._per_update), 0))
 
-    def save(self, path: Path) -> None:
+    def save(self, file: IO[bytes]) -> None:
         """See `Learner.save`."""
-        self.model.save(str(path), {"steps": self.steps})
-
-    def answer(self, observations: Float32Array) -> Float32Array:
-        """See `Learner.answer`."""
-        return RslRlActor(self.model).answer(observations)
-
-    def close(self) -> None:
-        """See `Learner.close`."""
-        self.envs.close()
+        self.model.save(file, {"steps": self.steps})

@@ -8,23 +8,23 @@ import signal
 import sys
 import time
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, Self
 
 import numpy as np
 
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import output_file
+from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.run import regress
 from humanoid_sim.regress.suite_file import SUITE_OF, load_suite
+from humanoid_sim.training.ppo.environment import Subject, subject_of
 from humanoid_sim.training.ppo.export import export
 from humanoid_sim.training.ppo.folder import RunFolder
 from humanoid_sim.training.ppo.journal import PROGRESS, EpisodeMeter, Journal, Update, read_progress
 from humanoid_sim.training.ppo.learner import SETTINGS, Learner, first_spread, learner_class
 from humanoid_sim.training.ppo.options import TrainConfig
-from humanoid_sim.training.ppo.subject import Subject, subject_of
 from humanoid_sim.training.ppo.videos import Videos
 
 _CTRL_C = b"Ctrl-C: ends after this update, with a checkpoint; once more ends at once\n"
@@ -44,7 +44,9 @@ def train(config: TrainConfig) -> int:
     folder = RunFolder(path, config, {**subject.told, "curriculum_steps": _horizon(config)}, SETTINGS, kind.SUFFIX)
     output = output_file(Path(config.output) if config.output else path / "policy.onnx", "--output", ".onnx")
     _require_time(config, folder, output)
-    _use_threads(config.threads)
+    import torch  # noqa: PLC0415 - after the learner's class, which says what to install
+
+    torch.set_num_threads(config.threads)
     learner, is_interrupted = _learn(config, subject, folder, kind)
     try:
         if is_interrupted:
@@ -53,7 +55,7 @@ def train(config: TrainConfig) -> int:
         export(learner.model, learner.envs, output)
         print(f"{output}: {output.stat().st_size / 1e6:.2f} MB, contract and golden vectors inside")
     finally:
-        learner.close()
+        learner.envs.close()
     if config.regress and not measure(subject, output, path):
         return ExitStatus.INTERRUPTED
     return 0
@@ -87,26 +89,20 @@ def _require_time(config: TrainConfig, folder: RunFolder, output: Path) -> None:
 
 
 def _used(folder: RunFolder) -> tuple[float, float]:
-    """S of training, and policy steps, of a folder's earlier runs."""
+    """Return training time in s, and policy steps, of a folder's earlier runs."""
     rows = read_progress(folder.path / PROGRESS) if folder.start is not None else []
     return (rows[-1]["seconds"], rows[-1]["steps"]) if rows else (0.0, 0.0)
 
 
 def _limit(config: TrainConfig) -> float:
-    """S of training after which it ends."""
+    """Return the training time in s after which it ends."""
     return float("inf") if config.minutes is None else 60.0 * config.minutes
 
 
 def _horizon(config: TrainConfig) -> int | None:
-    """Policy steps at which a new run's curriculum has come to its end; None: what the run has that is resumed."""
+    """Return policy steps at which a new run's curriculum ends; None: those of the run that is resumed."""
     usual = None if config.resume or config.curriculum is None else config.steps
     return config.curriculum_steps or usual
-
-
-def _use_threads(count: int) -> None:
-    import torch  # noqa: PLC0415 - after the learner's class, which says what to install
-
-    torch.set_num_threads(count)
 
 
 def seed_of(seed: int, updates: int) -> int:
@@ -141,6 +137,10 @@ def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[
         if folder.curriculum_steps is not None:
             envs.progress = min(steps / folder.curriculum_steps, 1.0)
 
+    def save() -> None:
+        with whole_file(folder.checkpoint) as file:
+            learner.save(file)
+
     def after_update(update: Update) -> bool:
         """Write down, save and show; returns whether to go on."""
         nonlocal saved
@@ -153,9 +153,9 @@ def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[
         if interruption.is_asked_for:
             return False
         if time.monotonic() - saved >= config.checkpoint_seconds:
-            folder.save(learner.save)
+            save()
             saved = time.monotonic()
-        videos.show(learner, update.steps)
+        videos.show(learner.actor, update.steps)
         return journal.seconds < limit
 
     try:
@@ -163,10 +163,10 @@ def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[
             set_progress(done)
             with interruption:
                 learner.learn(config.steps, after_update)
-                folder.save(learner.save)
+                save()
     except BaseException:
         videos.abandon()
-        learner.close()
+        learner.envs.close()
         raise
     finally:
         journal.close()
@@ -197,15 +197,12 @@ def measure(subject: Subject, policy: Path, folder: Path) -> bool:
 
 
 class Interruption:
-    """Within it the first SIGINT is only noted, and gives way to the handler that was there before.
-
-    Only the main thread may enter it.
-    """
+    """Context in which the first SIGINT is only noted, and gives way to the handler before; for the main thread."""
 
     def __init__(self) -> None:
         self._before: Any = None
         self.is_asked_for = False
-        """Whether somebody has asked for the training's end."""
+        """True once somebody has asked for the training's end."""
 
     def __enter__(self) -> Self:
         """Begin to note, unless the process is to ignore SIGINT, as one in a shell's background is."""
@@ -220,8 +217,6 @@ class Interruption:
         with contextlib.suppress(OSError):
             os.write(2, _CTRL_C)  # not print, which may be in the middle of another line
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Leave the handler as it was."""
         signal.signal(signal.SIGINT, self._before)

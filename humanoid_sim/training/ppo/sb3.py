@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import gymnasium
 import numpy as np
@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.training.ppo.journal import Update
-from humanoid_sim.training.ppo.learner import EndedError, PPOSettings
+from humanoid_sim.training.ppo.learner import EndedError, Learner, PPOSettings
 from humanoid_sim.training.ppo.network import Float32Array, Network, as_array, linear_layers
 
 
@@ -116,7 +116,7 @@ class StableBaselinesActor:
         return actions
 
 
-class StableBaselinesLearner:
+class StableBaselinesLearner(Learner):
     """See `Learner`."""
 
     SUFFIX = ".zip"
@@ -144,44 +144,32 @@ class StableBaselinesLearner:
         torch.manual_seed(seed)
         if start is not None:
             self.model = _PPO.load(start, env=self.envs, device="cpu", **arguments)
-            self._actor = StableBaselinesActor(self.model)
-            return
-        policy = {
-            "features_extractor_class": NormalisedObservation,
-            "features_extractor_kwargs": {"least_deviation": settings.least_deviation},
-            "net_arch": list(settings.widths),
-            "activation_fn": nn.ELU,
-            "log_std_init": float(np.log(spread)),
-        }
-        self.model = _PPO("MlpPolicy", self.envs, device="cpu", policy_kwargs=policy, **arguments)
-        self._actor = StableBaselinesActor(self.model)
-
-    @property
-    def steps(self) -> int:
-        """See `Learner.steps`."""
-        return int(self.model.num_timesteps)
+        else:
+            policy = {
+                "features_extractor_class": NormalisedObservation,
+                "features_extractor_kwargs": {"least_deviation": settings.least_deviation},
+                "net_arch": list(settings.widths),
+                "activation_fn": nn.ELU,
+                "log_std_init": float(np.log(spread)),
+            }
+            self.model = _PPO("MlpPolicy", self.envs, device="cpu", policy_kwargs=policy, **arguments)
+        self.actor = StableBaselinesActor(self.model)
+        self.steps = int(self.model.num_timesteps)
 
     def learn(self, steps: int, after_update: Callable[[Update], bool]) -> None:
         """See `Learner.learn`."""
         self.model.after_update = after_update
         with contextlib.suppress(EndedError):
             self.model.learn(steps - self.steps, reset_num_timesteps=False)
+        self.steps = int(self.model.num_timesteps)
 
-    def save(self, path: Path) -> None:
+    def save(self, file: IO[bytes]) -> None:
         """See `Learner.save`."""
-        self.model.save(path)
-
-    def answer(self, observations: Float32Array) -> Float32Array:
-        """See `Learner.answer`."""
-        return self._actor.answer(observations)
-
-    def close(self) -> None:
-        """See `Learner.close`."""
-        self.envs.close()
+        self.model.save(file)
 
 
 class _PPO(PPO):
-    """Tells after each update, and lets the normalisation learn from what the update has used."""
+    """Calls `after_update`, and updates the normalisation, after each update."""
 
     after_update: Callable[[Update], bool] | None = None
 

@@ -14,18 +14,18 @@ from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, Tick
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.simulation.model import build_model
-from humanoid_sim.training.ppo.learner import Learner
-from humanoid_sim.training.ppo.subject import Subject
+from humanoid_sim.training.ppo.environment import Subject
+from humanoid_sim.training.ppo.learner import Actor
 
 _SECONDS = 8.0
 """s of an episode that are shown, at most."""
 _SHARE = 0.5
-"""Of the greatest forward command, for a policy that walks."""
+"""Share of the greatest forward command, for a policy that walks."""
 _SIZE = 640, 360
 
 
 class Videos:
-    """Makes one when it is time."""
+    """A video now and then, when it is time for one."""
 
     def __init__(self, subject: Subject, folder: Path, minutes: float | None) -> None:
         """Make none before so many minutes; None: none at all.
@@ -43,7 +43,7 @@ class Videos:
             except OSError as error:
                 raise InputError(f"{self._folder}: cannot be made a folder: {error.strerror}") from None
 
-    def show(self, learner: Learner, steps: int) -> None:
+    def show(self, actor: Actor, steps: int) -> None:
         """Run an episode and have it drawn, if it is time; waits for the last video, which is long ready as a rule.
 
         Raises:
@@ -54,7 +54,7 @@ class Videos:
         self.close()
         self._latest = VideoSink(self._folder / f"{steps:010d}.mp4", self._model, size=_SIZE)
         try:
-            self._run(learner, self._latest, f"{steps} steps of training")
+            self._run(actor, self._latest, f"{steps} steps of training")
         except BaseException:
             self._latest.abandon()
             raise
@@ -79,7 +79,7 @@ class Videos:
     def _model(self) -> mujoco.MjModel:
         return build_model(self._subject.scenario.description, terrain=self._subject.scenario.terrain)
 
-    def _run(self, learner: Learner, sink: VideoSink, caption: str) -> None:
+    def _run(self, actor: Actor, sink: VideoSink, caption: str) -> None:
         contract = self._subject.contract
         ranges = contract.command_ranges
         options = {}
@@ -92,6 +92,6 @@ class Videos:
             for step in range(round(_SECONDS / contract.policy_dt)):
                 tick = TickInput(env.robot.truth())
                 sink.tick(TickRecord(step, tick, TickOutput(command, mode), 0.0, False, env.robot.qpos))
-                observation, _, terminated, truncated, _ = env.step(learner.answer(observation[None])[0])
+                observation, _, terminated, truncated, _ = env.step(actor.answer(observation[None])[0])
                 if terminated or truncated:
                     return

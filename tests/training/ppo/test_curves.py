@@ -56,8 +56,8 @@ def test_runs_become_a_picture_and_lines(tmp_path: Path, capsys: pytest.CaptureF
     [
         ("", None, "no episode has ended yet, expected a longer run"),
         ("2000,1,2000,nan,nan,nan,0.4\n", None, "no episode has ended yet"),
-        (ROWS, "{}", "is no folder of `train`: run.json cannot be read"),
-        (ROWS, "[", "is no folder of `train`: run.json cannot be read"),
+        (ROWS, "{}", "is not a folder of `train`: run.json cannot be read"),
+        (ROWS, "[", "is not a folder of `train`: run.json cannot be read"),
     ],
 )
 def test_other_folders_are_refused(

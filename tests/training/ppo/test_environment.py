@@ -96,12 +96,12 @@ def broken(progress):
     [
         (
             {"task": "own.py:number"},
-            "--task: 'own.py:number' is no task, expected a subclass of humanoid_sim.envs.tasks",
+            "--task: 'own.py:number' is not a task, expected a subclass of humanoid_sim.envs.tasks",
         ),
-        ({"task": "own.py:Half"}, "--task: 'own.py:Half' is no whole task, it lacks _describe_stray, _measure"),
+        ({"task": "own.py:Half"}, "--task: 'own.py:Half' is not a whole task, it lacks _measure"),
         ({"task": "own.py:Hall"}, "--task: unknown name 'Hall' (did you mean 'Half'?) in 'own.py'"),
         ({"curriculum": "harder"}, "--curriculum: is 'harder', expected a YAML file, or a function: FILE.py:NAME or "),
-        ({"curriculum": "own.py:number"}, "--curriculum: 'own.py:number' is no function"),
+        ({"curriculum": "own.py:number"}, "--curriculum: 'own.py:number' is not a function"),
         ({"curriculum": "own.py:too_much"}, "own.py:too_much: curriculum: push is 2.0 at the progress 1, expected a "),
         ({"curriculum": "own.py:broken"}, "--curriculum: 'own.py:broken' fails at the progress 0: ZeroDivisionError"),
         ({"curriculum": "bad.yaml"}, "bad.yaml: curriculum: unknown amount 'kind'; known: commands, terrain, "),

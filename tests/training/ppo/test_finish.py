@@ -9,9 +9,9 @@ import pytest
 
 from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.training.ppo import run
+from humanoid_sim.training.ppo.environment import subject_of
 from humanoid_sim.training.ppo.options import TrainConfig
 from humanoid_sim.training.ppo.run import measure
-from humanoid_sim.training.ppo.subject import subject_of
 
 
 def test_measuring_is_announced_and_may_be_left_out(

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.training.ppo.folder import RunFolder, replace_file
+from humanoid_sim.training.ppo.folder import RunFolder
 from humanoid_sim.training.ppo.learner import SETTINGS
 from humanoid_sim.training.ppo.options import TrainConfig
 
@@ -25,7 +25,7 @@ def test_a_run_is_begun_and_resumed(tmp_path: Path) -> None:
     known = json.loads((path / "run.json").read_text())
     assert (known["robot"], known["task"], known["ppo"]["gamma"]) == ("lite", "tracking", 0.99)
     assert folder(path, TrainConfig(resume=True)).start is None  # it ended before its first checkpoint
-    new.save(lambda file: file.write_bytes(b"network") and None)
+    new.checkpoint.write_bytes(b"network")
     resumed = folder(path, TrainConfig(resume=True, steps=5, minutes=1.0, tensorboard=False))
     assert resumed.start == path / "checkpoint.zip"
     assert sorted(file.name for file in path.iterdir()) == ["checkpoint.zip", "run.json"]
@@ -63,17 +63,3 @@ def test_nothing_to_resume_leaves_no_folder(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     with pytest.raises(InputError, match=r"--folder: .*taken' cannot be made a folder: File exists"):
         folder(tmp_path / "taken")
-
-
-def test_a_checkpoint_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
-    path = tmp_path / "checkpoint.pt"
-    replace_file(path, lambda file: file.write_bytes(b"first") and None)
-
-    def fails(file: Path) -> None:
-        file.write_bytes(b"half")
-        raise OSError(28, "No space left on device")
-
-    with pytest.raises(InputError, match=r"checkpoint\.pt: cannot be written: No space left on device"):
-        replace_file(path, fails)
-    assert path.read_bytes() == b"first"
-    assert list(tmp_path.iterdir()) == [path]

@@ -10,9 +10,10 @@ from humanoid_sim.training.ppo.journal import Journal, Update, read_progress
 
 
 class Meter:
-    """Of episodes that never change."""
+    """Figures of episodes that never change."""
 
-    mean_return, mean_length, failed = 7.25, 120.0, 0.25
+    def means(self) -> tuple[float, float, float]:
+        return 7.25, 120.0, 0.25
 
     def terms(self) -> dict[str, float]:
         return {"alive": 0.01}
@@ -71,10 +72,13 @@ def test_a_new_run_drops_all_rows(tmp_path: Path) -> None:
     ("text", "problem"),
     [
         (None, "no such file, expected progress.csv of a training"),
-        ("", "is no progress of a training, expected the columns steps, seconds, "),
-        ("a,b\n1,2\n", "is no progress of a training"),
-        ("steps,seconds,steps_per_second,return,episode_steps,failed,spread\n1,2\n", "is no progress of a training"),
-        ("steps,seconds,steps_per_second,return,episode_steps,failed,spread\n1,2,3,x,5,6,7\n", "is no progress of a"),
+        ("", "is not a training's progress, expected the columns steps, seconds, "),
+        ("a,b\n1,2\n", "is not a training's progress"),
+        ("steps,seconds,steps_per_second,return,episode_steps,failed,spread\n1,2\n", "is not a training's progress"),
+        (
+            "steps,seconds,steps_per_second,return,episode_steps,failed,spread\n1,2,3,x,5,6,7\n",
+            "is not a training's progress",
+        ),
     ],
 )
 def test_another_file_is_refused(text: str | None, problem: str, tmp_path: Path) -> None:

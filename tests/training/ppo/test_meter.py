@@ -13,7 +13,7 @@ def test_returns_and_lengths_are_those_of_the_episodes() -> None:
         )
     )
     meter.reset(seed=0)
-    assert np.isnan(meter.mean_return)
+    assert np.isnan(meter.means()).all()
     rewards = []
     for step in range(5):
         action = np.zeros((3, 14), dtype=np.float32)
@@ -25,9 +25,7 @@ def test_returns_and_lengths_are_those_of_the_episodes() -> None:
             step, [False] * 3
         )
     expected = np.array([*np.sum(rewards[:4], axis=0)[:2], rewards[0][2]])
-    assert meter.mean_return == pytest.approx(expected.mean())
-    assert meter.mean_length == pytest.approx((4 + 4 + 2) / 3)
-    assert meter.failed == pytest.approx(1 / 3)
+    assert meter.means() == pytest.approx((expected.mean(), (4 + 4 + 2) / 3, 1 / 3))
     assert set(meter.terms()) >= {"body_position", "action_rate"}
     assert meter.terms()["body_position"] == pytest.approx(float(info["terms"]["body_position"].mean()))
     meter.close()

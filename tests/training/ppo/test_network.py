@@ -9,9 +9,9 @@ import pytest
 from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import HumanoidSimError, InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.training.ppo.environment import subject_of
 from humanoid_sim.training.ppo.network import Float32Array, Network, require_same_answers, write_network
 from humanoid_sim.training.ppo.options import TrainConfig
-from humanoid_sim.training.ppo.subject import subject_of
 
 LEGS = subject_of(TrainConfig(robot="lite_biped")).contract
 

@@ -7,10 +7,10 @@ import pytest
 from humanoid_sim.assets import motion_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.training.ppo.environment import subject_of
 from humanoid_sim.training.ppo.export import motion_file
 from humanoid_sim.training.ppo.learner import first_spread
 from humanoid_sim.training.ppo.options import TrainConfig
-from humanoid_sim.training.ppo.subject import subject_of
 
 
 def test_a_robot_alone_is_trained_for_what_its_policy_does() -> None:

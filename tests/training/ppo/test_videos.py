@@ -9,8 +9,8 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.training.ppo import videos as module
+from humanoid_sim.training.ppo.environment import subject_of
 from humanoid_sim.training.ppo.options import TrainConfig
-from humanoid_sim.training.ppo.subject import subject_of
 from humanoid_sim.training.ppo.videos import Videos
 
 LEGS = subject_of(TrainConfig(robot="lite_biped"))
