@@ -8,19 +8,13 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from humanoid_sim.assets import (
-    SAMPLE_MOTION,
-    SAMPLE_SONG,
-    motion_path,
-    sample_policy,
-    song_path,
-)
+from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_SONG, motion_path, sample_policy, song_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.play.early import checkpoint_path
-from humanoid_sim.play.options import NO_POLICY, PlayConfig
+from humanoid_sim.play.options import NO_POLICY, SIMULATED, PlayConfig
 from humanoid_sim.policy.checkpoint import (
     PLACEHOLDER,
     Checkpoint,
@@ -203,23 +197,7 @@ def parse_branch(text: str) -> tuple[str, float]:
     return path, time
 
 
-_REPEATED = (
-    "policy",
-    "contract",
-    "robot",
-    "imu_site",
-    "command",
-    "yaw",
-    "base_height",
-    "drop",
-    "action_limit",
-    "actuation",
-    "control_frequency",
-    "physics_timestep",
-    "command_delay",
-    "state_delay",
-    "state_sampling",
-)
+_REPEATED = ("policy", "contract", "robot", "command", "action_limit", "control_frequency", *SIMULATED)
 """Options that are taken from the recording."""
 
 
@@ -259,10 +237,7 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
     if config.branch is not None:
         recorded.pop("command", None)  # the velocity goes on as recorded
         config = replace(config, push=(*_recorded_pushes(path, recorded), *_later_pushes(config)))
-    known = {field.name: field for field in fields(config)}
-    values = {
-        name: recorded[name] for name in _REPEATED if name in recorded and getattr(config, name) == known[name].default
-    }
+    values = {name: recorded[name] for name in _REPEATED if name in recorded and not config.is_given(name)}
     if config.motion is None and config.song is None and MOTION_ATTACHMENT in header.attachments:
         last = recording.of_last_policy().header.attachments.get(MOTION_ATTACHMENT)
         if last != header.attachments[MOTION_ATTACHMENT]:
