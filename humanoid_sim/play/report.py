@@ -16,14 +16,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.evaluation.base_motion import BaseMotion
-from humanoid_sim.evaluation.definitions import DEFINITIONS
+from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.evaluation.joint_use import describe_effort
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingSummary
 from humanoid_sim.files import whole_file
 from humanoid_sim.messages import Mode
 from humanoid_sim.play.assembly import Run
+from humanoid_sim.play.console import MODE_STYLES
 from humanoid_sim.play.options import NO_POLICY, PlayConfig
-from humanoid_sim.play.status_line import MODE_STYLES
 from humanoid_sim.policy.song import key_name
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import DurationHistogram

@@ -1,4 +1,4 @@
-"""Pictures of a run in files: a snapshot, and a video that a process beside the run draws."""
+"""Pictures of a run in files: a snapshot, and a video that a process beside the run draws, with how far that is."""
 
 from __future__ import annotations
 
@@ -11,15 +11,18 @@ import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from time import monotonic
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
+from rich.console import Console
+from rich.progress import Progress
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file, whole_file
@@ -302,3 +305,44 @@ def save_snapshot(
     finally:
         pictures.close()
     return pictures.backend
+
+
+_LINE_EVERY = 10.0
+"""s between two lines where no terminal shows a bar."""
+
+
+def finish_video(video: VideoSink, console: Console, hint: str = "") -> VideoReport:
+    """Wait until a video is drawn, and show how far it is. An output that cannot be written spoils no video.
+
+    Args:
+        video: that has all its frames.
+        console: where to show it.
+        hint: what Ctrl-C does, for the reader.
+
+    Raises:
+        InputError: see `VideoSink.finish`.
+    """
+    with _shown(video, console, hint) as progress:
+        return video.finish(progress)
+
+
+@contextlib.contextmanager
+def _shown(video: VideoSink, console: Console, hint: str) -> Iterator[Callable[[int, int], None]]:
+    note = f" ({hint})" if hint else ""
+    if console.is_terminal:
+        with Progress(console=console, transient=True) as progress:
+            task = progress.add_task(f"drawing the video{note}", total=None)
+            yield lambda done, total: progress.update(task, completed=done, total=total)
+        return
+    with contextlib.suppress(OSError):
+        console.print(f"drawing the rest of {video.frame_count} frames of video{note} ...", markup=False)
+    told = monotonic()
+
+    def tell(done: int, total: int) -> None:
+        nonlocal told
+        if monotonic() - told >= _LINE_EVERY:
+            told = monotonic()
+            with contextlib.suppress(OSError):
+                console.print(f"{done} of {total} frames drawn", markup=False)
+
+    yield tell

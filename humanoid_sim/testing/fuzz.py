@@ -26,10 +26,9 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.stack import build_supervisor
 from humanoid_sim.testing.checks import SafetyViolationError, check_complete, fingerprint, require
 from humanoid_sim.testing.healthy import healthy_externs, healthy_tick
-from humanoid_sim.testing.machine import StackMachine
+from humanoid_sim.testing.machine import SHRINK_SECONDS, StackMachine, shrinking_for
 from humanoid_sim.testing.policies import ScriptedPolicy
 from humanoid_sim.testing.properties import REMOTE
-from humanoid_sim.testing.shrinking import SHRINK_SECONDS, shrinking_for
 from humanoid_sim.testing.strategies import any_tick_inputs, clock_jumps, healthy_states
 
 DEFAULT_SETTINGS = settings(
