@@ -20,8 +20,6 @@ from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.simulation.fingers import HANDS
 from humanoid_sim.simulation.kinematics import MassMatrix
 
-__all__ = ["APART", "HOME", "Course", "Goal", "PianoPlayer", "Plan", "Timing", "goals_of", "smooth"]
-
 IntArray = npt.NDArray[np.intp]
 _Share = TypeVar("_Share", float, FloatArray)
 Course = FloatArray

@@ -19,8 +19,6 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.policy.external_tensors import check_tensors, why_not_loaded
 
-__all__ = ["OnnxModel", "OnnxPolicy", "Tensor", "first_line", "has_onnxruntime", "onnx_runtime", "read_header"]
-
 _ACTIONS = ("actions", "action")
 _TIME_STEP = "time_step"
 _NUMBERS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}

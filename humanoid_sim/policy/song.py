@@ -25,25 +25,6 @@ from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = [
-    "FIRST_NOTE",
-    "KEY_COUNT",
-    "LEAD_IN",
-    "PERCUSSION",
-    "Note",
-    "Song",
-    "goals",
-    "key_name",
-    "key_number",
-    "left_out",
-    "playable",
-    "read_song",
-    "song_motion",
-    "thin_out",
-    "transpose",
-    "with_lead_in",
-]
-
 LEAD_IN = 1.0
 """s before the first note, in which a robot's hands come over the keys."""
 _NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")

@@ -8,8 +8,6 @@ import numpy as np
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.piano import key_joint_names
 
-__all__ = ["keyboard_box", "robot_box", "tint_limbs"]
-
 _SAME = 0.08
 """Two colours that differ by less, in any channel, are one."""
 _TRUNK = (0.72, 0.73, 0.76)

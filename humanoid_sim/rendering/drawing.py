@@ -37,9 +37,6 @@ from humanoid_sim.rendering.piano_roll import HIT, MISSED, WRONG, rgb
 from humanoid_sim.rendering.piano_sound import RATE, PianoSound, Samples, Stroke, write_wav
 from humanoid_sim.robots.piano import KEY_COUNT, key_joint_names
 
-__all__ = ["Following", "Job", "KeyLights", "Moment", "draw_video"]
-
-
 _H264 = ("libx264", "libopenh264")
 _AAC, _AAC_BITS = "aac", 128_000
 """What every browser plays beside H.264, and bits per second."""

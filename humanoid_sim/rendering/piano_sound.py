@@ -12,8 +12,6 @@ import numpy.typing as npt
 
 from humanoid_sim.mit import FloatArray
 
-__all__ = ["RATE", "PianoSound", "Stroke", "frequency", "strokes_between", "write_wav"]
-
 RATE = 44_100
 """Samples per second."""
 

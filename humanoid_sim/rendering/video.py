@@ -28,7 +28,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED, FloatArray
-from humanoid_sim.rendering.caption import Caption, draw_caption
+from humanoid_sim.rendering.caption import Caption
 from humanoid_sim.rendering.drawing import Following, Job, Moment
 from humanoid_sim.rendering.ghost import ReferenceGhost, ShownReference
 from humanoid_sim.rendering.offscreen import PoseRenderer
@@ -285,21 +285,18 @@ def save_snapshot(
     qpos: FloatArray,
     *,
     size: tuple[int, int] = (1280, 960),
-    camera: str | None = None,
-    caption: Caption | None = None,
 ) -> str:
     """Write a PNG or JPEG of the model at `qpos`, shape (nq,), and return what drew it.
 
     A `qpos` that is not finite shows the model's reference pose.
 
     Raises:
-        InputError: the file cannot be written, or there is no such camera.
+        InputError: the file cannot be written.
     """
     path = output_file(path, "snapshot", *_SNAPSHOT_FORMATS)
-    pictures = PoseRenderer(lambda: model, *size, camera)
+    pictures = PoseRenderer(lambda: model, *size)
     try:
-        picture = pictures.draw(qpos)
-        image = Image.fromarray(picture if caption is None else draw_caption(picture, caption))
+        image = Image.fromarray(pictures.draw(qpos))
         with whole_file(path) as file:
             image.save(file, _SNAPSHOT_FORMATS[path.suffix.lower()])
     finally:

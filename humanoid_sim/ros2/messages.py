@@ -177,10 +177,10 @@ SESSION_FRAME = "humanoid_sim"
 """`frame_id` of a safety status that a session publishes: no session takes it for another program's."""
 
 
-def encode_safety_status(time_ns: int, status: SafetyStatus, frame: str = SESSION_FRAME) -> bytes:
+def encode_safety_status(time_ns: int, status: SafetyStatus) -> bytes:
     """`humanoid_control_msgs/msg/SafetyStatus`."""
     writer = _stamped(time_ns)
-    writer.string(frame)
+    writer.string(SESSION_FRAME)
     writer.pack("B", status.level)
     writer.string(status.source)
     writer.pack("I", status.flags)

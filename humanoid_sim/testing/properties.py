@@ -26,8 +26,6 @@ from humanoid_sim.testing.checks import (
     require,
 )
 
-__all__ = ["EDGES", "MODE_NUMBER", "SafetyProperties"]
-
 ZERO = "zero_torque_controller"
 DAMPING = "damping_controller"
 STANDBY_A = "standby_controller_a"

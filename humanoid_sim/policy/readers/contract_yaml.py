@@ -24,16 +24,6 @@ from humanoid_sim.policy.readers.partial import Given, PartialContract
 from humanoid_sim.policy.readers.values import cut
 from humanoid_sim.strict_yaml import read_yaml, type_at, value_at
 
-__all__ = [
-    "COMMAND_AXES",
-    "CONTRACT_FILE",
-    "ContractFile",
-    "TermOptions",
-    "find_contract",
-    "parse_contract",
-    "read_contract_file",
-]
-
 CONTRACT_FILE = "contract.yaml"
 COMMAND_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
 """Of the velocity command, in the order of a contract's `command_ranges`."""

@@ -11,20 +11,6 @@ from humanoid_sim.controllers.contract import FORMS
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.partial import Given
 
-__all__ = [
-    "csv_field",
-    "cut",
-    "flags",
-    "integers",
-    "is_number",
-    "names",
-    "number_lists",
-    "numbers",
-    "pair_of_numbers",
-    "plain_numbers",
-    "shown",
-]
-
 
 def csv_field(field: str, key: str, text: str, where: str, source: str) -> Given:
     """Return a field of the contract from the text of a model's metadata.
