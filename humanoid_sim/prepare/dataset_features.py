@@ -95,7 +95,7 @@ def episode_motion(
         joint_names=joints,
         body_position=position,
         body_quaternion=quaternion,
-        body_names=None if position is None else _body_names(names.get(found[f"body_pos_{suffix}"]), count),
+        body_names=() if position is None else _body_names(names.get(found[f"body_pos_{suffix}"]), count),
         base_position=columns[found["base_pos"]] if "base_pos" in found else None,
         base_quaternion=columns[found["base_quat"]] if "base_quat" in found else None,
         frame="world" if world else "base",
@@ -159,7 +159,7 @@ def _bodies(source: str, columns: Mapping[str, FloatArray], found: Mapping[str, 
     )
 
 
-def _body_names(names: Any, count: int) -> tuple[str, ...] | None:
+def _body_names(names: Any, count: int) -> tuple[str, ...]:
     """Names of bodies from names of values: `left_hand.x, left_hand.y, …`, or one name per body."""
     listed = _flat(names)
     if len(listed) == count:
@@ -168,7 +168,7 @@ def _body_names(names: Any, count: int) -> tuple[str, ...] | None:
     bodies = list(dict.fromkeys(heads))
     if all(heads) and len(bodies) == count and heads == [body for body in bodies for _ in range(3)]:
         return tuple(bodies)
-    return None
+    return ()
 
 
 def _flat(names: Any) -> list[str]:

@@ -81,7 +81,7 @@ def read_npz(path: Path) -> SourceMotion:
         joint_names=_npz_names(path, arrays, "joint_names"),
         body_position=arrays["body_pos_w"],
         body_quaternion=arrays["body_quat_w"],
-        body_names=_npz_names(path, arrays, "body_names"),
+        body_names=_npz_names(path, arrays, "body_names") or (),
     )
 
 

@@ -176,17 +176,7 @@ def _make(options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, s
     """Check, resample and convert."""
     contract = checkpoint.contract
     tolerance = Tolerance(options.tolerance, math.radians(options.angle_tolerance))
-    conventions = choose_conventions(
-        source,
-        contract,
-        skeleton,
-        joint_order=options.joint_order,
-        body_order=options.body_order,
-        quaternions=options.quaternions,
-        conjugate=options.conjugate,
-        angle_unit=options.angle_unit,
-        length_unit=options.length_unit,
-    )
+    conventions = choose_conventions(source, contract, skeleton, options)
     found = accept(source, conventions, contract, skeleton, tolerance)
     same_rate = has_rate(source.fps, contract.policy_dt)
     if not same_rate and not options.resample:
@@ -195,7 +185,7 @@ def _make(options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, s
             "steps; add --resample to interpolate"
         )
     named = found.motion if same_rate else resample(found.motion, contract.policy_dt)
-    motion, origin = convert(source.source, named, contract, skeleton)
+    motion, origin = convert(named, contract, skeleton)
     return MotionReport(source, checkpoint.source, conventions, tolerance, found, motion, origin, not same_rate)
 
 

@@ -34,7 +34,7 @@ class SourceMotion:
     joint_velocity: FloatArray | None = None
     """Shape (F, n), rad/s."""
     joint_names: tuple[str, ...] | None = None
-    """As the source names them."""
+    """As the source names them; None where it does not."""
     base_position: FloatArray | None = None
     """Shape (F, 3), m, world frame, of the robot's base body."""
     base_quaternion: FloatArray | None = None
@@ -43,7 +43,8 @@ class SourceMotion:
     """Shape (F, B, 3), m, in `frame`."""
     body_quaternion: FloatArray | None = None
     """Shape (F, B, 4), in the order `quaternion_order`."""
-    body_names: tuple[str, ...] | None = None
+    body_names: tuple[str, ...] = ()
+    """As the source names them; empty where it does not."""
     frame: Literal["world", "base"] = "world"
     """Frame of the bodies' poses: the world's, or that of the robot's base body."""
     quaternion_order: QuaternionOrder = "wxyz"
@@ -92,7 +93,7 @@ class SourceMotion:
             kind, count = what.partition(" ")[0], position.shape[1]
             if other is not None and other.shape[1] != count:
                 raise InputError(f"{self.source}: has {count} {kind} positions and {other.shape[1]} {what} per frame")
-            if names is None:
+            if not names:
                 continue
             name = f"{kind}_names"
             if len(names) != count:
