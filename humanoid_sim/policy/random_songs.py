@@ -10,8 +10,9 @@ import numpy as np
 from humanoid_sim.assets import sample_songs, song_path
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import is_file
-from humanoid_sim.policy.song import KEY_COUNT, LEAD_IN, Note, Song, playable, read_song
+from humanoid_sim.policy.song import LEAD_IN, Note, Song, playable, read_song
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.piano import KEY_COUNT
 
 NOTES_PER_SECOND = 3
 """Most notes of a song, all voices together, that begin within any one second."""

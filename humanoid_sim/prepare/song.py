@@ -14,7 +14,6 @@ from humanoid_sim.assets import song_path
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.motion import Motion, motion_bytes
 from humanoid_sim.policy.song import (
-    KEY_COUNT,
     Note,
     Song,
     goals,
@@ -28,6 +27,7 @@ from humanoid_sim.policy.song import (
 from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.outputs import Content
 from humanoid_sim.rendering.piano_roll import draw_piano_roll
+from humanoid_sim.robots.piano import KEY_COUNT
 
 SONG_RATE = 50.0
 """Hz of the goals where neither a policy nor the user gives a rate."""

@@ -16,7 +16,8 @@ import mido
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import whole_file
-from humanoid_sim.policy.song import FIRST_NOTE, key_number
+from humanoid_sim.policy.song import key_number
+from humanoid_sim.robots.piano import FIRST_NOTE
 
 __all__ = ["SONGS", "Tune", "song_bytes", "write_songs"]
 
