@@ -70,8 +70,6 @@ def commanded_motion(
 
     Args:
         description: of the robot, with the policy's gains.
-        wiring: of the policy on it.
-        policy: the policy.
         seconds: how long.
         velocity: shape (3,), vx and vy in m/s and yaw rate in rad/s, of a policy that walks.
     """

@@ -45,7 +45,6 @@ class BaseMotion:
     """
 
     def __init__(self) -> None:
-        """Nothing was seen yet."""
         self._released: float | None = None
         self._standing_height = 0.0
         self._last = 0.0

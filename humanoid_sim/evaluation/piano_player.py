@@ -125,7 +125,6 @@ class PianoPlayer:
             description: of a robot with a piano.
             policy_dt: s between two commands.
             poses: of the same robot, if they are known.
-            timing: of strokes and ways.
         """
         self.poses = KeyPoses.of(description) if poses is None else poses
         self._numbered = self.poses.numbered

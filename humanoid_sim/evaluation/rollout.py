@@ -242,7 +242,6 @@ def sample_step(loop: ClosedLoop, robots: TransparentRobots, step: int | npt.NDA
     """Return the latest step as it truly was, whatever the sensors make of it.
 
     Args:
-        loop: around the robots.
         robots: with the bodies that are tracked, or none.
         step: shape (...), policy steps since the start, this one included.
     """

@@ -79,7 +79,6 @@ class TrackingErrors:
         """Look the bodies up.
 
         Args:
-            description: the robot.
             frames: shape (F, 9 B), tracking frames `[positions 3 B | orientations 6 B]`, m, base frame.
             body_names: the B bodies.
             policy_dt: s between two frames.
@@ -215,13 +214,7 @@ class AnchorErrors:
 def errors_of_run(
     description: RobotDescription, loaded: LoadedPolicy, motion: Motion | None
 ) -> tuple[TrackingErrors | None, AnchorErrors | None]:
-    """Return what measures how well a motion is followed: bodies in the base frame, or joints and an anchor.
-
-    Args:
-        description: the robot.
-        loaded: the policy.
-        motion: that it follows.
-    """
+    """Return what measures how well a motion is followed: bodies in the base frame, or joints and an anchor."""
     tracking = anchor = None
     reference, contract = loaded.reference, loaded.contract
     if "motion_body_pos_b" in reference.terms and motion is not None:

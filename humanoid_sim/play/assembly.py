@@ -71,8 +71,6 @@ class LocalEnds:
         """Open the sockets, make the feed, and let others find the session.
 
         Args:
-            plan: of the run.
-            header: of the run, as recorded.
             reactivation: what `reactivate` asks for.
             loading: what `load` asks for; None where no policy can be loaded.
             show: shows operators a line.

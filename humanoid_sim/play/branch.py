@@ -106,7 +106,6 @@ def reach(
     """Bring a simulated robot, and a control stack, to the instant.
 
     Args:
-        point: the instant.
         setup: the robot, just built.
         supervisor: the control stack that goes on.
         contract: of the policy that goes on.

@@ -1,4 +1,4 @@
-"""Reject conflicting options of `play`, and files that exist, before anything is made."""
+"""Reject conflicting options of `play`, and files that exist, before anything is made: the error names the option."""
 
 from __future__ import annotations
 
@@ -26,11 +26,7 @@ _RUNS = Path("runs")
 
 
 def refuse_conflicts(config: PlayConfig, injections: Sequence[Injection]) -> None:
-    """Refuse options that exclude each other, and values out of range; `injections` are those of --inject.
-
-    Raises:
-        InputError: naming the option.
-    """
+    """Refuse options that exclude each other, and values out of range; `injections` are those of --inject."""
     parse_watchdogs(config.watchdog)
     if config.dds_safety and config.dds_interface is None:
         raise InputError("--dds-safety: means nothing without --dds-interface; on this machine statuses always count")
@@ -122,11 +118,7 @@ def _refuse_policy_seconds(config: PlayConfig) -> None:
 
 
 def refuse_beside_branch(config: PlayConfig) -> None:
-    """Refuse options that contradict the run in which a branch begins; called before its options are taken over.
-
-    Raises:
-        InputError: naming the option.
-    """
+    """Refuse options that contradict the run in which a branch begins; called before its options are taken over."""
     if config.branch is None:
         return
     if config.policy == NO_POLICY:
@@ -136,11 +128,7 @@ def refuse_beside_branch(config: PlayConfig) -> None:
 
 
 def refuse_without_effect(config: PlayConfig, contract: PolicyContract | None, description: RobotDescription) -> None:
-    """Refuse options that change nothing for this policy, or for this robot.
-
-    Raises:
-        InputError: naming the option, and why.
-    """
+    """Refuse options that change nothing for this policy, or for this robot."""
     idle: list[tuple[str, str]] = []
     if contract is None or not contract.takes_velocity_command:
         idle.append(("command", "this policy, which observes no velocity command"))
@@ -158,12 +146,8 @@ def refuse_unheard_keys(config: PlayConfig, taken: Container[str], reported: Con
     """Refuse a MIDI keyboard whose keys the run does not take.
 
     Args:
-        config: of the run.
         taken: names of the live inputs that come from other programs.
         reported: names of those that the robot reports itself.
-
-    Raises:
-        InputError: saying why.
     """
     if config.midi is not None and KEY_PRESSED not in taken:
         knows = KEY_PRESSED in reported
@@ -194,15 +178,7 @@ _SUFFIXES = {"record": ".mcap", "video": ".mp4", "snapshot": ".png", "summary": 
 
 
 def choose_outputs(config: PlayConfig, inputs: Sequence[Path] = ()) -> Outputs:
-    """Resolve `auto` and `none`, and refuse to replace files that the user named, and at all those that the run reads.
-
-    Args:
-        config: the options.
-        inputs: files that the run reads.
-
-    Raises:
-        InputError: naming the option and the file.
-    """
+    """Resolve `auto` and `none`; refuse to replace files that the user named, and at all those that the run reads."""
     stem = f"{time.strftime('play-%Y%m%d-%H%M%S')}-{os.getpid()}"  # two runs may start in one second
     is_drawn = config.hardware is None and config.viewer == "auto" and not shows_window(config)
     named: dict[str, Path] = {}

@@ -60,11 +60,9 @@ def status_parts(record: TickRecord, frame: int | None, overruns: int, told: Tol
     """Return the parts of the line, the mode first; as many as fit into `width` columns, the most important ones first.
 
     Args:
-        record: the latest tick.
         frame: of the motion, as of the latest policy step; None for none.
         overruns: deadlines missed so far.
         told: what does not change.
-        width: in characters.
     """
     mode = record.output.control_mode.mode
     progress = _progress(record.output.standby, frame if mode is Mode.LOCOMOTION else None, told.motion_frames)
@@ -185,12 +183,6 @@ class ConsoleSink(WorkerSink):
     """Prints transitions, refusals and events; keeps a line of status at the bottom where the output is a terminal."""
 
     def __init__(self, console: Console, told: Told) -> None:
-        """Prepare.
-
-        Args:
-            console: where to print.
-            told: what the line needs beside the ticks.
-        """
         super().__init__("console", period=0.05)
         self._console = console
         self._told = told

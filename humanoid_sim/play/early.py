@@ -13,11 +13,7 @@ from humanoid_sim.session.sources import velocity_numbers
 
 
 def refuse_early(config: PlayConfig) -> None:
-    """Refuse files that do not exist, and a velocity that is none.
-
-    Raises:
-        InputError: naming the file or the option.
-    """
+    """Refuse files that do not exist, and a velocity that is none."""
     path = checkpoint_path(config)
     if path is not None:
         check_file(path)

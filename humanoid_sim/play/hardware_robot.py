@@ -137,11 +137,7 @@ def _emulated(
 
 
 def _emulated_keyboard(description: RobotDescription, motors: VirtualMotors) -> MidiKeyboard:
-    """Return the keys of the emulated piano, as the bytes of a keyboard on a FIFO of this process.
-
-    Raises:
-        InputError: the robot has no piano.
-    """
+    """Return the keys of the emulated piano, as the bytes of a keyboard on a FIFO of this process."""
     if description.piano is None:
         raise InputError(f"--midi: is virtual, but {description.name} has no piano; a robot with one is lite_piano")
     path = Path(tempfile.gettempdir()) / f"humanoid_sim-{os.getpid()}-{uuid4().hex[:8]}.midi"
@@ -149,11 +145,7 @@ def _emulated_keyboard(description: RobotDescription, motors: VirtualMotors) -> 
 
 
 def check_policy(contract: PolicyContract, description: RobotDescription, *, has_imu: bool) -> tuple[str, ...]:
-    """Refuse what the motors cannot be told and what nobody measures.
-
-    Raises:
-        InputError: naming the first of it.
-    """
+    """Refuse what the motors cannot be told and what nobody measures."""
     findings = list(motor_findings(contract, description, hardware=True))
     for finding in findings:
         if finding.severity == "error":

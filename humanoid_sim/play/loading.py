@@ -92,10 +92,6 @@ def parse_options(text: str, config: PlayConfig) -> PlayConfig:
 
     Args:
         text: of the request, a JSON object of texts.
-        config: of the session.
-
-    Raises:
-        InputError: naming the option.
     """
     try:
         options = parse_json(text)
@@ -127,10 +123,6 @@ class Prover:
 
     def prove(self, config: PlayConfig, header: SessionHeader) -> Proof:
         """Check a policy, run it for the first time, and compute its golden vectors again.
-
-        Args:
-            config: of the session, with the policy's options.
-            header: of the run so far.
 
         Raises:
             InputError: the session cannot take it, and why.
@@ -268,12 +260,6 @@ class PolicyLoader:
     """Prepares policies for `Loading`; of what it gives, only `follow` runs on the control thread."""
 
     def __init__(self, plan: Plan, header: SessionHeader) -> None:
-        """Know the run.
-
-        Args:
-            plan: of the run.
-            header: as recorded.
-        """
         self._plan, self._header = plan, header
         self._prover = Prover()
         has_onnxruntime()  # imported now: later the import would stop the loop for 30 ms

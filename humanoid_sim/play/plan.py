@@ -195,11 +195,7 @@ def make_plan(config: PlayConfig) -> Plan:
 
 
 def _allowed_signs(config: PlayConfig, setup: RobotSetup) -> tuple[str, ...] | None:
-    """Return the joints whose sign may contradict gravity; None where signs are not judged.
-
-    Raises:
-        InputError: one is not a joint of the robot.
-    """
+    """Return the joints whose sign may contradict gravity; None where signs are not judged."""
     for name in config.allow_sign_contradiction:
         if name not in setup.robot.joints:
             raise InputError(f"--allow-sign-contradiction: {known_names('joint', name, setup.robot.joints)}")
@@ -207,11 +203,7 @@ def _allowed_signs(config: PlayConfig, setup: RobotSetup) -> tuple[str, ...] | N
 
 
 def _checked_poses(description: RobotDescription) -> RobotDescription:
-    """Return the robot that walks through its check poses.
-
-    Raises:
-        InputError: it has none, or a joint that is wired wrongly would do harm in them.
-    """
+    """Return the robot that walks through its check poses."""
     extended = with_check_poses(description)
     for problem in check_pose_problems(description):
         raise InputError(f"--check-poses: {problem}")
@@ -240,12 +232,7 @@ def _inputs(config: PlayConfig, policy: PolicyChoice) -> tuple[Path, ...]:
 def _policy_on_robot(
     config: PlayConfig, description: RobotDescription, injector: Injector
 ) -> tuple[PolicyChoice, RobotDescription]:
-    """Return the policy, and the robot with what it takes from the policy's contract.
-
-    Raises:
-        InputError: if something is wrong with the policy, or it is for another robot; if no robot was named, that is
-            the first explanation.
-    """
+    """Return the policy, and the robot with what it takes from the policy's contract."""
     is_default = config.robot == DEFAULT_ROBOT and config.checkpoint is not None
     hint = f"--robot: the default, '{DEFAULT_ROBOT}', is used, and this policy is for another robot: "
     own = [name for name in shipped("robots") if sample_policy(name) == checkpoint_path(config)]

@@ -62,7 +62,6 @@ class Touches:
     """How hard the keys of a simulated piano were touched, mode by mode; it is told of each new mode."""
 
     def __init__(self, robot: MujocoRobot) -> None:
-        """Nothing was touched yet."""
         self._robot, self._mode = robot, Mode.ZERO_TORQUE
         self._hardest: dict[Mode, Touch] = {}
 
@@ -132,13 +131,8 @@ def simulated_robot(
     """Return a robot in MuJoCo.
 
     Args:
-        config: the options.
-        description: of the robot.
         control_period: s
         contract: of the policy, which says what is observed of the robot; None without one.
-
-    Raises:
-        InputError: if an option is not accepted.
     """
     timestep = timestep_of(description, config.actuation, config.physics_timestep)
     for option, delay in (("--command-delay", config.command_delay), ("--state-delay", config.state_delay)):

@@ -82,12 +82,8 @@ def choose_policy(
     """Load the checkpoint and the motion that the options name.
 
     Args:
-        config: the options.
         description: of the robot; the placeholder is made for it.
         wrap: put around the policy's callable, for faults that are injected deliberately.
-
-    Raises:
-        InputError: naming the file and what is wrong with it.
     """
     if not config.has_policy:
         return PolicyChoice()
@@ -149,11 +145,7 @@ def _chosen_motion(
 
 
 def _plays_song(config: PlayConfig, checkpoint: Checkpoint) -> bool:
-    """Return whether the motion is a song that is yet to be prepared.
-
-    Raises:
-        InputError: a song is given, and the policy plays none; or none is, and it needs one.
-    """
+    """Return whether the motion is a song that is yet to be prepared."""
     task = checkpoint.contract.task_type
     if task != "piano":
         if config.song is not None:
@@ -182,11 +174,7 @@ def _motion_file(config: PlayConfig, checkpoint: Checkpoint) -> Path | None:
 
 
 def parse_branch(text: str) -> tuple[str, float]:
-    """Return the file, and s on the robot's clock, of FILE@SECONDS.
-
-    Raises:
-        InputError: it is something else.
-    """
+    """Return the file, and s on the robot's clock, of FILE@SECONDS."""
     path, _, seconds = text.rpartition("@")
     try:
         time = float(seconds)
@@ -255,11 +243,7 @@ def _recorded_pushes(path: str, recorded: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _later_pushes(config: PlayConfig) -> tuple[str, ...]:
-    """Those that the options add.
-
-    Raises:
-        InputError: one begins before the branch, where the run is as it was recorded.
-    """
+    """Those that the options add."""
     begin = parse_branch(config.branch or "")[1]
     for text, push in zip(config.push, parse_pushes(config.push), strict=True):
         if push.time < begin:

@@ -85,7 +85,6 @@ def load_checkpoint(
     """Return a checkpoint with its contract complete, its widths checked and its first (slow) inference done.
 
     Args:
-        path: the model.
         contract_file: a contract.yaml; None: the one beside the model, if there is one.
         robot_joints: the joints in the robot's own order; only needed where no source names the policy's joints.
         verify: compute the golden vectors that the model carries again, and refuse it if something else comes out.

@@ -50,10 +50,6 @@ def check_tensors(path: Path, metadata: Mapping[str, str]) -> None:
 
     Args:
         path: of a model that can be loaded.
-        metadata: the model's.
-
-    Raises:
-        InputError: naming the file.
     """
     raw = path.read_bytes()
     if _LOCATION.encode() not in raw or not (TENSORS_KEY in metadata or _CHECKSUM.encode() in raw):

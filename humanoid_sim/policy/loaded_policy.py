@@ -63,8 +63,6 @@ def load_policy(
     """Bring a policy and its motion together.
 
     Args:
-        contract: of the policy.
-        policy: the callable.
         motion: what it follows; None for a policy that follows none.
         observation_width: N as the model declares it; None if any will do.
         source: what to call the policy in messages.
@@ -127,7 +125,6 @@ def contract_layout(contract: PolicyContract, observation_width: int | None = No
     """Return the observation in the policy's own joint order, with empty tables in the place of the motion.
 
     Args:
-        contract: of the policy.
         observation_width: N as the model declares it. It tells how many keys a policy sees where the contract does not
             say; None: one key.
 

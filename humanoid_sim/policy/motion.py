@@ -123,7 +123,6 @@ def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motio
     """Read and check a motion file, or a folder of rosbag2.
 
     Args:
-        path: of the file or the folder.
         topic: of the motion, where there are others; None: it has to be the only one.
 
     Raises:
@@ -141,11 +140,7 @@ def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motio
 
 
 def parse_motion(data: bytes, name: str) -> Motion:
-    """Return a motion from the bytes of its file; `name` is what to call it in messages.
-
-    Raises:
-        InputError: as `read_motion`.
-    """
+    """Return a motion from the bytes of its file; `name` is what to call it in messages."""
     return _motion(Path(name), _read_rows(Path(name), [(Path(name), McapStream(BytesIO(data)))]))
 
 
@@ -317,11 +312,7 @@ def is_bag(path: Path) -> bool:
 
 
 def bag_streams(folder: Path) -> Iterator[tuple[Path, McapStream | Database]]:
-    """Yield each of a bag's files, in order, with its records.
-
-    Raises:
-        InputError: naming the bag and what of it cannot be read.
-    """
+    """Yield each of a bag's files, in order, with its records."""
     place = folder / _METADATA
     document = read_yaml(place)
     information = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None

@@ -53,7 +53,6 @@ class OnnxModel:
         """Load a model.
 
         Args:
-            path: of the file.
             graph: a model that was made from the file's and is to run in its place; None: the file's own.
 
         Raises:
@@ -181,11 +180,7 @@ _OF_TRAINERS = {
 
 
 def check_file(path: Path) -> None:
-    """Refuse what cannot be an ONNX file.
-
-    Raises:
-        InputError: if there is no such file, or it is empty, a directory, a pipe, a device, or a trainer's own format.
-    """
+    """Refuse what cannot be an ONNX file."""
     own, instead = _OF_TRAINERS.get(path.suffix.lower(), ("", ""))
     if own:
         what = f"is {own}" if is_file(path) else "no such file"

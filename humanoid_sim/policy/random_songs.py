@@ -104,7 +104,6 @@ def choose_song(name: str, robot: RobotDescription, folder: Path = Path()) -> tu
     """Return what a robot can play of a sample song, of a MIDI file, or of `random:N`, the N-th of `held_out_songs`.
 
     Args:
-        name: of the song.
         robot: with a piano.
         folder: that the path of a file is relative to.
 

@@ -78,7 +78,6 @@ def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -
     """Joints that the robot's model damps as well, beside the contract's K_d.
 
     Args:
-        contract: of the policy.
         own: N·m·s/rad by joint, as `humanoid_sim.robots.mjcf.own_joint_damping` gives it.
     """
     pairs: dict[tuple[float, float], list[str]] = {}
@@ -104,7 +103,6 @@ def effort_findings(contract: PolicyContract, description: RobotDescription) -> 
     """Joints whose torque nothing limits, and those whose robot is weaker than the policy was trained with.
 
     Args:
-        contract: of the policy.
         description: of the robot, as it is by itself.
     """
     own = {joint.name: joint.effort_limit for joint in description.joints}
@@ -140,9 +138,7 @@ def body_findings(contract: PolicyContract, bodies: Sequence[str], robot: str) -
     """Bodies of the motion that the robot's model lacks.
 
     Args:
-        contract: of the policy.
         bodies: names of all bodies of the model.
-        robot: its name.
     """
     named = [("body_names", name) for name in contract.body_names]
     if contract.anchor_body:
@@ -163,10 +159,8 @@ def point_findings(
     """Find points whose velocity is observed, or around which the ground is scanned, and that the robot's model lacks.
 
     Args:
-        contract: of the policy.
         sites: names of all sites of the model.
         bodies: names of all its bodies.
-        robot: its name.
     """
     for term in contract.terms:
         kind = contract.kind(term)

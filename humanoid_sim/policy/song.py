@@ -84,7 +84,6 @@ def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain:
     A note that begins while the same key still sounds ends the earlier one. Drums are left out.
 
     Args:
-        path: of the .mid file.
         tracks: those to play, counted from 0; None for all.
         sustain: notes sound on while the sustain pedal is down.
 
@@ -194,7 +193,6 @@ def thin_out(song: Song, keys: Iterable[int], voices: int | None = None) -> tupl
     that must make room while it sounds ends there.
 
     Args:
-        song: all notes.
         keys: those that can be reached.
         voices: most notes that sound at a time; None for any number.
     """

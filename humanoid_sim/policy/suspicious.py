@@ -38,7 +38,6 @@ def suspicious_findings(
     """Look at the contract alone.
 
     Args:
-        contract: of the policy.
         description: of the robot, whose own gains excuse the same ones in the contract.
         own_damping: N·m·s/rad by joint, of the robot's model: where it is kept, it brakes a joint without K_d.
     """

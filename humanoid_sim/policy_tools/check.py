@@ -107,10 +107,7 @@ def check_checkpoint(
     A contract that contradicts itself or is not complete is one finding, and the only one.
 
     Args:
-        path: the checkpoint.
-        description: the robot.
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
-        hardware: it is for the real robot.
         physics_timestep: s of the simulation; None: the robot's.
 
     Raises:
@@ -239,9 +236,6 @@ def _stability(
     """Yield whether the policy's damping is stable at the physics step: `humanoid_sim.simulation.stability`.
 
     The joints' names must be the robot's.
-
-    Raises:
-        InputError: the robot's MJCF cannot be simulated.
     """
     robot = with_contract(description, contract)
     model = build_model(robot, physics_timestep=physics_timestep, scene=False)

@@ -300,11 +300,7 @@ _VALUES = {"names": "[NAME, NAME]", "text": "TEXT", "flag": "true", "structure":
 
 
 def _check_skeleton(path: Path) -> None:
-    """Refuse a file that cannot be written, or is there: what was filled in must not be lost.
-
-    Raises:
-        InputError: naming the option.
-    """
+    """Refuse a file that cannot be written, or is there: what was filled in must not be lost."""
     output_file(path, "--skeleton", ".yaml", ".yml")
     if os.path.lexists(path):
         raise InputError(f"--skeleton: '{path}' exists; choose another name")

@@ -71,14 +71,11 @@ def stamp(
     takes the name `output`.
 
     Args:
-        path: the checkpoint.
-        output: the copy.
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
         description: the robot, for contracts that name joints by place, and for traces whose anchor poses follow from
             `qpos`.
         trace: a trainer's run, see `humanoid_sim.policy.golden.trace`.
         motion: what the policy follows, where the model does not carry it.
-        overwrite: replace `output` if it exists.
 
     Raises:
         InputError: the checkpoint, its contract or the trace is refused, or the copy cannot be written.

@@ -131,11 +131,7 @@ def _own_names(
 
 
 def named_order(option: str, value: str, known: Orders) -> tuple[str, ...]:
-    """Return what an option such as --joint-order stands for: one of the known orders, or the names themselves.
-
-    Raises:
-        InputError: if it is neither.
-    """
+    """Return what an option such as --joint-order stands for: one of the known orders, or the names themselves."""
     if value in known:
         return known[value]
     names = tuple(name.strip() for name in value.split(","))
@@ -145,11 +141,7 @@ def named_order(option: str, value: str, known: Orders) -> tuple[str, ...]:
 
 
 def match_names(source: str, what: str, names: Iterable[str], wanted: Iterable[str], who: str) -> list[int]:
-    """Places of the `wanted` names among `names`.
-
-    Raises:
-        InputError: naming the one that is missing and those that exist.
-    """
+    """Places of the `wanted` names among `names`."""
     listed = list(names)
     for name in wanted:
         if name not in listed:

@@ -31,11 +31,7 @@ _GAPS = 0.1
 
 
 def parse_roles(options: Iterable[str]) -> dict[str, str]:
-    """`--features joint_pos=observation.qpos …` as a mapping from role to feature.
-
-    Raises:
-        InputError: naming the option.
-    """
+    """`--features joint_pos=observation.qpos …` as a mapping from role to feature."""
     roles = {}
     for option in options:
         role, equals, feature = option.partition("=")
@@ -59,12 +55,9 @@ def episode_motion(
     """Return the motion in an episode's columns.
 
     Args:
-        source: name for messages.
         columns: numeric features, each (F, …).
         names: what the dataset calls the values of each feature, if it does.
-        fps: of the dataset.
         roles: features whose names are not the usual ones, by role.
-        joint_names: of the robot.
 
     Raises:
         InputError: if the columns hold no motion, or one that contradicts itself.

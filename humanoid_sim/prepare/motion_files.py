@@ -51,9 +51,6 @@ def read_npz(path: Path) -> SourceMotion:
     """Read a motion of whole_body_tracking (joints and bodies in Isaac's order) or mjlab (in MJCF order).
 
     The format has no names; files that hold `joint_names` and `body_names` all the same are believed.
-
-    Raises:
-        InputError: one line with the file and what is wrong with it.
     """
     arrays = read_arrays(path)
     missing = [key for key in _NPZ_KEYS if key not in arrays]
@@ -104,9 +101,6 @@ def read_csv(
 
     Frames per second are None where a column `time` gives them. A robot with a `floating` base needs its pose.
     `quaternions` is the order of a headless file's; None for x y z w.
-
-    Raises:
-        InputError: one line with the file, the line and what is wrong with it.
     """
     rows = _csv_rows(path)
     if not rows:

@@ -32,22 +32,14 @@ class OutputFolder:
     """A folder for results."""
 
     def __init__(self, folder: Path, overwrite: bool) -> None:
-        """Refuse a folder that cannot be one.
-
-        Raises:
-            InputError: if a file is in its place.
-        """
+        """Refuse a folder that cannot be one."""
         if folder.exists() and not folder.is_dir():
             raise InputError(f"--output: '{folder}' is a file, expected a folder")
         self._folder = folder
         self._overwrite = overwrite
 
     def refuse_existing(self, names: Mapping[str, Content]) -> None:
-        """Refuse to replace files, unless that was asked for.
-
-        Raises:
-            InputError: naming the first that exists.
-        """
+        """Refuse to replace files, unless that was asked for."""
         for name in names:
             if (self._folder / name).exists() and not self._overwrite:
                 raise InputError(f"--output: '{self._folder / name}' exists; choose another --name, or add --overwrite")

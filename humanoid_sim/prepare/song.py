@@ -39,9 +39,7 @@ def prepare_song(options: PrepareOptions, policy_dt: float, console: Console) ->
     """Return the files of a song: its goals, a report, and a piano roll.
 
     Args:
-        options: of `prepare`, with a song.
         policy_dt: s between two rows of goals.
-        console: where it says what was left out.
 
     Raises:
         InputError: the song cannot be read, or nothing of it can be played.

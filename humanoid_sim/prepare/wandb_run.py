@@ -70,12 +70,7 @@ class _UnreachableError(Exception):
 
 
 def _within(timeout: float, function: Callable[[], T]) -> T:
-    """Return the result of a call that may hang, made in a thread that ends with the process.
-
-    Raises:
-        InputError: if the service answers with an error.
-        _UnreachableError: if there is no answer.
-    """
+    """Return the result of a call that may hang, made in a thread that ends with the process."""
     answer: Future[T] = Future()
 
     def call() -> None:

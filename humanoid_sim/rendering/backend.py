@@ -78,9 +78,6 @@ def choose_backend(
 
     Everything that the answer depends on can be given: `environ` (default: the process's), the platform, the search
     for a shared library, and the trial of EGL.
-
-    Raises:
-        InputError: if `MUJOCO_GL` has a value that MuJoCo does not know; it would fail at import.
     """
     environ = os.environ if environ is None else environ
     request = check_environment(environ)

@@ -39,7 +39,6 @@ class ShownReference:
     """Which frame of its motion a run's policy is shown, and where the motion is laid onto the robot, tick by tick."""
 
     def __init__(self) -> None:
-        """Nothing is shown."""
         self.frame: int | None = None
         """Of the latest policy step; None where the policy does not drive the robot."""
         self.anchor: FloatArray | None = None
@@ -94,9 +93,7 @@ class ReferenceGhost:
         """Return the ghost at a frame, shape (nq,).
 
         Args:
-            model: of the robot.
             qpos: shape (nq,), the robot's own pose, for whatever the motion does not say.
-            frame: of the reference.
         """
         ghost = qpos.copy()
         addresses = joint_addresses(model, self.description.joint_names)

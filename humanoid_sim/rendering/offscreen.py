@@ -51,9 +51,6 @@ def make_renderer(
 
     The model's visual settings are adapted: its off-screen buffer to the picture, its quality to OSMesa's speed. The
     arguments are those of `PoseRenderer`.
-
-    Raises:
-        InputError: if the model has no such camera.
     """
     view = make_camera(model, camera, width / height)
     plain = tint_limbs(model)

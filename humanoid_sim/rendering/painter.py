@@ -60,10 +60,6 @@ class Painter:
         """Prepare.
 
         Args:
-            model: to draw.
-            width: pixels.
-            height: pixels.
-            camera: where from.
             outlined: whether geoms are set off from each other by a dark line.
         """
         self._model, self._camera = model, camera
@@ -79,7 +75,6 @@ class Painter:
         """Return the picture of the poses in `data`, shape (height, width, 3), RGB. What is not finite is not drawn.
 
         Args:
-            data: of the model.
             ghost: another pose of the model, shown through it in one colour, as far as its bodies can move.
         """
         geoms = self._seen(data, self._scene)

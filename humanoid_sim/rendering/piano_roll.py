@@ -37,7 +37,6 @@ def draw_piano_roll(wanted: Keys, step: float, pressed: Keys | None = None, titl
         wanted: shape (T, 88), 1 where a key should be down.
         step: s between two rows.
         pressed: shape (T, 88), 1 where a key was down; None to draw the song alone.
-        title: above it.
     """
     goal = np.asarray(wanted) > 0.5
     down = None if pressed is None else np.asarray(pressed) > 0.5
@@ -110,9 +109,7 @@ def draw_reach(keys: Sequence[Key], hands: Sequence[Collection[int]], title: str
     """Draw which hand reaches which key.
 
     Args:
-        keys: all of the piano.
         hands: the keys of the left hand, and those of the right one.
-        title: above it.
     """
     left = min(key.box.position[1] - key.box.size[1] for key in keys)
     scale = (_WIDTH - 2 * _MARGIN) / (-2.0 * left)

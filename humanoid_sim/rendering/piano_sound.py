@@ -61,7 +61,6 @@ class PianoSound:
     """Sound of strokes as they come, without end: what was asked for once is not kept."""
 
     def __init__(self) -> None:
-        """Silence."""
         self._next = 0
         self._notes: list[_Note] = []
 

@@ -312,12 +312,7 @@ def finish_video(video: VideoSink, console: Console, hint: str = "") -> VideoRep
     """Wait until a video is drawn, and show how far it is. An output that cannot be written spoils no video.
 
     Args:
-        video: that has all its frames.
-        console: where to show it.
         hint: what Ctrl-C does, for the reader.
-
-    Raises:
-        InputError: see `VideoSink.finish`.
     """
     with _shown(video, console, hint) as progress:
         return video.finish(progress)

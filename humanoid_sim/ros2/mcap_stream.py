@@ -76,7 +76,6 @@ class McapStream:
         """Prepare to read.
 
         Args:
-            file: the file.
             past_damage: go on behind records that are not sound, with the next one that is. The schemas and channels
                 of a finished file are then given again from its index: the lost chunk may have held them.
         """

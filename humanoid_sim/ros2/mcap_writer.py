@@ -58,7 +58,6 @@ class ChunkedWriter:
     """One file; its methods are those of the library's writer."""
 
     def __init__(self, file: Output) -> None:
-        """Write nothing yet."""
         self._file = file
         self._parts: list[bytes] = []
         """Of the chunk."""

@@ -102,7 +102,6 @@ class StackDriver(RuleBasedStateMachine):
         """One tick, run twice: the same bits must come out, and nothing that went in may change.
 
         Args:
-            given: the input.
             answer: how the policy behaves if it is asked: `well behaved`, or one of `misbehaviours`.
         """
         self.policy.answer = self.answers[answer]
@@ -150,7 +149,6 @@ class StackDriver(RuleBasedStateMachine):
         The mode stays, and no controller fails.
 
         Args:
-            ticks: how many.
             sends: a valid remote command arrives in each of them; else the last one grows old.
         """
         if sends:

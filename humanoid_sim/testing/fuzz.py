@@ -89,7 +89,6 @@ def fuzz_stack(
     Args:
         build: gives the stack under test, new for every run. The policy that it is given behaves or misbehaves as the
             run has it; a stack that runs a policy of its own may leave it aside.
-        settings: of Hypothesis.
         healthy_ticks: in each mode; 0 leaves out whatever comes before the search.
         shrink_seconds: s, for which a shorter run is looked for.
 
@@ -145,8 +144,6 @@ def fuzz_controller(
     give the same bits, and nothing that it is given changes. On a healthy robot whose clock runs, it has no fault.
 
     Args:
-        controller: the one under test.
-        settings: of Hypothesis.
         healthy_ticks: of the longest healthy session; 0 for none.
         shrink_seconds: s, for which a shorter example is looked for.
 
@@ -229,11 +226,7 @@ _INTENTS_AT_ONCE = 3
 
 
 def every_mode_lasts(machine_type: type[StackMachine], ticks: int) -> None:
-    """Each mode on a healthy robot, for so many ticks: it stays, and no controller fails.
-
-    Raises:
-        SafetyViolationError: with the mode and the tick.
-    """
+    """Each mode on a healthy robot, for so many ticks: it stays, and no controller fails."""
     for machine, way in _modes(machine_type):
         try:
             machine.pass_time(ticks)
@@ -247,9 +240,6 @@ def every_report_and_intent(machine_type: type[StackMachine]) -> None:
     """In each mode every level and flag, from every one of up to three sources, and up to three intents in any order.
 
     Each is one tick on a healthy robot, from the same instant of the mode.
-
-    Raises:
-        SafetyViolationError: with the mode and the property that does not hold.
     """
     for machine, way in _modes(machine_type):
         machine.tick()

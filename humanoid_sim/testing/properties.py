@@ -84,11 +84,7 @@ class SafetyProperties:
         return other
 
     def check(self, given: TickInput, output: TickOutput) -> None:
-        """Check every property for this tick, which follows the one checked before.
-
-        Raises:
-            SafetyViolationError: saying what does not hold.
-        """
+        """Check every property for this tick, which follows the one checked before."""
         name = output.control_mode.controller_name
         check_complete(output.command, len(self._stack.joints))
         self._check_mode(name, given, output)

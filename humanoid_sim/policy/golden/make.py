@@ -49,7 +49,6 @@ def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None 
 
     Args:
         checkpoint: wired as it will be stamped.
-        trace: of the run.
         motion: what the run followed, where the model does not carry it.
 
     Raises:
@@ -91,11 +90,7 @@ def _rolled(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, na
 
 
 def _roll(wiring: PolicyWiring, recorded: Recorded) -> list[_Row]:
-    """Go through a run from activation on.
-
-    Raises:
-        FieldError: naming the step that the controller would refuse, and why.
-    """
+    """Go through a run from activation on."""
     rows: list[_Row] = []
     memory = wiring.activate(recorded.state(0))
     for k, action in enumerate(recorded.action):

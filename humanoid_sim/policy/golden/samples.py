@@ -168,11 +168,7 @@ def encode_samples(samples: GoldenSamples) -> str:
 
 
 def decode_samples(text: str, where: str) -> GoldenSamples:
-    """Return the samples in a text of `encode_samples`.
-
-    Raises:
-        InputError: naming `where`, if it is none.
-    """
+    """Return the samples in a text of `encode_samples`."""
     try:
         document = parse_json(text)
         if document["version"] != _VERSION:

@@ -49,11 +49,7 @@ def _speaks(path: Path) -> bool:
 
 
 def read_berkeley(path: Path) -> PartialContract:
-    """Return what the file states, and the terms that come with the dialect.
-
-    Raises:
-        InputError: one line with the file, the field, the value and what is accepted.
-    """
+    """Return what the file states, and the terms that come with the dialect."""
     reader = _Reader(path, read_yaml(path))
     fields = given(path.name, dict(reader.fields()))
     history = reader.count("history_length", 0, least=0) + 1

@@ -117,11 +117,7 @@ def find_contract(checkpoint: Path) -> Path | None:
 
 
 def read_contract_file(path: Path) -> list[PartialContract]:
-    """Return the file's own fields and, if it has any, its overrides.
-
-    Raises:
-        InputError: one line with the file, the path of the field, and what is wrong.
-    """
+    """Return the file's own fields and, if it has any, its overrides."""
     return parse_contract(read_yaml(path), str(path), path.name)
 
 
@@ -132,9 +128,6 @@ def parse_contract(document: Any, where: str, source: str) -> list[PartialContra
         document: as YAML gives it.
         where: what to call the file in messages.
         source: what to call it in the contract's provenance.
-
-    Raises:
-        InputError: as `read_contract_file`.
     """
     file = dict(_set_fields(_convert({} if document is None else document, ContractFile, where, "")))
     override, ignored = file.pop("override", None), tuple(file.pop("ignore", ()))
@@ -183,11 +176,7 @@ def _check_phase(parts: dict[str, Any], where: str) -> None:
 
 
 def _convert(document: Any, struct: type[msgspec.Struct], where: str, place: str) -> msgspec.Struct:
-    """Return a document as a struct; `place` is where in the file it stands.
-
-    Raises:
-        InputError: with the path of the field, and what is wrong.
-    """
+    """Return a document as a struct; `place` is where in the file it stands."""
     try:
         return msgspec.convert(document, struct)
     except msgspec.ValidationError as error:

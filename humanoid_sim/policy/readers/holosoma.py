@@ -26,9 +26,6 @@ def read_holosoma(metadata: Mapping[str, str], where: str) -> PartialContract:
     """Joints, gains and command ranges, of trackers the action scale.
 
     The rest is in the trainer's Python configuration, and for a contract.yaml.
-
-    Raises:
-        InputError: naming `where`, the key and its text, if one is malformed.
     """
     fields: dict[str, Given] = {}
     names = _parse("dof_names", metadata, where)

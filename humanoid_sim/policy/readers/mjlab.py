@@ -57,9 +57,6 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> PartialContract:
     The rate is not, and before mjlab 1.6 neither is how terms are scaled, clipped and stacked: the usual is assumed.
     The velocity of the base is that of the IMU where mjlab 1.6 or later has written the file: its tasks observe the
     velocimeter there. Files without its keys may be whole_body_tracking's, which observes the base itself.
-
-    Raises:
-        InputError: naming `where`, the key and its text, if one is malformed.
     """
     known = {key: field for key, field in _FIELDS.items() if key in metadata}
     fields = {field: values.csv_field(field, key, metadata[key], where, MJLAB_SOURCE) for key, field in known.items()}

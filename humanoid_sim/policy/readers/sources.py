@@ -41,8 +41,6 @@ def assemble_contract(
     A stamped checkpoint is complete by itself, so no trainer's file beside it is read; a `contract.yaml` always is.
 
     Args:
-        path: the checkpoint.
-        metadata: its `custom_metadata_map`.
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
         robot_joints: the joints in the robot's own order, for sources that give places instead of names.
         outputs: names of the model's outputs.

@@ -52,9 +52,6 @@ def read_deploy(path: Path) -> PartialContract:
 
     Gains are listed in the robot's order, everything else in the policy's: `joint_ids_map` leads from the one to the
     other.
-
-    Raises:
-        InputError: one line with the file, the field, the value and what is accepted.
     """
     reader = _Reader(path, read_yaml(path))
     fields = {name: Given(value, path.name) for name, value in reader.fields().items()}

@@ -116,9 +116,7 @@ class Reader:
         """Announce that the topic is wanted.
 
         Args:
-            participant: joins the domain.
             topic: its ROS 2 name.
-            kind: what it is.
             depth: messages that are kept between two calls of `take`; None: `kind.depth`.
             any_writer: match writers of whatever quality of service; else those that offer `kind`'s.
         """
