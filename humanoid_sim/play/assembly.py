@@ -16,8 +16,6 @@ from humanoid_sim.controllers.fsm import MODES
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.joint_use import JointUse
-from humanoid_sim.evaluation.piano_score import PlayedKeys
-from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors
 from humanoid_sim.frontends.launcher import FrontEnds
 from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, SessionHeader
 from humanoid_sim.mit import MITState
@@ -149,10 +147,8 @@ class Run:
     """Policy that was loaded last."""
     config: PlayConfig
     """Options, with those of that policy."""
+    judged: JudgedPolicy
     keyboard: Keyboard | None = None
-    tracking: TrackingErrors | None = None
-    anchor: AnchorErrors | None = None
-    keys: PlayedKeys | None = None
     recorder: McapRecorder | None = None
     video: VideoSink | None = None
     shadow: ShadowSink | None = None
@@ -162,8 +158,7 @@ class Run:
 
     def follow(self, policy: PolicyChoice, config: PlayConfig, judged: JudgedPolicy) -> None:
         """Have what watches the run watch another policy; between two ticks, on the control thread."""
-        self.policy, self.config = policy, config
-        self.tracking, self.anchor, self.keys = judged.tracking, judged.anchor, judged.keys
+        self.policy, self.config, self.judged = policy, config, judged
         self.monitor.follow(judged.tracking, judged.anchor, judged.keys)
         self.console.follow(
             replace(
@@ -293,10 +288,8 @@ def assemble(plan: Plan, console: Console) -> Run:
         ends,
         policy,
         config,
+        judged,
         keyboard,
-        judged.tracking,
-        judged.anchor,
-        judged.keys,
         recorder,
         video,
         shadow,

@@ -185,7 +185,8 @@ class ConsoleSink(WorkerSink):
     def __init__(self, console: Console, told: Told) -> None:
         super().__init__("console", period=0.05)
         self._console = console
-        self._told = told
+        self.told = told
+        """Facts that the line needs in addition to the ticks."""
         self._line = StatusLine(console)
         self._mode: Mode | None = None
         self._controller = ""
@@ -202,12 +203,7 @@ class ConsoleSink(WorkerSink):
 
     def follow(self, told: Told) -> None:
         """Know of another policy from here on."""
-        self._told, self._frame = told, None
-
-    @property
-    def told(self) -> Told:
-        """Facts that the line needs in addition to the ticks."""
-        return self._told
+        self.told, self._frame = told, None
 
     def tick(self, record: TickRecord) -> None:
         """Queue a tick that has something to print; of the others only the latest is needed, for the line."""
@@ -233,7 +229,7 @@ class ConsoleSink(WorkerSink):
             before = f"{_styled(self._mode)} → " if self._mode is not None else ""
             self._print(f"{before}{_styled(control.mode)}  [dim]{escape(control.status_message)}[/dim]")
             self._mode, self._controller = control.mode, control.controller_name
-        elif Intent.DAMP in record.input.intents and not self._told.is_driven():
+        elif Intent.DAMP in record.input.intents and not self.told.is_driven():
             self._print(f"[red]DAMP has no effect: no motor is driven; {HOW_TO_REACTIVATE}[/red]")
         elif bad:
             for text in bad:
@@ -262,18 +258,16 @@ class ConsoleSink(WorkerSink):
             return
         self._drawn = now
         mode = record.output.control_mode.mode
-        self._line.draw(status_parts(record, self._frame, self._overruns, self._told, self._line.width), mode)
+        self._line.draw(status_parts(record, self._frame, self._overruns, self.told, self._line.width), mode)
 
     def handle_close(self) -> None:
         """Take the line away."""
         self._line.clear()
 
     def _what_comes_next(self, record: TickRecord) -> str:
-        if not self._told.has_keys:
+        if not self.told.has_keys:
             return ""
-        found = [
-            intent for intent in possible(record, self._told.available) if intent not in (Intent.DAMP, Intent.QUIT)
-        ]
+        found = [intent for intent in possible(record, self.told.available) if intent not in (Intent.DAMP, Intent.QUIT)]
         return f": {', '.join(f'{key_of(intent)} {intent.name}' for intent in found)}" if found else ""
 
     def _print(self, text: str) -> None:

@@ -120,7 +120,7 @@ def make_plan(config: PlayConfig) -> Plan:
             config, description, None if is_shadow or contract is None else contract.policy_dt
         )
     else:
-        control_period, notice = point.control_period, ""
+        control_period, notice = point.recording.header.control_period, ""
     setup = _robot(config, description, control_period, contract)
     try:
         taken: Mapping[str, int] = {} if policy.loaded is None else policy.loaded.taken(setup.live)

@@ -60,8 +60,8 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "not_kept": monitor.dropped,
         "loop": loop_figures(result, monitor, plan.control_period, realtime=plan.realtime),
         "effort": monitor.joints.effort(),
-        "tracking": None if run.tracking is None else _tracking_figures(run.tracking.summary()),
-        "anchor": _figures(run.anchor),
+        "tracking": None if run.judged.tracking is None else _tracking_figures(run.judged.tracking.summary()),
+        "anchor": _figures(run.judged.anchor),
         "base": _figures(run.monitor.base),
         "piano": _piano_figures(run),
         "key_force": key_force(run),
@@ -157,7 +157,7 @@ def _figures(part: AnchorErrors | BaseMotion | None) -> dict[str, Any] | None:
 
 def _piano_figures(run: Run) -> dict[str, Any] | None:
     """Return the score, and how hard the keys were touched; None where no song was played."""
-    performance = None if run.keys is None else run.keys.performance()
+    performance = None if run.judged.keys is None else run.judged.keys.performance()
     return None if performance is None else asdict(performance.score())
 
 

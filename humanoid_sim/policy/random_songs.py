@@ -134,13 +134,6 @@ def _held_out(hands: Sequence[Sequence[int]], number: int, seed: int) -> Song:
     return random_song(np.random.default_rng([_HELD_OUT, seed, number]), hands)
 
 
-def most_onsets(song: Song, window: float = 1.0) -> int:
-    """Most notes that begin within any `window` (s)."""
-    starts = np.sort([note.start for note in song.notes])
-    ends = np.searchsorted(starts, starts + window - 1e-9)
-    return int((ends - np.arange(len(starts))).max(initial=0))
-
-
 def _in_scale(keys: Sequence[int], scale: Sequence[int], tonic: int) -> list[int]:
     """Return the keys of a hand that are in the scale; all of them where that leaves too few to move."""
     chosen = sorted(key for key in keys if (key - tonic) % 12 in scale)

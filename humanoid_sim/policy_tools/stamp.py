@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -39,19 +39,6 @@ _PROBES = 8
 """Observations, beside the golden ones, on which the copy must answer bit for bit what the original does."""
 
 
-@dataclass(frozen=True, slots=True)
-class StampResult:
-    """What was written."""
-
-    output: Path
-    size: int
-    """bytes"""
-    samples: GoldenSamples | None
-    """None where the contract declares live inputs, which nobody here can make."""
-    blind_spots: tuple[str, ...]
-    """Mistakes that the samples could not show; empty for samples that are drift only anyway."""
-
-
 def stamp(
     path: Path,
     output: Path,
@@ -61,7 +48,7 @@ def stamp(
     trace: Path | None = None,
     motion: Path | None = None,
     overwrite: bool = False,
-) -> StampResult:
+) -> tuple[int, GoldenSamples | None, tuple[str, ...]]:
     """Stamp a copy of a checkpoint.
 
     The copy holds external tensors itself, the thirteen metadata keys, the complete contract, and golden vectors: of
@@ -76,6 +63,10 @@ def stamp(
             `qpos`.
         trace: a trainer's run, see `humanoid_sim.policy.golden.trace`.
         motion: what the policy follows, where the model does not carry it.
+
+    Returns:
+        Its size in bytes; its samples, None where the contract declares live inputs, which nobody here can make; and
+        the mistakes that the samples could not show, empty for samples that are drift only anyway.
 
     Raises:
         InputError: the checkpoint, its contract or the trace is refused, or the copy cannot be written.
@@ -98,7 +89,7 @@ def stamp(
     with whole_file(output) as file:
         file.write(data)
     unseen = blind_spots(checkpoint, samples) if samples is not None and samples.origin == "trainer" else ()
-    return StampResult(output, len(data), samples, unseen)
+    return len(data), samples, unseen
 
 
 def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
@@ -186,7 +177,7 @@ def _different_field(a: PolicyContract, b: PolicyContract) -> str:
 
 def stamp_copy(options: Stamp) -> int:
     """Write the copy, and say what its golden vectors are worth."""
-    result = stamp(
+    size, samples, blind = stamp(
         options.checkpoint,
         options.output,
         contract_file=options.contract,
@@ -196,14 +187,14 @@ def stamp_copy(options: Stamp) -> int:
         overwrite=options.overwrite,
     )
     console = make_console()
-    console.print(f"{escape(str(result.output))}: {result.size / 1e6:.2f} MB, contract inside", soft_wrap=True)
-    if result.samples is None:
+    console.print(f"{escape(str(options.output))}: {size / 1e6:.2f} MB, contract inside", soft_wrap=True)
+    if samples is None:
         console.print("golden vectors: none: the contract declares live inputs, which are not sampled", soft_wrap=True)
         return 0
-    console.print(f"golden vectors: {escape(result.samples.label)}", soft_wrap=True)
-    if result.samples.origin == "own":
+    console.print(f"golden vectors: {escape(samples.label)}", soft_wrap=True)
+    if samples.origin == "own":
         console.print("  --trace FILE with the trainer's run makes vectors that show wrong wiring as well")
-    for unseen in result.blind_spots:
+    for unseen in blind:
         console.print(f"  not seen by them: {escape(unseen)}", soft_wrap=True)
     return 0
 

@@ -45,9 +45,7 @@ def prepare(options: PrepareOptions) -> int:
     console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
     outputs = OutputFolder(Path(options.output), options.overwrite)
     if options.song is not None and options.policy is None and options.wandb_run_path is None:
-        song = prepare_song(options, 1.0 / (options.fps or SONG_RATE), console)
-        outputs.refuse_existing(song)
-        outputs.write(song, console)
+        outputs.write(prepare_song(options, 1.0 / (options.fps or SONG_RATE), console), console)
         return 0
     path = _checkpoint_path(options, console)
     description = load_robot(options.robot)
@@ -59,9 +57,7 @@ def prepare(options: PrepareOptions) -> int:
         needed = "plays songs: give one with --song" if task == "piano" else "plays no songs, and --song is given"
         raise InputError(f"{path}: is a policy of task_type {task}, which {needed}")
     if options.song is not None:
-        song = prepare_song(options, checkpoint.contract.policy_dt, console)
-        outputs.refuse_existing(song)
-        _write(outputs, song, checkpoint, path, console)
+        _write(outputs, prepare_song(options, checkpoint.contract.policy_dt, console), checkpoint, path, console)
         return 0
     if task == "locomotion" and has_source:
         option = "--motion" if options.motion is not None else "--dataset"

@@ -19,18 +19,13 @@ from humanoid_sim.errors import InputError
 
 OpenGL = Literal["glfw", "osmesa", "egl", "none"]
 
+_WINDOW: OpenGL = "glfw"
+_NOTHING: OpenGL = "none"
 _REQUESTS: Mapping[str, OpenGL] = {
-    "glfw": "glfw",
-    "glx": "glfw",
-    "cgl": "glfw",
-    "wgl": "glfw",
+    **dict.fromkeys(("glfw", "glx", "cgl", "wgl"), _WINDOW),
     "osmesa": "osmesa",
     "egl": "egl",
-    "disable": "none",
-    "disabled": "none",
-    "off": "none",
-    "false": "none",
-    "0": "none",
+    **dict.fromkeys(("disable", "disabled", "off", "false", "0"), _NOTHING),
 }
 _NO_REQUEST = ("", "enable", "enabled", "on", "true", "1")
 
