@@ -18,7 +18,7 @@ from rich.table import Table
 from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.evaluation.joint_use import describe_effort
-from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingSummary
+from humanoid_sim.evaluation.tracking import AnchorErrors
 from humanoid_sim.files import whole_file
 from humanoid_sim.messages import Mode
 from humanoid_sim.play.assembly import Run
@@ -36,7 +36,9 @@ _SHOWN = 10
 
 def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
     """Everything that the final table shows, in SI units and radians."""
-    plan, monitor = run.plan, run.monitor
+    plan, monitor, judged = run.plan, run.monitor, run.judged
+    tracking = None if judged.tracking is None else judged.tracking.summary()
+    performance = None if judged.keys is None else judged.keys.performance()
     return {
         "robot": plan.description.name,
         "policy": None if plan.shadow is not None or run.policy.loaded is None else run.policy.source,
@@ -60,10 +62,10 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "not_kept": monitor.dropped,
         "loop": loop_figures(result, monitor, plan.control_period, realtime=plan.realtime),
         "effort": monitor.joints.effort(),
-        "tracking": None if run.judged.tracking is None else _tracking_figures(run.judged.tracking.summary()),
-        "anchor": _figures(run.judged.anchor),
+        "tracking": None if tracking is None or not tracking.samples else asdict(tracking),
+        "anchor": _figures(judged.anchor),
         "base": _figures(run.monitor.base),
-        "piano": _piano_figures(run),
+        "piano": None if performance is None else asdict(performance.score()),
         "key_force": key_force(run),
         "doctor": _doctor(run.config),
         "definitions": dict(DEFINITIONS),
@@ -155,12 +157,6 @@ def _figures(part: AnchorErrors | BaseMotion | None) -> dict[str, Any] | None:
     return None if summary is None else asdict(summary)
 
 
-def _piano_figures(run: Run) -> dict[str, Any] | None:
-    """Return the score, and how hard the keys were touched; None where no song was played."""
-    performance = None if run.judged.keys is None else run.judged.keys.performance()
-    return None if performance is None else asdict(performance.score())
-
-
 def key_force(run: Run) -> dict[str, Any] | None:
     """Return how hard a key of a simulated piano was touched at most, against the robot's limit; None without a piano.
 
@@ -175,10 +171,6 @@ def key_force(run: Run) -> dict[str, Any] | None:
     touch = max(driven, key=lambda touch: touch.force, default=None)
     at = {"force": 0.0, "key": None, "time": None} if touch is None else {**asdict(touch), "key": key_name(touch.key)}
     return {**at, "limit": piano.key_force_limit, "sunk": limp}
-
-
-def _tracking_figures(tracking: TrackingSummary) -> dict[str, Any] | None:
-    return asdict(tracking) if tracking.samples else None
 
 
 def _tracking(tracking: dict[str, Any]) -> Table:

@@ -72,7 +72,9 @@ def load_policy(
         InputError: if the motion does not fit the policy, or the terms do not add up to the model's input.
     """
     try:
-        _refuse_used_topics(contract)
+        for name, topic in contract.live_topics.items():
+            if is_used(topic.name):
+                raise FieldError(f"live input '{name}': its topic is {topic.name}, which a session uses itself")
         loaded = LoadedPolicy(contract, _reference(contract, motion, source, motion_source), policy)
         layout = loaded.layout
     except FieldError as error:
@@ -83,12 +85,6 @@ def load_policy(
             f"{source}: its terms are {layout.width} wide ({terms}), its model's input is {observation_width}"
         )
     return loaded
-
-
-def _refuse_used_topics(contract: PolicyContract) -> None:
-    for name, topic in contract.live_topics.items():
-        if is_used(topic.name):
-            raise FieldError(f"live input '{name}': its topic is {topic.name}, which a session uses itself")
 
 
 def _reference(contract: PolicyContract, motion: Motion | None, source: str, motion_source: str) -> MotionReference:

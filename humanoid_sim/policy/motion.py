@@ -165,12 +165,6 @@ def _motion(path: Path, found: _Rows) -> Motion:
         raise InputError(f"{path}: {error}") from None
 
 
-def _last_attached(first: Attachment, stream: Iterable[object]) -> bytes:
-    """Give the motion of the policy that was loaded last in a recording."""
-    *_, last = first, *(one for one in stream if isinstance(one, Attachment) and one.name == MOTION_ATTACHMENT)
-    return last.data
-
-
 def _read_rows(
     path: Path,
     streams: Iterable[tuple[Path, McapStream | Database]],
@@ -190,7 +184,9 @@ def _read_rows(
             if isinstance(record, Attachment) and record.name == MOTION_ATTACHMENT and topic is None:
                 if is_inner:
                     raise InputError(f"{path}: its motion holds a motion of its own, expected one episode")
-                return _read_rows(path, [(file, McapStream(BytesIO(_last_attached(record, stream))))], is_inner=True)
+                attached = [one for one in stream if isinstance(one, Attachment) and one.name == MOTION_ATTACHMENT]
+                last = [record, *attached][-1]  # of the policy that was loaded last
+                return _read_rows(path, [(file, McapStream(BytesIO(last.data)))], is_inner=True)
             if isinstance(record, Schema):
                 schemas[record.id] = record.name
             elif isinstance(record, Channel):

@@ -67,10 +67,7 @@ def _gains(
     contract: PolicyContract, description: RobotDescription | None, braked: Collection[str]
 ) -> Iterator[Finding]:
     known = {} if description is None else {joint.name: joint for joint in description.joints}
-    for field, unit, robots in (
-        ("joint_stiffness", "N·m/rad", "stiffness"),
-        ("joint_damping", "N·m·s/rad", "damping"),
-    ):
+    for field, unit, robots in (("joint_stiffness", "N·m/rad", "stiffness"), ("joint_damping", "N·m·s/rad", "damping")):
         values: FloatArray = getattr(contract, field)
         for joint, value in zip(contract.joint_names, values, strict=True):
             if value == 0.0 and joint in contract.action_joint_names and field == "joint_stiffness":

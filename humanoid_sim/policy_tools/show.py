@@ -21,7 +21,6 @@ from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.term_kinds import TERM_KINDS
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import output_file, whole_file
-from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest, load_checkpoint
 from humanoid_sim.policy.describe import (
     FieldLine,
@@ -227,8 +226,9 @@ def _known_joints(known: Mapping[str, Given]) -> Table:
     """Return the joints of a contract that lacks fields, with what is known of each."""
     names = known["joint_names"].value
     values = {heading: np.asarray(known[name].value) for name, heading in _BY_JOINT.items() if name in known}
-    columns = {head: np.broadcast_to(value, len(names)) for head, value in values.items() if _fits(value, len(names))}
-    return _joint_table(names, {head: [f"{value:g}" for value in column] for head, column in columns.items()})
+    fitting = {head: value for head, value in values.items() if value.shape in ((), (1,), (len(names),))}
+    cells = {head: [f"{v:g}" for v in np.broadcast_to(value, len(names))] for head, value in fitting.items()}
+    return _joint_table(names, cells)
 
 
 def _joint_table(names: Sequence[str], cells: Mapping[str, Sequence[str]]) -> Table:
@@ -240,10 +240,6 @@ def _joint_table(names: Sequence[str], cells: Mapping[str, Sequence[str]]) -> Ta
     for i, name in enumerate(names):
         table.add_row(str(i), escape(name), *(column[i] for column in cells.values()))
     return table
-
-
-def _fits(value: FloatArray, count: int) -> bool:
-    return value.shape in ((), (1,), (count,))
 
 
 def _observation(contract: PolicyContract, layout: ObservationLayout) -> Table:

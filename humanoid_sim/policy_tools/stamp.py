@@ -71,15 +71,14 @@ def stamp(
     Raises:
         InputError: the checkpoint, its contract or the trace is refused, or the copy cannot be written.
     """
-    _check_output(path, output, overwrite)
+    if output.exists() and path.exists() and output.samefile(path):
+        raise InputError(f"{output}: is the checkpoint itself, expected another file: the original stays as it is")
+    output_file(output, "--output", overwrite=overwrite)
     joints = None if description is None else description.joint_names
     checkpoint = load_checkpoint(path, contract_file, joints, verify=False)
     samples = _samples(checkpoint, description, trace, motion)
     try:
-        metadata = {
-            **write_metadata(checkpoint.contract),
-            STAMP_KEY: encode(checkpoint.contract),
-        }
+        metadata = {**write_metadata(checkpoint.contract), STAMP_KEY: encode(checkpoint.contract)}
         if samples is not None:
             metadata[GOLDEN_KEY] = encode_samples(samples)
     except FieldError as error:
@@ -113,12 +112,6 @@ def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
     except Exception as error:  # likewise: more than the 2 GiB that protobuf can hold
         raise InputError(f"{path}: cannot be written as one file: {first_line(error)}") from None
     return data
-
-
-def _check_output(path: Path, output: Path, overwrite: bool) -> None:
-    if output.exists() and path.exists() and output.samefile(path):
-        raise InputError(f"{output}: is the checkpoint itself, expected another file: the original stays as it is")
-    output_file(output, "--output", overwrite=overwrite)
 
 
 def _samples(

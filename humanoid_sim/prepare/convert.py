@@ -172,8 +172,4 @@ def _world_frame(
             for value in (skeleton.base_position, skeleton.base_quaternion)
         )
     turn = np.broadcast_to(base_quaternion[:, None], (*position.shape[:2], 4))
-    return (
-        rotate(turn, position) + base_position[:, None],
-        multiply(turn, quaternion_from_matrix(rotation)),
-        origin,
-    )
+    return (rotate(turn, position) + base_position[:, None], multiply(turn, quaternion_from_matrix(rotation)), origin)

@@ -70,7 +70,9 @@ def prepare(options: PrepareOptions) -> int:
     skeleton = Skeleton(description)
     source = _read(options, checkpoint, skeleton, console)
     if options.velocities == "positions":
-        source = _without_velocities(source)
+        if source.joint_position is None:
+            raise InputError(f"--velocities: is positions, but {source.source} holds no joint positions")
+        source = replace(source, joint_velocity=None)
     report = _make(options, checkpoint, skeleton, source)
     # The same check as `play` makes: terms, widths, bodies and rate.
     checkpoint.following(report.motion, source.source)
@@ -160,12 +162,6 @@ def _read_path(options: PrepareOptions, path: Path, roles: dict[str, str], skele
     if options.fps is not None:
         raise InputError(f"--fps: is given, but {path} states its frame rate")
     return read_npz(path)
-
-
-def _without_velocities(source: SourceMotion) -> SourceMotion:
-    if source.joint_position is None:
-        raise InputError(f"--velocities: is positions, but {source.source} holds no joint positions")
-    return replace(source, joint_velocity=None)
 
 
 def _make(options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, source: SourceMotion) -> MotionReport:

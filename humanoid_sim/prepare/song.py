@@ -52,10 +52,10 @@ def prepare_song(options: PrepareOptions, policy_dt: float, console: Console) ->
     lowest, highest = _range(options.keys)
     song, dropped = thin_out(transpose(whole, options.transpose), range(lowest, highest + 1), options.voices)
     if not song.notes:
-        lines = _span(transpose(whole, options.transpose))
+        keys = [note.key + options.transpose for note in whole.notes]
         raise InputError(
             f"{path}: none of its {len(whole.notes)} notes is between {key_name(lowest)} and {key_name(highest)}; "
-            f"they are between {lines}: try --transpose"
+            f"they are between {key_name(min(keys))} and {key_name(max(keys))}: try --transpose"
         )
     song = with_lead_in(song, options.lead_in)
     table = goals(song, policy_dt)
@@ -98,11 +98,6 @@ def _range(text: str | None) -> tuple[int, int]:
     if low is None or high is None or low > high:
         raise InputError(f"--keys: is '{text}', expected the lowest and the highest key of A0 to C8, such as C3-C6")
     return low, high
-
-
-def _span(song: Song) -> str:
-    keys = [note.key for note in song.notes]
-    return f"{key_name(min(keys))} and {key_name(max(keys))}"
 
 
 def _counted(notes: list[Note]) -> dict[str, int]:

@@ -117,7 +117,7 @@ def _check(joint: str, rates: list[FloatArray], velocity: FloatArray, fps: float
     if _is_unlike(rate, velocity, fps):
         fault = "unlike the derivative of the positions"
     elif abs(correlation) >= _CLEAR and not least < ratio < most:
-        fault = _ratio_in_words(ratio, fps)
+        fault = _unit(ratio, fps) or f"{ratio:.2g} times the derivative of the positions"
     return VelocityCheck(joint, ratio, correlation, fault)
 
 
@@ -168,10 +168,6 @@ def _unit(ratio: float, fps: float) -> str:
         1.0 / fps: "per frame, not per second",
     }
     return next((words for value, words in units.items() if abs(ratio / value - 1.0) < _NAMED), "")
-
-
-def _ratio_in_words(ratio: float, fps: float) -> str:
-    return _unit(ratio, fps) or f"{ratio:.2g} times the derivative of the positions"
 
 
 def _derivatives(position: FloatArray, fps: float) -> list[FloatArray]:

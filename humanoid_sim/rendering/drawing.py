@@ -20,7 +20,7 @@ from itertools import chain
 from pathlib import Path
 from threading import Thread
 from time import sleep
-from typing import IO, cast
+from typing import cast
 
 import av
 import mujoco
@@ -54,7 +54,6 @@ class Job:
     model: mujoco.MjModel
     size: tuple[int, int]
     """Width and height in pixels."""
-    camera: str | None
     fps: Fraction
     ghost: ReferenceGhost | None = None
     wav: str = ""
@@ -98,13 +97,12 @@ def draw_video(job: Job, moments: Iterator[Moment], progress: Callable[[int], No
         What drew it, and whether the sound is in a file of its own.
 
     Raises:
-        InputError: the model has no such camera.
         av.FFmpegError: the file cannot be written.
     """
     first = next(moments)
     codec = next(name for name in _H264 if name in av.codecs_available)
     with (
-        closing(PoseRenderer(lambda: job.model, *job.size, job.camera, fastest=True)) as pictures,
+        closing(PoseRenderer(lambda: job.model, *job.size, fastest=True)) as pictures,
         av.open(job.path, "w", format="mp4", options={"movflags": "+faststart"}) as container,
     ):
         stream = cast(
@@ -180,11 +178,6 @@ def _picture(job: Job, pictures: PoseRenderer, moment: Moment) -> npt.NDArray[np
     return draw_caption(pictures.draw(moment.qpos, ghost), moment.caption)
 
 
-def _moments(source: IO[bytes]) -> Iterator[Moment]:
-    while (item := pickle.load(source)) is not None:
-        yield item
-
-
 def _end_with(parent: int, path: str) -> None:
     """End this process, and leave no file, within a moment of the end of `parent`: there may be minutes to draw."""
     while os.getppid() == parent:
@@ -205,9 +198,10 @@ def main(parent: int) -> int:
             print(json.dumps(answer), file=output)
 
     job: Job = pickle.load(sys.stdin.buffer)
+    moments: Iterator[Moment] = iter(lambda: pickle.load(sys.stdin.buffer), None)
     Thread(target=_end_with, args=(parent, job.path), name="parent", daemon=True).start()
     try:
-        backend, is_beside = draw_video(job, _moments(sys.stdin.buffer), lambda count: tell(frames=count))
+        backend, is_beside = draw_video(job, moments, lambda count: tell(frames=count))
     except EOFError:  # who wanted it is gone
         with suppress(OSError):
             os.unlink(job.path)

@@ -73,7 +73,6 @@ class VideoSink(Sink):
         model_factory: makes the model to draw; called once, on a thread of its own.
         fps: frames per second.
         size: width and height in pixels; even, as H.264 with 4:2:0 colour requires.
-        camera: a camera of the model; None looks at the robot from the front.
         max_frames: at 25 fps, 2.4 minutes at the full rate.
         ghost: the motion that a policy follows, drawn through the robot.
         goals: shape (F, 88), 1 where a piano's key should be down: its song.
@@ -89,7 +88,6 @@ class VideoSink(Sink):
         *,
         fps: int = 25,
         size: tuple[int, int] = (1280, 720),
-        camera: str | None = None,
         max_frames: int = 3600,
         ghost: ReferenceGhost | None = None,
         goals: npt.NDArray[np.floating] | None = None,
@@ -99,7 +97,7 @@ class VideoSink(Sink):
             raise InputError(f"video '{path}': frame rate is {fps}, accepted: 1 and more")
         if min(size) < 16 or any(side % 2 for side in size):
             raise InputError(f"video '{path}': size is {size[0]}x{size[1]}, accepted: even numbers from 16")
-        self._model_factory, self._size, self._camera, self._ghost = model_factory, size, camera, ghost
+        self._model_factory, self._size, self._ghost = model_factory, size, ghost
         self._goals = None if goals is None else np.asarray(goals) > 0.5
         self._fps = Fraction(fps)
         self._rate, self._thin_at, self._max_frames = Fraction(fps), max(2, max_frames), max(2, max_frames)
@@ -171,7 +169,7 @@ class VideoSink(Sink):
             progress: called with the frames done and their total, after each.
 
         Raises:
-            InputError: there is nothing to show, the file cannot be written, or there is no such camera.
+            InputError: there is nothing to show, or the file cannot be written.
         """
         if self._drawing is None:
             raise InputError(f"video '{self.path}': nothing to show: no tick came from a simulated robot")
@@ -187,7 +185,7 @@ class VideoSink(Sink):
 
     def _job(self, path: str) -> Job:
         wav = "" if self._keys is None else str(self._wav)
-        return Job(path, self._model_factory(), self._size, self._camera, self._fps, self._ghost, wav, self._goals)
+        return Job(path, self._model_factory(), self._size, self._fps, self._ghost, wav, self._goals)
 
     @property
     def _wav(self) -> Path:

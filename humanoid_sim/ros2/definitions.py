@@ -223,8 +223,6 @@ string[] policy_error                       # what the policy raised, or none
 _DEFINITIONS = dict(re.findall(r"^MSG: (\S+)\n(.*?)(?=^MSG: |\Z)", _TEXT, re.MULTILINE | re.DOTALL))
 
 _TYPE = re.compile(r"^([a-z0-9_]+/[A-Za-z0-9]+)(\[\d*\])? ", re.MULTILINE)
-
-
 _FIELD = re.compile(r"^([A-Za-z0-9_/]+)(\[\d*\])? +([a-z][a-z0-9_]*) *(?:#.*)?$", re.MULTILINE)
 
 

@@ -21,8 +21,6 @@ _LAST_SECOND = 2**31 - 1
 """`builtin_interfaces/Time` counts seconds in 32 bits."""
 _UNKNOWN_COVARIANCE = bytes(9 * 8)
 """What `sensor_msgs/Imu` defines to mean "unknown"."""
-
-
 _COUNT = struct.Struct("<I4x")
 """Of an array of float64 that follows another: it stands on a multiple of 8, and so does the array."""
 _NO_COUNT = bytes(4)

@@ -246,8 +246,9 @@ def every_report_and_intent(machine_type: type[StackMachine]) -> None:
         state = healthy_tick(machine.robot.position, machine.time + machine.period, externs=machine.externs).state
         given = TickInput(state, remote=machine.remote)
         reports = (replace(given, safety=safety) for safety in _reports())
-        wanted = (replace(given, intents=intents) for intents in _intents())
-        for one in chain(reports, wanted):
+        wanted = (product(Intent, repeat=count) for count in range(1, _INTENTS_AT_ONCE + 1))
+        asked_for = (replace(given, intents=intents) for intents in chain.from_iterable(wanted))
+        for one in chain(reports, asked_for):
             try:
                 _try_out(machine, one)
             except AssertionError as error:
@@ -277,10 +278,6 @@ def _reports() -> Iterator[tuple[SafetyStatus, ...]]:
             report = SafetyStatus(level, flag, _SOURCES[speaker], "reported")
             well = [SafetyStatus(SafetyLevel.OK, SafetyFlag.NONE, source, "") for source in _SOURCES[:count]]
             yield (*well[:speaker], report, *well[speaker + 1 :])
-
-
-def _intents() -> Iterator[tuple[Intent, ...]]:
-    return chain.from_iterable(product(Intent, repeat=count) for count in range(1, _INTENTS_AT_ONCE + 1))
 
 
 def _try_out(machine: StackMachine, given: TickInput) -> None:

@@ -205,10 +205,6 @@ def memory_fields(given: Mapping[str, npt.NDArray[np.floating | np.integer]]) ->
     return {name: _MEMORY[name](value) for name, value in given.items()}
 
 
-def _history(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32] | None:
-    return None if np.isnan(values).any() else values.astype(np.float32)
-
-
 def _alignment(values: FloatArray) -> Alignment | None:
     return (
         None
@@ -221,7 +217,7 @@ _MEMORY: Mapping[str, Callable[[Any], Any]] = {
     "last_action": lambda values: values.astype(np.float32),
     "frame": int,
     "walked": float,
-    "history": _history,
+    "history": lambda values: None if np.isnan(values).any() else values.astype(np.float32),
     "alignment": _alignment,
 }
 

@@ -10,12 +10,7 @@ from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract, 
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError, known_names, one_line
 from humanoid_sim.policy.readers.agreement import Kinds, agreed, contradiction
-from humanoid_sim.policy.readers.complete import (
-    IncompleteContractError,
-    UnnamedJointsError,
-    complete,
-    missing_fields,
-)
+from humanoid_sim.policy.readers.complete import IncompleteContractError, UnnamedJointsError, complete, missing_fields
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, PartialContract
 
 _OPTIONS = frozenset(field.name for field in fields(Term)) - {"name"}

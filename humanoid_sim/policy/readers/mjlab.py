@@ -84,7 +84,9 @@ def _terms(metadata: Mapping[str, str], names: Sequence[str], where: str) -> dic
     """Return the options of each term that mjlab 1.6 writes, one entry per term."""
     terms: dict[str, dict[str, Given]] = {name: {} for name in names}
     readers: dict[str, Callable[[str], list[dict[str, Any]]]] = {
-        _SCALE: lambda text: [{"scale": _scalar(row)} for row in values.number_lists(_SCALE, text, where)],
+        _SCALE: lambda text: [
+            {"scale": row[0] if len(row) == 1 else np.array(row)} for row in values.number_lists(_SCALE, text, where)
+        ],
         _CLIP: lambda text: [_clip(row, text, where) for row in values.number_lists(_CLIP, text, where)],
         # 0 stands for a term without a history: it shows the present step alone.
         _HISTORY: lambda text: [{"history": max(n, 1)} for n in values.integers(_HISTORY, text, where)],
@@ -99,10 +101,6 @@ def _terms(metadata: Mapping[str, str], names: Sequence[str], where: str) -> dic
             terms[name] |= given(MJLAB_SOURCE, options)
     _refuse_stacks(metadata, terms, where)
     return terms
-
-
-def _scalar(row: list[float]) -> Any:
-    return row[0] if len(row) == 1 else np.array(row)
 
 
 def _clip(row: list[float], text: str, where: str) -> dict[str, Any]:

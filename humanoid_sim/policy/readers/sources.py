@@ -78,12 +78,7 @@ def _metadata_sources(metadata: Mapping[str, str], where: str) -> dict[str, Call
 
 
 def _stamp(metadata: Mapping[str, str], where: str) -> PartialContract:
-    _check_stamp(metadata, where)
-    return read_stamp(metadata[STAMP_KEY], where)
-
-
-def _check_stamp(metadata: Mapping[str, str], where: str) -> None:
-    """Refuse a stamped model one of whose thirteen keys somebody has changed since: neither may silently win."""
+    """Return a stamped contract; refuse one of whose thirteen keys somebody has changed one since: neither may win."""
     own = {key: text for key, text in metadata.items() if key in METADATA_KEYS}
     try:
         stamped = write_metadata(decode(metadata[STAMP_KEY], where))
@@ -96,6 +91,7 @@ def _check_stamp(metadata: Mapping[str, str], where: str) -> None:
                 f"{where}: {name} is {shown(given.value)} in its metadata, {shown(expected.value)} in its stamped "
                 "contract; stamp it again from the one that is right"
             )
+    return read_stamp(metadata[STAMP_KEY], where)
 
 
 def assumptions(contract: PolicyContract) -> tuple[str, ...]:

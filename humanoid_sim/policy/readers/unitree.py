@@ -179,7 +179,8 @@ class _Reader:
         if isinstance(params.get("command_name"), str):
             self.commands.append(params["command_name"])
         asset = self._mapping(params.get("asset_cfg") or {}, f"{where}.params.asset_cfg")
-        self.patterns += [text for text in _as_list(asset.get("joint_names")) if isinstance(text, str)]
+        names = asset.get("joint_names")
+        self.patterns += [text for text in (names if isinstance(names, list) else [names]) if isinstance(text, str)]
         ids = asset.get("joint_ids")
         if ids is not None and ids != slice(None):
             options["joint_places"] = self._chosen(ids, f"{where}.params.asset_cfg.joint_ids")
@@ -247,10 +248,6 @@ class _Reader:
 
     def _wrong(self, where: str, value: Any, expected: str) -> InputError:
         return InputError(f"{self.path}: {one_line(f'{where} is {cut(str(value))}, expected {expected}')}")
-
-
-def _as_list(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else [value]
 
 
 def _is_group(value: Any) -> bool:
