@@ -1,4 +1,4 @@
-"""How the base of a free-standing robot moved: speed, height, tilt and whether it fell; in constant memory."""
+"""Motion of a free-standing robot's base: speed, height, tilt and whether it fell; in constant memory."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class BaseSummary:
     fall: float | None
     """s after release at which the robot fell; None if it did not."""
     fell: str
-    """How; empty if it did not."""
+    """Description of the fall; empty without one."""
 
 
 class BaseMotion:

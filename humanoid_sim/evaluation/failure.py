@@ -1,4 +1,4 @@
-"""When a robot is lost: it has fallen, or strayed from the motion that it follows.
+"""Loss of a robot: it has fallen, or strayed from the motion that it follows.
 
 The only definition of either, for one robot or a batch: `play`, `doctor`, `regress` and every environment ask here.
 """
@@ -18,7 +18,7 @@ from humanoid_sim.simulation.floating_base import BaseState
 
 BoolArray = npt.NDArray[np.bool_]
 Index = int | tuple[()]
-"""Which robot of a batch; () for the only one."""
+"""Index of a robot of a batch; () for the only one."""
 
 FALLEN_TILT = 1.0
 """rad between the vertical and the axis of a floating base that points up where the robot stands, its z axis mostly."""

@@ -64,7 +64,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How long things take, in s."""
+    """Durations, in s."""
 
     press: float = 0.18
     """From over a key until it is down."""
@@ -75,7 +75,7 @@ class Timing:
     stops: float = 0.02
     """From the beginning of that until the key stops."""
     travel: float = 0.07
-    """Of the way to another key, and"""
+    """Least time of the way to another key, and"""
     per_key: float = 0.0075
     """beyond it for each semitone."""
     settle: float = 0.04
@@ -84,7 +84,7 @@ class Timing:
 
 @dataclass(slots=True, eq=False)
 class _Hand:
-    """Where a hand is, and on which way."""
+    """Place of a hand, and its way."""
 
     side: int
     key: int
@@ -92,7 +92,7 @@ class _Hand:
     place: Mixture
     down: bool = False
     strokes: bool = False
-    """Whether its way is down to, or up from, a key."""
+    """True if its way is down to, or up from, a key."""
     start: int | None = None
     """The pose where its present way began; None while it rests."""
     origin: int = -1

@@ -24,13 +24,13 @@ from humanoid_sim.simulation.plant import Actuation
 
 @dataclass(frozen=True, slots=True)
 class PlayedSong:
-    """What came of one song."""
+    """Result of one song."""
 
     score: PianoScore
     touch: Touch | None
     """The hardest; None where no key was touched."""
     contacts: tuple[str, ...]
-    """What touched beside hands and keys, as `a and b`, each pair of bodies once: there should be none."""
+    """Contacts beside those of hands and keys, as `a and b`, each pair of bodies once: there should be none."""
 
     @property
     def figures(self) -> tuple[float, float, float, float]:

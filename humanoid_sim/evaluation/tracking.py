@@ -1,4 +1,4 @@
-"""How well a run follows its motion: errors of the bodies, or of joints and anchor body, accumulated frame by frame.
+"""Tracking of a motion by a run: errors of the bodies, or of joints and anchor body, accumulated frame by frame.
 
 The convention is strict: the error of frame k is the pose that was read in the very tick in which the policy was shown
 frame k, minus frame k. Nothing is shifted in time. A motion ends with its last frame, which counts once: what a policy
@@ -54,7 +54,7 @@ class BodyError:
 
 @dataclass(frozen=True, slots=True)
 class TrackingSummary:
-    """What a run's tracking comes to."""
+    """Errors of a run."""
 
     samples: int
     """Policy steps that were measured."""

@@ -80,7 +80,7 @@ class LocalEnds:
         """
         self._plan = plan
         self.shadow_figures: Callable[[], Mapping[str, Any]] | None = None
-        """What is told of a shadow policy; None without one."""
+        """Figures of a shadow policy; None without one."""
         description, policy = plan.description, plan.policy
         with ExitStack() as stack:
             registration = Registration()
@@ -154,7 +154,7 @@ class Run:
     shadow: ShadowSink | None = None
     script: Planned | None = None
     interruption: Interruption | None = None
-    """Of a loop that drives motors."""
+    """Watch over the suspension of a loop that drives motors."""
 
     def follow(self, policy: PolicyChoice, config: PlayConfig, judged: JudgedPolicy) -> None:
         """Have what watches the run watch another policy; between two ticks, on the control thread."""

@@ -57,9 +57,9 @@ class Branch:
     setup: RobotSetup
     """With the robot as it was then."""
     memory: SupervisorMemory
-    """Of the control stack, for the policy that goes on."""
+    """Memory of the control stack, for the policy that goes on."""
     inputs: RecordedInputs
-    """What the recorded run took in from then on."""
+    """Inputs of the recorded run from then on."""
     velocity: FloatArray | None
     """Shape (3,), the velocity command of that instant, if there was one."""
     notices: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""What an operator sees while a run goes on: every transition with its reason, every refusal, and a line of status."""
+"""The operator's view of a run: every transition with its reason, every refusal, and a line of status."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ MODE_STYLES = {
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What the line needs beside a tick."""
+    """Facts that the line needs beside a tick."""
 
     has_keys: bool = False
     """An operator sits at the keys."""
     is_driven: Callable[[], bool] = lambda: True
-    """Whether commands reach the motors; they do not after a `reactivate` that failed."""
+    """True if commands reach the motors; they do not after a `reactivate` that failed."""
     available: Container[str] = ()
     """Names of the controllers that exist."""
     walks: bool = False
     """The policy takes a velocity command."""
     motion_frames: int = 0
-    """Of the policy's motion; 0 for none."""
+    """Frames of the policy's motion; 0 for none."""
     expected_duration: float | None = None
     """s on the robot's clock, of the whole run; None if nobody can know."""
 

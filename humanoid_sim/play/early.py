@@ -1,4 +1,4 @@
-"""What is wrong with options, found before MuJoCo is imported and a model is compiled, which takes seconds."""
+"""Checks of options before MuJoCo is imported and a model is compiled, which takes seconds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which front ends the options of `play` ask for."""
+"""Front ends that the options of `play` ask for."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
 
 
 EMULATED_KEYBOARD = "virtual"
-"""Of --midi: the keyboard of emulated motors' own piano."""
+"""Value of --midi for the keyboard of emulated motors' own piano."""
 
 
 def _keyboard_options(config: PlayConfig) -> tuple[str, ...]:

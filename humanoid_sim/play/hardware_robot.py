@@ -35,7 +35,7 @@ from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.model import build_model
 
 CALIBRATION = "calibration.yaml"
-"""Where a robot's calibration is looked for unless an option names another file."""
+"""File of a robot's calibration, unless an option names another."""
 
 
 def real_robot(config: PlayConfig, description: RobotDescription, control_period: float) -> RobotSetup:

@@ -1,4 +1,4 @@
-"""What a run will be: everything is chosen and checked here, and nothing is written, sent or taken over yet."""
+"""Plan of a run: everything is chosen and checked here, and nothing is written, sent or taken over yet."""
 
 from __future__ import annotations
 
@@ -76,9 +76,9 @@ class Plan:
     setup: RobotSetup
     supervisor: Supervisor
     shadow: RLPolicyController | None
-    """Of a policy that only looks on; the supervisor has none then."""
+    """Controller of a policy that only looks on; the supervisor has none then."""
     steps: Sequence[ScriptStep] | None
-    """What drives the FSM if no operator does; None: only operators do."""
+    """Steps that drive the FSM if no operator does; None: only operators do."""
     taken: Mapping[str, int]
     """Name and width of the live inputs that come from other programs."""
     velocity: VelocityCommand
@@ -88,9 +88,9 @@ class Plan:
     clock: RobotClock
     outputs: Outputs
     front_ends: tuple[Wanted, ...]
-    """That are started with it."""
+    """Front ends that are started with it."""
     notices: tuple[str, ...]
-    """What an operator should know, one line each."""
+    """Notices for an operator, one line each."""
 
 
 def make_plan(config: PlayConfig) -> Plan:

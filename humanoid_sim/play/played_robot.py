@@ -1,4 +1,4 @@
-"""What a run needs of the robot that it plays on, and the simulated one."""
+"""The robot that a run plays on: its interface, and the simulated one."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class PlayedRobot(Robot, Protocol):
 
 
 class BringUp(Protocol):
-    """What an operator is shown, and asked, before a real robot is enabled."""
+    """Checks and questions for an operator before a real robot is enabled."""
 
     @property
     def question(self) -> str:
@@ -59,7 +59,7 @@ class BringUp(Protocol):
 
 
 class Touches:
-    """How hard the keys of a simulated piano were touched, mode by mode; it is told of each new mode."""
+    """Hardest touches of a simulated piano's keys, mode by mode; it is told of each new mode."""
 
     def __init__(self, robot: MujocoRobot) -> None:
         self._robot, self._mode = robot, Mode.ZERO_TORQUE
@@ -97,7 +97,7 @@ class RobotSetup:
     simulated: bool
     """Writing to the robot also advances its physics, and its base's pose is known."""
     check_policy: Callable[[PolicyContract], tuple[str, ...]]
-    """What an operator should know about driving this robot with a policy that fits its joints, one line each. Raises
+    """Notices for an operator about driving this robot with a policy that fits its joints, one line each. Raises
     `InputError` if it cannot be driven with it."""
     levers: GravityLevers | None = None
     """Levers of gravity on its joints while it is held; None where they are unknown."""
@@ -108,19 +108,19 @@ class RobotSetup:
     mode_listener: Callable[[Mode], str] | None = None
     """Told of each new mode; see `Session`."""
     touches: Touches | None = None
-    """How hard the keys of a simulated piano were touched."""
+    """Touches of a simulated piano's keys."""
     notices: tuple[str, ...] = ()
-    """What an operator should know about it, one line each."""
+    """Notices for an operator, one line each."""
     bring_up: BringUp | None = None
-    """Of a real robot."""
+    """Bring-up of a real robot."""
     keyboard: str = ""
     """Path of the byte stream of an emulated MIDI keyboard; empty without one."""
     figures: Callable[[], Mapping[str, Any] | None] = lambda: None
-    """What happened on its buses, for the summary: JSON, with `lines` for people."""
+    """Figures of its buses, for the summary: JSON, with `lines` for people."""
     is_driven: Callable[[], bool] = lambda: True
-    """Whether commands reach its motors."""
+    """True if commands reach its motors."""
     failure: Callable[[], str] = lambda: ""
-    """Why what the robot needs beside itself has failed; empty while it works."""
+    """Reason why what the robot needs beside itself has failed; empty while it works."""
     release: Callable[[], None] = lambda: None
     """Lets go of what the robot needs beside itself, after it was closed. May be called twice."""
 

@@ -1,4 +1,4 @@
-"""Which policy `play` runs, and with which motion: those that options name, or those of a recording to play again."""
+"""The policy that `play` runs, and its motion: those that options name, or those of a recording to play again."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class PolicyChoice:
     motion_file: Path | None = None
     warning: str = ""
     notices: tuple[str, ...] = ()
-    """Of its motion."""
+    """Notices about its motion."""
 
     @property
     def contract(self) -> PolicyContract | None:

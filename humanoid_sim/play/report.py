@@ -88,7 +88,7 @@ def _doctor(config: PlayConfig) -> str:
 
 
 def write_summary(path: Path, summary: dict[str, Any]) -> None:
-    """Write the summary as JSON, whole or not at all; what is no number is null."""
+    """Write the summary as JSON, whole or not at all; what is not a number is null."""
     with whole_file(path) as file:
         file.write((json.dumps(_strict(summary), indent=1, allow_nan=False) + "\n").encode())
 

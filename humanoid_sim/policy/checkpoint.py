@@ -38,7 +38,7 @@ class Checkpoint:
     source: str
     """Path, or `placeholder`."""
     sha256: str = ""
-    """Of the file and of the external tensors beside it; empty for the placeholder."""
+    """Digest of the file and of the external tensors beside it; empty for the placeholder."""
     observation_width: int | None = None
     """N as the model declares it; None if any width will do."""
     motion: Motion | None = None
@@ -46,7 +46,7 @@ class Checkpoint:
     contract_file: Path | None = None
     """The contract.yaml that took part, beside the model or named; None without one."""
     golden: str = ""
-    """What the golden vectors that were computed again are worth, in words; empty without any."""
+    """Worth of the golden vectors that were computed again, in words; empty without any."""
 
     @property
     def metadata(self) -> Mapping[str, str]:

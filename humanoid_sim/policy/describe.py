@@ -33,14 +33,14 @@ class TermLine:
     """One observation term."""
 
     start: int
-    """Of its values in the whole observation; where a step's terms lie together, in the first step."""
+    """Index of its first value in the whole observation; where a step's terms lie together, in the first step."""
     width: int
     """Values, all steps of its history together."""
     name: str
     kind: str
     meaning: str
     conventions: str
-    """What differs from the usual, empty if nothing does."""
+    """Differences from the usual; empty if there are none."""
     scale: str
     history: str
 

@@ -25,7 +25,7 @@ _HELD = 50
 _PROBE = 25
 """Stride, frames, with which a pause is told from the end."""
 _LONGEST = 90_000
-"""Frames, half an hour at 50 Hz: whatever goes on beyond is no motion that ends."""
+"""Frames, half an hour at 50 Hz: whatever goes on beyond is not a motion that ends."""
 
 
 def graph_conventions(outputs: Collection[str]) -> PartialContract:

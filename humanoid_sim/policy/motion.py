@@ -63,7 +63,7 @@ class Motion:
     robot: str = ""
     """The robot that the motion was made for; empty if the file does not say."""
     layout: MotionLayout = "bodies_b"
-    """What a tracking frame holds."""
+    """Content of a tracking frame."""
     joint_names: tuple[str, ...] = ()
     """The n joints of the layout `joints_bodies_w`, in the order of the frame."""
 

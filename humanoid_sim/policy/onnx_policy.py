@@ -84,7 +84,7 @@ class OnnxModel:
         self.time_limit = ONNX_SECONDS
         """s after which an inference is ended, where the graph can loop; any other takes as long as the one before."""
         self.can_loop = _can_loop(path) if graph is None else any(name in graph for name in _LOOPS)
-        """Whether the graph has an operator that repeats others, as often as its inputs say."""
+        """True if the graph has an operator that repeats others, as often as its inputs say."""
         if graph is None:
             check_tensors(path, self.metadata)
 

@@ -1,4 +1,4 @@
-"""Whether a contract fits a robot: its joints and bodies, motors, position limits, rate and estimates."""
+"""Checks of a contract against a robot: its joints and bodies, motors, position limits, rate and estimates."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class Finding:
 
     severity: Severity
     field: str
-    """Of the contract, or `model`, `golden vectors`, `robot`."""
+    """Field of the contract, or `model`, `golden vectors`, `robot`."""
     message: str
-    """What is, and what was expected."""
+    """Text with what was found, and what was expected."""
     joint: str = ""
     value: float | None = None
     limit: float | None = None

@@ -47,7 +47,7 @@ class Note:
     velocity: int = 64
     """1 to 127, how hard it was struck."""
     track: int = 0
-    """Of the file, counted from 0."""
+    """Track of the file, counted from 0."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ _DECIMALS = 3
 _ROUNDING = 0.005
 """Relative error of a rounded value from which on it is a warning."""
 _FACTORS = (1e-3, 1e3)
-"""Beyond these a factor of an observation term is no change of units."""
+"""Beyond these a factor of an observation term is not a change of units."""
 
 
 def suspicious_findings(

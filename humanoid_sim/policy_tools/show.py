@@ -290,7 +290,7 @@ def _model_document(model: OnnxModel) -> dict[str, Any]:
 
 
 _VALUES = {"names": "[NAME, NAME]", "text": "TEXT", "flag": "true", "structure": "{}", "axes": "{}"}
-"""What stands for a field's value, by the kind of its form; for any other a number."""
+"""Placeholders of fields' values, by the kind of the form; for any other a number."""
 
 
 def _check_skeleton(path: Path) -> None:

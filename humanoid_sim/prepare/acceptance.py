@@ -1,4 +1,4 @@
-"""Whether a motion may be written: it is this robot's, at this rate, in this order. If not, what would fit."""
+"""Acceptance of a motion: it is this robot's, at this rate, in this order. If not, what would fit."""
 
 from __future__ import annotations
 
@@ -48,15 +48,15 @@ _MOST_POSES = 120
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What was found out about a motion that may be written."""
+    """Findings about a motion that may be written."""
 
     motion: SourceMotion
     method: str
-    """How joints and bodies were compared; empty if they could not be."""
+    """Method by which joints and bodies were compared; empty if they could not be."""
     bodies: tuple[BodyCheck, ...]
     rate: RateCheck | None
     velocities: tuple[VelocityCheck, ...]
-    """Of the joints that move; empty without velocities."""
+    """Checks of the joints that move; empty without velocities."""
     beyond_limits: LimitExcess | None
     notes: tuple[str, ...]
 
@@ -218,7 +218,7 @@ def _within_limits(
 
 _FRAMES = 12
 _MUCH = 0.1
-"""What must remain of the error of a motion that comes much nearer."""
+"""Largest share of the error that remains of a motion that comes much nearer."""
 
 
 def what_would_fit(

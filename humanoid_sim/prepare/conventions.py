@@ -1,4 +1,4 @@
-"""Which column of a motion is which joint, body, part of a quaternion, in which units: written down, then applied."""
+"""Meaning and units of a motion's columns, joint by joint and body by body: written down, then applied."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ LENGTH_UNITS: dict[LengthUnit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in"
 
 @dataclass(frozen=True, slots=True)
 class Conventions:
-    """How to read a motion's columns."""
+    """Meaning of a motion's columns."""
 
     joint_names: tuple[str, ...]
-    """Of the joint columns; empty if there are none."""
+    """Names of the joint columns; empty if there are none."""
     body_names: tuple[str, ...]
-    """Of the bodies; empty if there are none."""
+    """Names of the bodies; empty if there are none."""
     quaternions: QuaternionOrder
     conjugate: bool = False
     """The quaternions turn vectors from the world to the body, the inverse of the usual."""
     angle_unit: AngleUnit = "rad"
-    """Of joint positions and velocities."""
+    """Unit of joint positions and velocities."""
     length_unit: LengthUnit = "m"
     joints_said_by: str = ""
-    """Where `joint_names` comes from, for the report."""
+    """Origin of `joint_names`, for the report."""
     bodies_said_by: str = ""
     quaternions_said_by: str = ""
     is_length_given: bool = False

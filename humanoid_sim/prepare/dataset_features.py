@@ -1,4 +1,4 @@
-"""Which features of a dataset hold a motion: by the usual names, or by those that the user gives."""
+"""Features of a dataset that hold a motion: by the usual names, or by those that the user gives."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ ROLES: Mapping[str, tuple[str, ...]] = {
     "base_pos": ("base_pos", "root_pos", "base_position"),
     "base_quat": ("base_quat", "root_quat", "base_orientation"),
 }
-"""What a feature is, and the last part of the names under which it is known, the surest first."""
+"""Roles of features, and the last part of the names under which each is known, the surest first."""
 
 _LAST_AXIS = {"body_pos_b": 3, "body_ori_b": 6, "body_quat_b": 4, "body_pos_w": 3, "body_quat_w": 4}
 _GAPS = 0.1
-"""Of a frame, that timestamps may be off."""
+"""Share of a frame that timestamps may be off."""
 
 
 def parse_roles(options: Iterable[str]) -> dict[str, str]:

@@ -24,7 +24,7 @@ _NPZ_KEYS = {
     "body_pos_w": "(F, B, 3)",
     "body_quat_w": "(F, B, 4)",
 }
-"""What is needed, and its shape. Body velocities are in the file too; nothing here uses them."""
+"""Arrays that are needed, and their shapes. Body velocities are in the file too; nothing here uses them."""
 
 _NPZ_LAST_AXIS = {"body_pos_w": 3, "body_quat_w": 4}
 
@@ -40,7 +40,7 @@ _BASE_COLUMNS = {
 """Names of columns, and which part of the base's pose they are."""
 
 _UNEVEN = 0.25
-"""Of the mean step: rounding to milliseconds makes steps uneven, a frame left out makes one twice as long."""
+"""Share of the mean step: rounding to milliseconds makes steps uneven, a frame left out makes one twice as long."""
 _DIGIT = 0.001
 """s"""
 _TIMES = ("time", "t", "timestamp")

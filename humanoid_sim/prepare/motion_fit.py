@@ -1,4 +1,4 @@
-"""How well a motion fits a robot: how far its bodies, its base and its joints are from what the robot has."""
+"""Fit of a motion to a robot: how far its bodies, its base and its joints are from what the robot has."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_or
 from humanoid_sim.robots.description import RobotDescription
 
 _HIGH = 5.0
-"""Of the robot's height: where no platform lifts a base to."""
+"""Multiple of the robot's height to which no platform lifts a base."""
 _EXPLAINS = 2.0
 """Factor within which another unit must bring the base to the robot's height."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How far bodies may be off."""
+    """Largest errors that bodies may have."""
 
     position: float
     """m"""
@@ -33,7 +33,7 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True)
 class BodyCheck:
-    """How far a body of the motion is from where the robot's forward kinematics puts it."""
+    """Distance of a body of the motion from where the robot's forward kinematics puts it."""
 
     name: str
     position_rms: float
@@ -45,7 +45,7 @@ class BodyCheck:
     angle_max: float
     """rad"""
     worst_frame: int
-    """Of the largest position error; of the largest angle where the position is within the tolerance."""
+    """Frame of the largest position error; of the largest angle where the position is within the tolerance."""
 
     def excess(self, tolerance: Tolerance) -> float:
         """Return the larger error in tolerances: more than 1 is a mismatch."""

@@ -1,4 +1,4 @@
-"""What `prepare` leaves: a report of what was found out about the motion, and a folder with all files or none."""
+"""Results of `prepare`: a report of what was found out about the motion, and a folder with all files or none."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from humanoid_sim.prepare.motion_fit import Tolerance
 from humanoid_sim.prepare.source_motion import SourceMotion
 
 Content = bytes | Path
-"""What a file is to hold: bytes, or a copy of another file."""
+"""Content of a file to be: bytes, or a copy of another file."""
 
 
 class OutputFolder:
@@ -111,7 +111,7 @@ class MotionReport:
     found: Findings
     motion: Motion
     bodies_from: str
-    """Where the poses in the motion file come from."""
+    """Origin of the poses in the motion file."""
     resampled: bool
 
 

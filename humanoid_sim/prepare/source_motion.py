@@ -13,10 +13,10 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 
 _UNIT = 0.02
-"""How far a quaternion's norm may be from 1: float32 and interpolation leave much less."""
+"""Largest distance of a quaternion's norm from 1: float32 and interpolation leave much less."""
 _ARRAYS = ("joint_position", "joint_velocity", "base_position", "base_quaternion", "body_position", "body_quaternion")
 _JOINT_SUFFIXES = ("", ".pos", ".position", "_pos", "_dof")
-"""What exporters append to a joint's name."""
+"""Suffixes that exporters append to a joint's name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +24,7 @@ class SourceMotion:
     """One episode of F frames. What the source does not hold is None."""
 
     source: str
-    """What to call it in messages."""
+    """Name for messages."""
     kind: str
     """Format, for the report."""
     fps: float
@@ -49,7 +49,7 @@ class SourceMotion:
     """Frame of the bodies' poses: the world's, or that of the robot's base body."""
     quaternion_order: QuaternionOrder = "wxyz"
     quaternion_order_source: str = "assumed by format"
-    """Where it comes from, for the report."""
+    """Origin of that, for the report."""
 
     def __post_init__(self) -> None:
         for name, array in self.arrays().items():

@@ -1,4 +1,4 @@
-"""What a model looks like: colours for a robot that has only one, and how much of it a camera has to take in."""
+"""Looks of a model: colours for a robot that has only one, and how much of it a camera has to take in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How to draw on this machine: which OpenGL, if any.
+"""Choice of the OpenGL to draw with on this machine, if any.
 
 Nothing here, nor anything in this package, needs `MUJOCO_GL` to be set before MuJoCo is imported: a context is made
 from `mujoco.osmesa`, `mujoco.egl` or `mujoco.glfw` directly, when the first picture is drawn.
@@ -34,7 +34,7 @@ _EGL_PROBE = "from mujoco.egl import GLContext; GLContext(16, 16).make_current()
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Which OpenGL to draw with, and why."""
+    """OpenGL to draw with, and the reason."""
 
     opengl: OpenGL
     """`none`: the software painter."""

@@ -39,7 +39,7 @@ from humanoid_sim.robots.piano import KEY_COUNT, key_joint_names
 
 _H264 = ("libx264", "libopenh264")
 _AAC, _AAC_BITS = "aac", 128_000
-"""What every browser plays beside H.264, and bits per second."""
+"""Sound that every browser plays with H.264, and bits per second."""
 _LOOK_PERIOD = 0.2
 """s between two looks at whether the process that wants the video is there."""
 _NICENESS = 5
@@ -48,7 +48,7 @@ _NICENESS = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """What to draw, and where to."""
+    """Video to draw, and its file."""
 
     path: str
     model: mujoco.MjModel
@@ -81,11 +81,11 @@ class Moment:
     """Shape (nq,)."""
     caption: Caption
     frame: int | None = None
-    """Of the reference, while a policy follows it."""
+    """Index of the reference's frame, while a policy follows it."""
     anchor: FloatArray | None = None
     """Pose (7,), m and w x y z, of the anchor body when the policy was shown frame 0; None where there is none."""
     strokes: tuple[Stroke, ...] = ()
-    """Of a piano's keys since the moment before, at their times as `time`."""
+    """Strokes of a piano's keys since the moment before, at their times as `time`."""
     following: Following | None = None
     """Reference of a policy that was loaded since the moment before; None for the same as before."""
 

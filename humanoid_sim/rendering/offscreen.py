@@ -81,7 +81,7 @@ class PoseRenderer:
     """
 
     backend = ""
-    """What draws, and why; empty before the first picture."""
+    """Name of what draws, and the reason; empty before the first picture."""
 
     def __init__(
         self,

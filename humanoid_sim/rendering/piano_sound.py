@@ -1,4 +1,4 @@
-"""What a piano's keys sound like: additive synthesis, note by note, of the keys that are down."""
+"""Sound of a piano's keys: additive synthesis, note by note, of the keys that are down."""
 
 from __future__ import annotations
 

@@ -48,18 +48,18 @@ _STOPPED_WITHIN = 5.0
 
 @dataclass(frozen=True, slots=True)
 class VideoReport:
-    """What became of a video."""
+    """Result of drawing a video."""
 
     path: Path
     frame_count: int
     duration: float
     """s from the first frame to the last."""
     backend: str
-    """What drew it, and why."""
+    """Name of what drew it, and the reason."""
     notice: str = ""
-    """What is not as it was asked for."""
+    """Deviation from what was asked for; empty if there is none."""
     sound: Path | None = None
-    """Of its sound, where this machine has no encoder to put it into the video."""
+    """File of its sound, where this machine has no encoder to put it into the video."""
 
 
 class VideoSink(Sink):

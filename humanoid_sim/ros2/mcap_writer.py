@@ -60,7 +60,7 @@ class ChunkedWriter:
     def __init__(self, file: Output) -> None:
         self._file = file
         self._parts: list[bytes] = []
-        """Of the chunk."""
+        """Records of the chunk."""
         self._size = 0
         self._indices: dict[int, list[int]] = {}
         """By channel, the log time of each message and its place in the chunk, in turn."""

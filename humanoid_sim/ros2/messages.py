@@ -20,9 +20,9 @@ _STAMP = struct.Struct("<iI")
 _LAST_SECOND = 2**31 - 1
 """`builtin_interfaces/Time` counts seconds in 32 bits."""
 _UNKNOWN_COVARIANCE = bytes(9 * 8)
-"""What `sensor_msgs/Imu` defines to mean "unknown"."""
+"""Covariance that `sensor_msgs/Imu` defines to mean "unknown"."""
 _COUNT = struct.Struct("<I4x")
-"""Of an array of float64 that follows another: it stands on a multiple of 8, and so does the array."""
+"""Count of an array of float64 that follows another: it stands on a multiple of 8, and so does the array."""
 _NO_COUNT = bytes(4)
 _NO_VELOCITY_NO_EFFORT = bytes(8)
 
@@ -191,7 +191,7 @@ class ForeignStatus(NamedTuple):
 
     frame: str
     level: int
-    """Of any version: a number of `SafetyLevel`, or beyond."""
+    """Number of `SafetyLevel`, of any version, or beyond."""
     source: str
     flags: int
     message: str

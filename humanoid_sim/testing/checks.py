@@ -1,4 +1,4 @@
-"""What the command of each controller must look like, given its own settings, and what a violation raises."""
+"""Checks of each controller's command against its own settings, and what a violation raises."""
 
 from __future__ import annotations
 

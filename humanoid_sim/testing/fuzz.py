@@ -220,7 +220,7 @@ _WAYS = (
     (Intent.LOAD_A, Intent.START_LOCOMOTION),
     (Intent.LOAD_A, Intent.START_REMOTE),
 )
-"""How an operator comes into each mode."""
+"""Intents by which an operator comes into each mode."""
 _SOURCES = ("can0", "can1", "simulator")
 _INTENTS_AT_ONCE = 3
 

@@ -82,7 +82,7 @@ class StackMachine(StackDriver):
     shrink_seconds = SHRINK_SECONDS
     """s for which its `TestCase` looks for a shorter run that leads to the same violation."""
     bindings = JoyBindings()
-    """Of the gamepad."""
+    """Buttons of the gamepad."""
 
     @classmethod
     @cache  # settings are kept on it

@@ -19,7 +19,7 @@ from humanoid_sim.messages import Intent, RemoteCommand, SafetyFlag, SafetyLevel
 from humanoid_sim.mit import EXTERN_WIDTHS, Extern, FloatArray, MITCommand, MITState
 
 SPECIAL_NUMBERS = (0.0, -0.0, 1.0, -1.0, 5e-324, 1e-300, 1e39, -1e39, 1e308, -1e308, np.inf, -np.inf, np.nan)
-"""Where floating-point code breaks: signed zero, subnormals, beyond float32, the largest, infinite, not a number."""
+"""Numbers on which floating-point code breaks: signed zero, subnormals, beyond float32, the largest, infinite, NaN."""
 
 _DISTINCT = 5
 """Numbers drawn for one array; a longer one repeats them. What an example may draw is bounded, and thirty joints of

@@ -47,9 +47,9 @@ class _Wrong:
     value: float
     expected: float
     names: tuple[str, ...]
-    """What they belong to, over all samples."""
+    """Terms or joints that they belong to, over all samples."""
     count: int
-    """Of them in that sample."""
+    """Number of them in that sample."""
 
 
 def verify_golden(checkpoint: Checkpoint) -> str:

@@ -26,7 +26,7 @@ from humanoid_sim.strict_yaml import read_yaml, type_at, value_at
 
 CONTRACT_FILE = "contract.yaml"
 COMMAND_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
-"""Of the velocity command, in the order of a contract's `command_ranges`."""
+"""Axes of the velocity command, in the order of a contract's `command_ranges`."""
 
 Numbers = float | list[float]
 """One number for all, or one each."""
@@ -60,7 +60,7 @@ def _members(owner: type) -> list[_Field]:
 _COMMAND = _struct("CommandRangeFields", *((axis, Pair) for axis in COMMAND_AXES))
 _PHASE, _TENSORS = _struct("PhaseFields", *_members(PhaseRule)), _struct("TensorFields", *_members(TensorNames))
 TermOptions = _struct("TermOptions", *(member for member in _members(Term) if member[0] != "name"))
-"""How one observation term is made; the meaning of each is in `controllers.terms.Term`."""
+"""Options of one observation term; the meaning of each is in `controllers.terms.Term`."""
 _TERM: Any = _struct("TermFields", ("name", str), base=TermOptions)
 
 _TYPES: dict[str, Any] = {
@@ -75,7 +75,7 @@ _TYPES: dict[str, Any] = {
     "steps": list[int],
     "axes": _COMMAND,
 }
-"""What YAML holds for each form of a field."""
+"""YAML types for each form of a field."""
 _STRUCTURES: dict[str, Any] = {"observation": list[str | _TERM], "phase": _PHASE | None, "tensors": _TENSORS}
 
 
@@ -240,7 +240,7 @@ _ACCEPTED = {
     "object": "a mapping",
     "null": "null",
 }
-"""What msgspec calls a type, and what a person does."""
+"""Names of types as msgspec has them, and as a person does."""
 
 
 def _problem(message: str, document: Any, struct: type[msgspec.Struct]) -> str:

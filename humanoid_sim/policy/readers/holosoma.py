@@ -1,4 +1,4 @@
-"""What holosoma writes into the metadata of a model: JSON, and only the part that a robot needs to stand."""
+"""Metadata of models from holosoma: JSON, and only the part that a robot needs to stand."""
 
 from __future__ import annotations
 

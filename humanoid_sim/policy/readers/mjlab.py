@@ -1,4 +1,4 @@
-"""What mjlab and whole_body_tracking write into the metadata of a model: comma-separated lists, three decimals."""
+"""Metadata of models from mjlab and whole_body_tracking: comma-separated lists, three decimals."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ while |(vx, vy, yaw rate)| is below the threshold sine and cosine are both 0."""
 _SCAN: Mapping[str, Any] = MappingProxyType(
     {"at": BASE, "grid": (1.6, 1.0), "resolution": 0.1, "ray_order": "xy", "offset": 0.0, "range": 5.0, "above": 0.0}
 )
-"""What mjlab 1.6 trains with (`terrain_scan` of its velocity task), and does not write into the metadata."""
+"""Height scan that mjlab 1.6 trains with (`terrain_scan` of its velocity task), and does not write down."""
 _SCALE, _CLIP = "observation_terms_scale", "observation_terms_clip"
 _HISTORY, _FLATTEN = "observation_terms_history_length", "observation_terms_flatten_history_dim"
 

@@ -1,4 +1,4 @@
-"""Which files and metadata say something about a checkpoint, and the contract that they make together."""
+"""Files and metadata that say something about a checkpoint, and the contract that they make together."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from humanoid_sim.policy.readers.unitree import find_deploy, read_deploy
 from humanoid_sim.policy.readers.values import shown
 
 _DIALECTS = ((MJLAB_SOURCE, is_mjlab, read_mjlab), (HOLOSOMA_SOURCE, is_holosoma, read_holosoma))
-"""Of trainers that write into a model's metadata: their name, whether it is there, and what it says. A new dialect is a
+"""Dialects of a model's metadata: their name, a test whether it is there, and a reader. A new dialect is a
 module, and a line here or below."""
 _SIDE_FILES = ((find_deploy, read_deploy), (find_berkeley, read_berkeley))
-"""Of trainers that write a file beside the model: where it is, and what it says."""
+"""Files that trainers write beside the model: a function that finds it, and a reader."""
 
 
 def assemble_contract(

@@ -71,7 +71,7 @@ class _Reader:
         self.terms: dict[str, dict[str, Any]] = {}
         self.commands: list[str] = []
         self.patterns: list[str] = []
-        """Of joint names, wherever the file has one."""
+        """Patterns of joint names, wherever the file has one."""
 
     def fields(self) -> dict[str, Any]:
         fields: dict[str, Any] = {}

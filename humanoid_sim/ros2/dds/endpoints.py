@@ -14,7 +14,7 @@ from humanoid_sim.ros2.definitions import message_fields
 from humanoid_sim.ros2.topics import Topic
 
 _PREFIX = "rt"
-"""Of topics, as opposed to services."""
+"""Prefix of topics, as opposed to services."""
 
 
 def dds_topic(topic: str) -> str:
