@@ -25,11 +25,7 @@ def refuse_early(config: PlayConfig) -> None:
 
 
 def checkpoint_path(config: PlayConfig) -> Path | None:
-    """Return the file of the checkpoint that the options name; None for the sample policy, the placeholder and none.
-
-    Raises:
-        InputError: it is neither a shipped policy nor a file's name.
-    """
+    """Return the file of the checkpoint that the options name; None for the sample policy, the placeholder and none."""
     if config.checkpoint in (None, PLACEHOLDER, NO_POLICY):
         return None
     option = "--policy" if config.shadow is None else "--shadow"

@@ -213,8 +213,9 @@ def _proved(job: _Job) -> Proof:
     taken = policy.loaded.taken(live)
     live = {**taken, **live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
     policy_controller(description, period, policy.loaded, live=live, action_limit=config.action_limit)
+    settings, limit = {"options": asdict(config), **policy.settings}, config.action_limit
     return Proof(
-        header=_with(header, config, policy),
+        header=with_policy(header, policy.loaded, policy.motion, settings=settings, action_limit=limit),
         config=config,
         source=policy.checkpoint.source,
         sha256="" if policy.warning else policy.checkpoint.sha256,
@@ -224,12 +225,6 @@ def _proved(job: _Job) -> Proof:
         command=parse_velocity(config.command, contract.command_ranges),
         notices=(*notices, *policy_notices(policy)),
     )
-
-
-def _with(header: SessionHeader, config: PlayConfig, policy: PolicyChoice) -> SessionHeader:
-    assert policy.loaded is not None
-    settings = {"options": asdict(config), **policy.settings}
-    return with_policy(header, policy.loaded, policy.motion, settings=settings, action_limit=config.action_limit)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

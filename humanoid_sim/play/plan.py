@@ -98,9 +98,6 @@ def make_plan(config: PlayConfig) -> Plan:
 
     Emulated motors, if the options ask for them, run from here on: whoever makes a plan calls `setup.release` in the
     end.
-
-    Raises:
-        InputError: the first thing that is wrong.
     """
     injections = parse_injections(config.inject)
     steps: Sequence[ScriptStep] | None = None if config.script is None else parse_script(config.script)

@@ -38,24 +38,20 @@ class PlayedRobot(Robot, Protocol):
         """Return whether `close` was called."""
 
 
-class BringUp(Protocol):
+@dataclass(frozen=True, slots=True)
+class BringUp:
     """Checks and questions for an operator before a real robot is enabled."""
 
-    @property
-    def question(self) -> str:
-        """To be answered with yes before anything is enabled; empty where nothing can be hurt."""
-
-    def prepare(self) -> None:
-        """Do everything but enable. Raises `RobotError` if something is wrong."""
-
-    def checks(self) -> Sequence[tuple[str, str, str]]:
-        """Return what was found so far: verdict (`ok`, `warning`, `question`, `problem`), subject, text."""
-
-    def unanswered(self) -> Sequence[str]:
-        """Firmware versions that no document mentions and the operator has not accepted; nothing is enabled before."""
-
-    def accept(self, versions: Sequence[str]) -> None:
-        """Accept them, as the operator says."""
+    question: str
+    """Question to be answered with yes before anything is enabled; empty where nothing can be hurt."""
+    prepare: Callable[[], None]
+    """Does everything but enable. Raises `RobotError` if something is wrong."""
+    checks: Callable[[], Sequence[tuple[str, str, str]]]
+    """Findings so far: verdict (`ok`, `warning`, `question`, `problem`), subject, text."""
+    unanswered: Callable[[], Sequence[str]]
+    """Firmware versions that no document mentions and the operator has not accepted; nothing is enabled before."""
+    accept: Callable[[Sequence[str]], None]
+    """Accepts them, as the operator says."""
 
 
 class Touches:

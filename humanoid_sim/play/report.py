@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import math
 import shlex
-from collections.abc import Container, Mapping
+from collections.abc import Container
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,7 @@ from humanoid_sim.policy.song import key_name
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.session import SessionResult
+from humanoid_sim.strict_json import finite
 
 _LIMP = (Mode.ZERO_TORQUE, Mode.DAMPING)
 _SHOWN = 10
@@ -90,16 +90,7 @@ def _doctor(config: PlayConfig) -> str:
 def write_summary(path: Path, summary: dict[str, Any]) -> None:
     """Write the summary as JSON, whole or not at all; what is not a number is null."""
     with whole_file(path) as file:
-        file.write((json.dumps(_strict(summary), indent=1, allow_nan=False) + "\n").encode())
-
-
-def _strict(value: Any) -> Any:
-    """JSON knows neither NaN nor infinity."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {key: _strict(item) for key, item in value.items()}
-    return [_strict(item) for item in value] if isinstance(value, list | tuple) else value
+        file.write((json.dumps(finite(summary), indent=1, allow_nan=False) + "\n").encode())
 
 
 def print_report(console: Console, summary: dict[str, Any]) -> None:

@@ -19,6 +19,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.contract_json import encode, plain_value
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, is_assumed
 from humanoid_sim.policy.readers.values import shown
+from humanoid_sim.strict_json import finite
 
 _LISTED = 4
 """Names that are all shown; of more, the first three."""
@@ -37,7 +38,6 @@ class TermLine:
     width: int
     """Values, all steps of its history together."""
     name: str
-    kind: str
     meaning: str
     conventions: str
     """Differences from the usual; empty if there are none."""
@@ -67,7 +67,6 @@ def term_lines(contract: PolicyContract, layout: ObservationLayout) -> list[Term
                 start=resolved.start if per_step else begin,
                 width=resolved.width,
                 name=term.name,
-                kind=kind.name,
                 meaning=_meaning(kind, term),
                 conventions=", ".join(_conventions(term)),
                 scale=_numbers(term.scale),
@@ -153,7 +152,7 @@ def _option_lines(contract: PolicyContract) -> Iterator[FieldLine]:
 
 def contract_document(contract: PolicyContract, layout: ObservationLayout) -> dict[str, Any]:
     """Return the whole contract as plain JSON values, with the place of each term; null stands for infinity."""
-    document: dict[str, Any] = _finite(json.loads(encode(contract)))
+    document: dict[str, Any] = finite(json.loads(encode(contract)))
     document.setdefault("action_clip", None)
     lines = term_lines(contract, layout)
     document["observation"] = [
@@ -163,14 +162,6 @@ def contract_document(contract: PolicyContract, layout: ObservationLayout) -> di
     document["observation_width"] = layout.width
     document["assumed"] = [name for name, source in contract.provenance.items() if is_assumed(source)]
     return document
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {name: _finite(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def known_lines(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> list[FieldLine]:
@@ -193,7 +184,7 @@ def known_document(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, 
     """Return the same as plain JSON values: value and source of each field, by its name; null stands for infinity."""
     options = {f"observation.{name}.{option}": given for name in terms for option, given in terms[name].items()}
     return {
-        name: {"value": _finite(plain_value(name, given.value)), "source": given.source}
+        name: {"value": finite(plain_value(name, given.value)), "source": given.source}
         for name, given in {**known, **options}.items()
     }
 

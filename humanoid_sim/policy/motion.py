@@ -262,11 +262,7 @@ def _policy_dt(metadata: Mapping[str, str], times: list[int]) -> float:
 
 
 def write_motion(path: str | os.PathLike[str], motion: Motion) -> None:
-    """Write a motion file. The same motion gives the same bytes; an existing file is replaced only by a whole one.
-
-    Raises:
-        InputError: if the file cannot be written.
-    """
+    """Write a motion file. The same motion gives the same bytes; an existing file is replaced only by a whole one."""
     with whole_file(path) as file:
         _write(Writer(file, compression=CompressionType.LZ4), motion)
 

@@ -152,11 +152,7 @@ def has_onnxruntime() -> bool:
 
 
 def read_header(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Return the metadata of a checkpoint and the names of its outputs, without ONNX Runtime.
-
-    Raises:
-        InputError: if the file is no ONNX model.
-    """
+    """Return the metadata of a checkpoint and the names of its outputs, without ONNX Runtime."""
     import onnx  # noqa: PLC0415 - heavy, and only needed where onnxruntime is missing
 
     check_file(path)

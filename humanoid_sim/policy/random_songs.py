@@ -45,7 +45,6 @@ def random_song(
     Each voice keeps to a scale. It walks, leaps, repeats and rests; notes are long or short, together or by turns.
 
     Args:
-        rng: everything random.
         hands: the keys of each voice, from the lowest voice up.
         seconds: until the last note's end, at most.
         notes_per_second: of all voices together, within any second.

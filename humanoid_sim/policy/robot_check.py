@@ -135,11 +135,7 @@ def naming_findings(contract: PolicyContract, description: RobotDescription) -> 
 
 
 def body_findings(contract: PolicyContract, bodies: Sequence[str], robot: str) -> Iterator[Finding]:
-    """Bodies of the motion that the robot's model lacks.
-
-    Args:
-        bodies: names of all bodies of the model.
-    """
+    """Bodies of the motion that the robot's model lacks."""
     named = [("body_names", name) for name in contract.body_names]
     if contract.anchor_body:
         named.append(("anchor_body", contract.anchor_body))
@@ -156,12 +152,7 @@ def body_findings(contract: PolicyContract, bodies: Sequence[str], robot: str) -
 def point_findings(
     contract: PolicyContract, sites: Sequence[str], bodies: Sequence[str], robot: str
 ) -> Iterator[Finding]:
-    """Find points whose velocity is observed, or around which the ground is scanned, and that the robot's model lacks.
-
-    Args:
-        sites: names of all sites of the model.
-        bodies: names of all its bodies.
-    """
+    """Find points whose velocity is observed, or around which the ground is scanned, that the robot's model lacks."""
     for term in contract.terms:
         kind = contract.kind(term)
         is_scan = kind.reads == HEIGHT_SCAN and term.width is None

@@ -260,9 +260,6 @@ def goals(song: Song, policy_dt: float, *, gap: float = 0.06) -> npt.NDArray[np.
         song: within the piano's keys.
         policy_dt: s between two rows.
         gap: s.
-
-    Raises:
-        InputError: the song is too long.
     """
     last = max((round(note.end / policy_dt) for note in song.notes), default=0)
     if (last + 2) * KEY_COUNT > MOTION_VALUES:

@@ -115,10 +115,7 @@ def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
 
 
 def _samples(
-    checkpoint: Checkpoint,
-    description: RobotDescription | None,
-    trace: Path | None,
-    motion_file: Path | None,
+    checkpoint: Checkpoint, description: RobotDescription | None, trace: Path | None, motion_file: Path | None
 ) -> GoldenSamples | None:
     for name in checkpoint.contract.live_inputs:
         if trace is not None:

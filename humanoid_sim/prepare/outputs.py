@@ -48,9 +48,6 @@ class OutputFolder:
         """Write all files to a temporary folder, then move them to their names; an error leaves none.
 
         A copy of a checkpoint that is there already, and the same, is left alone.
-
-        Raises:
-            InputError: if the folder cannot be written, or a file exists.
         """
         wanted = {name: content for name, content in files.items() if not self._is_there(name, content)}
         self.refuse_existing(wanted)

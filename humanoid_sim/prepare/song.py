@@ -40,9 +40,6 @@ def prepare_song(options: PrepareOptions, policy_dt: float, console: Console) ->
 
     Args:
         policy_dt: s between two rows of goals.
-
-    Raises:
-        InputError: the song cannot be read, or nothing of it can be played.
     """
     assert options.song is not None
     path = song_path(options.song)

@@ -35,7 +35,6 @@ def fetch_checkpoint(run_path: str, name: str | None, *, timeout: float) -> tupl
     artifact with such a file. A file that is in the cache with the right digest is not fetched again.
 
     Args:
-        run_path: entity/project/run.
         name: of the file in the run; None for the newest.
         timeout: s without an answer about the run and its files after which to give up.
 

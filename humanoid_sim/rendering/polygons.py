@@ -40,8 +40,6 @@ def tessellate(
     """Polygons of one geom; None for what has no surface of its own here (planes, height fields, lines).
 
     Args:
-        model: holds the meshes.
-        kind: `mujoco.mjtGeom`.
         size: m, three numbers as in `mujoco.MjvGeom.size`: radius, radius, half length; or half extents.
         mesh: index of the mesh asset, for mesh geoms.
         cell: m, about the longest side of a polygon. A painter sorts polygons by the distance of their centres, which

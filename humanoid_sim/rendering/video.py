@@ -136,7 +136,7 @@ class VideoSink(Sink):
         shown, strokes = self._shown, tuple(self._strokes)
         self._strokes.clear()
         caption = Caption.of(record)
-        self._drawing.add(
+        self._drawing.items.put(
             Moment(self._clock, record.qpos, caption, shown.frame, shown.anchor, strokes, self._following)
         )
         shown.anchor = self._following = None  # said once
@@ -160,7 +160,8 @@ class VideoSink(Sink):
     @property
     def process_id(self) -> int | None:
         """Return the id of the process that draws, while there is one."""
-        return None if self._drawing is None else self._drawing.process_id
+        process = None if self._drawing is None else self._drawing.process
+        return None if process is None else process.pid
 
     def finish(self, progress: Callable[[int, int], None] | None = None) -> VideoReport:
         """Wait until the rest is drawn. An exception meanwhile, such as a `KeyboardInterrupt`, leaves no file.
@@ -199,24 +200,17 @@ class _Drawing:
         self._path = path
         self._left = contextlib.ExitStack()
         self._file = self._left.enter_context(whole_file(path))
-        self._items: queue.SimpleQueue[Moment | None] = queue.SimpleQueue()
-        self._process: subprocess.Popen[bytes] | None = None
+        self.items: queue.SimpleQueue[Moment | None] = queue.SimpleQueue()
+        self.process: subprocess.Popen[bytes] | None = None
         self._done, self._backend, self._has_wav = 0, "", False
         self._error: Exception | None = None
         self._is_abandoned = False
         self._feeder = threading.Thread(target=self._feed, args=(job,), name="video", daemon=True)
         self._feeder.start()
 
-    @property
-    def process_id(self) -> int | None:
-        return None if self._process is None else self._process.pid
-
-    def add(self, moment: Moment) -> None:
-        self._items.put(moment)
-
     def finish(self, progress: Callable[[int], object]) -> tuple[str, bool]:
         """Wait for the process; what drew, and whether the sound is in a file of its own."""
-        self._items.put(None)
+        self.items.put(None)
         with self._left:  # the file takes its name, or vanishes with the exception
             try:
                 while self._feeder.is_alive():
@@ -231,9 +225,9 @@ class _Drawing:
 
     def abandon(self) -> None:
         self._is_abandoned = True
-        self._items.put(None)
-        if self._process is not None:
-            self._process.kill()
+        self.items.put(None)
+        if self.process is not None:
+            self.process.kill()
         self._feeder.join(_STOPPED_WITHIN)
 
     def _feed(self, job: Callable[[str], Job]) -> None:
@@ -244,32 +238,32 @@ class _Drawing:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 start_new_session=True,  # the terminal's Ctrl-C is for the run
-            ) as self._process:
+            ) as self.process:
                 listener = threading.Thread(target=self._listen, name="video's progress", daemon=True)
                 listener.start()
                 self._hand_over(work)
                 listener.join()
             if not self._backend and self._error is None:
-                raise InputError(f"{self._path}: the drawing process ended, status {self._process.returncode}")
+                raise InputError(f"{self._path}: the drawing process ended, status {self.process.returncode}")
         except Exception as error:  # told by `finish`
             self._error = error
 
     def _hand_over(self, work: bytes) -> None:
-        assert self._process is not None
-        assert self._process.stdin is not None
-        with contextlib.suppress(BrokenPipeError), self._process.stdin as pipe:  # it says why it ended
+        assert self.process is not None
+        assert self.process.stdin is not None
+        with contextlib.suppress(BrokenPipeError), self.process.stdin as pipe:  # it says why it ended
             pipe.write(work)
             while not self._is_abandoned:
-                item = self._items.get()
+                item = self.items.get()
                 pipe.write(pickle.dumps(item))
                 pipe.flush()
                 if item is None:
                     return
 
     def _listen(self) -> None:
-        assert self._process is not None
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
+        assert self.process is not None
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
             answer = json.loads(line)
             self._done = answer.get("frames", self._done)
             self._backend, self._has_wav = answer.get("backend", ""), answer.get("wav", False)
@@ -278,18 +272,11 @@ class _Drawing:
 
 
 def save_snapshot(
-    path: str | Path,
-    model: mujoco.MjModel,
-    qpos: FloatArray,
-    *,
-    size: tuple[int, int] = (1280, 960),
+    path: str | Path, model: mujoco.MjModel, qpos: FloatArray, *, size: tuple[int, int] = (1280, 960)
 ) -> str:
     """Write a PNG or JPEG of the model at `qpos`, shape (nq,), and return what drew it.
 
     A `qpos` that is not finite shows the model's reference pose.
-
-    Raises:
-        InputError: the file cannot be written.
     """
     path = output_file(path, "snapshot", *_SNAPSHOT_FORMATS)
     pictures = PoseRenderer(lambda: model, *size)

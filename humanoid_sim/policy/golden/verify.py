@@ -233,10 +233,7 @@ def value_name(layout: ObservationLayout, contract: PolicyContract, index: int) 
 
 
 def _compare(
-    value: npt.NDArray[np.floating],
-    expected: npt.NDArray[np.floating],
-    tolerance: float,
-    names: Sequence[str],
+    value: npt.NDArray[np.floating], expected: npt.NDArray[np.floating], tolerance: float, names: Sequence[str]
 ) -> _Wrong | None:
     """Return the first value that is too far off; shapes (S, width), one name per column."""
     with np.errstate(invalid="ignore"):  # infinity - infinity

@@ -23,7 +23,6 @@ def merge(
 
     Args:
         partials: in the order in which they are to be named; those that override last.
-        where: what to call the checkpoint in messages.
         robot_joints: the joints in the robot's own order, for a source that gives places instead of names.
 
     Raises:
@@ -126,7 +125,6 @@ def build_contract(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, 
     Args:
         known: as in `PartialContract.fields`.
         terms: options of the observation terms, by the names in the observation.
-        where: what to call it in messages.
 
     Raises:
         InputError: if a field is missing, or they do not fit together.

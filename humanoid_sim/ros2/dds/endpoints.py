@@ -13,13 +13,10 @@ from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.definitions import message_fields
 from humanoid_sim.ros2.topics import Topic
 
-_PREFIX = "rt"
-"""Prefix of topics, as opposed to services."""
-
 
 def dds_topic(topic: str) -> str:
     """Return the DDS name of a ROS 2 topic: `rt/control_mode` for `/control_mode`."""
-    return f"{_PREFIX}{topic}"
+    return f"rt{topic}"  # rq and rr are of services
 
 
 def dds_type(schema: str) -> str:
