@@ -18,13 +18,15 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import av
 from PIL import Image
 
+from humanoid_sim.errors import InputError
 from humanoid_sim.files import whole_file
 from humanoid_sim.policy.random_songs import named_song
 from humanoid_sim.policy.song import goals
 from humanoid_sim.recording.reader import open_recording
-from humanoid_sim.rendering.animation import animated_webp, video_frames
+from humanoid_sim.rendering.animation import animated_webp
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
@@ -140,6 +142,23 @@ def run_console(folder: Path) -> None:
         finally:
             process.terminate()
             process.communicate(timeout=60.0)
+
+
+def video_frames(path: Path, begin: float, end: float, *, size: tuple[int, int], rate: float) -> list[Image.Image]:
+    """Take `rate` frames per second of a video, from `begin` to `end`, s, in the size of width and height.
+
+    Raises:
+        InputError: the video shows nothing between these times.
+    """
+    frames: list[Image.Image] = []
+    with av.open(str(path)) as container:
+        for frame in container.decode(video=0):
+            if begin + len(frames) / rate <= frame.time < end:
+                picture = Image.fromarray(frame.to_ndarray(format="rgb24"))
+                frames.append(picture.resize(size, Image.Resampling.LANCZOS))
+    if not frames:
+        raise InputError(f"video '{path}': shows nothing from {begin:g} to {end:g} s")
+    return frames
 
 
 def main() -> int:

@@ -18,7 +18,7 @@ from humanoid_sim.frontends.attach import Attachment, attached, ready
 from humanoid_sim.frontends.midi.device import STANDARD_INPUT, ByteDevice, Port, Source, port_names
 from humanoid_sim.frontends.midi.keyboard import Keyboard
 from humanoid_sim.mit import KEY_PRESSED
-from humanoid_sim.policy.song import KEY_COUNT
+from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.session.realtime import punctual_threads
 
 _LEAST_PERIOD = 0.005

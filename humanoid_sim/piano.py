@@ -225,7 +225,7 @@ def _reach(options: Reach) -> int:
         if described != list(reached.values()):
             print(f"{robot.name}: piano.reach is {[[keys[0], keys[-1]] for keys in described]}, which differs")
     if options.picture is not None:
-        from humanoid_sim.rendering.keyboard import draw_reach  # noqa: PLC0415
+        from humanoid_sim.rendering.piano_roll import draw_reach  # noqa: PLC0415
 
         _write(draw_reach(fingers.keys, list(reached.values()), f"{robot.name}: keys within reach"), options.picture)
     return 0

@@ -18,7 +18,7 @@ from rich.table import Table
 from humanoid_sim.cli import run_program
 from humanoid_sim.command_line import Commands, parse
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.definitions import DEFINITIONS, differing
+from humanoid_sim.evaluation.failure import DEFINITIONS, differing
 from humanoid_sim.evaluation.joint_use import JointUse, describe_effort
 from humanoid_sim.record_export import Export, export
 from humanoid_sim.recording.reader import open_recording

@@ -126,8 +126,7 @@ def _row(tick: TickRecord, actions: int) -> Iterator[object]:
 def _mp4(recording: Recording, path: Path, options: Export) -> str:
     from rich.console import Console  # noqa: PLC0415
 
-    from humanoid_sim.rendering.video import VideoSink  # noqa: PLC0415
-    from humanoid_sim.rendering.video_progress import finish_video  # noqa: PLC0415
+    from humanoid_sim.rendering.video import VideoSink, finish_video  # noqa: PLC0415
     from humanoid_sim.simulation.model import build_model, joint_addresses  # noqa: PLC0415
 
     description = _description(recording, options)

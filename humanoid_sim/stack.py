@@ -31,10 +31,10 @@ from humanoid_sim.controllers.signs import Signs
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.evaluation.definitions import DEFINITIONS
+from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.policy.contract_json import decode, encode
-from humanoid_sim.policy.labels import observation_labels
+from humanoid_sim.policy.describe import observation_labels
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
 from humanoid_sim.recording.labels import LABELS_DOCUMENT, labels_document

@@ -1,1 +1,1 @@
-"""When a robot is lost, how far it is from what it should do, and the closed loop in which both are seen."""
+"""Loss of a robot, its distance from what it should do, and the closed loop in which both are seen."""

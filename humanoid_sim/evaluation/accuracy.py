@@ -1,4 +1,4 @@
-"""How far a plant is from the truth, on a robot and a motion: what the implicit plant's long steps cost.
+"""Distance of a plant from the truth, on a robot and a motion: what the implicit plant's long steps cost.
 
 The truth is the solution that the plants come to as their steps get shorter: the affine plant at a sixteenth of the
 robot's own step. Every plant is given the same commands, those of a policy that followed its motion on the affine
@@ -29,7 +29,7 @@ _CONVERGED = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CommandedMotion:
-    """What a policy commanded, step by step."""
+    """Commands of a policy, step by step."""
 
     description: RobotDescription
     """With the policy's gains, in its default pose."""
@@ -70,8 +70,6 @@ def commanded_motion(
 
     Args:
         description: of the robot, with the policy's gains.
-        wiring: of the policy on it.
-        policy: the policy.
         seconds: how long.
         velocity: shape (3,), vx and vy in m/s and yaw rate in rad/s, of a policy that walks.
     """

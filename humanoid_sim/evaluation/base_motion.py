@@ -1,4 +1,4 @@
-"""How the base of a free-standing robot moved: speed, height, tilt and whether it fell; in constant memory."""
+"""Motion of a free-standing robot's base: speed, height, tilt and whether it fell; in constant memory."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class BaseSummary:
     fall: float | None
     """s after release at which the robot fell; None if it did not."""
     fell: str
-    """How; empty if it did not."""
+    """Description of the fall; empty without one."""
 
 
 class BaseMotion:
@@ -45,8 +45,8 @@ class BaseMotion:
     """
 
     def __init__(self) -> None:
-        """Nothing was seen yet."""
-        self._released: float | None = None
+        self.released: float | None = None
+        """s, robot's clock, at which the base was let go; None while it never was."""
         self._standing_height = 0.0
         self._last = 0.0
         self._speed_sum = np.zeros(3)
@@ -59,22 +59,17 @@ class BaseMotion:
         self._fall: float | None = None
         self._fell = ""
 
-    @property
-    def is_released(self) -> bool:
-        """Return whether the base was ever free."""
-        return self._released is not None
-
     def release(self, time: float, standing_height: float) -> None:
         """Begin once the base is let go; `time` in s, robot's clock, `standing_height` in m, as of `has_fallen`."""
-        self._released, self._standing_height = time, standing_height
+        self.released, self._standing_height = time, standing_height
 
     def update(self, time: float, base: BaseState) -> str:
         """Take one tick with a free base; `time` in s, robot's clock. Says how the robot fell in the tick in which."""
-        assert self._released is not None
+        assert self.released is not None
         if self._fall is not None:
             return ""
         self._last = time
-        since = time - self._released
+        since = time - self.released
         height = float(base.height)
         if not self._has_landed:
             self._has_landed = since >= _SETTLING or float(base.mass_height) <= self._standing_height
@@ -95,13 +90,13 @@ class BaseMotion:
 
     def summary(self) -> BaseSummary | None:
         """Return the figures so far; None if the base was never free."""
-        if self._released is None or not self._count:
+        if self.released is None or not self._count:
             return None
         speed = self._speed_sum / self._speed_count if self._speed_count else None
         low, total, high = self._height
         return BaseSummary(
-            released=self._released,
-            duration=self._last - self._released,
+            released=self.released,
+            duration=self._last - self.released,
             velocity=None if speed is None else (float(speed[0]), float(speed[1])),
             yaw_rate=None if speed is None else float(speed[2]),
             height=(low, total / self._count, high),

@@ -1,4 +1,4 @@
-"""How far robots are from what they should do: element by element, for one or any batch of them."""
+"""Errors of robots against what they should do: element by element, for one or any batch of them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def quaternion_angle(a: FloatArray, b: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseError:
-    """Where a body should be, seen from where it is."""
+    """Pose that a body should have, seen from the one that it has."""
 
     offset: FloatArray
     """Shape (..., 3), m, world frame."""

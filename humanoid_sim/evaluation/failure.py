@@ -1,4 +1,4 @@
-"""When a robot is lost: it has fallen, or strayed from the motion that it follows.
+"""Loss of a robot: it has fallen, or strayed from the motion that it follows.
 
 The only definition of either, for one robot or a batch: `play`, `doctor`, `regress` and every environment ask here.
 """
@@ -6,6 +6,8 @@ The only definition of either, for one robot or a batch: `play`, `doctor`, `regr
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +18,7 @@ from humanoid_sim.simulation.floating_base import BaseState
 
 BoolArray = npt.NDArray[np.bool_]
 Index = int | tuple[()]
-"""Which robot of a batch; () for the only one."""
+"""Index of a robot of a batch; () for the only one."""
 
 FALLEN_TILT = 1.0
 """rad between the vertical and the axis of a floating base that points up where the robot stands, its z axis mostly."""
@@ -87,3 +89,20 @@ def describe_body_stray(distance: FloatArray, bodies: tuple[str, ...]) -> str:
     """Return how one robot strayed, by the distances of its tracked bodies, shape (b,), m."""
     worst = int(np.argmax(np.where(np.isnan(distance), np.inf, distance)))
     return f"strayed: {bodies[worst]} is {distance[worst]:.2f} m from the motion"
+
+
+DEFINITIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "fall": f"the centre of mass is below {FALLEN_HEIGHT:g} of the height above the floor at which it stands, or "
+        f"the axis of the base that then points up leans by more than {FALLEN_TILT:g} rad",
+        "loss": f"a tracked body is more than {STRAYED_DISTANCE:g} m from the motion, or the anchor body is more than "
+        f"{STRAYED_HEIGHT:g} m off its height or leans by more than {STRAYED_TILT:g} rad against it",
+        "errors": "the pose in the very tick in which a frame is shown, less that frame; each frame once, the last too",
+    }
+)
+"""By name. A change of what is measured changes these words."""
+
+
+def differing(recorded: Mapping[str, str]) -> tuple[str, ...]:
+    """Names of the definitions that a file was made with others of; all of them if it says nothing."""
+    return tuple(name for name, text in DEFINITIONS.items() if recorded.get(name) != text)

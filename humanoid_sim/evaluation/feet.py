@@ -27,7 +27,7 @@ class Feet:
     bodies: tuple[str, ...]
     """Names of the MJCF bodies, one per foot."""
     foot: tuple[int, ...]
-    """Of each of the P points, the index into `bodies`."""
+    """Index into `bodies` of each of the P points."""
     points: FloatArray
     """Shape (P, 3), m, body frame."""
     radius: FloatArray

@@ -1,4 +1,4 @@
-"""What a run took of each joint: its greatest speed and effort, and the positions that it reached, with its limits."""
+"""Use of each joint in a run: its greatest speed and effort, and the positions that it reached, with its limits."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ LIFTED, ABOVE, TOUCHED, PRESSED = range(4)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyPoses:
-    """What is commanded to have each hand over a key, and on it; the servos sag below it to where the pose is.
+    """Commands that have each hand over a key, and on it; the servos sag below it to where the pose is.
 
     The poses of a hand are numbered: 4 rows of 88 keys, and the ready pose last.
     """

@@ -20,8 +20,6 @@ from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.simulation.fingers import HANDS
 from humanoid_sim.simulation.kinematics import MassMatrix
 
-__all__ = ["APART", "HOME", "Course", "Goal", "PianoPlayer", "Plan", "Timing", "goals_of", "smooth"]
-
 IntArray = npt.NDArray[np.intp]
 _Share = TypeVar("_Share", float, FloatArray)
 Course = FloatArray
@@ -66,7 +64,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How long things take, in s."""
+    """Durations, in s."""
 
     press: float = 0.18
     """From over a key until it is down."""
@@ -77,7 +75,7 @@ class Timing:
     stops: float = 0.02
     """From the beginning of that until the key stops."""
     travel: float = 0.07
-    """Of the way to another key, and"""
+    """Least time of the way to another key, and"""
     per_key: float = 0.0075
     """beyond it for each semitone."""
     settle: float = 0.04
@@ -86,7 +84,7 @@ class Timing:
 
 @dataclass(slots=True, eq=False)
 class _Hand:
-    """Where a hand is, and on which way."""
+    """Place of a hand, and its way."""
 
     side: int
     key: int
@@ -94,7 +92,7 @@ class _Hand:
     place: Mixture
     down: bool = False
     strokes: bool = False
-    """Whether its way is down to, or up from, a key."""
+    """True if its way is down to, or up from, a key."""
     start: int | None = None
     """The pose where its present way began; None while it rests."""
     origin: int = -1
@@ -127,7 +125,6 @@ class PianoPlayer:
             description: of a robot with a piano.
             policy_dt: s between two commands.
             poses: of the same robot, if they are known.
-            timing: of strokes and ways.
         """
         self.poses = KeyPoses.of(description) if poses is None else poses
         self._numbered = self.poses.numbered

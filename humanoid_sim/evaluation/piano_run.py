@@ -24,13 +24,13 @@ from humanoid_sim.simulation.plant import Actuation
 
 @dataclass(frozen=True, slots=True)
 class PlayedSong:
-    """What came of one song."""
+    """Result of one song."""
 
     score: PianoScore
     touch: Touch | None
     """The hardest; None where no key was touched."""
     contacts: tuple[str, ...]
-    """What touched beside hands and keys, as `a and b`, each pair of bodies once: there should be none."""
+    """Contacts beside those of hands and keys, as `a and b`, each pair of bodies once: there should be none."""
 
     @property
     def figures(self) -> tuple[float, float, float, float]:
@@ -59,9 +59,7 @@ def play_with_policy(
     Args:
         description: of the robot, with the policy's gains, where the song begins.
         wiring: of the policy, with the song as its reference.
-        policy: answers an observation with an action.
         table: shape (F, 88), 0 or 1: the goals of the same song, one row per policy step.
-        actuation: how the motors are simulated.
 
     Raises:
         InputError: a controller would refuse an observation or an action.
@@ -97,7 +95,6 @@ def play_open_loop(
         player: of the same robot and period.
         table: shape (F, 88), 0 or 1: the goals, one row per `period`.
         period: s between two commands.
-        actuation: how the motors are simulated.
     """
     ready = description.standby_controller_a.pose_segments[-1]
     description = msgspec.structs.replace(description, initial_position=ready)

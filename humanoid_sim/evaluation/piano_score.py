@@ -1,4 +1,4 @@
-"""How well a song was played: per time step, as RoboPianist scores it, and per note.
+"""Score of a song that was played: per time step, as RoboPianist scores it, and per note.
 
 Per time step (Zakka et al. 2023, "RoboPianist: Dexterous Piano Playing with Deep Reinforcement Learning", section 4):
 precision, recall and F1 of the keys that are down against those that should be, of each step by itself, then the mean
@@ -33,7 +33,7 @@ class Ratio:
 
 @dataclass(frozen=True, slots=True)
 class PianoScore:
-    """Of one performance."""
+    """Figures of one performance."""
 
     steps: Ratio
     """Mean over the time steps."""

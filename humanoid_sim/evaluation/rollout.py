@@ -61,7 +61,7 @@ class OneRobot:
 
     robot: MujocoRobot
     safety: SafetyStatus = field(default_factory=SafetyStatus)
-    """Of the latest state."""
+    """Status of the latest state."""
 
     def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
         """See `Robots.step`; nothing pushes it, and it does not stand still."""
@@ -104,7 +104,7 @@ class ClosedLoop:
         self.velocity = velocity
         """Shape (..., 3): the commands that are observed."""
         self.state = self._reported()
-        """That is observed; with the velocity command, where the policy depends on one."""
+        """State that is observed; with the velocity command, where the policy depends on one."""
         self.observation, self.memory = wiring.observe(wiring.activate(self.state, frame), self.state)
         self.action = self.previous = self.memory.last_action
         """Shape (..., m), raw: of the latest step, and of the one before; zeros before the first."""
@@ -231,9 +231,9 @@ class StepSample:
     command: FloatArray
     """Shape (..., 3), vx and vy in m/s and yaw rate in rad/s, heading frame: what was asked for during the step."""
     base: BaseState | None = None
-    """Of robots with a floating base, at `state`; None for those with a fixed one."""
+    """State of a floating base, at `state`; None for robots with a fixed one."""
     alignment: Alignment | None = None
-    """How the reference was laid onto the robot at the start."""
+    """Alignment of the reference with the robot at the start."""
     phase: FloatArray | None = None
     """Shape (..., k), rad: the gait phase that is observed at `state`; NaN while the robot stands. None without one."""
 
@@ -242,7 +242,6 @@ def sample_step(loop: ClosedLoop, robots: TransparentRobots, step: int | npt.NDA
     """Return the latest step as it truly was, whatever the sensors make of it.
 
     Args:
-        loop: around the robots.
         robots: with the bodies that are tracked, or none.
         step: shape (...), policy steps since the start, this one included.
     """

@@ -1,4 +1,4 @@
-"""How well a run follows its motion: errors of the bodies, or of joints and anchor body, accumulated frame by frame.
+"""Tracking of a motion by a run: errors of the bodies, or of joints and anchor body, accumulated frame by frame.
 
 The convention is strict: the error of frame k is the pose that was read in the very tick in which the policy was shown
 frame k, minus frame k. Nothing is shifted in time. A motion ends with its last frame, which counts once: what a policy
@@ -54,7 +54,7 @@ class BodyError:
 
 @dataclass(frozen=True, slots=True)
 class TrackingSummary:
-    """What a run's tracking comes to."""
+    """Errors of a run."""
 
     samples: int
     """Policy steps that were measured."""
@@ -79,7 +79,6 @@ class TrackingErrors:
         """Look the bodies up.
 
         Args:
-            description: the robot.
             frames: shape (F, 9 B), tracking frames `[positions 3 B | orientations 6 B]`, m, base frame.
             body_names: the B bodies.
             policy_dt: s between two frames.
@@ -215,13 +214,7 @@ class AnchorErrors:
 def errors_of_run(
     description: RobotDescription, loaded: LoadedPolicy, motion: Motion | None
 ) -> tuple[TrackingErrors | None, AnchorErrors | None]:
-    """Return what measures how well a motion is followed: bodies in the base frame, or joints and an anchor.
-
-    Args:
-        description: the robot.
-        loaded: the policy.
-        motion: that it follows.
-    """
+    """Return what measures how well a motion is followed: bodies in the base frame, or joints and an anchor."""
     tracking = anchor = None
     reference, contract = loaded.reference, loaded.contract
     if "motion_body_pos_b" in reference.terms and motion is not None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from typing import Any
 
 from rich.console import Console
 
@@ -14,37 +16,119 @@ from humanoid_sim.controllers.fsm import MODES
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.joint_use import JointUse
-from humanoid_sim.evaluation.piano_score import PlayedKeys
-from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors
+from humanoid_sim.frontends.launcher import FrontEnds
 from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, SessionHeader
 from humanoid_sim.mit import MITState
-from humanoid_sim.play.console import ConsoleSink
+from humanoid_sim.play.console import ConsoleSink, Told
 from humanoid_sim.play.front_ends import has_keys, needs_gamepad
 from humanoid_sim.play.loading import JudgedPolicy, PolicyLoader
-from humanoid_sim.play.local_ends import LocalEnds
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import Plan, expected_duration
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import PolicyChoice
-from humanoid_sim.play.status_line import Told
 from humanoid_sim.recording.recorder import McapRecorder
-from humanoid_sim.recording.shadow import ShadowStep, ShadowTopics, encode_shadow_step, shadow_documents
+from humanoid_sim.recording.shadow import ShadowStep, ShadowTopics, encode_shadow_step, shadow_documents, shadow_width
 from humanoid_sim.rendering.video import VideoSink
+from humanoid_sim.session.data_socket import DataSocket
 from humanoid_sim.session.device_watch import DeviceWatch
+from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
+from humanoid_sim.session.intent_socket import IntentSocket
 from humanoid_sim.session.interruption import Interruption
 from humanoid_sim.session.keyboard import Keyboard
 from humanoid_sim.session.loading import Loading
 from humanoid_sim.session.monitor import RunMonitor
+from humanoid_sim.session.outside_safety import OutsideSafety, parse_watchdogs
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.recorded_inputs import RecordedInputs
+from humanoid_sim.session.registration import Registration
 from humanoid_sim.session.script import OverriddenScript, Planned, Script
 from humanoid_sim.session.session import SafetyFilter, Session
 from humanoid_sim.session.shadow import ShadowSink
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.session.sources import ExternSource, IntentSource
+from humanoid_sim.session.sources import ExternSource, IntentSource, RemoteInbox
 from humanoid_sim.simulation.gravity import LeverSamples
+from humanoid_sim.simulation.model import model_bytes
 from humanoid_sim.stack import run_header
+
+
+class LocalEnds:
+    """Open from here on: intents that come before the first tick wait for it."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        header: SessionHeader,
+        reactivation: Reactivation,
+        loading: Loading | None,
+        *,
+        show: Callable[[str], None],
+        note: Callable[[str], None],
+        is_ending: Callable[[], bool],
+    ) -> None:
+        """Open the sockets, make the feed, and let others find the session.
+
+        Args:
+            reactivation: what `reactivate` asks for.
+            loading: what `load` asks for; None where no policy can be loaded.
+            show: shows operators a line.
+            note: records a line.
+            is_ending: whether the session need not begin any more.
+
+        Raises:
+            InputError: if one of them cannot be had; nothing stays open then.
+        """
+        self._plan = plan
+        self.shadow_figures: Callable[[], Mapping[str, Any]] | None = None
+        """Figures of a shadow policy; None without one."""
+        description, policy = plan.description, plan.policy
+        with ExitStack() as stack:
+            registration = Registration()
+            stack.callback(registration.close)
+            self.safety = OutsideSafety(parse_watchdogs(plan.config.watchdog))
+            self.intents = IntentSocket(registration.intents, reactivation, note, self.safety, loading)
+            stack.callback(self.intents.close)
+            self.inbox = RemoteInbox(description.joint_names, plan.clock)
+            self.data = DataSocket(
+                registration.data,
+                self.inbox,
+                1e-3 * description.remote_policy_controller.stale_command_timeout_ms,
+                clock=plan.clock,
+                velocity=plan.velocity if policy.walks else None,
+                live=plan.taken,
+                timeouts=None if policy.contract is None else policy.contract.live_timeouts,
+                tell=note,
+            )
+            stack.callback(self.data.close)
+            width = 0 if plan.shadow is None or policy.loaded is None else shadow_width(policy.loaded)
+            blobs = {MODEL_BLOB: model_bytes(plan.setup.model())}
+            self.feed = FeedWriter(header, blobs, plan.taken, shadow_width=width)
+            stack.callback(self.feed.close)
+            self.front_ends = FrontEnds(
+                plan.front_ends, self.feed, show=show, note=note, status=self._status, is_ending=is_ending
+            )
+            stack.callback(self.front_ends.close)
+            registration.register(
+                robot=description.name,
+                policy=f"{'' if plan.shadow is None else 'shadow '}{policy.source}",
+                hardware=plan.config.hardware or "",
+                feed=self.feed.path,
+            )
+            self.rename_policy = registration.rename_policy
+            self._close = stack.pop_all()
+
+    def close(self) -> None:
+        """Close whatever is still open. May be called twice."""
+        self._close.close()
+
+    def _status(self) -> Mapping[str, Any]:
+        return {
+            **self.data.status(),
+            "front_ends": dict(self.front_ends.running),
+            "robot": self._plan.setup.figures(),
+            "shadow": None if self.shadow_figures is None else dict(self.shadow_figures()),
+        }
+
 
 _STANDSTILL = 0.1
 """s without a tick after which a loop that drives motors stood still: their CAN timeout."""
@@ -63,21 +147,18 @@ class Run:
     """Policy that was loaded last."""
     config: PlayConfig
     """Options, with those of that policy."""
+    judged: JudgedPolicy
     keyboard: Keyboard | None = None
-    tracking: TrackingErrors | None = None
-    anchor: AnchorErrors | None = None
-    keys: PlayedKeys | None = None
     recorder: McapRecorder | None = None
     video: VideoSink | None = None
     shadow: ShadowSink | None = None
     script: Planned | None = None
     interruption: Interruption | None = None
-    """Of a loop that drives motors."""
+    """Watch over the suspension of a loop that drives motors."""
 
     def follow(self, policy: PolicyChoice, config: PlayConfig, judged: JudgedPolicy) -> None:
         """Have what watches the run watch another policy; between two ticks, on the control thread."""
-        self.policy, self.config = policy, config
-        self.tracking, self.anchor, self.keys = judged.tracking, judged.anchor, judged.keys
+        self.policy, self.config, self.judged = policy, config, judged
         self.monitor.follow(judged.tracking, judged.anchor, judged.keys)
         self.console.follow(
             replace(
@@ -207,10 +288,8 @@ def assemble(plan: Plan, console: Console) -> Run:
         ends,
         policy,
         config,
+        judged,
         keyboard,
-        judged.tracking,
-        judged.anchor,
-        judged.keys,
         recorder,
         video,
         shadow,

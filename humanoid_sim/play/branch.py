@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,10 +20,10 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory, start_reason
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import EventKind, Mode, SafetyStatus, TickRecord
+from humanoid_sim.messages import EventKind, Mode, TickRecord
 from humanoid_sim.mit import GRAVITY_LEVERS, VELOCITY_COMMAND, FloatArray, MITCommand, MITState
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.played_robot import RobotSetup
+from humanoid_sim.play.played_robot import PlayedRobot, RobotSetup
 from humanoid_sim.play.policies import parse_branch
 from humanoid_sim.policy.contract_json import encode
 from humanoid_sim.recording.reader import Entry, Recording, open_recording, recorded_settings
@@ -48,11 +49,6 @@ class BranchPoint:
     """Contract of the policy that the run began with; None where it began without."""
     is_simulated: bool
 
-    @property
-    def control_period(self) -> float:
-        """Return the recorded loop's period, s."""
-        return self.recording.header.control_period
-
 
 @dataclass(frozen=True, slots=True)
 class Branch:
@@ -61,9 +57,9 @@ class Branch:
     setup: RobotSetup
     """With the robot as it was then."""
     memory: SupervisorMemory
-    """Of the control stack, for the policy that goes on."""
+    """Memory of the control stack, for the policy that goes on."""
     inputs: RecordedInputs
-    """What the recorded run took in from then on."""
+    """Inputs of the recorded run from then on."""
     velocity: FloatArray | None
     """Shape (3,), the velocity command of that instant, if there was one."""
     notices: tuple[str, ...]
@@ -106,7 +102,6 @@ def reach(
     """Bring a simulated robot, and a control stack, to the instant.
 
     Args:
-        point: the instant.
         setup: the robot, just built.
         supervisor: the control stack that goes on.
         contract: of the policy that goes on.
@@ -124,7 +119,8 @@ def reach(
     if not point.is_simulated:
         _measure(robot, recorded)
     state = record.input.state
-    notices = [f"branches at {float(state.time):g} s from {point.recording.path.name}, in {_mode(memory)}"]
+    mode = memory.controller.removesuffix("_controller")
+    notices = [f"branches at {float(state.time):g} s from {point.recording.path.name}, in {mode}"]
     if point.is_simulated:
         _compare(point, record, robot)
     else:
@@ -132,7 +128,7 @@ def reach(
     kept, notice = _for_policy(memory, stack, supervisor, record)
     inputs = RecordedInputs(
         chain([record], entries),
-        point.control_period,
+        point.recording.header.control_period,
         clock,
         measured=(*robot.extern, GRAVITY_LEVERS),
         repeats_safety=point.is_simulated,
@@ -140,12 +136,12 @@ def reach(
     velocity = state.extern.get(VELOCITY_COMMAND)
     value = None if velocity is None else np.array(velocity.value)
     return Branch(
-        replace(setup, robot=_Resumed(robot)), kept, inputs, value, tuple(text for text in (*notices, notice) if text)
+        replace(setup, robot=cast("PlayedRobot", _Resumed(robot))),
+        kept,
+        inputs,
+        value,
+        tuple(text for text in (*notices, notice) if text),
     )
-
-
-def _mode(memory: SupervisorMemory) -> str:
-    return memory.controller.removesuffix("_controller")
 
 
 def _measure(robot: MujocoRobot, contract: PolicyContract | None) -> None:
@@ -203,7 +199,7 @@ def _repeated(
         if is_fresh:
             memory, is_fresh = stack.initial(start_reason(record.output.control_mode.status_message)), False
         _check_place(point, record, following)
-        if float(record.input.state.time) > point.time - 0.5 * point.control_period:
+        if float(record.input.state.time) > point.time - 0.5 * point.recording.header.control_period:
             return memory, stack, contract, record, entries
         following += 1
         if robot is not None:
@@ -225,7 +221,7 @@ def _check_place(point: BranchPoint, record: TickRecord, following: int) -> None
         missing = record.index - following
         raise InputError(f"--branch: '{point.recording.path}' lacks {missing} ticks before tick {record.index}")
     time = float(record.input.state.time)
-    if following == 0 and point.time < time - 0.5 * point.control_period:
+    if following == 0 and point.time < time - 0.5 * point.recording.header.control_period:
         raise InputError(f"--branch: {point.time:g} s is before the recording's begin, {time:g} s")
 
 
@@ -320,24 +316,10 @@ class _Resumed:
         self._robot = robot
         self._is_active = False
 
-    @property
-    def joints(self) -> tuple[str, ...]:
-        return self._robot.joints
-
-    @property
-    def is_closed(self) -> bool:
-        return self._robot.is_closed
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._robot, name)
 
     def activate(self) -> None:
         if self._is_active:
             self._robot.activate()
         self._is_active = True
-
-    def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
-        return self._robot.read()
-
-    def write(self, command: MITCommand) -> None:
-        self._robot.write(command)
-
-    def close(self) -> None:
-        self._robot.close()

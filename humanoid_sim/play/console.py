@@ -1,20 +1,164 @@
-"""What an operator sees while a run goes on: every transition with its reason, every refusal, and a line of status."""
+"""The operator's view of a run: every transition with its reason, every refusal, and a line of status."""
 
 from __future__ import annotations
 
 import math
+import os
+import select
 import sys
+from collections.abc import Callable, Container, Sequence
+from dataclasses import dataclass
 from time import monotonic
 
 from rich.console import Console
 from rich.markup import escape
+from rich.style import Style
 
 from humanoid_sim.cli import mute_output
-from humanoid_sim.messages import Event, EventKind, Intent, Mode, TickOutput, TickRecord
-from humanoid_sim.play.status_line import MODE_STYLES, StatusLine, Told, possible, status_parts
-from humanoid_sim.session.keyboard import key_of
-from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE
+from humanoid_sim.controllers.fsm import granted, merge_safety
+from humanoid_sim.messages import Event, EventKind, Intent, Mode, StandbyState, TickOutput, TickRecord
+from humanoid_sim.mit import VELOCITY_COMMAND
+from humanoid_sim.session.keyboard import REACTIVATE_KEY, key_of
+from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, REACTIVABLE
 from humanoid_sim.session.sinks import WorkerSink
+
+MODE_STYLES = {
+    Mode.ZERO_TORQUE: "bright_black",
+    Mode.DAMPING: "yellow",
+    Mode.STANDBY: "cyan",
+    Mode.LOCOMOTION: "green",
+    Mode.REMOTE: "magenta",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """Facts that the line needs beside a tick."""
+
+    has_keys: bool = False
+    """An operator sits at the keys."""
+    is_driven: Callable[[], bool] = lambda: True
+    """True if commands reach the motors; they do not after a `reactivate` that failed."""
+    available: Container[str] = ()
+    """Names of the controllers that exist."""
+    walks: bool = False
+    """The policy takes a velocity command."""
+    motion_frames: int = 0
+    """Frames of the policy's motion; 0 for none."""
+    expected_duration: float | None = None
+    """s on the robot's clock, of the whole run; None if nobody can know."""
+
+
+def possible(record: TickRecord, available: Container[str]) -> tuple[Intent, ...]:
+    """Return the intents that would be granted after a tick."""
+    output = record.output
+    is_finished = output.standby is not None and output.standby.is_finished
+    return granted(output.control_mode.controller_name, merge_safety(record.input.safety), is_finished, available)
+
+
+def status_parts(record: TickRecord, frame: int | None, overruns: int, told: Told, width: int) -> list[str]:
+    """Return the parts of the line, the mode first; as many as fit into `width` columns, the most important ones first.
+
+    Args:
+        frame: of the motion, as of the latest policy step; None for none.
+        overruns: deadlines missed so far.
+        told: what does not change.
+    """
+    mode = record.output.control_mode.mode
+    progress = _progress(record.output.standby, frame if mode is Mode.LOCOMOTION else None, told.motion_frames)
+    time = float(record.input.state.time)
+    parts = [mode.name + (f" {progress}" if progress else "")]
+    velocity = record.input.state.extern.get(VELOCITY_COMMAND)
+    shown = []
+    if told.walks and velocity is not None:
+        shown.append("v " + " ".join(f"{value:.2f}" for value in velocity.value))
+    shown.append(f"{overruns} late tick{'' if overruns == 1 else 's'}")
+    keys = _keys(record, told, width - sum(len(part) + 2 for part in (*parts, *shown)))
+    parts += keys + shown
+    if told.expected_duration:
+        parts.append(f"{min(100.0 * time / told.expected_duration, 100.0):.0f} %")
+    parts.append(f"{time:.1f} s")
+    while len(parts) > 1 and len("  ".join(parts)) > width:
+        parts.pop()
+    return parts
+
+
+def _progress(standby: StandbyState | None, frame: int | None, frames: int) -> str:
+    if standby is not None:
+        if standby.is_finished:
+            return "reached"
+        return f"{100.0 * (standby.current_segment + standby.progress) / standby.total_segments:.0f} %"
+    return f"{100.0 * min(frame + 1, frames) / frames:.0f} %" if frame is not None and frames else ""
+
+
+def _keys(record: TickRecord, told: Told, room: int) -> list[str]:
+    """Return what is possible now with its key; the keys alone where there is no room for the names."""
+    if not told.has_keys:
+        return []
+    intents = [i for i in possible(record, told.available) if i is not Intent.DAMP or told.is_driven()]
+    asked = [(key_of(intent), intent.name) for intent in intents]
+    if record.output.control_mode.mode in REACTIVABLE:
+        asked.append((REACTIVATE_KEY, "reactivate"))
+    if told.walks and record.output.control_mode.mode is Mode.LOCOMOTION:
+        asked.append(("arrows", "velocity"))
+    named = [f"{key} {name}" for key, name in asked]
+    for keys in ([*named, "? help"], named):
+        if len("  ".join(keys)) + 2 <= room:
+            return keys
+    return ["keys " + " ".join(key for key, _ in [*asked, ("?", "help")])]
+
+
+class StatusLine:
+    """Draws it in place, after whatever else was printed; on a terminal that takes nothing it is left out."""
+
+    def __init__(self, console: Console) -> None:
+        """Draw on the console's terminal; on no terminal nothing is drawn."""
+        self._console = console
+        self._is_dumb = console.is_dumb_terminal
+        self._shown = ""
+
+    @property
+    def width(self) -> int:
+        """Columns that a line may have at present: the last one would make some terminals begin a new line."""
+        try:
+            columns = os.get_terminal_size(self._console.file.fileno()).columns
+        except (OSError, ValueError):  # a file in memory
+            columns = 0
+        return max((columns or self._console.width) - 1, 10)
+
+    def draw(self, parts: Sequence[str], mode: Mode) -> None:
+        """Replace the line."""
+        if not self._console.is_terminal:
+            return
+        line = "  ".join(parts)[: self.width]
+        if line == self._shown or not self._takes_more():
+            return
+        if self._is_dumb:
+            self._write("\r" + line.ljust(len(self._shown)))
+        else:
+            color = Style.parse(MODE_STYLES[mode]).color
+            codes = ";".join(color.get_ansi_codes()) if color is not None and self._console.color_system else "1"
+            name, rest = line[: len(mode.name)], line[len(mode.name) :]
+            self._write(f"\r\x1b[2K\x1b[{codes}m{name}\x1b[0m{rest}")
+        self._shown = line
+
+    def clear(self) -> None:
+        """Take the line away, so that something else can be printed where it was."""
+        if self._shown:
+            self._write("\r" + " " * len(self._shown) + "\r" if self._is_dumb else "\r\x1b[2K")
+            self._shown = ""
+
+    def _takes_more(self) -> bool:
+        """Return whether the terminal's output is not held (Ctrl-S) or far behind."""
+        try:
+            return bool(select.select([], [self._console.file.fileno()], [], 0.0)[1])
+        except (OSError, ValueError):  # a file in memory
+            return True
+
+    def _write(self, text: str) -> None:
+        self._console.file.write(text)
+        self._console.file.flush()
+
 
 _REDRAW = 0.1
 """s between two drawings of the line, if nothing is printed between them."""
@@ -39,15 +183,10 @@ class ConsoleSink(WorkerSink):
     """Prints transitions, refusals and events; keeps a line of status at the bottom where the output is a terminal."""
 
     def __init__(self, console: Console, told: Told) -> None:
-        """Prepare.
-
-        Args:
-            console: where to print.
-            told: what the line needs beside the ticks.
-        """
         super().__init__("console", period=0.05)
         self._console = console
-        self._told = told
+        self.told = told
+        """Facts that the line needs in addition to the ticks."""
         self._line = StatusLine(console)
         self._mode: Mode | None = None
         self._controller = ""
@@ -64,12 +203,7 @@ class ConsoleSink(WorkerSink):
 
     def follow(self, told: Told) -> None:
         """Know of another policy from here on."""
-        self._told, self._frame = told, None
-
-    @property
-    def told(self) -> Told:
-        """Facts that the line needs in addition to the ticks."""
-        return self._told
+        self.told, self._frame = told, None
 
     def tick(self, record: TickRecord) -> None:
         """Queue a tick that has something to print; of the others only the latest is needed, for the line."""
@@ -95,7 +229,7 @@ class ConsoleSink(WorkerSink):
             before = f"{_styled(self._mode)} → " if self._mode is not None else ""
             self._print(f"{before}{_styled(control.mode)}  [dim]{escape(control.status_message)}[/dim]")
             self._mode, self._controller = control.mode, control.controller_name
-        elif Intent.DAMP in record.input.intents and not self._told.is_driven():
+        elif Intent.DAMP in record.input.intents and not self.told.is_driven():
             self._print(f"[red]DAMP has no effect: no motor is driven; {HOW_TO_REACTIVATE}[/red]")
         elif bad:
             for text in bad:
@@ -124,18 +258,16 @@ class ConsoleSink(WorkerSink):
             return
         self._drawn = now
         mode = record.output.control_mode.mode
-        self._line.draw(status_parts(record, self._frame, self._overruns, self._told, self._line.width), mode)
+        self._line.draw(status_parts(record, self._frame, self._overruns, self.told, self._line.width), mode)
 
     def handle_close(self) -> None:
         """Take the line away."""
         self._line.clear()
 
     def _what_comes_next(self, record: TickRecord) -> str:
-        if not self._told.has_keys:
+        if not self.told.has_keys:
             return ""
-        found = [
-            intent for intent in possible(record, self._told.available) if intent not in (Intent.DAMP, Intent.QUIT)
-        ]
+        found = [intent for intent in possible(record, self.told.available) if intent not in (Intent.DAMP, Intent.QUIT)]
         return f": {', '.join(f'{key_of(intent)} {intent.name}' for intent in found)}" if found else ""
 
     def _print(self, text: str) -> None:

@@ -1,4 +1,4 @@
-"""What is wrong with options, found before MuJoCo is imported and a model is compiled, which takes seconds."""
+"""Checks of options before MuJoCo is imported and a model is compiled, which takes seconds."""
 
 from __future__ import annotations
 
@@ -13,11 +13,7 @@ from humanoid_sim.session.sources import velocity_numbers
 
 
 def refuse_early(config: PlayConfig) -> None:
-    """Refuse files that do not exist, and a velocity that is none.
-
-    Raises:
-        InputError: naming the file or the option.
-    """
+    """Refuse files that do not exist, and a velocity that is none."""
     path = checkpoint_path(config)
     if path is not None:
         check_file(path)
@@ -29,11 +25,7 @@ def refuse_early(config: PlayConfig) -> None:
 
 
 def checkpoint_path(config: PlayConfig) -> Path | None:
-    """Return the file of the checkpoint that the options name; None for the sample policy, the placeholder and none.
-
-    Raises:
-        InputError: it is neither a shipped policy nor a file's name.
-    """
+    """Return the file of the checkpoint that the options name; None for the sample policy, the placeholder and none."""
     if config.checkpoint in (None, PLACEHOLDER, NO_POLICY):
         return None
     option = "--policy" if config.shadow is None else "--shadow"

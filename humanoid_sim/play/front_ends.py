@@ -1,4 +1,4 @@
-"""Which front ends the options of `play` ask for."""
+"""Front ends that the options of `play` ask for."""
 
 from __future__ import annotations
 
@@ -64,15 +64,11 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
 
 
 EMULATED_KEYBOARD = "virtual"
-"""Of --midi: the keyboard of emulated motors' own piano."""
+"""Value of --midi for the keyboard of emulated motors' own piano."""
 
 
 def _keyboard_options(config: PlayConfig) -> tuple[str, ...]:
-    """Return the MIDI front end's options, for a part of its port's name, a device's path, or an emulated keyboard.
-
-    Raises:
-        InputError: more than one is named, or there are no emulated motors.
-    """
+    """Return the MIDI front end's options, for a part of its port's name, a device's path, or an emulated keyboard."""
     named = config.midi or ()
     if len(named) > 1:
         raise InputError(f"--midi: is {' '.join(named)}, expected one port or device")
@@ -115,11 +111,7 @@ def _is_real_bus(config: PlayConfig) -> bool:
 
 
 def _pad_layout(config: PlayConfig) -> tuple[str, ...]:
-    """Return the options of the gamepad's program that say where the buttons are.
-
-    Raises:
-        InputError: more than one file is named, the file holds no layout, or no gamepad takes part.
-    """
+    """Return the options of the gamepad's program that say where the buttons are."""
     files = config.gamepad or ()
     if len(files) > 1:
         raise InputError(f"--gamepad: is {' '.join(files)}, expected one file (.yaml)")

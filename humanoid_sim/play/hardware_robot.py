@@ -27,7 +27,7 @@ from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.mit import KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.front_ends import EMULATED_KEYBOARD
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.played_robot import RobotSetup, gravity_levers
+from humanoid_sim.play.played_robot import BringUp, RobotSetup, gravity_levers
 from humanoid_sim.policy.robot_check import motor_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.realtime import punctual_threads
@@ -35,7 +35,7 @@ from humanoid_sim.simulation.floating_base import support_in_mode
 from humanoid_sim.simulation.model import build_model
 
 CALIBRATION = "calibration.yaml"
-"""Where a robot's calibration is looked for unless an option names another file."""
+"""File of a robot's calibration, unless an option names another."""
 
 
 def real_robot(config: PlayConfig, description: RobotDescription, control_period: float) -> RobotSetup:
@@ -43,9 +43,6 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
 
     On channels of the interface `virtual`, which exist in this process only, the motors are emulated, assembled as the
     calibration says. Everywhere else they are somebody else's: real ones, or those of `humanoid_sim.hardware emulate`.
-
-    Raises:
-        InputError: an option, or the calibration, is not accepted.
     """
     assert config.hardware is not None
     addresses = parse_addresses(config.hardware)
@@ -94,7 +91,7 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
             check_policy=lambda contract: check_policy(contract, description, has_imu=imu is not None),
             mode_listener=partial(support_in_mode, motors) if motors is not None and description.is_floating else None,
             notices=(*notices, *unjudged),
-            bring_up=_BringUp(robot, description, addresses, emulated=motors is not None),
+            bring_up=_bring_up(robot, description, addresses, emulated=motors is not None),
             figures=lambda: _figures(robot, motors),
             is_driven=lambda: robot.is_enabled,
             failure=lambda: "" if motors is None or motors.failure is None else f"emulated motors: {motors.failure!r}",
@@ -137,11 +134,7 @@ def _emulated(
 
 
 def _emulated_keyboard(description: RobotDescription, motors: VirtualMotors) -> MidiKeyboard:
-    """Return the keys of the emulated piano, as the bytes of a keyboard on a FIFO of this process.
-
-    Raises:
-        InputError: the robot has no piano.
-    """
+    """Return the keys of the emulated piano, as the bytes of a keyboard on a FIFO of this process."""
     if description.piano is None:
         raise InputError(f"--midi: is virtual, but {description.name} has no piano; a robot with one is lite_piano")
     path = Path(tempfile.gettempdir()) / f"humanoid_sim-{os.getpid()}-{uuid4().hex[:8]}.midi"
@@ -149,11 +142,7 @@ def _emulated_keyboard(description: RobotDescription, motors: VirtualMotors) -> 
 
 
 def check_policy(contract: PolicyContract, description: RobotDescription, *, has_imu: bool) -> tuple[str, ...]:
-    """Refuse what the motors cannot be told and what nobody measures.
-
-    Raises:
-        InputError: naming the first of it.
-    """
+    """Refuse what the motors cannot be told and what nobody measures."""
     findings = list(motor_findings(contract, description, hardware=True))
     for finding in findings:
         if finding.severity == "error":
@@ -166,27 +155,17 @@ def check_policy(contract: PolicyContract, description: RobotDescription, *, has
     return tuple(f"{finding.severity}: {finding}" for finding in findings)
 
 
-class _BringUp:
-    """See `BringUp`."""
-
-    def __init__(
-        self, robot: HardwareRobot, description: RobotDescription, addresses: Sequence[BusAddress], *, emulated: bool
-    ) -> None:
-        channels = ", ".join(map(str, addresses))
-        self._robot = robot
-        self.question = "" if emulated else f"Enable the motors of {description.name} on {channels}, without torque?"
-
-    def prepare(self) -> None:
-        self._robot.prepare()
-
-    def checks(self) -> Sequence[tuple[str, str, str]]:
-        return [(check.verdict.value, check.subject, check.text) for check in self._robot.checks]
-
-    def unanswered(self) -> Sequence[str]:
-        return sorted({check.about for check in self._robot.checks if check.verdict is Verdict.QUESTION})
-
-    def accept(self, versions: Sequence[str]) -> None:
-        self._robot.accept(versions)
+def _bring_up(
+    robot: HardwareRobot, description: RobotDescription, addresses: Sequence[BusAddress], *, emulated: bool
+) -> BringUp:
+    channels = ", ".join(map(str, addresses))
+    return BringUp(
+        "" if emulated else f"Enable the motors of {description.name} on {channels}, without torque?",
+        prepare=robot.prepare,
+        checks=lambda: [(check.verdict.value, check.subject, check.text) for check in robot.checks],
+        unanswered=lambda: sorted({check.about for check in robot.checks if check.verdict is Verdict.QUESTION}),
+        accept=robot.accept,
+    )
 
 
 def _figures(robot: HardwareRobot, motors: VirtualMotors | None) -> Mapping[str, Any]:
@@ -202,11 +181,7 @@ class MeasuredPose:
     """From a state to MuJoCo's generalised position. A joint that was never heard stands in its initial position."""
 
     def __init__(self, description: RobotDescription) -> None:
-        """Find the joints in the robot's model.
-
-        Raises:
-            InputError: the MJCF does not fit the description.
-        """
+        """Find the joints in the robot's model."""
         model = build_model(description, scene=False)
         self._initial = np.array(description.initial_position)
         self._qpos: FloatArray = model.qpos0.copy()

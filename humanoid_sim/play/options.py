@@ -200,6 +200,10 @@ class PlayConfig:
         ("--hardware can0 --policy x.onnx --dry-run", "check a real robot; no motor is enabled"),
     )
 
+    def is_given(self, name: str) -> bool:
+        """Return whether an option is not as it is by default."""
+        return bool(getattr(self, name) != self.__dataclass_fields__[name].default)
+
     @property
     def checkpoint(self) -> str | None:
         """The checkpoint that runs, as the robot's policy or as its shadow; None for the sample policy."""
@@ -211,3 +215,9 @@ class PlayConfig:
         if self.shadow is not None or self.branch is not None:
             return True
         return self.policy != NO_POLICY and (self.policy is not None or self.hardware is None)
+
+
+SIMULATED = tuple(
+    sorted({*PlayConfig.GROUPS["simulation"]} - {"branch", "control_frequency", "inject", "pace", "push"})
+)
+"""Options of the simulated robot."""

@@ -1,4 +1,4 @@
-"""What a run will be: everything is chosen and checked here, and nothing is written, sent or taken over yet."""
+"""Plan of a run: everything is chosen and checked here, and nothing is written, sent or taken over yet."""
 
 from __future__ import annotations
 
@@ -76,9 +76,9 @@ class Plan:
     setup: RobotSetup
     supervisor: Supervisor
     shadow: RLPolicyController | None
-    """Of a policy that only looks on; the supervisor has none then."""
+    """Controller of a policy that only looks on; the supervisor has none then."""
     steps: Sequence[ScriptStep] | None
-    """What drives the FSM if no operator does; None: only operators do."""
+    """Steps that drive the FSM if no operator does; None: only operators do."""
     taken: Mapping[str, int]
     """Name and width of the live inputs that come from other programs."""
     velocity: VelocityCommand
@@ -88,9 +88,9 @@ class Plan:
     clock: RobotClock
     outputs: Outputs
     front_ends: tuple[Wanted, ...]
-    """That are started with it."""
+    """Front ends that are started with it."""
     notices: tuple[str, ...]
-    """What an operator should know, one line each."""
+    """Notices for an operator, one line each."""
 
 
 def make_plan(config: PlayConfig) -> Plan:
@@ -98,9 +98,6 @@ def make_plan(config: PlayConfig) -> Plan:
 
     Emulated motors, if the options ask for them, run from here on: whoever makes a plan calls `setup.release` in the
     end.
-
-    Raises:
-        InputError: the first thing that is wrong.
     """
     injections = parse_injections(config.inject)
     steps: Sequence[ScriptStep] | None = None if config.script is None else parse_script(config.script)
@@ -120,7 +117,7 @@ def make_plan(config: PlayConfig) -> Plan:
             config, description, None if is_shadow or contract is None else contract.policy_dt
         )
     else:
-        control_period, notice = point.control_period, ""
+        control_period, notice = point.recording.header.control_period, ""
     setup = _robot(config, description, control_period, contract)
     try:
         taken: Mapping[str, int] = {} if policy.loaded is None else policy.loaded.taken(setup.live)
@@ -195,11 +192,7 @@ def make_plan(config: PlayConfig) -> Plan:
 
 
 def _allowed_signs(config: PlayConfig, setup: RobotSetup) -> tuple[str, ...] | None:
-    """Return the joints whose sign may contradict gravity; None where signs are not judged.
-
-    Raises:
-        InputError: one is not a joint of the robot.
-    """
+    """Return the joints whose sign may contradict gravity; None where signs are not judged."""
     for name in config.allow_sign_contradiction:
         if name not in setup.robot.joints:
             raise InputError(f"--allow-sign-contradiction: {known_names('joint', name, setup.robot.joints)}")
@@ -207,11 +200,7 @@ def _allowed_signs(config: PlayConfig, setup: RobotSetup) -> tuple[str, ...] | N
 
 
 def _checked_poses(description: RobotDescription) -> RobotDescription:
-    """Return the robot that walks through its check poses.
-
-    Raises:
-        InputError: it has none, or a joint that is wired wrongly would do harm in them.
-    """
+    """Return the robot that walks through its check poses."""
     extended = with_check_poses(description)
     for problem in check_pose_problems(description):
         raise InputError(f"--check-poses: {problem}")
@@ -240,12 +229,7 @@ def _inputs(config: PlayConfig, policy: PolicyChoice) -> tuple[Path, ...]:
 def _policy_on_robot(
     config: PlayConfig, description: RobotDescription, injector: Injector
 ) -> tuple[PolicyChoice, RobotDescription]:
-    """Return the policy, and the robot with what it takes from the policy's contract.
-
-    Raises:
-        InputError: if something is wrong with the policy, or it is for another robot; if no robot was named, that is
-            the first explanation.
-    """
+    """Return the policy, and the robot with what it takes from the policy's contract."""
     is_default = config.robot == DEFAULT_ROBOT and config.checkpoint is not None
     hint = f"--robot: the default, '{DEFAULT_ROBOT}', is used, and this policy is for another robot: "
     own = [name for name in shipped("robots") if sample_policy(name) == checkpoint_path(config)]

@@ -1,4 +1,4 @@
-"""What a run needs of the robot that it plays on, and the simulated one."""
+"""The robot that a run plays on: its interface, and the simulated one."""
 
 from __future__ import annotations
 
@@ -38,31 +38,26 @@ class PlayedRobot(Robot, Protocol):
         """Return whether `close` was called."""
 
 
-class BringUp(Protocol):
-    """What an operator is shown, and asked, before a real robot is enabled."""
+@dataclass(frozen=True, slots=True)
+class BringUp:
+    """Checks and questions for an operator before a real robot is enabled."""
 
-    @property
-    def question(self) -> str:
-        """To be answered with yes before anything is enabled; empty where nothing can be hurt."""
-
-    def prepare(self) -> None:
-        """Do everything but enable. Raises `RobotError` if something is wrong."""
-
-    def checks(self) -> Sequence[tuple[str, str, str]]:
-        """Return what was found so far: verdict (`ok`, `warning`, `question`, `problem`), subject, text."""
-
-    def unanswered(self) -> Sequence[str]:
-        """Firmware versions that no document mentions and the operator has not accepted; nothing is enabled before."""
-
-    def accept(self, versions: Sequence[str]) -> None:
-        """Accept them, as the operator says."""
+    question: str
+    """Question to be answered with yes before anything is enabled; empty where nothing can be hurt."""
+    prepare: Callable[[], None]
+    """Does everything but enable. Raises `RobotError` if something is wrong."""
+    checks: Callable[[], Sequence[tuple[str, str, str]]]
+    """Findings so far: verdict (`ok`, `warning`, `question`, `problem`), subject, text."""
+    unanswered: Callable[[], Sequence[str]]
+    """Firmware versions that no document mentions and the operator has not accepted; nothing is enabled before."""
+    accept: Callable[[Sequence[str]], None]
+    """Accepts them, as the operator says."""
 
 
 class Touches:
-    """How hard the keys of a simulated piano were touched, mode by mode; it is told of each new mode."""
+    """Hardest touches of a simulated piano's keys, mode by mode; it is told of each new mode."""
 
     def __init__(self, robot: MujocoRobot) -> None:
-        """Nothing was touched yet."""
         self._robot, self._mode = robot, Mode.ZERO_TORQUE
         self._hardest: dict[Mode, Touch] = {}
 
@@ -98,7 +93,7 @@ class RobotSetup:
     simulated: bool
     """Writing to the robot also advances its physics, and its base's pose is known."""
     check_policy: Callable[[PolicyContract], tuple[str, ...]]
-    """What an operator should know about driving this robot with a policy that fits its joints, one line each. Raises
+    """Notices for an operator about driving this robot with a policy that fits its joints, one line each. Raises
     `InputError` if it cannot be driven with it."""
     levers: GravityLevers | None = None
     """Levers of gravity on its joints while it is held; None where they are unknown."""
@@ -109,19 +104,19 @@ class RobotSetup:
     mode_listener: Callable[[Mode], str] | None = None
     """Told of each new mode; see `Session`."""
     touches: Touches | None = None
-    """How hard the keys of a simulated piano were touched."""
+    """Touches of a simulated piano's keys."""
     notices: tuple[str, ...] = ()
-    """What an operator should know about it, one line each."""
+    """Notices for an operator, one line each."""
     bring_up: BringUp | None = None
-    """Of a real robot."""
+    """Bring-up of a real robot."""
     keyboard: str = ""
     """Path of the byte stream of an emulated MIDI keyboard; empty without one."""
     figures: Callable[[], Mapping[str, Any] | None] = lambda: None
-    """What happened on its buses, for the summary: JSON, with `lines` for people."""
+    """Figures of its buses, for the summary: JSON, with `lines` for people."""
     is_driven: Callable[[], bool] = lambda: True
-    """Whether commands reach its motors."""
+    """True if commands reach its motors."""
     failure: Callable[[], str] = lambda: ""
-    """Why what the robot needs beside itself has failed; empty while it works."""
+    """Reason why what the robot needs beside itself has failed; empty while it works."""
     release: Callable[[], None] = lambda: None
     """Lets go of what the robot needs beside itself, after it was closed. May be called twice."""
 
@@ -132,13 +127,8 @@ def simulated_robot(
     """Return a robot in MuJoCo.
 
     Args:
-        config: the options.
-        description: of the robot.
         control_period: s
         contract: of the policy, which says what is observed of the robot; None without one.
-
-    Raises:
-        InputError: if an option is not accepted.
     """
     timestep = timestep_of(description, config.actuation, config.physics_timestep)
     for option, delay in (("--command-delay", config.command_delay), ("--state-delay", config.state_delay)):

@@ -1,4 +1,4 @@
-"""Which policy `play` runs, and with which motion: those that options name, or those of a recording to play again."""
+"""The policy that `play` runs, and its motion: those that options name, or those of a recording to play again."""
 
 from __future__ import annotations
 
@@ -8,19 +8,13 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from humanoid_sim.assets import (
-    SAMPLE_MOTION,
-    SAMPLE_SONG,
-    motion_path,
-    sample_policy,
-    song_path,
-)
+from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_SONG, motion_path, sample_policy, song_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.play.early import checkpoint_path
-from humanoid_sim.play.options import NO_POLICY, PlayConfig
+from humanoid_sim.play.options import NO_POLICY, SIMULATED, PlayConfig
 from humanoid_sim.policy.checkpoint import (
     PLACEHOLDER,
     Checkpoint,
@@ -50,7 +44,7 @@ class PolicyChoice:
     motion_file: Path | None = None
     warning: str = ""
     notices: tuple[str, ...] = ()
-    """Of its motion."""
+    """Notices about its motion."""
 
     @property
     def contract(self) -> PolicyContract | None:
@@ -88,12 +82,8 @@ def choose_policy(
     """Load the checkpoint and the motion that the options name.
 
     Args:
-        config: the options.
         description: of the robot; the placeholder is made for it.
         wrap: put around the policy's callable, for faults that are injected deliberately.
-
-    Raises:
-        InputError: naming the file and what is wrong with it.
     """
     if not config.has_policy:
         return PolicyChoice()
@@ -155,11 +145,7 @@ def _chosen_motion(
 
 
 def _plays_song(config: PlayConfig, checkpoint: Checkpoint) -> bool:
-    """Return whether the motion is a song that is yet to be prepared.
-
-    Raises:
-        InputError: a song is given, and the policy plays none; or none is, and it needs one.
-    """
+    """Return whether the motion is a song that is yet to be prepared."""
     task = checkpoint.contract.task_type
     if task != "piano":
         if config.song is not None:
@@ -188,11 +174,7 @@ def _motion_file(config: PlayConfig, checkpoint: Checkpoint) -> Path | None:
 
 
 def parse_branch(text: str) -> tuple[str, float]:
-    """Return the file, and s on the robot's clock, of FILE@SECONDS.
-
-    Raises:
-        InputError: it is something else.
-    """
+    """Return the file, and s on the robot's clock, of FILE@SECONDS."""
     path, _, seconds = text.rpartition("@")
     try:
         time = float(seconds)
@@ -203,23 +185,7 @@ def parse_branch(text: str) -> tuple[str, float]:
     return path, time
 
 
-_REPEATED = (
-    "policy",
-    "contract",
-    "robot",
-    "imu_site",
-    "command",
-    "yaw",
-    "base_height",
-    "drop",
-    "action_limit",
-    "actuation",
-    "control_frequency",
-    "physics_timestep",
-    "command_delay",
-    "state_delay",
-    "state_sampling",
-)
+_REPEATED = ("policy", "contract", "robot", "command", "action_limit", "control_frequency", *SIMULATED)
 """Options that are taken from the recording."""
 
 
@@ -259,10 +225,7 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
     if config.branch is not None:
         recorded.pop("command", None)  # the velocity goes on as recorded
         config = replace(config, push=(*_recorded_pushes(path, recorded), *_later_pushes(config)))
-    known = {field.name: field for field in fields(config)}
-    values = {
-        name: recorded[name] for name in _REPEATED if name in recorded and getattr(config, name) == known[name].default
-    }
+    values = {name: recorded[name] for name in _REPEATED if name in recorded and not config.is_given(name)}
     if config.motion is None and config.song is None and MOTION_ATTACHMENT in header.attachments:
         last = recording.of_last_policy().header.attachments.get(MOTION_ATTACHMENT)
         if last != header.attachments[MOTION_ATTACHMENT]:
@@ -280,11 +243,7 @@ def _recorded_pushes(path: str, recorded: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _later_pushes(config: PlayConfig) -> tuple[str, ...]:
-    """Those that the options add.
-
-    Raises:
-        InputError: one begins before the branch, where the run is as it was recorded.
-    """
+    """Those that the options add."""
     begin = parse_branch(config.branch or "")[1]
     for text, push in zip(config.push, parse_pushes(config.push), strict=True):
         if push.time < begin:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import math
 import shlex
-from collections.abc import Container, Mapping
+from collections.abc import Container
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,18 +15,19 @@ from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.evaluation.base_motion import BaseMotion
-from humanoid_sim.evaluation.definitions import DEFINITIONS
+from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.evaluation.joint_use import describe_effort
-from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingSummary
+from humanoid_sim.evaluation.tracking import AnchorErrors
 from humanoid_sim.files import whole_file
 from humanoid_sim.messages import Mode
 from humanoid_sim.play.assembly import Run
+from humanoid_sim.play.console import MODE_STYLES
 from humanoid_sim.play.options import NO_POLICY, PlayConfig
-from humanoid_sim.play.status_line import MODE_STYLES
 from humanoid_sim.policy.song import key_name
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.session import SessionResult
+from humanoid_sim.strict_json import finite
 
 _LIMP = (Mode.ZERO_TORQUE, Mode.DAMPING)
 _SHOWN = 10
@@ -36,7 +36,9 @@ _SHOWN = 10
 
 def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
     """Everything that the final table shows, in SI units and radians."""
-    plan, monitor = run.plan, run.monitor
+    plan, monitor, judged = run.plan, run.monitor, run.judged
+    tracking = None if judged.tracking is None else judged.tracking.summary()
+    performance = None if judged.keys is None else judged.keys.performance()
     return {
         "robot": plan.description.name,
         "policy": None if plan.shadow is not None or run.policy.loaded is None else run.policy.source,
@@ -60,10 +62,10 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "not_kept": monitor.dropped,
         "loop": loop_figures(result, monitor, plan.control_period, realtime=plan.realtime),
         "effort": monitor.joints.effort(),
-        "tracking": None if run.tracking is None else _tracking_figures(run.tracking.summary()),
-        "anchor": _figures(run.anchor),
+        "tracking": None if tracking is None or not tracking.samples else asdict(tracking),
+        "anchor": _figures(judged.anchor),
         "base": _figures(run.monitor.base),
-        "piano": _piano_figures(run),
+        "piano": None if performance is None else asdict(performance.score()),
         "key_force": key_force(run),
         "doctor": _doctor(run.config),
         "definitions": dict(DEFINITIONS),
@@ -86,18 +88,9 @@ def _doctor(config: PlayConfig) -> str:
 
 
 def write_summary(path: Path, summary: dict[str, Any]) -> None:
-    """Write the summary as JSON, whole or not at all; what is no number is null."""
+    """Write the summary as JSON, whole or not at all; what is not a number is null."""
     with whole_file(path) as file:
-        file.write((json.dumps(_strict(summary), indent=1, allow_nan=False) + "\n").encode())
-
-
-def _strict(value: Any) -> Any:
-    """JSON knows neither NaN nor infinity."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {key: _strict(item) for key, item in value.items()}
-    return [_strict(item) for item in value] if isinstance(value, list | tuple) else value
+        file.write((json.dumps(finite(summary), indent=1, allow_nan=False) + "\n").encode())
 
 
 def print_report(console: Console, summary: dict[str, Any]) -> None:
@@ -155,12 +148,6 @@ def _figures(part: AnchorErrors | BaseMotion | None) -> dict[str, Any] | None:
     return None if summary is None else asdict(summary)
 
 
-def _piano_figures(run: Run) -> dict[str, Any] | None:
-    """Return the score, and how hard the keys were touched; None where no song was played."""
-    performance = None if run.keys is None else run.keys.performance()
-    return None if performance is None else asdict(performance.score())
-
-
 def key_force(run: Run) -> dict[str, Any] | None:
     """Return how hard a key of a simulated piano was touched at most, against the robot's limit; None without a piano.
 
@@ -175,10 +162,6 @@ def key_force(run: Run) -> dict[str, Any] | None:
     touch = max(driven, key=lambda touch: touch.force, default=None)
     at = {"force": 0.0, "key": None, "time": None} if touch is None else {**asdict(touch), "key": key_name(touch.key)}
     return {**at, "limit": piano.key_force_limit, "sunk": limp}
-
-
-def _tracking_figures(tracking: TrackingSummary) -> dict[str, Any] | None:
-    return asdict(tracking) if tracking.samples else None
 
 
 def _tracking(tracking: dict[str, Any]) -> Table:

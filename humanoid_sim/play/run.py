@@ -22,8 +22,7 @@ from humanoid_sim.play.plan import Plan, make_plan
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import with_recorded_options
 from humanoid_sim.play.report import key_force, print_report, summarise, write_summary
-from humanoid_sim.rendering.video import VideoSink, save_snapshot
-from humanoid_sim.rendering.video_progress import finish_video
+from humanoid_sim.rendering.video import VideoSink, finish_video, save_snapshot
 from humanoid_sim.session.reactivation import flattened
 from humanoid_sim.session.script import Script
 from humanoid_sim.session.session import SessionResult

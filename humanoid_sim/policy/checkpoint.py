@@ -17,7 +17,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.external_tensors import external_file
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY
-from humanoid_sim.policy.graph_motion import has_graph_motion, sweep_motion
+from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, first_line, read_header
@@ -38,7 +38,7 @@ class Checkpoint:
     source: str
     """Path, or `placeholder`."""
     sha256: str = ""
-    """Of the file and of the external tensors beside it; empty for the placeholder."""
+    """Digest of the file and of the external tensors beside it; empty for the placeholder."""
     observation_width: int | None = None
     """N as the model declares it; None if any width will do."""
     motion: Motion | None = None
@@ -46,7 +46,7 @@ class Checkpoint:
     contract_file: Path | None = None
     """The contract.yaml that took part, beside the model or named; None without one."""
     golden: str = ""
-    """What the golden vectors that were computed again are worth, in words; empty without any."""
+    """Worth of the golden vectors that were computed again, in words; empty without any."""
 
     @property
     def metadata(self) -> Mapping[str, str]:
@@ -76,16 +76,11 @@ class Checkpoint:
 
 
 def load_checkpoint(
-    path: Path,
-    contract_file: Path | None = None,
-    robot_joints: tuple[str, ...] | None = None,
-    *,
-    verify: bool = True,
+    path: Path, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None, *, verify: bool = True
 ) -> Checkpoint:
     """Return a checkpoint with its contract complete, its widths checked and its first (slow) inference done.
 
     Args:
-        path: the model.
         contract_file: a contract.yaml; None: the one beside the model, if there is one.
         robot_joints: the joints in the robot's own order; only needed where no source names the policy's joints.
         verify: compute the golden vectors that the model carries again, and refuse it if something else comes out.
@@ -108,7 +103,7 @@ def load_checkpoint(
         raise InputError(f"{path}: the model fails on an observation of zeros: {first_line(error)}") from None
     if answer.shape != (contract.action_count,):
         raise InputError(f"{path}: the model answers shape {answer.shape}, expected ({contract.action_count},)")
-    motion = sweep_motion(policy, contract) if has_graph_motion(policy, contract) else None
+    motion = sweep_motion(policy, contract)
     used = find_contract(path) if contract_file is None else contract_file
     checkpoint = Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width, motion, used)
     if not verify or GOLDEN_KEY not in model.metadata:
@@ -121,11 +116,7 @@ def load_checkpoint(
 def read_contract(
     path: Path, contract_file: Path | None = None, robot_joints: tuple[str, ...] | None = None
 ) -> PolicyContract:
-    """Return the contract alone, without ONNX Runtime; nothing checks that the model's tensors fit it.
-
-    Raises:
-        InputError: as `load_checkpoint`.
-    """
+    """Return the contract alone, without ONNX Runtime; nothing checks that the model's tensors fit it."""
     metadata, outputs = read_header(path)
     return assemble_contract(path, metadata, contract_file, robot_joints, outputs)
 

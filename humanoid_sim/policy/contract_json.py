@@ -47,11 +47,7 @@ def plain_value(name: str, value: Any) -> Any:
 
 
 def decode(text: str, where: str) -> PolicyContract:
-    """Return the contract in a text of `encode`, provenance included.
-
-    Raises:
-        InputError: naming `where`, if it is none.
-    """
+    """Return the contract in a text of `encode`, provenance included."""
     try:
         document = parse_json(text)
     except ValueError as error:

@@ -12,13 +12,14 @@ import numpy as np
 
 from humanoid_sim.client import LIVE_TIMEOUT
 from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract
-from humanoid_sim.controllers.observation import ObservationLayout
+from humanoid_sim.controllers.observation import ObservationLayout, ObservationTerm
 from humanoid_sim.controllers.term_kinds import TermKind
 from humanoid_sim.controllers.terms import SCAN_OPTIONS, Term
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.contract_json import encode, plain_value
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, is_assumed
 from humanoid_sim.policy.readers.values import shown
+from humanoid_sim.strict_json import finite
 
 _LISTED = 4
 """Names that are all shown; of more, the first three."""
@@ -33,14 +34,13 @@ class TermLine:
     """One observation term."""
 
     start: int
-    """Of its values in the whole observation; where a step's terms lie together, in the first step."""
+    """Index of its first value in the whole observation; where a step's terms lie together, in the first step."""
     width: int
     """Values, all steps of its history together."""
     name: str
-    kind: str
     meaning: str
     conventions: str
-    """What differs from the usual, empty if nothing does."""
+    """Differences from the usual; empty if there are none."""
     scale: str
     history: str
 
@@ -67,7 +67,6 @@ def term_lines(contract: PolicyContract, layout: ObservationLayout) -> list[Term
                 start=resolved.start if per_step else begin,
                 width=resolved.width,
                 name=term.name,
-                kind=kind.name,
                 meaning=_meaning(kind, term),
                 conventions=", ".join(_conventions(term)),
                 scale=_numbers(term.scale),
@@ -153,7 +152,7 @@ def _option_lines(contract: PolicyContract) -> Iterator[FieldLine]:
 
 def contract_document(contract: PolicyContract, layout: ObservationLayout) -> dict[str, Any]:
     """Return the whole contract as plain JSON values, with the place of each term; null stands for infinity."""
-    document: dict[str, Any] = _finite(json.loads(encode(contract)))
+    document: dict[str, Any] = finite(json.loads(encode(contract)))
     document.setdefault("action_clip", None)
     lines = term_lines(contract, layout)
     document["observation"] = [
@@ -163,14 +162,6 @@ def contract_document(contract: PolicyContract, layout: ObservationLayout) -> di
     document["observation_width"] = layout.width
     document["assumed"] = [name for name, source in contract.provenance.items() if is_assumed(source)]
     return document
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {name: _finite(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def known_lines(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]]) -> list[FieldLine]:
@@ -193,7 +184,7 @@ def known_document(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, 
     """Return the same as plain JSON values: value and source of each field, by its name; null stands for infinity."""
     options = {f"observation.{name}.{option}": given for name in terms for option, given in terms[name].items()}
     return {
-        name: {"value": _finite(plain_value(name, given.value)), "source": given.source}
+        name: {"value": finite(plain_value(name, given.value)), "source": given.source}
         for name, given in {**known, **options}.items()
     }
 
@@ -240,3 +231,51 @@ def _numbers(values: Any) -> str:
     if (array == array.flat[0]).all():
         return f"{array.flat[0]:g}"
     return f"{array.size} values, {array.min():g} to {array.max():g}"
+
+
+_AXES = ("x", "y", "z")
+
+
+def observation_labels(contract: PolicyContract, layout: ObservationLayout) -> dict[str, tuple[str, ...]]:
+    """By term the name of each of its values, all steps of its history together.
+
+    A term whose values do not lie together, as in observations that are laid out step by step, has numbers.
+    """
+    is_scattered = layout.history_layout == "per_step" and layout.history > 1
+    return {
+        term.name: tuple(str(i) for i in range(term.width)) if is_scattered else _with_history(contract, term)
+        for term in layout.terms
+    }
+
+
+def _with_history(contract: PolicyContract, term: ObservationTerm) -> tuple[str, ...]:
+    names = _step(contract, term)
+    steps = range(term.term.history)
+    if len(steps) == 1:
+        return names
+    ages = reversed(steps) if term.term.history_order == "oldest_first" else steps
+    return tuple(f"{name}, {age} steps ago" if age else name for age in ages for name in names)
+
+
+def _step(contract: PolicyContract, term: ObservationTerm) -> tuple[str, ...]:
+    """Return the labels of one step."""
+    width = term.stop - term.start
+    kind = contract.kind(term.term)
+    joints = kind.value_names(term.term, contract)
+    if len(joints) == width:
+        half = width // 2
+        if len(set(joints)) == half:  # a motion's joint positions, then their velocities
+            return tuple(f"{joint} {'position' if i < half else 'velocity'}" for i, joint in enumerate(joints))
+        return joints
+    bodies = contract.body_names
+    if kind.name.startswith("motion_body") and bodies and width % len(bodies) == 0:
+        size = width // len(bodies)
+        return tuple(f"{body} {part}" for body in bodies for part in _components(size))
+    return tuple(_components(width, quaternion=term.term.quaternion))
+
+
+def _components(count: int, quaternion: str = "wxyz") -> tuple[str, ...]:
+    """Return the labels of a vector or a quaternion; numbers of anything else."""
+    if count == len(_AXES):
+        return _AXES
+    return tuple(quaternion) if count == 4 else tuple(str(i) for i in range(count))

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 TENSORS_KEY = "humanoid_sim_tensors"
 """Metadata key of the digest of a stamped model's tensors, wherever they lie."""
-_LOCATION, _CHECKSUM = "location", "checksum"
-"""Keys of ONNX for the file that holds a tensor, and for that file's SHA-1."""
+_LOCATION = "location"
+"""Key of ONNX for the file that holds a tensor."""
 
 
 def external_file(path: Path) -> Path:
@@ -43,40 +43,23 @@ def tensor_digest(model: ModelProto) -> str:
 
 
 def check_tensors(path: Path, metadata: Mapping[str, str]) -> None:
-    """Refuse a model whose external tensors are another one's.
+    """Refuse a stamped model, one that can be loaded, whose external tensors are another one's.
 
-    The model tells by the digest with which it was stamped, or by the checksums that an exporter gave it; one that has
-    neither can only be told by its golden vectors.
-
-    Args:
-        path: of a model that can be loaded.
-        metadata: the model's.
-
-    Raises:
-        InputError: naming the file.
+    One that was not stamped can only be told by its golden vectors.
     """
     raw = path.read_bytes()
-    if _LOCATION.encode() not in raw or not (TENSORS_KEY in metadata or _CHECKSUM.encode() in raw):
+    if _LOCATION.encode() not in raw or TENSORS_KEY not in metadata:
         return
     import onnx  # noqa: PLC0415 - heavy, and rarely needed
 
     entries = _entries(onnx.load_model_from_string(raw))
-    for entry in entries:
-        file = path.parent / entry[_LOCATION]
-        wanted = entry.get(_CHECKSUM, "")
-        if wanted and hashlib.sha1(file.read_bytes(), usedforsecurity=False).hexdigest() != wanted.lower():
-            raise InputError(f"{file}: is not the file whose checksum {path.name} has: is it another model's?")
-    if entries and TENSORS_KEY in metadata and tensor_digest(onnx.load(str(path))) != metadata[TENSORS_KEY]:
+    if entries and tensor_digest(onnx.load(str(path))) != metadata[TENSORS_KEY]:
         files = ", ".join(str(path.parent / name) for name in dict.fromkeys(entry[_LOCATION] for entry in entries))
         raise InputError(f"{files}: holds other tensors than {path.name} was stamped with: is it another model's?")
 
 
 def why_not_loaded(path: Path) -> str:
-    """Return why the file that holds a model's tensors keeps it from being loaded; '' if it does not.
-
-    Args:
-        path: of a model that cannot be loaded.
-    """
+    """Return why the file that holds the tensors of a model keeps it from being loaded; '' if it does not."""
     import onnx  # noqa: PLC0415 - heavy, and only needed to say what is wrong
     from google.protobuf.message import DecodeError  # noqa: PLC0415 - comes with onnx
 

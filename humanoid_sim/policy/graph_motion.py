@@ -25,7 +25,7 @@ _HELD = 50
 _PROBE = 25
 """Stride, frames, with which a pause is told from the end."""
 _LONGEST = 90_000
-"""Frames, half an hour at 50 Hz: whatever goes on beyond is no motion that ends."""
+"""Frames, half an hour at 50 Hz: whatever goes on beyond is not a motion that ends."""
 
 
 def graph_conventions(outputs: Collection[str]) -> PartialContract:
@@ -35,14 +35,8 @@ def graph_conventions(outputs: Collection[str]) -> PartialContract:
     return PartialContract(source, assumed=assumed(source, implied))
 
 
-def has_graph_motion(policy: OnnxPolicy, contract: PolicyContract) -> bool:
-    """Return whether the model answers with a reference, and the contract follows one."""
-    names = {tensor.name for tensor in policy.model.outputs}
-    return policy.has_time_step and contract.task_type == "tracking" and names.issuperset(_JOINTS)
-
-
-def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion:
-    """Read the motion frame by frame, up to where the outputs stop changing.
+def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
+    """Read the motion frame by frame, up to where the outputs stop changing; None where none is in the graph.
 
     Args:
         policy: its outputs `joint_pos` and `joint_vel` are in the policy's joint order, `body_pos_w` and `body_quat_w`
@@ -57,6 +51,8 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion:
     """
     path = policy.model.path
     available = {tensor.name for tensor in policy.model.outputs}
+    if not (policy.has_time_step and contract.task_type == "tracking" and available.issuperset(_JOINTS)):
+        return None
     bodies = contract.body_names if available.issuperset(_BODIES) else ()
     outputs = [*_JOINTS, *(_BODIES if bodies else ())]
     if not bodies and contract.anchor_body and _ANCHOR[1] in available:

@@ -63,8 +63,6 @@ def load_policy(
     """Bring a policy and its motion together.
 
     Args:
-        contract: of the policy.
-        policy: the callable.
         motion: what it follows; None for a policy that follows none.
         observation_width: N as the model declares it; None if any will do.
         source: what to call the policy in messages.
@@ -74,7 +72,9 @@ def load_policy(
         InputError: if the motion does not fit the policy, or the terms do not add up to the model's input.
     """
     try:
-        _refuse_used_topics(contract)
+        for name, topic in contract.live_topics.items():
+            if is_used(topic.name):
+                raise FieldError(f"live input '{name}': its topic is {topic.name}, which a session uses itself")
         loaded = LoadedPolicy(contract, _reference(contract, motion, source, motion_source), policy)
         layout = loaded.layout
     except FieldError as error:
@@ -85,12 +85,6 @@ def load_policy(
             f"{source}: its terms are {layout.width} wide ({terms}), its model's input is {observation_width}"
         )
     return loaded
-
-
-def _refuse_used_topics(contract: PolicyContract) -> None:
-    for name, topic in contract.live_topics.items():
-        if is_used(topic.name):
-            raise FieldError(f"live input '{name}': its topic is {topic.name}, which a session uses itself")
 
 
 def _reference(contract: PolicyContract, motion: Motion | None, source: str, motion_source: str) -> MotionReference:
@@ -127,7 +121,6 @@ def contract_layout(contract: PolicyContract, observation_width: int | None = No
     """Return the observation in the policy's own joint order, with empty tables in the place of the motion.
 
     Args:
-        contract: of the policy.
         observation_width: N as the model declares it. It tells how many keys a policy sees where the contract does not
             say; None: one key.
 

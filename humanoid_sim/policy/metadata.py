@@ -27,11 +27,7 @@ def is_own(metadata: Mapping[str, str]) -> bool:
 
 
 def read_own(metadata: Mapping[str, str], where: str) -> PartialContract:
-    """Return the keys that are there; other keys are not of the contract and are left alone.
-
-    Raises:
-        InputError: naming `where`, the key and its text, if one is malformed.
-    """
+    """Return the keys that are there; other keys are not of the contract and are left alone."""
     known = {key: field for key, field in _FIELDS.items() if key in metadata}
     fields = {field: csv_field(field, key, metadata[key], where, OWN_SOURCE) for key, field in known.items()}
     return PartialContract(OWN_SOURCE, fields)

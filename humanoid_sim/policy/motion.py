@@ -63,7 +63,7 @@ class Motion:
     robot: str = ""
     """The robot that the motion was made for; empty if the file does not say."""
     layout: MotionLayout = "bodies_b"
-    """What a tracking frame holds."""
+    """Content of a tracking frame."""
     joint_names: tuple[str, ...] = ()
     """The n joints of the layout `joints_bodies_w`, in the order of the frame."""
 
@@ -123,7 +123,6 @@ def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motio
     """Read and check a motion file, or a folder of rosbag2.
 
     Args:
-        path: of the file or the folder.
         topic: of the motion, where there are others; None: it has to be the only one.
 
     Raises:
@@ -141,11 +140,7 @@ def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motio
 
 
 def parse_motion(data: bytes, name: str) -> Motion:
-    """Return a motion from the bytes of its file; `name` is what to call it in messages.
-
-    Raises:
-        InputError: as `read_motion`.
-    """
+    """Return a motion from the bytes of its file; `name` is what to call it in messages."""
     return _motion(Path(name), _read_rows(Path(name), [(Path(name), McapStream(BytesIO(data)))]))
 
 
@@ -170,12 +165,6 @@ def _motion(path: Path, found: _Rows) -> Motion:
         raise InputError(f"{path}: {error}") from None
 
 
-def _last_attached(first: Attachment, stream: Iterable[object]) -> bytes:
-    """Give the motion of the policy that was loaded last in a recording."""
-    *_, last = first, *(one for one in stream if isinstance(one, Attachment) and one.name == MOTION_ATTACHMENT)
-    return last.data
-
-
 def _read_rows(
     path: Path,
     streams: Iterable[tuple[Path, McapStream | Database]],
@@ -195,7 +184,9 @@ def _read_rows(
             if isinstance(record, Attachment) and record.name == MOTION_ATTACHMENT and topic is None:
                 if is_inner:
                     raise InputError(f"{path}: its motion holds a motion of its own, expected one episode")
-                return _read_rows(path, [(file, McapStream(BytesIO(_last_attached(record, stream))))], is_inner=True)
+                attached = [one for one in stream if isinstance(one, Attachment) and one.name == MOTION_ATTACHMENT]
+                last = [record, *attached][-1]  # of the policy that was loaded last
+                return _read_rows(path, [(file, McapStream(BytesIO(last.data)))], is_inner=True)
             if isinstance(record, Schema):
                 schemas[record.id] = record.name
             elif isinstance(record, Channel):
@@ -271,11 +262,7 @@ def _policy_dt(metadata: Mapping[str, str], times: list[int]) -> float:
 
 
 def write_motion(path: str | os.PathLike[str], motion: Motion) -> None:
-    """Write a motion file. The same motion gives the same bytes; an existing file is replaced only by a whole one.
-
-    Raises:
-        InputError: if the file cannot be written.
-    """
+    """Write a motion file. The same motion gives the same bytes; an existing file is replaced only by a whole one."""
     with whole_file(path) as file:
         _write(Writer(file, compression=CompressionType.LZ4), motion)
 
@@ -317,11 +304,7 @@ def is_bag(path: Path) -> bool:
 
 
 def bag_streams(folder: Path) -> Iterator[tuple[Path, McapStream | Database]]:
-    """Yield each of a bag's files, in order, with its records.
-
-    Raises:
-        InputError: naming the bag and what of it cannot be read.
-    """
+    """Yield each of a bag's files, in order, with its records."""
     place = folder / _METADATA
     document = read_yaml(place)
     information = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None

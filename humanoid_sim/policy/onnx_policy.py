@@ -19,8 +19,6 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.policy.external_tensors import check_tensors, why_not_loaded
 
-__all__ = ["OnnxModel", "OnnxPolicy", "Tensor", "first_line", "has_onnxruntime", "onnx_runtime", "read_header"]
-
 _ACTIONS = ("actions", "action")
 _TIME_STEP = "time_step"
 _NUMBERS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
@@ -55,7 +53,6 @@ class OnnxModel:
         """Load a model.
 
         Args:
-            path: of the file.
             graph: a model that was made from the file's and is to run in its place; None: the file's own.
 
         Raises:
@@ -87,7 +84,7 @@ class OnnxModel:
         self.time_limit = ONNX_SECONDS
         """s after which an inference is ended, where the graph can loop; any other takes as long as the one before."""
         self.can_loop = _can_loop(path) if graph is None else any(name in graph for name in _LOOPS)
-        """Whether the graph has an operator that repeats others, as often as its inputs say."""
+        """True if the graph has an operator that repeats others, as often as its inputs say."""
         if graph is None:
             check_tensors(path, self.metadata)
 
@@ -155,11 +152,7 @@ def has_onnxruntime() -> bool:
 
 
 def read_header(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Return the metadata of a checkpoint and the names of its outputs, without ONNX Runtime.
-
-    Raises:
-        InputError: if the file is no ONNX model.
-    """
+    """Return the metadata of a checkpoint and the names of its outputs, without ONNX Runtime."""
     import onnx  # noqa: PLC0415 - heavy, and only needed where onnxruntime is missing
 
     check_file(path)
@@ -183,11 +176,7 @@ _OF_TRAINERS = {
 
 
 def check_file(path: Path) -> None:
-    """Refuse what cannot be an ONNX file.
-
-    Raises:
-        InputError: if there is no such file, or it is empty, a directory, a pipe, a device, or a trainer's own format.
-    """
+    """Refuse what cannot be an ONNX file."""
     own, instead = _OF_TRAINERS.get(path.suffix.lower(), ("", ""))
     if own:
         what = f"is {own}" if is_file(path) else "no such file"

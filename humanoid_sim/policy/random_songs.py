@@ -10,8 +10,9 @@ import numpy as np
 from humanoid_sim.assets import sample_songs, song_path
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import is_file
-from humanoid_sim.policy.song import KEY_COUNT, LEAD_IN, Note, Song, playable, read_song
+from humanoid_sim.policy.song import LEAD_IN, Note, Song, playable, read_song
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.piano import KEY_COUNT
 
 NOTES_PER_SECOND = 3
 """Most notes of a song, all voices together, that begin within any one second."""
@@ -38,19 +39,16 @@ def random_song(
     seconds: float = 20.0,
     notes_per_second: int = NOTES_PER_SECOND,
     lead_in: float = LEAD_IN,
-    apart: int = APART,
 ) -> Song:
     """Return a song with one voice for each hand; notes of a voice do not overlap, and voices do not cross.
 
     Each voice keeps to a scale. It walks, leaps, repeats and rests; notes are long or short, together or by turns.
 
     Args:
-        rng: everything random.
         hands: the keys of each voice, from the lowest voice up.
         seconds: until the last note's end, at most.
         notes_per_second: of all voices together, within any second.
         lead_in: s before the first note.
-        apart: semitones between two voices that sound at the same time, at least.
 
     Raises:
         FieldError: a hand has no keys, or a number is out of its range.
@@ -72,7 +70,7 @@ def random_song(
     kept: list[Note] = []
     for note in sorted((note for voice in voices for note in voice), key=lambda note: (note.start, rng.random())):
         recent = [other for other in kept if note.start - other.start < _WINDOW]
-        if len(recent) < notes_per_second and all(_has_room(note, other, apart) for other in kept):
+        if len(recent) < notes_per_second and all(_has_room(note, other) for other in kept):
             kept.append(note)
     names = tuple(f"voice {i + 1}" for i in range(len(hands)))
     if not kept:  # every voice rested: one note, so that there is a song
@@ -81,9 +79,9 @@ def random_song(
     return Song(tuple(sorted(kept, key=lambda note: (note.start, note.key))), names)
 
 
-def held_out_songs(hands: Sequence[Sequence[int]], count: int, seed: int = 0, *, seconds: float = 20.0) -> list[Song]:
-    """Songs that no training with `random_song` sees, whatever its seed; arguments as there."""
-    return [_held_out(hands, i, seed, seconds) for i in range(count)]
+def held_out_songs(hands: Sequence[Sequence[int]], count: int, seed: int = 0) -> list[Song]:
+    """Songs that no training with `random_song` sees, whatever its seed."""
+    return [_held_out(hands, i, seed) for i in range(count)]
 
 
 def named_song(name: str, robot: RobotDescription, folder: Path = Path()) -> Song:
@@ -105,7 +103,6 @@ def choose_song(name: str, robot: RobotDescription, folder: Path = Path()) -> tu
     """Return what a robot can play of a sample song, of a MIDI file, or of `random:N`, the N-th of `held_out_songs`.
 
     Args:
-        name: of the song.
         robot: with a piano.
         folder: that the path of a file is relative to.
 
@@ -121,7 +118,7 @@ def choose_song(name: str, robot: RobotDescription, folder: Path = Path()) -> tu
             raise InputError(f"--song: is '{name}', expected {_RANDOM}N, N a whole number of at most {_DIGITS} digits")
         if robot.piano is None:
             raise InputError(f"--song: is '{name}', but '{robot.name}' has no piano, whose keys it would be made for")
-        return _held_out(robot.piano.hands, int(number), 0, 20.0), ()
+        return _held_out(robot.piano.hands, int(number), 0), ()
     beside = folder / name
     is_beside = name not in sample_songs() and is_file(beside)
     return playable(read_song(beside if is_beside else song_path(name)), robot)
@@ -132,15 +129,8 @@ def is_generated(name: str) -> bool:
     return name.startswith(_RANDOM)
 
 
-def _held_out(hands: Sequence[Sequence[int]], number: int, seed: int, seconds: float) -> Song:
-    return random_song(np.random.default_rng([_HELD_OUT, seed, number]), hands, seconds=seconds)
-
-
-def most_onsets(song: Song, window: float = 1.0) -> int:
-    """Most notes that begin within any `window` (s)."""
-    starts = np.sort([note.start for note in song.notes])
-    ends = np.searchsorted(starts, starts + window - 1e-9)
-    return int((ends - np.arange(len(starts))).max(initial=0))
+def _held_out(hands: Sequence[Sequence[int]], number: int, seed: int) -> Song:
+    return random_song(np.random.default_rng([_HELD_OUT, seed, number]), hands)
 
 
 def _in_scale(keys: Sequence[int], scale: Sequence[int], tonic: int) -> list[int]:
@@ -179,9 +169,9 @@ def _voice(
     return notes
 
 
-def _has_room(note: Note, other: Note, apart: int) -> bool:
+def _has_room(note: Note, other: Note) -> bool:
     """Tell whether two notes of different voices leave their hands room, also where one ends as the other begins."""
     if note.track == other.track or note.start >= other.end + _RELEASED:
         return True
     high, low = (note, other) if note.track > other.track else (other, note)
-    return high.key - low.key >= apart
+    return high.key - low.key >= APART

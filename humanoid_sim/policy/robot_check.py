@@ -1,4 +1,4 @@
-"""Whether a contract fits a robot: its joints and bodies, motors, position limits, rate and estimates."""
+"""Checks of a contract against a robot: its joints and bodies, motors, position limits, rate and estimates."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class Finding:
 
     severity: Severity
     field: str
-    """Of the contract, or `model`, `golden vectors`, `robot`."""
+    """Field of the contract, or `model`, `golden vectors`, `robot`."""
     message: str
-    """What is, and what was expected."""
+    """Text with what was found, and what was expected."""
     joint: str = ""
     value: float | None = None
     limit: float | None = None
@@ -78,7 +78,6 @@ def model_damping_findings(contract: PolicyContract, own: Mapping[str, float]) -
     """Joints that the robot's model damps as well, beside the contract's K_d.
 
     Args:
-        contract: of the policy.
         own: N·m·s/rad by joint, as `humanoid_sim.robots.mjcf.own_joint_damping` gives it.
     """
     pairs: dict[tuple[float, float], list[str]] = {}
@@ -104,7 +103,6 @@ def effort_findings(contract: PolicyContract, description: RobotDescription) -> 
     """Joints whose torque nothing limits, and those whose robot is weaker than the policy was trained with.
 
     Args:
-        contract: of the policy.
         description: of the robot, as it is by itself.
     """
     own = {joint.name: joint.effort_limit for joint in description.joints}
@@ -137,13 +135,7 @@ def naming_findings(contract: PolicyContract, description: RobotDescription) -> 
 
 
 def body_findings(contract: PolicyContract, bodies: Sequence[str], robot: str) -> Iterator[Finding]:
-    """Bodies of the motion that the robot's model lacks.
-
-    Args:
-        contract: of the policy.
-        bodies: names of all bodies of the model.
-        robot: its name.
-    """
+    """Bodies of the motion that the robot's model lacks."""
     named = [("body_names", name) for name in contract.body_names]
     if contract.anchor_body:
         named.append(("anchor_body", contract.anchor_body))
@@ -160,14 +152,7 @@ def body_findings(contract: PolicyContract, bodies: Sequence[str], robot: str) -
 def point_findings(
     contract: PolicyContract, sites: Sequence[str], bodies: Sequence[str], robot: str
 ) -> Iterator[Finding]:
-    """Find points whose velocity is observed, or around which the ground is scanned, and that the robot's model lacks.
-
-    Args:
-        contract: of the policy.
-        sites: names of all sites of the model.
-        bodies: names of all its bodies.
-        robot: its name.
-    """
+    """Find points whose velocity is observed, or around which the ground is scanned, that the robot's model lacks."""
     for term in contract.terms:
         kind = contract.kind(term)
         is_scan = kind.reads == HEIGHT_SCAN and term.width is None

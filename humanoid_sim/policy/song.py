@@ -25,25 +25,6 @@ from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = [
-    "FIRST_NOTE",
-    "KEY_COUNT",
-    "LEAD_IN",
-    "PERCUSSION",
-    "Note",
-    "Song",
-    "goals",
-    "key_name",
-    "key_number",
-    "left_out",
-    "playable",
-    "read_song",
-    "song_motion",
-    "thin_out",
-    "transpose",
-    "with_lead_in",
-]
-
 LEAD_IN = 1.0
 """s before the first note, in which a robot's hands come over the keys."""
 _NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")
@@ -66,7 +47,7 @@ class Note:
     velocity: int = 64
     """1 to 127, how hard it was struck."""
     track: int = 0
-    """Of the file, counted from 0."""
+    """Track of the file, counted from 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +84,6 @@ def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain:
     A note that begins while the same key still sounds ends the earlier one. Drums are left out.
 
     Args:
-        path: of the .mid file.
         tracks: those to play, counted from 0; None for all.
         sustain: notes sound on while the sustain pedal is down.
 
@@ -213,7 +193,6 @@ def thin_out(song: Song, keys: Iterable[int], voices: int | None = None) -> tupl
     that must make room while it sounds ends there.
 
     Args:
-        song: all notes.
         keys: those that can be reached.
         voices: most notes that sound at a time; None for any number.
     """
@@ -281,9 +260,6 @@ def goals(song: Song, policy_dt: float, *, gap: float = 0.06) -> npt.NDArray[np.
         song: within the piano's keys.
         policy_dt: s between two rows.
         gap: s.
-
-    Raises:
-        InputError: the song is too long.
     """
     last = max((round(note.end / policy_dt) for note in song.notes), default=0)
     if (last + 2) * KEY_COUNT > MOTION_VALUES:

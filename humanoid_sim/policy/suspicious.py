@@ -27,7 +27,7 @@ _DECIMALS = 3
 _ROUNDING = 0.005
 """Relative error of a rounded value from which on it is a warning."""
 _FACTORS = (1e-3, 1e3)
-"""Beyond these a factor of an observation term is no change of units."""
+"""Beyond these a factor of an observation term is not a change of units."""
 
 
 def suspicious_findings(
@@ -38,7 +38,6 @@ def suspicious_findings(
     """Look at the contract alone.
 
     Args:
-        contract: of the policy.
         description: of the robot, whose own gains excuse the same ones in the contract.
         own_damping: N·m·s/rad by joint, of the robot's model: where it is kept, it brakes a joint without K_d.
     """
@@ -68,10 +67,7 @@ def _gains(
     contract: PolicyContract, description: RobotDescription | None, braked: Collection[str]
 ) -> Iterator[Finding]:
     known = {} if description is None else {joint.name: joint for joint in description.joints}
-    for field, unit, robots in (
-        ("joint_stiffness", "N·m/rad", "stiffness"),
-        ("joint_damping", "N·m·s/rad", "damping"),
-    ):
+    for field, unit, robots in (("joint_stiffness", "N·m/rad", "stiffness"), ("joint_damping", "N·m·s/rad", "damping")):
         values: FloatArray = getattr(contract, field)
         for joint, value in zip(contract.joint_names, values, strict=True):
             if value == 0.0 and joint in contract.action_joint_names and field == "joint_stiffness":

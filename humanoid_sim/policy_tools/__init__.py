@@ -17,8 +17,6 @@ from humanoid_sim.command_line import Commands, parse
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.errors import InputError
 
-__all__ = ["Check", "Show", "Stamp", "main"]
-
 
 @dataclass(frozen=True)
 class Show:

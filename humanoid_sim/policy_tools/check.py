@@ -107,10 +107,7 @@ def check_checkpoint(
     A contract that contradicts itself or is not complete is one finding, and the only one.
 
     Args:
-        path: the checkpoint.
-        description: the robot.
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
-        hardware: it is for the real robot.
         physics_timestep: s of the simulation; None: the robot's.
 
     Raises:
@@ -129,12 +126,13 @@ def check_checkpoint(
 def _findings(
     checkpoint: Checkpoint, description: RobotDescription, hardware: bool, physics_timestep: float | None
 ) -> Iterator[Finding]:
-    contract = checkpoint.contract
+    contract, model = checkpoint.contract, bare_model(description)
+    sites = [model.site(i).name for i in range(model.nsite) if model.site(i).name]
+    bodies = [model.body(i).name for i in range(1, model.nbody)]
     joints = tuple(joint_findings(contract, description))
     yield from joints
     yield from naming_findings(contract, description)
-    if contract.body_names or contract.anchor_body:
-        yield from body_findings(contract, _bodies(description), description.name)
+    yield from body_findings(contract, bodies, description.name)
     yield from _model_findings(checkpoint)
     yield from _golden(checkpoint)
     yield from motor_findings(contract, description, hardware=hardware)
@@ -145,9 +143,6 @@ def _findings(
         unwatched = describe_unwatched(with_contract_physics(description, contract))
         if unwatched:
             yield Finding("info", "guards", unwatched.removeprefix("guards: "))
-    model = bare_model(description)
-    sites = [model.site(i).name for i in range(model.nsite) if model.site(i).name]
-    bodies = [model.body(i).name for i in range(1, model.nbody)]
     yield from point_findings(contract, sites, bodies, description.name)
     own_damping = own_joint_damping(model, description)
     yield from model_damping_findings(contract, own_damping)
@@ -173,11 +168,6 @@ def _golden(checkpoint: Checkpoint) -> Iterator[Finding]:
         remedy = "a policy with live inputs has none"
     message = label or f"there are none: wrong wiring would not be seen; {remedy}"
     yield Finding("info", "golden vectors", message)
-
-
-def _bodies(description: RobotDescription) -> tuple[str, ...]:
-    model = build_model(description, scene=False)
-    return tuple(model.body(i).name for i in range(1, model.nbody))
 
 
 def _model_findings(checkpoint: Checkpoint) -> Iterator[Finding]:
@@ -239,9 +229,6 @@ def _stability(
     """Yield whether the policy's damping is stable at the physics step: `humanoid_sim.simulation.stability`.
 
     The joints' names must be the robot's.
-
-    Raises:
-        InputError: the robot's MJCF cannot be simulated.
     """
     robot = with_contract(description, contract)
     model = build_model(robot, physics_timestep=physics_timestep, scene=False)

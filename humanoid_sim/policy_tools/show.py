@@ -21,7 +21,6 @@ from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.term_kinds import TERM_KINDS
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import output_file, whole_file
-from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest, load_checkpoint
 from humanoid_sim.policy.describe import (
     FieldLine,
@@ -119,7 +118,8 @@ def _show_incomplete(options: Show, error: IncompleteContractError) -> int:
             given = f"--skeleton: {path} has a contract file, {file}; add to it what is missing"
             raise InputError(f"{given}: {', '.join(error.missing)}")
         tensors = [f"{name}: {text}" for name, text in _model_rows(model).items()]
-        _write_skeleton(options.skeleton, path, error.missing, tensors)
+        with whole_file(options.skeleton) as stream:
+            stream.write("".join(f"{line}\n" for line in _skeleton(path, error.missing, tensors)).encode())
     if options.json:
         document = {
             **_source_document(str(path), file_digest(path), file),
@@ -207,45 +207,39 @@ def _tensors(tensors: Any) -> str:
 
 
 def _joints(contract: PolicyContract) -> Table:
-    table = Table(title=_JOINTS, title_justify="left")
-    table.add_column("", justify="right")
-    table.add_column("joint", overflow="fold")
-    for heading in (*_BY_JOINT.values(), "driven", "scale rad", "offset rad"):
-        table.add_column(heading, justify="right")
+    columns = {heading: getattr(contract, field) for field, heading in _BY_JOINT.items()}
+    cells = {heading: [f"{value:g}" for value in values] for heading, values in columns.items()}
+    names, driven = contract.joint_names, contract.action_joint_names
+    cells["driven"] = [f"action {driven.index(name)}" if name in driven else "held at 0" for name in names]
     clip = None if isinstance(contract.position_clip, str) else contract.position_clip
-    if clip is not None:
-        table.add_column("position rad", justify="right")
-    assert contract.action_offset is not None  # filled in at construction
-    for i, name in enumerate(contract.joint_names):
-        row = [str(i), escape(name)]
-        row += [f"{getattr(contract, field)[i]:g}" for field in _BY_JOINT]
-        if name in contract.action_joint_names:
-            a = contract.action_joint_names.index(name)
-            row += [f"action {a}", f"{contract.action_scale[a]:g}", f"{contract.action_offset[a]:g}"]
-            row += [] if clip is None else [f"{clip[a][0]:g} to {clip[a][1]:g}"]
-        else:
-            row += ["held at 0"]
-        table.add_row(*row)
-    return table
+    of_action: dict[str, Sequence[str]] = {
+        "scale rad": [f"{value:g}" for value in contract.action_scale],
+        "offset rad": [f"{value:g}" for value in np.asarray(contract.action_offset)],
+        **({} if clip is None else {"position rad": [f"{low:g} to {high:g}" for low, high in clip]}),
+    }
+    for heading, texts in of_action.items():
+        cells[heading] = [texts[driven.index(name)] if name in driven else "" for name in names]
+    return _joint_table(names, cells)
 
 
 def _known_joints(known: Mapping[str, Given]) -> Table:
     """Return the joints of a contract that lacks fields, with what is known of each."""
     names = known["joint_names"].value
-    values = {name: np.asarray(known[name].value) for name in _BY_JOINT if name in known}
-    columns = {name: np.broadcast_to(value, len(names)) for name, value in values.items() if _fits(value, len(names))}
+    values = {heading: np.asarray(known[name].value) for name, heading in _BY_JOINT.items() if name in known}
+    fitting = {head: value for head, value in values.items() if value.shape in ((), (1,), (len(names),))}
+    cells = {head: [f"{v:g}" for v in np.broadcast_to(value, len(names))] for head, value in fitting.items()}
+    return _joint_table(names, cells)
+
+
+def _joint_table(names: Sequence[str], cells: Mapping[str, Sequence[str]]) -> Table:
     table = Table(title=_JOINTS, title_justify="left")
     table.add_column("", justify="right")
     table.add_column("joint", overflow="fold")
-    for name in columns:
-        table.add_column(_BY_JOINT[name], justify="right")
+    for heading in cells:
+        table.add_column(heading, justify="right")
     for i, name in enumerate(names):
-        table.add_row(str(i), escape(name), *(f"{column[i]:g}" for column in columns.values()))
+        table.add_row(str(i), escape(name), *(column[i] for column in cells.values()))
     return table
-
-
-def _fits(value: FloatArray, count: int) -> bool:
-    return value.shape in ((), (1,), (count,))
 
 
 def _observation(contract: PolicyContract, layout: ObservationLayout) -> Table:
@@ -296,38 +290,24 @@ def _model_document(model: OnnxModel) -> dict[str, Any]:
 
 
 _VALUES = {"names": "[NAME, NAME]", "text": "TEXT", "flag": "true", "structure": "{}", "axes": "{}"}
-"""What stands for a field's value, by the kind of its form; for any other a number."""
+"""Placeholders of fields' values, by the kind of the form; for any other a number."""
 
 
 def _check_skeleton(path: Path) -> None:
-    """Refuse a file that cannot be written, or is there: what was filled in must not be lost.
-
-    Raises:
-        InputError: naming the option.
-    """
+    """Refuse a file that cannot be written, or is there: what was filled in must not be lost."""
     output_file(path, "--skeleton", ".yaml", ".yml")
     if os.path.lexists(path):
         raise InputError(f"--skeleton: '{path}' exists; choose another name")
 
 
-def _write_skeleton(path: Path, checkpoint: Path, missing: Sequence[str], tensors: Sequence[str]) -> None:
-    """Write `skeleton`'s text to a file, whole or not at all."""
-    with whole_file(path) as file:
-        file.write(_skeleton(checkpoint, missing, tensors).encode())
-
-
-def _skeleton(checkpoint: Path, missing: Sequence[str], tensors: Sequence[str]) -> str:
-    """Return a contract.yaml with a commented line for each missing field. As it is, it states nothing.
+def _skeleton(checkpoint: Path, missing: Sequence[str], tensors: Sequence[str]) -> Iterator[str]:
+    """Yield the lines of a contract.yaml with one for each missing field. As it is, it states nothing.
 
     Args:
         checkpoint: whose.
         missing: fields that no source gives, as `IncompleteContractError.missing`.
         tensors: what is known of the model, a line each.
     """
-    return "\n".join([*_lines(checkpoint, missing, tensors), ""])
-
-
-def _lines(checkpoint: Path, missing: Sequence[str], tensors: Sequence[str]) -> Iterator[str]:
     yield f"# What {checkpoint.name} does not say about itself. Take the '#' away from each field, and write its value."
     yield f"# `python -m humanoid_sim.policy show {checkpoint.name} --contract THIS_FILE` says what is still missing;"
     yield "# beside the model, as NAME.contract.yaml, it is found by itself. docs/contract.md explains all fields."

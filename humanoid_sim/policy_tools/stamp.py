@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -39,19 +39,6 @@ _PROBES = 8
 """Observations, beside the golden ones, on which the copy must answer bit for bit what the original does."""
 
 
-@dataclass(frozen=True, slots=True)
-class StampResult:
-    """What was written."""
-
-    output: Path
-    size: int
-    """bytes"""
-    samples: GoldenSamples | None
-    """None where the contract declares live inputs, which nobody here can make."""
-    blind_spots: tuple[str, ...]
-    """Mistakes that the samples could not show; empty for samples that are drift only anyway."""
-
-
 def stamp(
     path: Path,
     output: Path,
@@ -61,7 +48,7 @@ def stamp(
     trace: Path | None = None,
     motion: Path | None = None,
     overwrite: bool = False,
-) -> StampResult:
+) -> tuple[int, GoldenSamples | None, tuple[str, ...]]:
     """Stamp a copy of a checkpoint.
 
     The copy holds external tensors itself, the thirteen metadata keys, the complete contract, and golden vectors: of
@@ -71,27 +58,27 @@ def stamp(
     takes the name `output`.
 
     Args:
-        path: the checkpoint.
-        output: the copy.
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
         description: the robot, for contracts that name joints by place, and for traces whose anchor poses follow from
             `qpos`.
         trace: a trainer's run, see `humanoid_sim.policy.golden.trace`.
         motion: what the policy follows, where the model does not carry it.
-        overwrite: replace `output` if it exists.
+
+    Returns:
+        Its size in bytes; its samples, None where the contract declares live inputs, which nobody here can make; and
+        the mistakes that the samples could not show, empty for samples that are drift only anyway.
 
     Raises:
         InputError: the checkpoint, its contract or the trace is refused, or the copy cannot be written.
     """
-    _check_output(path, output, overwrite)
+    if output.exists() and path.exists() and output.samefile(path):
+        raise InputError(f"{output}: is the checkpoint itself, expected another file: the original stays as it is")
+    output_file(output, "--output", overwrite=overwrite)
     joints = None if description is None else description.joint_names
     checkpoint = load_checkpoint(path, contract_file, joints, verify=False)
     samples = _samples(checkpoint, description, trace, motion)
     try:
-        metadata = {
-            **write_metadata(checkpoint.contract),
-            STAMP_KEY: encode(checkpoint.contract),
-        }
+        metadata = {**write_metadata(checkpoint.contract), STAMP_KEY: encode(checkpoint.contract)}
         if samples is not None:
             metadata[GOLDEN_KEY] = encode_samples(samples)
     except FieldError as error:
@@ -101,7 +88,7 @@ def stamp(
     with whole_file(output) as file:
         file.write(data)
     unseen = blind_spots(checkpoint, samples) if samples is not None and samples.origin == "trainer" else ()
-    return StampResult(output, len(data), samples, unseen)
+    return len(data), samples, unseen
 
 
 def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
@@ -127,17 +114,8 @@ def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
     return data
 
 
-def _check_output(path: Path, output: Path, overwrite: bool) -> None:
-    if output.exists() and path.exists() and output.samefile(path):
-        raise InputError(f"{output}: is the checkpoint itself, expected another file: the original stays as it is")
-    output_file(output, "--output", overwrite=overwrite)
-
-
 def _samples(
-    checkpoint: Checkpoint,
-    description: RobotDescription | None,
-    trace: Path | None,
-    motion_file: Path | None,
+    checkpoint: Checkpoint, description: RobotDescription | None, trace: Path | None, motion_file: Path | None
 ) -> GoldenSamples | None:
     for name in checkpoint.contract.live_inputs:
         if trace is not None:
@@ -189,7 +167,7 @@ def _different_field(a: PolicyContract, b: PolicyContract) -> str:
 
 def stamp_copy(options: Stamp) -> int:
     """Write the copy, and say what its golden vectors are worth."""
-    result = stamp(
+    size, samples, blind = stamp(
         options.checkpoint,
         options.output,
         contract_file=options.contract,
@@ -199,14 +177,14 @@ def stamp_copy(options: Stamp) -> int:
         overwrite=options.overwrite,
     )
     console = make_console()
-    console.print(f"{escape(str(result.output))}: {result.size / 1e6:.2f} MB, contract inside", soft_wrap=True)
-    if result.samples is None:
+    console.print(f"{escape(str(options.output))}: {size / 1e6:.2f} MB, contract inside", soft_wrap=True)
+    if samples is None:
         console.print("golden vectors: none: the contract declares live inputs, which are not sampled", soft_wrap=True)
         return 0
-    console.print(f"golden vectors: {escape(result.samples.label)}", soft_wrap=True)
-    if result.samples.origin == "own":
+    console.print(f"golden vectors: {escape(samples.label)}", soft_wrap=True)
+    if samples.origin == "own":
         console.print("  --trace FILE with the trainer's run makes vectors that show wrong wiring as well")
-    for unseen in result.blind_spots:
+    for unseen in blind:
         console.print(f"  not seen by them: {escape(unseen)}", soft_wrap=True)
     return 0
 

@@ -10,8 +10,6 @@ import tyro
 
 from humanoid_sim.command_line import parse
 
-__all__ = ["PrepareOptions", "main"]
-
 
 @dataclass(frozen=True)
 class PrepareOptions:

@@ -1,4 +1,4 @@
-"""Whether a motion may be written: it is this robot's, at this rate, in this order. If not, what would fit."""
+"""Acceptance of a motion: it is this robot's, at this rate, in this order. If not, what would fit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from humanoid_sim.prepare.conventions import (
     ANGLE_UNITS,
     LENGTH_UNITS,
     Conventions,
-    NamedMotion,
     body_orders,
     in_si,
     interpret,
@@ -36,13 +35,7 @@ from humanoid_sim.prepare.motion_fit import (
 )
 from humanoid_sim.prepare.skeleton import Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order
-from humanoid_sim.prepare.velocities import (
-    RateCheck,
-    VelocityCheck,
-    check_rate,
-    check_velocities,
-    refuse_velocities,
-)
+from humanoid_sim.prepare.velocities import RateCheck, VelocityCheck, check_rate, check_velocities, refuse_velocities
 from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
 
 FORWARD = "forward kinematics"
@@ -55,15 +48,15 @@ _MOST_POSES = 120
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What was found out about a motion that may be written."""
+    """Findings about a motion that may be written."""
 
-    motion: NamedMotion
+    motion: SourceMotion
     method: str
-    """How joints and bodies were compared; empty if they could not be."""
+    """Method by which joints and bodies were compared; empty if they could not be."""
     bodies: tuple[BodyCheck, ...]
     rate: RateCheck | None
     velocities: tuple[VelocityCheck, ...]
-    """Of the joints that move; empty without velocities."""
+    """Checks of the joints that move; empty without velocities."""
     beyond_limits: LimitExcess | None
     notes: tuple[str, ...]
 
@@ -77,7 +70,7 @@ def accept(
         InputError: naming the body, the joint or the rate that does not fit, and what would.
     """
     motion = interpret(source, conventions, skeleton)
-    rate, velocities = _check_velocities(source, motion, skeleton)
+    rate, velocities = _check_velocities(motion, skeleton)
     excess = None if motion.joint_position is None else worst_excess(motion.joint_position, skeleton.description)
     high = None if conventions.is_length_given else implausible_height(motion, skeleton)
     notes: list[str] = []
@@ -85,7 +78,7 @@ def accept(
     if bodies:
         _refuse_mismatch(source, conventions, contract, skeleton, tolerance, bodies)
     elif motion.joint_position is None:
-        method, bodies = INVERSE, _check_bodies_alone(source, motion, skeleton, tolerance)
+        method, bodies = INVERSE, _check_bodies_alone(motion, skeleton, tolerance)
     else:
         method = ""
         if high is not None:
@@ -144,32 +137,28 @@ def _shown(tolerance: Tolerance) -> str:
     return f"{100.0 * tolerance.position:g} cm, {math.degrees(tolerance.angle):g}°"
 
 
-def _check_velocities(
-    source: SourceMotion, motion: NamedMotion, skeleton: Skeleton
-) -> tuple[RateCheck | None, tuple[VelocityCheck, ...]]:
+def _check_velocities(motion: SourceMotion, skeleton: Skeleton) -> tuple[RateCheck | None, tuple[VelocityCheck, ...]]:
     if motion.joint_position is None or motion.joint_velocity is None:
         return None, ()
-    rate = check_rate(motion.joint_position, motion.joint_velocity, source.fps)
-    checks = check_velocities(motion.joint_position, motion.joint_velocity, source.fps, skeleton.joints)
-    refuse_velocities(source.source, source.fps, rate, checks, len(skeleton.joints))
+    rate = check_rate(motion.joint_position, motion.joint_velocity, motion.fps)
+    checks = check_velocities(motion.joint_position, motion.joint_velocity, motion.fps, skeleton.joints)
+    refuse_velocities(motion.source, motion.fps, rate, checks, len(skeleton.joints))
     return rate, checks
 
 
-def _check_bodies_alone(
-    source: SourceMotion, motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance
-) -> tuple[BodyCheck, ...]:
+def _check_bodies_alone(motion: SourceMotion, skeleton: Skeleton, tolerance: Tolerance) -> tuple[BodyCheck, ...]:
     """Seek joint positions that reach the bodies, and see what is left."""
-    if motion.is_world or motion.body_position is None or motion.body_quaternion is None:
+    if motion.frame == "world" or motion.body_position is None or motion.body_quaternion is None:
         raise InputError(
-            f"{source.source}: holds bodies and no joint positions, which can only be verified from positions and "
+            f"{motion.source}: holds bodies and no joint positions, which can only be verified from positions and "
             "orientations in the robot's base frame"
         )
-    step = max(1, math.ceil(source.frame_count / _MOST_POSES))
-    bodies = _reach(_every(motion, step), skeleton, tolerance)
+    step = max(1, math.ceil(motion.frame_count / _MOST_POSES))
+    bodies = _reach(motion.select(np.arange(0, motion.frame_count, step)), skeleton, tolerance)
     worst = max(bodies, key=lambda check: check.excess(tolerance))
     if worst.excess(tolerance) > 1.0:
         raise InputError(
-            f"{source.source}: no pose of the robot that was found puts body '{worst.name}' nearer than {_far(worst)} "
+            f"{motion.source}: no pose of the robot that was found puts body '{worst.name}' nearer than {_far(worst)} "
             f"to where the motion has it (frame {step * worst.worst_frame}); tolerance {_shown(tolerance)}; it "
             "holds no joint positions to say more: are its bodies in the order of --body-order, its lengths in "
             "--length-unit, its orientations in rows, or do they need --conjugate?"
@@ -177,13 +166,7 @@ def _check_bodies_alone(
     return tuple(replace(check, worst_frame=step * check.worst_frame) for check in bodies)
 
 
-def _every(motion: NamedMotion, step: int) -> NamedMotion:
-    assert motion.body_position is not None
-    assert motion.body_quaternion is not None
-    return replace(motion, body_position=motion.body_position[::step], body_quaternion=motion.body_quaternion[::step])
-
-
-def _reach(motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance) -> tuple[BodyCheck, ...]:
+def _reach(motion: SourceMotion, skeleton: Skeleton, tolerance: Tolerance) -> tuple[BodyCheck, ...]:
     """Errors of the bodies at the poses of the robot that come nearest to a motion's."""
     assert motion.body_position is not None
     assert motion.body_quaternion is not None
@@ -235,7 +218,7 @@ def _within_limits(
 
 _FRAMES = 12
 _MUCH = 0.1
-"""What must remain of the error of a motion that comes much nearer."""
+"""Largest share of the error that remains of a motion that comes much nearer."""
 
 
 def what_would_fit(

@@ -1,4 +1,4 @@
-"""Which column of a motion is which joint, body, part of a quaternion, in which units: written down, then applied."""
+"""Meaning and units of a motion's columns, joint by joint and body by body: written down, then applied."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from humanoid_sim.controllers.rotation import conjugate as inverse_of
 from humanoid_sim.controllers.terms import QuaternionOrder
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.skeleton import Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, swap_quaternion_order
 
@@ -27,47 +28,24 @@ LENGTH_UNITS: dict[LengthUnit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in"
 
 @dataclass(frozen=True, slots=True)
 class Conventions:
-    """How to read a motion's columns."""
+    """Meaning of a motion's columns."""
 
     joint_names: tuple[str, ...]
-    """Of the joint columns; empty if there are none."""
+    """Names of the joint columns; empty if there are none."""
     body_names: tuple[str, ...]
-    """Of the bodies; empty if there are none."""
+    """Names of the bodies; empty if there are none."""
     quaternions: QuaternionOrder
     conjugate: bool = False
     """The quaternions turn vectors from the world to the body, the inverse of the usual."""
     angle_unit: AngleUnit = "rad"
-    """Of joint positions and velocities."""
+    """Unit of joint positions and velocities."""
     length_unit: LengthUnit = "m"
     joints_said_by: str = ""
-    """Where `joint_names` comes from, for the report."""
+    """Origin of `joint_names`, for the report."""
     bodies_said_by: str = ""
     quaternions_said_by: str = ""
     is_length_given: bool = False
     """The unit of lengths was given, not assumed."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NamedMotion:
-    """A motion whose columns have names. What its source does not hold is None."""
-
-    fps: float
-    joint_position: FloatArray | None
-    """Shape (F, n), rad, in the robot's order."""
-    joint_velocity: FloatArray | None
-    """Shape (F, n), rad/s, in the robot's order."""
-    body_names: tuple[str, ...]
-    """The B bodies that the source holds."""
-    body_position: FloatArray | None
-    """Shape (F, B, 3), m, world frame or base frame."""
-    body_quaternion: FloatArray | None
-    """Shape (F, B, 4), w x y z."""
-    base_position: FloatArray | None
-    """Shape (F, 3), m, world frame; None in the base frame, and where the source does not say."""
-    base_quaternion: FloatArray | None
-    """Shape (F, 4), w x y z."""
-    is_world: bool
-    """The poses are in the world frame."""
 
 
 def joint_orders(contract: PolicyContract, skeleton: Skeleton) -> Orders:
@@ -81,40 +59,31 @@ def body_orders(contract: PolicyContract, skeleton: Skeleton) -> Orders:
 
 
 def choose_conventions(
-    source: SourceMotion,
-    contract: PolicyContract,
-    skeleton: Skeleton,
-    *,
-    joint_order: str | None,
-    body_order: str | None,
-    quaternions: QuaternionOrder | None,
-    conjugate: bool,
-    angle_unit: AngleUnit,
-    length_unit: LengthUnit | None,
+    source: SourceMotion, contract: PolicyContract, skeleton: Skeleton, options: PrepareOptions
 ) -> Conventions:
     """Return what the source says, else what the options say, else what the format is known to do.
 
     Raises:
         InputError: if an option contradicts the names in the source, or a number of columns fits no order.
     """
-    joints, joints_by = _joints(source, joint_orders(contract, skeleton), joint_order)
-    bodies, bodies_by = _bodies(source, body_orders(contract, skeleton), body_order)
-    order, order_by = source.quaternion_order, source.quaternion_order_source
-    if quaternions is not None and order_by != "column names":
-        order, order_by = quaternions, "--quaternions"
-    elif quaternions not in (None, order):
-        raise InputError(f"--quaternions: is {quaternions}, but the column names of {source.source} say which is which")
+    joints, joints_by = _joints(source, joint_orders(contract, skeleton), options.joint_order)
+    bodies, bodies_by = _bodies(source, body_orders(contract, skeleton), options.body_order)
+    order, order_by, given = source.quaternion_order, source.quaternion_order_source, options.quaternions
+    if given is not None and order_by != "column names":
+        order, order_by = given, "--quaternions"
+    elif given not in (None, order):
+        raise InputError(f"--quaternions: is {given}, but the column names of {source.source} say which is which")
     return Conventions(
         joint_names=joints,
         body_names=bodies,
         quaternions=order,
-        conjugate=conjugate,
-        angle_unit=angle_unit,
-        length_unit=length_unit or "m",
+        conjugate=options.conjugate,
+        angle_unit=options.angle_unit,
+        length_unit=options.length_unit or "m",
         joints_said_by=joints_by,
         bodies_said_by=bodies_by,
         quaternions_said_by=order_by,
-        is_length_given=length_unit is not None,
+        is_length_given=options.length_unit is not None,
     )
 
 
@@ -139,7 +108,7 @@ def _bodies(source: SourceMotion, orders: Orders, option: str | None) -> tuple[t
     """Names of the bodies, and where they come from."""
     if source.body_position is None:
         return (), ""
-    if source.body_names is not None:
+    if source.body_names:
         return _own_names(source, "body", source.body_names, option)
     count = source.body_position.shape[1]
     chosen = option or ("contract" if count == len(orders["contract"]) else "mjcf")
@@ -162,11 +131,7 @@ def _own_names(
 
 
 def named_order(option: str, value: str, known: Orders) -> tuple[str, ...]:
-    """Return what an option such as --joint-order stands for: one of the known orders, or the names themselves.
-
-    Raises:
-        InputError: if it is neither.
-    """
+    """Return what an option such as --joint-order stands for: one of the known orders, or the names themselves."""
     if value in known:
         return known[value]
     names = tuple(name.strip() for name in value.split(","))
@@ -176,11 +141,7 @@ def named_order(option: str, value: str, known: Orders) -> tuple[str, ...]:
 
 
 def match_names(source: str, what: str, names: Iterable[str], wanted: Iterable[str], who: str) -> list[int]:
-    """Places of the `wanted` names among `names`.
-
-    Raises:
-        InputError: naming the one that is missing and those that exist.
-    """
+    """Places of the `wanted` names among `names`."""
     listed = list(names)
     for name in wanted:
         if name not in listed:
@@ -203,8 +164,10 @@ def in_si(source: SourceMotion, conventions: Conventions) -> SourceMotion:
     return replace(source, **changed) if changed else source
 
 
-def interpret(source: SourceMotion, conventions: Conventions, skeleton: Skeleton) -> NamedMotion:
-    """Apply conventions.
+def interpret(source: SourceMotion, conventions: Conventions, skeleton: Skeleton) -> SourceMotion:
+    """Return the motion with its columns named: joints in the robot's order, SI units, quaternions w x y z.
+
+    The pose of the base is taken from the bodies where they hold it in the world.
 
     Raises:
         InputError: if the robot has a joint that the motion does not, or the other way round; likewise for bodies.
@@ -220,20 +183,20 @@ def interpret(source: SourceMotion, conventions: Conventions, skeleton: Skeleton
     match_names(source.source, "body", skeleton.bodies, bodies, "the motion")
     body_quaternion = _wxyz(source.body_quaternion, conventions)
     base_position, base_quaternion = source.base_position, _wxyz(source.base_quaternion, conventions)
-    is_world = source.frame == "world"
-    if is_world and skeleton.base in bodies and source.body_position is not None and body_quaternion is not None:
+    has_base = source.frame == "world" and skeleton.base in bodies
+    if has_base and source.body_position is not None and body_quaternion is not None:
         base = bodies.index(skeleton.base)
         base_position, base_quaternion = source.body_position[:, base], body_quaternion[:, base]
-    return NamedMotion(
-        fps=source.fps,
+    return replace(
+        source,
         joint_position=position,
         joint_velocity=velocity,
+        joint_names=skeleton.joints,
         body_names=bodies,
-        body_position=source.body_position,
         body_quaternion=body_quaternion,
         base_position=base_position,
         base_quaternion=base_quaternion,
-        is_world=is_world,
+        quaternion_order="wxyz",
     )
 
 

@@ -12,8 +12,8 @@ from humanoid_sim.controllers.rotation import continuous, matrix, multiply, quat
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion, MotionLayout, body_frames
-from humanoid_sim.prepare.conventions import NamedMotion
 from humanoid_sim.prepare.skeleton import Skeleton
+from humanoid_sim.prepare.source_motion import SourceMotion
 
 FROM_SOURCE = "the source"
 FROM_KINEMATICS = "forward kinematics"
@@ -27,13 +27,13 @@ def has_rate(fps: float, policy_dt: float) -> bool:
     return abs(fps * policy_dt - 1.0) <= _EQUAL
 
 
-def resample(motion: NamedMotion, policy_dt: float) -> NamedMotion:
+def resample(motion: SourceMotion, policy_dt: float) -> SourceMotion:
     """Return the motion with a frame every `policy_dt` s, from its first frame to at most its last.
 
     Positions are interpolated linearly, orientations along the shortest arc, joint velocities as they are: rates per
     second.
     """
-    count = next(len(array) for array in (motion.joint_position, motion.body_position) if array is not None)
+    count = motion.frame_count
     # The margin keeps the last frame where both rates fall together but for rounding.
     frames = int(np.floor((count - 1) / motion.fps / policy_dt + 1e-6)) + 1
     place = np.minimum(np.arange(frames) * policy_dt * motion.fps, count - 1)
@@ -74,10 +74,10 @@ def layout_of(contract: PolicyContract) -> MotionLayout:
     return "bodies_b" if contract.requires("body_names") else "joints_bodies_w"
 
 
-def convert(source: str, motion: NamedMotion, contract: PolicyContract, skeleton: Skeleton) -> tuple[Motion, str]:
+def convert(motion: SourceMotion, contract: PolicyContract, skeleton: Skeleton) -> tuple[Motion, str]:
     """Return the motion file's content, and whether its body poses are the source's or forward kinematics.
 
-    The motion is at the policy's rate; messages call it `source`.
+    The motion is at the policy's rate.
 
     Raises:
         InputError: if the motion does not hold what the layout needs.
@@ -85,13 +85,13 @@ def convert(source: str, motion: NamedMotion, contract: PolicyContract, skeleton
     layout = layout_of(contract)
     bodies = contract.body_names or ((contract.anchor_body,) if contract.anchor_body else ())
     if layout == "bodies_b":
-        position, rotation, origin = _base_frame(source, motion, bodies, skeleton)
+        position, rotation, origin = _base_frame(motion, bodies, skeleton)
         frames = body_frames(position, rotation)
         joints: tuple[str, ...] = ()
     else:
         if motion.joint_position is None:
-            raise InputError(f"{source}: holds no joint positions, which the policy's reference needs")
-        position, quaternion, origin = _world_frame(source, motion, bodies, skeleton)
+            raise InputError(f"{motion.source}: holds no joint positions, which the policy's reference needs")
+        position, quaternion, origin = _world_frame(motion, bodies, skeleton)
         order = [skeleton.joints.index(joint) for joint in contract.joint_names]
         count = len(position)
         parts = (
@@ -115,7 +115,7 @@ def convert(source: str, motion: NamedMotion, contract: PolicyContract, skeleton
     )
 
 
-def _velocity(motion: NamedMotion) -> FloatArray:
+def _velocity(motion: SourceMotion) -> FloatArray:
     """Shape (F, n), rad/s: the source's, else central differences, one-sided at the ends."""
     if motion.joint_velocity is not None:
         return motion.joint_velocity
@@ -127,15 +127,15 @@ def _velocity(motion: NamedMotion) -> FloatArray:
 
 
 def _base_frame(
-    source: str, motion: NamedMotion, bodies: tuple[str, ...], skeleton: Skeleton
+    motion: SourceMotion, bodies: tuple[str, ...], skeleton: Skeleton
 ) -> tuple[FloatArray, FloatArray, str]:
     """Positions (F, B, 3), m, and rotation matrices (F, B, 3, 3) in the base frame."""
     has_bodies = set(bodies) <= set(motion.body_names) and motion.body_quaternion is not None
-    has_base = not motion.is_world or motion.base_quaternion is not None
+    has_base = motion.frame == "base" or motion.base_quaternion is not None
     if has_bodies and has_base and motion.body_position is not None and motion.body_quaternion is not None:
         columns = [motion.body_names.index(name) for name in bodies]
         position, rotation = motion.body_position[:, columns], matrix(motion.body_quaternion[:, columns])
-        if motion.base_position is not None and motion.base_quaternion is not None and motion.is_world:
+        if motion.base_position is not None and motion.base_quaternion is not None and motion.frame == "world":
             base = matrix(motion.base_quaternion)
             position = np.einsum("tji,tbj->tbi", base, position - motion.base_position[:, None])
             rotation = np.einsum("tji,tbjk->tbik", base, rotation)
@@ -143,37 +143,33 @@ def _base_frame(
     if motion.joint_position is None:
         missing = [name for name in bodies if name not in motion.body_names]
         raise InputError(
-            f"{source}: holds no joint positions, and its bodies lack {', '.join(missing) or 'orientations'}, "
+            f"{motion.source}: holds no joint positions, and its bodies lack {', '.join(missing) or 'orientations'}, "
             "which the policy follows"
         )
     return *skeleton.poses(motion.joint_position, bodies), FROM_KINEMATICS
 
 
 def _world_frame(
-    source: str, motion: NamedMotion, bodies: tuple[str, ...], skeleton: Skeleton
+    motion: SourceMotion, bodies: tuple[str, ...], skeleton: Skeleton
 ) -> tuple[FloatArray, FloatArray, str]:
     """Positions (F, B, 3), m, and quaternions (F, B, 4), w x y z, in the world frame."""
     if (
-        motion.is_world
+        motion.frame == "world"
         and set(bodies) <= set(motion.body_names)
         and motion.body_position is not None
         and motion.body_quaternion is not None
     ):
         columns = [motion.body_names.index(name) for name in bodies]
         return motion.body_position[:, columns], motion.body_quaternion[:, columns], FROM_SOURCE
-    position, rotation, origin = _base_frame(source, motion, bodies, skeleton)
+    position, rotation, origin = _base_frame(motion, bodies, skeleton)
     base_position, base_quaternion = motion.base_position, motion.base_quaternion
     if base_position is None or base_quaternion is None:
         if skeleton.description.is_floating:
-            raise InputError(f"{source}: holds no pose of the floating base '{skeleton.base}', which is needed")
+            raise InputError(f"{motion.source}: holds no pose of the floating base '{skeleton.base}', which is needed")
         # A fixed base stands where the robot's model has it.
         base_position, base_quaternion = (
             np.repeat(value[None], len(position), axis=0)
             for value in (skeleton.base_position, skeleton.base_quaternion)
         )
     turn = np.broadcast_to(base_quaternion[:, None], (*position.shape[:2], 4))
-    return (
-        rotate(turn, position) + base_position[:, None],
-        multiply(turn, quaternion_from_matrix(rotation)),
-        origin,
-    )
+    return (rotate(turn, position) + base_position[:, None], multiply(turn, quaternion_from_matrix(rotation)), origin)

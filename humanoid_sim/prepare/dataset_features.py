@@ -1,4 +1,4 @@
-"""Which features of a dataset hold a motion: by the usual names, or by those that the user gives."""
+"""Features of a dataset that hold a motion: by the usual names, or by those that the user gives."""
 
 from __future__ import annotations
 
@@ -23,19 +23,15 @@ ROLES: Mapping[str, tuple[str, ...]] = {
     "base_pos": ("base_pos", "root_pos", "base_position"),
     "base_quat": ("base_quat", "root_quat", "base_orientation"),
 }
-"""What a feature is, and the last part of the names under which it is known, the surest first."""
+"""Roles of features, and the last part of the names under which each is known, the surest first."""
 
 _LAST_AXIS = {"body_pos_b": 3, "body_ori_b": 6, "body_quat_b": 4, "body_pos_w": 3, "body_quat_w": 4}
 _GAPS = 0.1
-"""Of a frame, that timestamps may be off."""
+"""Share of a frame that timestamps may be off."""
 
 
 def parse_roles(options: Iterable[str]) -> dict[str, str]:
-    """`--features joint_pos=observation.qpos …` as a mapping from role to feature.
-
-    Raises:
-        InputError: naming the option.
-    """
+    """`--features joint_pos=observation.qpos …` as a mapping from role to feature."""
     roles = {}
     for option in options:
         role, equals, feature = option.partition("=")
@@ -59,12 +55,9 @@ def episode_motion(
     """Return the motion in an episode's columns.
 
     Args:
-        source: name for messages.
         columns: numeric features, each (F, …).
         names: what the dataset calls the values of each feature, if it does.
-        fps: of the dataset.
         roles: features whose names are not the usual ones, by role.
-        joint_names: of the robot.
 
     Raises:
         InputError: if the columns hold no motion, or one that contradicts itself.
@@ -95,7 +88,7 @@ def episode_motion(
         joint_names=joints,
         body_position=position,
         body_quaternion=quaternion,
-        body_names=None if position is None else _body_names(names.get(found[f"body_pos_{suffix}"]), count),
+        body_names=() if position is None else _body_names(names.get(found[f"body_pos_{suffix}"]), count),
         base_position=columns[found["base_pos"]] if "base_pos" in found else None,
         base_quaternion=columns[found["base_quat"]] if "base_quat" in found else None,
         frame="world" if world else "base",
@@ -159,7 +152,7 @@ def _bodies(source: str, columns: Mapping[str, FloatArray], found: Mapping[str, 
     )
 
 
-def _body_names(names: Any, count: int) -> tuple[str, ...] | None:
+def _body_names(names: Any, count: int) -> tuple[str, ...]:
     """Names of bodies from names of values: `left_hand.x, left_hand.y, …`, or one name per body."""
     listed = _flat(names)
     if len(listed) == count:
@@ -168,7 +161,7 @@ def _body_names(names: Any, count: int) -> tuple[str, ...] | None:
     bodies = list(dict.fromkeys(heads))
     if all(heads) and len(bodies) == count and heads == [body for body in bodies for _ in range(3)]:
         return tuple(bodies)
-    return None
+    return ()
 
 
 def _flat(names: Any) -> list[str]:

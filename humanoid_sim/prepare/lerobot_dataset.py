@@ -74,9 +74,6 @@ def read_local_dataset(
     """One episode of a dataset in a folder that holds `meta` and `data`. Nothing is fetched from the network.
 
     The rest as `read_hub_dataset`.
-
-    Raises:
-        InputError: one line with the folder and what is wrong with it.
     """
     _check_format(folder)
     datasets = import_lerobot("datasets.lerobot_dataset", _PURPOSE, offline=True)
@@ -92,9 +89,6 @@ def read_hub_dataset(
 
     The dataset's id is user/name; the episode an index, None if there is only one; `roles` has features whose names are
     not the usual ones, by role. The hub is waited for `timeout` s.
-
-    Raises:
-        InputError: one line with the dataset and what is wrong with it.
     """
     if repo_id.count("/") != 1:
         raise InputError(f"--dataset: is '{repo_id}', expected user/name")

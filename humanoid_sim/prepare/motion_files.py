@@ -24,7 +24,7 @@ _NPZ_KEYS = {
     "body_pos_w": "(F, B, 3)",
     "body_quat_w": "(F, B, 4)",
 }
-"""What is needed, and its shape. Body velocities are in the file too; nothing here uses them."""
+"""Arrays that are needed, and their shapes. Body velocities are in the file too; nothing here uses them."""
 
 _NPZ_LAST_AXIS = {"body_pos_w": 3, "body_quat_w": 4}
 
@@ -40,7 +40,7 @@ _BASE_COLUMNS = {
 """Names of columns, and which part of the base's pose they are."""
 
 _UNEVEN = 0.25
-"""Of the mean step: rounding to milliseconds makes steps uneven, a frame left out makes one twice as long."""
+"""Share of the mean step: rounding to milliseconds makes steps uneven, a frame left out makes one twice as long."""
 _DIGIT = 0.001
 """s"""
 _TIMES = ("time", "t", "timestamp")
@@ -51,9 +51,6 @@ def read_npz(path: Path) -> SourceMotion:
     """Read a motion of whole_body_tracking (joints and bodies in Isaac's order) or mjlab (in MJCF order).
 
     The format has no names; files that hold `joint_names` and `body_names` all the same are believed.
-
-    Raises:
-        InputError: one line with the file and what is wrong with it.
     """
     arrays = read_arrays(path)
     missing = [key for key in _NPZ_KEYS if key not in arrays]
@@ -81,7 +78,7 @@ def read_npz(path: Path) -> SourceMotion:
         joint_names=_npz_names(path, arrays, "joint_names"),
         body_position=arrays["body_pos_w"],
         body_quaternion=arrays["body_quat_w"],
-        body_names=_npz_names(path, arrays, "body_names"),
+        body_names=_npz_names(path, arrays, "body_names") or (),
     )
 
 
@@ -104,9 +101,6 @@ def read_csv(
 
     Frames per second are None where a column `time` gives them. A robot with a `floating` base needs its pose.
     `quaternions` is the order of a headless file's; None for x y z w.
-
-    Raises:
-        InputError: one line with the file, the line and what is wrong with it.
     """
     rows = _csv_rows(path)
     if not rows:

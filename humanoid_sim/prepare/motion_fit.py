@@ -1,4 +1,4 @@
-"""How well a motion fits a robot: how far its bodies, its base and its joints are from what the robot has."""
+"""Fit of a motion to a robot: how far its bodies, its base and its joints are from what the robot has."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.prepare.conventions import LENGTH_UNITS, LengthUnit, NamedMotion
+from humanoid_sim.prepare.conventions import LENGTH_UNITS, LengthUnit
 from humanoid_sim.prepare.skeleton import Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order, swap_quaternion_order
 from humanoid_sim.robots.description import RobotDescription
 
 _HIGH = 5.0
-"""Of the robot's height: where no platform lifts a base to."""
+"""Multiple of the robot's height to which no platform lifts a base."""
 _EXPLAINS = 2.0
 """Factor within which another unit must bring the base to the robot's height."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How far bodies may be off."""
+    """Largest errors that bodies may have."""
 
     position: float
     """m"""
@@ -33,7 +33,7 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True)
 class BodyCheck:
-    """How far a body of the motion is from where the robot's forward kinematics puts it."""
+    """Distance of a body of the motion from where the robot's forward kinematics puts it."""
 
     name: str
     position_rms: float
@@ -45,7 +45,7 @@ class BodyCheck:
     angle_max: float
     """rad"""
     worst_frame: int
-    """Of the largest position error; of the largest angle where the position is within the tolerance."""
+    """Frame of the largest position error; of the largest angle where the position is within the tolerance."""
 
     def excess(self, tolerance: Tolerance) -> float:
         """Return the larger error in tolerances: more than 1 is a mismatch."""
@@ -83,7 +83,7 @@ class LimitExcess:
         return max(self.lower - self.position, self.position - self.upper)
 
 
-def check_bodies(motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance) -> tuple[BodyCheck, ...]:
+def check_bodies(motion: SourceMotion, skeleton: Skeleton, tolerance: Tolerance) -> tuple[BodyCheck, ...]:
     """Errors per body, in the motion's order; empty where the motion lacks joints or bodies to compare.
 
     The tolerance decides which frame is the worst.
@@ -96,7 +96,7 @@ def check_bodies(motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance) 
     expected_position, expected_rotation = skeleton.poses(motion.joint_position, motion.body_names)
     position = motion.body_position
     rotation = None if motion.body_quaternion is None else matrix(motion.body_quaternion)
-    if motion.is_world:
+    if motion.frame == "world":
         base_position, base_rotation = _base(motion, skeleton, expected_position, expected_rotation)
         position = np.einsum("tji,tbj->tbi", base_rotation, position - base_position[:, None])
         rotation = None if rotation is None else np.einsum("tji,tbjk->tbik", base_rotation, rotation)
@@ -107,7 +107,7 @@ def check_bodies(motion: NamedMotion, skeleton: Skeleton, tolerance: Tolerance) 
 
 
 def _base(
-    motion: NamedMotion, skeleton: Skeleton, position: FloatArray, rotation: FloatArray
+    motion: SourceMotion, skeleton: Skeleton, position: FloatArray, rotation: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Position (F, 3) and rotation (F, 3, 3) of the base in the motion's world."""
     if motion.base_position is not None and motion.base_quaternion is not None:
@@ -140,9 +140,9 @@ def _summary(name: str, distance: FloatArray, angle: FloatArray, tolerance: Tole
     )
 
 
-def implausible_height(motion: NamedMotion, skeleton: Skeleton) -> BaseHeight | None:
+def implausible_height(motion: SourceMotion, skeleton: Skeleton) -> BaseHeight | None:
     """Tell whether the base is several times the robot's height above the ground; None if not, or without a base."""
-    if motion.base_position is None or not motion.is_world:
+    if motion.base_position is None or motion.frame == "base":
         return None
     height = float(np.median(motion.base_position[:, 2]))
     ratio = abs(height) / skeleton.height

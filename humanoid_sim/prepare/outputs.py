@@ -1,4 +1,4 @@
-"""What `prepare` leaves: a report of what was found out about the motion, and a folder with all files or none."""
+"""Results of `prepare`: a report of what was found out about the motion, and a folder with all files or none."""
 
 from __future__ import annotations
 
@@ -25,29 +25,21 @@ from humanoid_sim.prepare.motion_fit import Tolerance
 from humanoid_sim.prepare.source_motion import SourceMotion
 
 Content = bytes | Path
-"""What a file is to hold: bytes, or a copy of another file."""
+"""Content of a file to be: bytes, or a copy of another file."""
 
 
 class OutputFolder:
     """A folder for results."""
 
     def __init__(self, folder: Path, overwrite: bool) -> None:
-        """Refuse a folder that cannot be one.
-
-        Raises:
-            InputError: if a file is in its place.
-        """
+        """Refuse a folder that cannot be one."""
         if folder.exists() and not folder.is_dir():
             raise InputError(f"--output: '{folder}' is a file, expected a folder")
         self._folder = folder
         self._overwrite = overwrite
 
     def refuse_existing(self, names: Mapping[str, Content]) -> None:
-        """Refuse to replace files, unless that was asked for.
-
-        Raises:
-            InputError: naming the first that exists.
-        """
+        """Refuse to replace files, unless that was asked for."""
         for name in names:
             if (self._folder / name).exists() and not self._overwrite:
                 raise InputError(f"--output: '{self._folder / name}' exists; choose another --name, or add --overwrite")
@@ -56,9 +48,6 @@ class OutputFolder:
         """Write all files to a temporary folder, then move them to their names; an error leaves none.
 
         A copy of a checkpoint that is there already, and the same, is left alone.
-
-        Raises:
-            InputError: if the folder cannot be written, or a file exists.
         """
         wanted = {name: content for name, content in files.items() if not self._is_there(name, content)}
         self.refuse_existing(wanted)
@@ -119,7 +108,7 @@ class MotionReport:
     found: Findings
     motion: Motion
     bodies_from: str
-    """Where the poses in the motion file come from."""
+    """Origin of the poses in the motion file."""
     resampled: bool
 
 

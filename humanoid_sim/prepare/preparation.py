@@ -45,9 +45,7 @@ def prepare(options: PrepareOptions) -> int:
     console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
     outputs = OutputFolder(Path(options.output), options.overwrite)
     if options.song is not None and options.policy is None and options.wandb_run_path is None:
-        song = prepare_song(options, 1.0 / (options.fps or SONG_RATE), console)
-        outputs.refuse_existing(song)
-        outputs.write(song, console)
+        outputs.write(prepare_song(options, 1.0 / (options.fps or SONG_RATE), console), console)
         return 0
     path = _checkpoint_path(options, console)
     description = load_robot(options.robot)
@@ -59,9 +57,7 @@ def prepare(options: PrepareOptions) -> int:
         needed = "plays songs: give one with --song" if task == "piano" else "plays no songs, and --song is given"
         raise InputError(f"{path}: is a policy of task_type {task}, which {needed}")
     if options.song is not None:
-        song = prepare_song(options, checkpoint.contract.policy_dt, console)
-        outputs.refuse_existing(song)
-        _write(outputs, song, checkpoint, path, console)
+        _write(outputs, prepare_song(options, checkpoint.contract.policy_dt, console), checkpoint, path, console)
         return 0
     if task == "locomotion" and has_source:
         option = "--motion" if options.motion is not None else "--dataset"
@@ -74,7 +70,9 @@ def prepare(options: PrepareOptions) -> int:
     skeleton = Skeleton(description)
     source = _read(options, checkpoint, skeleton, console)
     if options.velocities == "positions":
-        source = _without_velocities(source)
+        if source.joint_position is None:
+            raise InputError(f"--velocities: is positions, but {source.source} holds no joint positions")
+        source = replace(source, joint_velocity=None)
     report = _make(options, checkpoint, skeleton, source)
     # The same check as `play` makes: terms, widths, bodies and rate.
     checkpoint.following(report.motion, source.source)
@@ -166,27 +164,11 @@ def _read_path(options: PrepareOptions, path: Path, roles: dict[str, str], skele
     return read_npz(path)
 
 
-def _without_velocities(source: SourceMotion) -> SourceMotion:
-    if source.joint_position is None:
-        raise InputError(f"--velocities: is positions, but {source.source} holds no joint positions")
-    return replace(source, joint_velocity=None)
-
-
 def _make(options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, source: SourceMotion) -> MotionReport:
     """Check, resample and convert."""
     contract = checkpoint.contract
     tolerance = Tolerance(options.tolerance, math.radians(options.angle_tolerance))
-    conventions = choose_conventions(
-        source,
-        contract,
-        skeleton,
-        joint_order=options.joint_order,
-        body_order=options.body_order,
-        quaternions=options.quaternions,
-        conjugate=options.conjugate,
-        angle_unit=options.angle_unit,
-        length_unit=options.length_unit,
-    )
+    conventions = choose_conventions(source, contract, skeleton, options)
     found = accept(source, conventions, contract, skeleton, tolerance)
     same_rate = has_rate(source.fps, contract.policy_dt)
     if not same_rate and not options.resample:
@@ -195,7 +177,7 @@ def _make(options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, s
             "steps; add --resample to interpolate"
         )
     named = found.motion if same_rate else resample(found.motion, contract.policy_dt)
-    motion, origin = convert(source.source, named, contract, skeleton)
+    motion, origin = convert(named, contract, skeleton)
     return MotionReport(source, checkpoint.source, conventions, tolerance, found, motion, origin, not same_rate)
 
 

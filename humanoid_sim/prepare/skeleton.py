@@ -20,11 +20,7 @@ class Skeleton:
     """Names and geometry of a robot's bodies, in MJCF order, from the base on. One instance per thread."""
 
     def __init__(self, description: RobotDescription) -> None:
-        """Build the model.
-
-        Raises:
-            InputError: if the robot's MJCF cannot be read.
-        """
+        """Build the model."""
         model = build_model(description, scene=False)
         base = base_body(model, description)
         data = mujoco.MjData(model)

@@ -14,7 +14,6 @@ from humanoid_sim.assets import song_path
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.motion import Motion, motion_bytes
 from humanoid_sim.policy.song import (
-    KEY_COUNT,
     Note,
     Song,
     goals,
@@ -28,6 +27,7 @@ from humanoid_sim.policy.song import (
 from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.outputs import Content
 from humanoid_sim.rendering.piano_roll import draw_piano_roll
+from humanoid_sim.robots.piano import KEY_COUNT
 
 SONG_RATE = 50.0
 """Hz of the goals where neither a policy nor the user gives a rate."""
@@ -39,12 +39,7 @@ def prepare_song(options: PrepareOptions, policy_dt: float, console: Console) ->
     """Return the files of a song: its goals, a report, and a piano roll.
 
     Args:
-        options: of `prepare`, with a song.
         policy_dt: s between two rows of goals.
-        console: where it says what was left out.
-
-    Raises:
-        InputError: the song cannot be read, or nothing of it can be played.
     """
     assert options.song is not None
     path = song_path(options.song)
@@ -54,10 +49,10 @@ def prepare_song(options: PrepareOptions, policy_dt: float, console: Console) ->
     lowest, highest = _range(options.keys)
     song, dropped = thin_out(transpose(whole, options.transpose), range(lowest, highest + 1), options.voices)
     if not song.notes:
-        lines = _span(transpose(whole, options.transpose))
+        keys = [note.key + options.transpose for note in whole.notes]
         raise InputError(
             f"{path}: none of its {len(whole.notes)} notes is between {key_name(lowest)} and {key_name(highest)}; "
-            f"they are between {lines}: try --transpose"
+            f"they are between {key_name(min(keys))} and {key_name(max(keys))}: try --transpose"
         )
     song = with_lead_in(song, options.lead_in)
     table = goals(song, policy_dt)
@@ -100,11 +95,6 @@ def _range(text: str | None) -> tuple[int, int]:
     if low is None or high is None or low > high:
         raise InputError(f"--keys: is '{text}', expected the lowest and the highest key of A0 to C8, such as C3-C6")
     return low, high
-
-
-def _span(song: Song) -> str:
-    keys = [note.key for note in song.notes]
-    return f"{key_name(min(keys))} and {key_name(max(keys))}"
 
 
 def _counted(notes: list[Note]) -> dict[str, int]:

@@ -13,10 +13,10 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 
 _UNIT = 0.02
-"""How far a quaternion's norm may be from 1: float32 and interpolation leave much less."""
+"""Largest distance of a quaternion's norm from 1: float32 and interpolation leave much less."""
 _ARRAYS = ("joint_position", "joint_velocity", "base_position", "base_quaternion", "body_position", "body_quaternion")
 _JOINT_SUFFIXES = ("", ".pos", ".position", "_pos", "_dof")
-"""What exporters append to a joint's name."""
+"""Suffixes that exporters append to a joint's name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +24,7 @@ class SourceMotion:
     """One episode of F frames. What the source does not hold is None."""
 
     source: str
-    """What to call it in messages."""
+    """Name for messages."""
     kind: str
     """Format, for the report."""
     fps: float
@@ -34,7 +34,7 @@ class SourceMotion:
     joint_velocity: FloatArray | None = None
     """Shape (F, n), rad/s."""
     joint_names: tuple[str, ...] | None = None
-    """As the source names them."""
+    """As the source names them; None where it does not."""
     base_position: FloatArray | None = None
     """Shape (F, 3), m, world frame, of the robot's base body."""
     base_quaternion: FloatArray | None = None
@@ -43,12 +43,13 @@ class SourceMotion:
     """Shape (F, B, 3), m, in `frame`."""
     body_quaternion: FloatArray | None = None
     """Shape (F, B, 4), in the order `quaternion_order`."""
-    body_names: tuple[str, ...] | None = None
+    body_names: tuple[str, ...] = ()
+    """As the source names them; empty where it does not."""
     frame: Literal["world", "base"] = "world"
     """Frame of the bodies' poses: the world's, or that of the robot's base body."""
     quaternion_order: QuaternionOrder = "wxyz"
     quaternion_order_source: str = "assumed by format"
-    """Where it comes from, for the report."""
+    """Origin of that, for the report."""
 
     def __post_init__(self) -> None:
         for name, array in self.arrays().items():
@@ -92,7 +93,7 @@ class SourceMotion:
             kind, count = what.partition(" ")[0], position.shape[1]
             if other is not None and other.shape[1] != count:
                 raise InputError(f"{self.source}: has {count} {kind} positions and {other.shape[1]} {what} per frame")
-            if names is None:
+            if not names:
                 continue
             name = f"{kind}_names"
             if len(names) != count:

@@ -27,7 +27,7 @@ _LEAST_SPEED = 0.02
 _NOISE = 0.1
 """rad/s, root mean square: what sensors report of a joint that does not move stays below it."""
 _ZERO = 0.01
-"""Of the derivative: velocities this small are none."""
+"""Share of the derivative: velocities this small are none."""
 _RATIO = 0.15
 """Relative error that all joints' velocities have alike: rates of 25, 30, 50, 60 and 120 are farther apart, and sensor
 noise shifts it less."""
@@ -48,7 +48,7 @@ _SHOWN = 4
 
 @dataclass(frozen=True, slots=True)
 class RateCheck:
-    """What the joint velocities say about the frame rate."""
+    """Frame rate that the joint velocities show."""
 
     fps: float
     """Frames per second for which the velocities fit the positions best."""
@@ -66,7 +66,7 @@ class VelocityCheck:
     correlation: float
     """Between the two; 0 if there are no velocities to compare."""
     fault: str
-    """What the velocities are instead; empty if nothing is wrong with them."""
+    """Description of what the velocities are instead; empty if nothing is wrong with them."""
 
 
 def check_rate(position: FloatArray, velocity: FloatArray, fps: float) -> RateCheck | None:
@@ -117,7 +117,7 @@ def _check(joint: str, rates: list[FloatArray], velocity: FloatArray, fps: float
     if _is_unlike(rate, velocity, fps):
         fault = "unlike the derivative of the positions"
     elif abs(correlation) >= _CLEAR and not least < ratio < most:
-        fault = _ratio_in_words(ratio, fps)
+        fault = _unit(ratio, fps) or f"{ratio:.2g} times the derivative of the positions"
     return VelocityCheck(joint, ratio, correlation, fault)
 
 
@@ -168,10 +168,6 @@ def _unit(ratio: float, fps: float) -> str:
         1.0 / fps: "per frame, not per second",
     }
     return next((words for value, words in units.items() if abs(ratio / value - 1.0) < _NAMED), "")
-
-
-def _ratio_in_words(ratio: float, fps: float) -> str:
-    return _unit(ratio, fps) or f"{ratio:.2g} times the derivative of the positions"
 
 
 def _derivatives(position: FloatArray, fps: float) -> list[FloatArray]:

@@ -35,7 +35,6 @@ def fetch_checkpoint(run_path: str, name: str | None, *, timeout: float) -> tupl
     artifact with such a file. A file that is in the cache with the right digest is not fetched again.
 
     Args:
-        run_path: entity/project/run.
         name: of the file in the run; None for the newest.
         timeout: s without an answer about the run and its files after which to give up.
 
@@ -70,12 +69,7 @@ class _UnreachableError(Exception):
 
 
 def _within(timeout: float, function: Callable[[], T]) -> T:
-    """Return the result of a call that may hang, made in a thread that ends with the process.
-
-    Raises:
-        InputError: if the service answers with an error.
-        _UnreachableError: if there is no answer.
-    """
+    """Return the result of a call that may hang, made in a thread that ends with the process."""
     answer: Future[T] = Future()
 
     def call() -> None:

@@ -12,7 +12,7 @@ import msgspec
 
 from humanoid_sim.bounds import JSON_BYTES
 from humanoid_sim.errors import InputError, known_names, reason_of
-from humanoid_sim.evaluation.definitions import differing
+from humanoid_sim.evaluation.failure import differing
 from humanoid_sim.files import regular_file
 from humanoid_sim.regress.metrics import has_metric
 from humanoid_sim.regress.options import RegressConfig

@@ -141,7 +141,7 @@ class PolicyRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     margins: tuple[Margin, ...] = ()
     """Empty without `--margins`."""
     definitions: Mapping[str, str] = {}
-    """Meanings of its figures, as `humanoid_sim.evaluation.definitions` had it: only equals are compared."""
+    """Meanings of its figures, as `humanoid_sim.evaluation.failure` had it: only equals are compared."""
     batching: str = ""
     """Batching of inference: `in batches`, or `row by row: …` and why not."""
     versions: Mapping[str, str] = {}

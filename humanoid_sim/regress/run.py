@@ -18,7 +18,7 @@ from rich.console import Console
 from humanoid_sim import __version__
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.definitions import DEFINITIONS
+from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.files import whole_file
 from humanoid_sim.regress.compare import FEW_SEEDS, detectable_changes, fewest_seeds, judge
 from humanoid_sim.regress.executors import LOCAL, Executor, RayExecutor, local_executor

@@ -1,4 +1,4 @@
-"""What a model looks like: colours for a robot that has only one, and how much of it a camera has to take in."""
+"""Looks of a model: colours for a robot that has only one, and how much of it a camera has to take in."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ import numpy as np
 
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.piano import key_joint_names
-
-__all__ = ["keyboard_box", "robot_box", "tint_limbs"]
 
 _SAME = 0.08
 """Two colours that differ by less, in any channel, are one."""

@@ -1,4 +1,4 @@
-"""How to draw on this machine: which OpenGL, if any.
+"""Choice of the OpenGL to draw with on this machine, if any.
 
 Nothing here, nor anything in this package, needs `MUJOCO_GL` to be set before MuJoCo is imported: a context is made
 from `mujoco.osmesa`, `mujoco.egl` or `mujoco.glfw` directly, when the first picture is drawn.
@@ -19,18 +19,13 @@ from humanoid_sim.errors import InputError
 
 OpenGL = Literal["glfw", "osmesa", "egl", "none"]
 
+_WINDOW: OpenGL = "glfw"
+_NOTHING: OpenGL = "none"
 _REQUESTS: Mapping[str, OpenGL] = {
-    "glfw": "glfw",
-    "glx": "glfw",
-    "cgl": "glfw",
-    "wgl": "glfw",
+    **dict.fromkeys(("glfw", "glx", "cgl", "wgl"), _WINDOW),
     "osmesa": "osmesa",
     "egl": "egl",
-    "disable": "none",
-    "disabled": "none",
-    "off": "none",
-    "false": "none",
-    "0": "none",
+    **dict.fromkeys(("disable", "disabled", "off", "false", "0"), _NOTHING),
 }
 _NO_REQUEST = ("", "enable", "enabled", "on", "true", "1")
 
@@ -39,7 +34,7 @@ _EGL_PROBE = "from mujoco.egl import GLContext; GLContext(16, 16).make_current()
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Which OpenGL to draw with, and why."""
+    """OpenGL to draw with, and the reason."""
 
     opengl: OpenGL
     """`none`: the software painter."""
@@ -78,9 +73,6 @@ def choose_backend(
 
     Everything that the answer depends on can be given: `environ` (default: the process's), the platform, the search
     for a shared library, and the trial of EGL.
-
-    Raises:
-        InputError: if `MUJOCO_GL` has a value that MuJoCo does not know; it would fail at import.
     """
     environ = os.environ if environ is None else environ
     request = check_environment(environ)

@@ -25,7 +25,7 @@ _TEXT, _FAINT = (244, 246, 248), (176, 184, 194)
 
 @dataclass(frozen=True, slots=True)
 class Caption:
-    """What the strip says."""
+    """Text of the strip."""
 
     time: float
     """s"""

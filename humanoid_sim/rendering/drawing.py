@@ -20,7 +20,7 @@ from itertools import chain
 from pathlib import Path
 from threading import Thread
 from time import sleep
-from typing import IO, cast
+from typing import cast
 
 import av
 import mujoco
@@ -37,12 +37,9 @@ from humanoid_sim.rendering.piano_roll import HIT, MISSED, WRONG, rgb
 from humanoid_sim.rendering.piano_sound import RATE, PianoSound, Samples, Stroke, write_wav
 from humanoid_sim.robots.piano import KEY_COUNT, key_joint_names
 
-__all__ = ["Following", "Job", "KeyLights", "Moment", "draw_video"]
-
-
 _H264 = ("libx264", "libopenh264")
 _AAC, _AAC_BITS = "aac", 128_000
-"""What every browser plays beside H.264, and bits per second."""
+"""Sound that every browser plays with H.264, and bits per second."""
 _LOOK_PERIOD = 0.2
 """s between two looks at whether the process that wants the video is there."""
 _NICENESS = 5
@@ -51,13 +48,12 @@ _NICENESS = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """What to draw, and where to."""
+    """Video to draw, and its file."""
 
     path: str
     model: mujoco.MjModel
     size: tuple[int, int]
     """Width and height in pixels."""
-    camera: str | None
     fps: Fraction
     ghost: ReferenceGhost | None = None
     wav: str = ""
@@ -85,11 +81,11 @@ class Moment:
     """Shape (nq,)."""
     caption: Caption
     frame: int | None = None
-    """Of the reference, while a policy follows it."""
+    """Index of the reference's frame, while a policy follows it."""
     anchor: FloatArray | None = None
     """Pose (7,), m and w x y z, of the anchor body when the policy was shown frame 0; None where there is none."""
     strokes: tuple[Stroke, ...] = ()
-    """Of a piano's keys since the moment before, at their times as `time`."""
+    """Strokes of a piano's keys since the moment before, at their times as `time`."""
     following: Following | None = None
     """Reference of a policy that was loaded since the moment before; None for the same as before."""
 
@@ -101,13 +97,12 @@ def draw_video(job: Job, moments: Iterator[Moment], progress: Callable[[int], No
         What drew it, and whether the sound is in a file of its own.
 
     Raises:
-        InputError: the model has no such camera.
         av.FFmpegError: the file cannot be written.
     """
     first = next(moments)
     codec = next(name for name in _H264 if name in av.codecs_available)
     with (
-        closing(PoseRenderer(lambda: job.model, *job.size, job.camera, fastest=True)) as pictures,
+        closing(PoseRenderer(lambda: job.model, *job.size, fastest=True)) as pictures,
         av.open(job.path, "w", format="mp4", options={"movflags": "+faststart"}) as container,
     ):
         stream = cast(
@@ -183,11 +178,6 @@ def _picture(job: Job, pictures: PoseRenderer, moment: Moment) -> npt.NDArray[np
     return draw_caption(pictures.draw(moment.qpos, ghost), moment.caption)
 
 
-def _moments(source: IO[bytes]) -> Iterator[Moment]:
-    while (item := pickle.load(source)) is not None:
-        yield item
-
-
 def _end_with(parent: int, path: str) -> None:
     """End this process, and leave no file, within a moment of the end of `parent`: there may be minutes to draw."""
     while os.getppid() == parent:
@@ -208,9 +198,10 @@ def main(parent: int) -> int:
             print(json.dumps(answer), file=output)
 
     job: Job = pickle.load(sys.stdin.buffer)
+    moments: Iterator[Moment] = iter(lambda: pickle.load(sys.stdin.buffer), None)
     Thread(target=_end_with, args=(parent, job.path), name="parent", daemon=True).start()
     try:
-        backend, is_beside = draw_video(job, _moments(sys.stdin.buffer), lambda count: tell(frames=count))
+        backend, is_beside = draw_video(job, moments, lambda count: tell(frames=count))
     except EOFError:  # who wanted it is gone
         with suppress(OSError):
             os.unlink(job.path)

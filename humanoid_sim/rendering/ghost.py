@@ -36,12 +36,11 @@ def commanded_pose(command: MITCommand, qpos: FloatArray, addresses: JointAddres
 
 
 class ShownReference:
-    """Which frame of its motion a run's policy is shown, and where the motion is laid onto the robot, tick by tick."""
+    """Frame of its motion that a run's policy is shown, and where the motion is laid onto the robot, tick by tick."""
 
     def __init__(self) -> None:
-        """Nothing is shown."""
         self.frame: int | None = None
-        """Of the latest policy step; None where the policy does not drive the robot."""
+        """Frame of the latest policy step; None where the policy does not drive the robot."""
         self.anchor: FloatArray | None = None
         """Shape (7,), m and w x y z, world frame: the anchor body's pose at frame 0, where the motion begins."""
 
@@ -61,12 +60,12 @@ class ReferenceGhost:
 
     description: RobotDescription
     joint_names: tuple[str, ...]
-    """Of the policy."""
+    """Joints of the policy."""
     body_names: tuple[str, ...]
-    """That the motion moves."""
+    """Bodies that the motion moves."""
     anchor_body: str
     is_aligned: bool
-    """Whether the motion is laid onto the robot."""
+    """True if the motion is laid onto the robot."""
     reference: MotionReference
     _kinematics: InverseKinematics | None = field(default=None, init=False)
     _last: tuple[int, FloatArray] | None = field(default=None, init=False)
@@ -94,9 +93,7 @@ class ReferenceGhost:
         """Return the ghost at a frame, shape (nq,).
 
         Args:
-            model: of the robot.
             qpos: shape (nq,), the robot's own pose, for whatever the motion does not say.
-            frame: of the reference.
         """
         ghost = qpos.copy()
         addresses = joint_addresses(model, self.description.joint_names)

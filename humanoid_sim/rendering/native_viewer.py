@@ -106,7 +106,6 @@ def open_window(model: mujoco.MjModel, data: mujoco.MjData, *, sliders: bool = F
     """MuJoCo's window (`mujoco.viewer.launch_passive`), seen by the camera that videos have.
 
     Args:
-        model: shown.
         data: shown, with its pose computed.
         sliders: whether its panel is open, which has a slider for each joint.
     """

@@ -51,9 +51,6 @@ def make_renderer(
 
     The model's visual settings are adapted: its off-screen buffer to the picture, its quality to OSMesa's speed. The
     arguments are those of `PoseRenderer`.
-
-    Raises:
-        InputError: if the model has no such camera.
     """
     view = make_camera(model, camera, width / height)
     plain = tint_limbs(model)
@@ -84,7 +81,7 @@ class PoseRenderer:
     """
 
     backend = ""
-    """What draws, and why; empty before the first picture."""
+    """Name of what draws, and the reason; empty before the first picture."""
 
     def __init__(
         self,
@@ -103,9 +100,6 @@ class PoseRenderer:
         """Draw a pose (nq,), shape (height, width, 3), RGB; the last finite one, if this is not finite.
 
         `ghost`, shape (nq,), is a second pose, which the robot is shown to differ from.
-
-        Raises:
-            InputError: the model has no such camera.
         """
         if self._renderer is None:
             self._model = self._model_factory()
@@ -132,8 +126,6 @@ class PoseRenderer:
         )
         key = opengl.backend, width, height, self._model.ngeom
         if key not in _costs:
-            for renderer in (opengl, painter):
-                renderer.render(self._data)  # what is made once
             costs = [(_cost(opengl, self._data), _cost(painter, self._data)) for _ in range(_TRIALS)]
             _costs[key] = min(cost for cost, _ in costs), min(cost for _, cost in costs)
         cost, its_cost = _costs[key]
@@ -153,7 +145,7 @@ class PoseRenderer:
 
 
 def _cost(renderer: _OpenGLRenderer | Painter, data: mujoco.MjData) -> float:
-    """S for one picture."""
+    """Time for one picture, s."""
     renderer.render(data)  # what is made once
     begin = perf_counter()
     renderer.render(data)
@@ -165,9 +157,6 @@ def make_camera(model: mujoco.MjModel, name: str | None = None, aspect: float = 
 
     `aspect` is the picture's width over its height. A model in which nothing has a joint is framed as its
     `<statistic center= extent=>` says. A robot with a floating base is followed; one at a piano is seen from above.
-
-    Raises:
-        InputError: if the model has no camera `name`.
     """
     camera = mujoco.MjvCamera()
     if name is not None:

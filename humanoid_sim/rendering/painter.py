@@ -23,6 +23,8 @@ _SUN = np.array([0.42, 0.35, 0.84])
 _AMBIENT, _KEY, _HEADLIGHT = 0.36, 0.46, 0.26
 _SHADOW, _SHADOW_OPACITY = (51, 59, 71), 110
 _SHADOW_SIDES = 16
+_SUPERSAMPLING = 2
+"""Pixels that are drawn for each of the picture, in each direction."""
 _TILE = 0.25
 """m, side of the squares on the ground."""
 _CELLS = 90
@@ -53,22 +55,15 @@ class Painter:
         height: int,
         camera: mujoco.MjvCamera,
         *,
-        supersampling: int = 2,
         outlined: bool = False,
     ) -> None:
         """Prepare.
 
         Args:
-            model: to draw.
-            width: pixels.
-            height: pixels.
-            camera: where from.
-            supersampling: this many pixels are drawn for each of the picture, in each direction.
             outlined: whether geoms are set off from each other by a dark line.
         """
         self._model, self._camera = model, camera
-        self._supersampling = supersampling
-        self._width, self._height = width * supersampling, height * supersampling
+        self._width, self._height = width * _SUPERSAMPLING, height * _SUPERSAMPLING
         self._option = mujoco.MjvOption()
         self._scene, self._ghost_scene = mujoco.MjvScene(model, 2000), mujoco.MjvScene(model, 2000)
         self._meshes: dict[tuple[Any, ...], Mesh | None] = {}
@@ -80,7 +75,6 @@ class Painter:
         """Return the picture of the poses in `data`, shape (height, width, 3), RGB. What is not finite is not drawn.
 
         Args:
-            data: of the model.
             ghost: another pose of the model, shown through it in one colour, as far as its bodies can move.
         """
         geoms = self._seen(data, self._scene)
@@ -95,9 +89,9 @@ class Painter:
         spectre = None
         if ghost is not None:
             spectre = self._place(self._departed(geoms, self._seen(ghost, self._ghost_scene)))[:2]
-        part = _extent(view, world if spectre is None else np.concatenate([world, spectre[1]]), self._supersampling)
+        part = _extent(view, world if spectre is None else np.concatenate([world, spectre[1]]))
         near, depth = view.crop(*part), ground.depth.crop(*part)
-        left, top, right, bottom = (side // self._supersampling for side in part)
+        left, top, right, bottom = (side // _SUPERSAMPLING for side in part)
         picture = np.array(
             image.crop((left, top, right, bottom)).resize((near.width, near.height), Image.Resampling.NEAREST)
         )
@@ -109,7 +103,7 @@ class Painter:
             _outline(picture, owner[np.maximum(depth.numbers() - first + 1, 0)])
         if spectre is not None:
             self._haunt(picture, near, depth, *spectre)
-        image.paste(Image.fromarray(picture).reduce(self._supersampling), (left, top))
+        image.paste(Image.fromarray(picture).reduce(_SUPERSAMPLING), (left, top))
         return np.asarray(image)
 
     def _seen(self, data: mujoco.MjData, scene: mujoco.MjvScene) -> list[Any]:
@@ -172,13 +166,13 @@ class Painter:
         key = b"".join(part.tobytes() for part in parts)
         if self._ground is None or self._ground[0] != key:
             reach = 2.0 * float(np.linalg.norm(self._camera.lookat - view.eye) or self._model.stat.extent)
-            self._ground = key, _Ground(self._model, view, planes, reach, self._supersampling)
+            self._ground = key, _Ground(self._model, view, planes, reach)
         return self._ground[1]
 
 
-def _extent(view: View, world: FloatArray, step: int) -> tuple[int, int, int, int]:
-    """Left, top, right and bottom pixel of the part of the picture that points (V, 3) can cover, in `step`s."""
-    size = np.array([view.width, view.height])
+def _extent(view: View, world: FloatArray) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom pixel of the part of the picture that points (V, 3) can cover."""
+    size, step = np.array([view.width, view.height]), _SUPERSAMPLING
     seen = view.to_camera(world)
     if not len(seen) or (seen[:, 2] <= view.near).any():
         return 0, 0, view.width, view.height
@@ -214,7 +208,7 @@ class _Solids:
 class _Ground:
     """Sky and planes: their picture and (mode L) how clearly shadows show on it, both in final size; their depth."""
 
-    def __init__(self, model: mujoco.MjModel, view: View, planes: list[Any], reach: float, supersampling: int) -> None:
+    def __init__(self, model: mujoco.MjModel, view: View, planes: list[Any], reach: float) -> None:
         horizon = view.height / 2 - view.focal * np.tan(np.arcsin(np.clip(-view.axes[2, 2], -1.0, 1.0)))
         rows = np.clip(np.arange(view.height) / max(horizon, 1.0), 0.0, 1.0)[:, None]
         column = (255 * (_SKY + (_HORIZON - _SKY) * rows)).astype(np.uint8)
@@ -227,8 +221,8 @@ class _Ground:
             before = self.depth.copy()
             self.depth.draw(faces, colours[shade > 0.0], picture)
             before.draw(faces, np.repeat(strength[shade > 0.0, None], 3, axis=1), lit)
-        self.image = Image.fromarray(picture).reduce(supersampling)
-        self.lit = Image.fromarray(lit[..., 0]).reduce(supersampling)
+        self.image = Image.fromarray(picture).reduce(_SUPERSAMPLING)
+        self.lit = Image.fromarray(lit[..., 0]).reduce(_SUPERSAMPLING)
 
 
 def _sun(scene: mujoco.MjvScene) -> FloatArray:

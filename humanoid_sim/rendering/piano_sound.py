@@ -1,4 +1,4 @@
-"""What a piano's keys sound like: additive synthesis, note by note, of the keys that are down."""
+"""Sound of a piano's keys: additive synthesis, note by note, of the keys that are down."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.mit import FloatArray
-
-__all__ = ["RATE", "PianoSound", "Stroke", "frequency", "strokes_between", "write_wav"]
 
 RATE = 44_100
 """Samples per second."""
@@ -63,7 +61,6 @@ class PianoSound:
     """Sound of strokes as they come, without end: what was asked for once is not kept."""
 
     def __init__(self) -> None:
-        """Silence."""
         self._next = 0
         self._notes: list[_Note] = []
 

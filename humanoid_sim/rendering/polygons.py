@@ -40,8 +40,6 @@ def tessellate(
     """Polygons of one geom; None for what has no surface of its own here (planes, height fields, lines).
 
     Args:
-        model: holds the meshes.
-        kind: `mujoco.mjtGeom`.
         size: m, three numbers as in `mujoco.MjvGeom.size`: radius, radius, half length; or half extents.
         mesh: index of the mesh asset, for mesh geoms.
         cell: m, about the longest side of a polygon. A painter sorts polygons by the distance of their centres, which
@@ -170,7 +168,8 @@ class DepthBuffer:
         self._view = view
         # The bits of a positive float32 sort as an integer: inverse depth above, number of the polygon below.
         self._nearest = np.zeros(view.width * view.height, dtype=np.int64)
-        self._count = 0
+        self.count = 0
+        """Polygons drawn so far."""
 
     def copy(self) -> DepthBuffer:
         """Return a buffer of its own, with what was drawn so far."""
@@ -180,14 +179,9 @@ class DepthBuffer:
         """Return a buffer of its own for a part of the picture, with what was drawn there so far."""
         whole = self._nearest.reshape(self._view.height, self._view.width)
         other = DepthBuffer.__new__(DepthBuffer)
-        other._view, other._count = self._view.crop(left, top, right, bottom), self._count
+        other._view, other.count = self._view.crop(left, top, right, bottom), self.count
         other._nearest = whole[top:bottom, left:right].flatten()
         return other
-
-    @property
-    def count(self) -> int:
-        """Polygons drawn so far."""
-        return self._count
 
     def numbers(self) -> npt.NDArray[np.int64]:
         """For each pixel, shape (height, width), the number of the polygon that is seen: they are counted from 0."""
@@ -206,11 +200,11 @@ class DepthBuffer:
         pieces = [(index, piece) for index in cut for piece in _clip(faces[index], self._view.near)]
         faces = np.concatenate([faces[whole], *(piece[None] for _, piece in pieces)])
         colours = np.concatenate([colours[whole], colours[[index for index, _ in pieces]]])
-        pixel, bits = self._insert(faces, self._count)
+        pixel, bits = self._insert(faces, self.count)
         won = self._nearest[pixel] == bits
         shades = (255 * np.clip(colours, 0.0, 1.0)).astype(np.uint8)
-        picture.reshape(-1, 3)[pixel[won]] = shades[(bits[won] & 0xFFFFFFFF) - self._count]
-        self._count += len(faces)
+        picture.reshape(-1, 3)[pixel[won]] = shades[(bits[won] & 0xFFFFFFFF) - self.count]
+        self.count += len(faces)
 
     def _insert(self, faces: FloatArray, first: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.int64]]:
         """Enter polygons, numbered from `first`; the pixels that they cover and what was entered for each."""

@@ -40,10 +40,6 @@ class RerunLog:
         """Write what does not change.
 
         Args:
-            library: of `rerun_module`.
-            stream: a `RecordingStream` of it.
-            header: of the run.
-            body: its robot's.
             action: the joints that its policy drives.
             period: s of the robot's time between two poses.
         """

@@ -1,4 +1,4 @@
-"""Pictures of a run in files: a snapshot, and a video that a process beside the run draws."""
+"""Pictures of a run in files: a snapshot, and a video that a process beside the run draws, with how far that is."""
 
 from __future__ import annotations
 
@@ -11,21 +11,24 @@ import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from time import monotonic
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
+from rich.console import Console
+from rich.progress import Progress
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED, FloatArray
-from humanoid_sim.rendering.caption import Caption, draw_caption
+from humanoid_sim.rendering.caption import Caption
 from humanoid_sim.rendering.drawing import Following, Job, Moment
 from humanoid_sim.rendering.ghost import ReferenceGhost, ShownReference
 from humanoid_sim.rendering.offscreen import PoseRenderer
@@ -45,18 +48,18 @@ _STOPPED_WITHIN = 5.0
 
 @dataclass(frozen=True, slots=True)
 class VideoReport:
-    """What became of a video."""
+    """Result of drawing a video."""
 
     path: Path
     frame_count: int
     duration: float
     """s from the first frame to the last."""
     backend: str
-    """What drew it, and why."""
+    """Name of what drew it, and the reason."""
     notice: str = ""
-    """What is not as it was asked for."""
+    """Deviation from what was asked for; empty if there is none."""
     sound: Path | None = None
-    """Of its sound, where this machine has no encoder to put it into the video."""
+    """File of its sound, where this machine has no encoder to put it into the video."""
 
 
 class VideoSink(Sink):
@@ -70,7 +73,6 @@ class VideoSink(Sink):
         model_factory: makes the model to draw; called once, on a thread of its own.
         fps: frames per second.
         size: width and height in pixels; even, as H.264 with 4:2:0 colour requires.
-        camera: a camera of the model; None looks at the robot from the front.
         max_frames: at 25 fps, 2.4 minutes at the full rate.
         ghost: the motion that a policy follows, drawn through the robot.
         goals: shape (F, 88), 1 where a piano's key should be down: its song.
@@ -86,7 +88,6 @@ class VideoSink(Sink):
         *,
         fps: int = 25,
         size: tuple[int, int] = (1280, 720),
-        camera: str | None = None,
         max_frames: int = 3600,
         ghost: ReferenceGhost | None = None,
         goals: npt.NDArray[np.floating] | None = None,
@@ -96,7 +97,7 @@ class VideoSink(Sink):
             raise InputError(f"video '{path}': frame rate is {fps}, accepted: 1 and more")
         if min(size) < 16 or any(side % 2 for side in size):
             raise InputError(f"video '{path}': size is {size[0]}x{size[1]}, accepted: even numbers from 16")
-        self._model_factory, self._size, self._camera, self._ghost = model_factory, size, camera, ghost
+        self._model_factory, self._size, self._ghost = model_factory, size, ghost
         self._goals = None if goals is None else np.asarray(goals) > 0.5
         self._fps = Fraction(fps)
         self._rate, self._thin_at, self._max_frames = Fraction(fps), max(2, max_frames), max(2, max_frames)
@@ -135,7 +136,7 @@ class VideoSink(Sink):
         shown, strokes = self._shown, tuple(self._strokes)
         self._strokes.clear()
         caption = Caption.of(record)
-        self._drawing.add(
+        self._drawing.items.put(
             Moment(self._clock, record.qpos, caption, shown.frame, shown.anchor, strokes, self._following)
         )
         shown.anchor = self._following = None  # said once
@@ -159,7 +160,8 @@ class VideoSink(Sink):
     @property
     def process_id(self) -> int | None:
         """Return the id of the process that draws, while there is one."""
-        return None if self._drawing is None else self._drawing.process_id
+        process = None if self._drawing is None else self._drawing.process
+        return None if process is None else process.pid
 
     def finish(self, progress: Callable[[int, int], None] | None = None) -> VideoReport:
         """Wait until the rest is drawn. An exception meanwhile, such as a `KeyboardInterrupt`, leaves no file.
@@ -168,7 +170,7 @@ class VideoSink(Sink):
             progress: called with the frames done and their total, after each.
 
         Raises:
-            InputError: there is nothing to show, the file cannot be written, or there is no such camera.
+            InputError: there is nothing to show, or the file cannot be written.
         """
         if self._drawing is None:
             raise InputError(f"video '{self.path}': nothing to show: no tick came from a simulated robot")
@@ -184,7 +186,7 @@ class VideoSink(Sink):
 
     def _job(self, path: str) -> Job:
         wav = "" if self._keys is None else str(self._wav)
-        return Job(path, self._model_factory(), self._size, self._camera, self._fps, self._ghost, wav, self._goals)
+        return Job(path, self._model_factory(), self._size, self._fps, self._ghost, wav, self._goals)
 
     @property
     def _wav(self) -> Path:
@@ -198,24 +200,17 @@ class _Drawing:
         self._path = path
         self._left = contextlib.ExitStack()
         self._file = self._left.enter_context(whole_file(path))
-        self._items: queue.SimpleQueue[Moment | None] = queue.SimpleQueue()
-        self._process: subprocess.Popen[bytes] | None = None
+        self.items: queue.SimpleQueue[Moment | None] = queue.SimpleQueue()
+        self.process: subprocess.Popen[bytes] | None = None
         self._done, self._backend, self._has_wav = 0, "", False
         self._error: Exception | None = None
         self._is_abandoned = False
         self._feeder = threading.Thread(target=self._feed, args=(job,), name="video", daemon=True)
         self._feeder.start()
 
-    @property
-    def process_id(self) -> int | None:
-        return None if self._process is None else self._process.pid
-
-    def add(self, moment: Moment) -> None:
-        self._items.put(moment)
-
     def finish(self, progress: Callable[[int], object]) -> tuple[str, bool]:
         """Wait for the process; what drew, and whether the sound is in a file of its own."""
-        self._items.put(None)
+        self.items.put(None)
         with self._left:  # the file takes its name, or vanishes with the exception
             try:
                 while self._feeder.is_alive():
@@ -230,9 +225,9 @@ class _Drawing:
 
     def abandon(self) -> None:
         self._is_abandoned = True
-        self._items.put(None)
-        if self._process is not None:
-            self._process.kill()
+        self.items.put(None)
+        if self.process is not None:
+            self.process.kill()
         self._feeder.join(_STOPPED_WITHIN)
 
     def _feed(self, job: Callable[[str], Job]) -> None:
@@ -243,32 +238,32 @@ class _Drawing:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 start_new_session=True,  # the terminal's Ctrl-C is for the run
-            ) as self._process:
+            ) as self.process:
                 listener = threading.Thread(target=self._listen, name="video's progress", daemon=True)
                 listener.start()
                 self._hand_over(work)
                 listener.join()
             if not self._backend and self._error is None:
-                raise InputError(f"{self._path}: the drawing process ended, status {self._process.returncode}")
+                raise InputError(f"{self._path}: the drawing process ended, status {self.process.returncode}")
         except Exception as error:  # told by `finish`
             self._error = error
 
     def _hand_over(self, work: bytes) -> None:
-        assert self._process is not None
-        assert self._process.stdin is not None
-        with contextlib.suppress(BrokenPipeError), self._process.stdin as pipe:  # it says why it ended
+        assert self.process is not None
+        assert self.process.stdin is not None
+        with contextlib.suppress(BrokenPipeError), self.process.stdin as pipe:  # it says why it ended
             pipe.write(work)
             while not self._is_abandoned:
-                item = self._items.get()
+                item = self.items.get()
                 pipe.write(pickle.dumps(item))
                 pipe.flush()
                 if item is None:
                     return
 
     def _listen(self) -> None:
-        assert self._process is not None
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
+        assert self.process is not None
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
             answer = json.loads(line)
             self._done = answer.get("frames", self._done)
             self._backend, self._has_wav = answer.get("backend", ""), answer.get("wav", False)
@@ -277,28 +272,54 @@ class _Drawing:
 
 
 def save_snapshot(
-    path: str | Path,
-    model: mujoco.MjModel,
-    qpos: FloatArray,
-    *,
-    size: tuple[int, int] = (1280, 960),
-    camera: str | None = None,
-    caption: Caption | None = None,
+    path: str | Path, model: mujoco.MjModel, qpos: FloatArray, *, size: tuple[int, int] = (1280, 960)
 ) -> str:
     """Write a PNG or JPEG of the model at `qpos`, shape (nq,), and return what drew it.
 
     A `qpos` that is not finite shows the model's reference pose.
-
-    Raises:
-        InputError: the file cannot be written, or there is no such camera.
     """
     path = output_file(path, "snapshot", *_SNAPSHOT_FORMATS)
-    pictures = PoseRenderer(lambda: model, *size, camera)
+    pictures = PoseRenderer(lambda: model, *size)
     try:
-        picture = pictures.draw(qpos)
-        image = Image.fromarray(picture if caption is None else draw_caption(picture, caption))
+        image = Image.fromarray(pictures.draw(qpos))
         with whole_file(path) as file:
             image.save(file, _SNAPSHOT_FORMATS[path.suffix.lower()])
     finally:
         pictures.close()
     return pictures.backend
+
+
+_LINE_EVERY = 10.0
+"""s between two lines where no terminal shows a bar."""
+
+
+def finish_video(video: VideoSink, console: Console, hint: str = "") -> VideoReport:
+    """Wait until a video is drawn, and show how far it is. An output that cannot be written spoils no video.
+
+    Args:
+        hint: what Ctrl-C does, for the reader.
+    """
+    with _shown(video, console, hint) as progress:
+        return video.finish(progress)
+
+
+@contextlib.contextmanager
+def _shown(video: VideoSink, console: Console, hint: str) -> Iterator[Callable[[int, int], None]]:
+    note = f" ({hint})" if hint else ""
+    if console.is_terminal:
+        with Progress(console=console, transient=True) as progress:
+            task = progress.add_task(f"drawing the video{note}", total=None)
+            yield lambda done, total: progress.update(task, completed=done, total=total)
+        return
+    with contextlib.suppress(OSError):
+        console.print(f"drawing the rest of {video.frame_count} frames of video{note} ...", markup=False)
+    told = monotonic()
+
+    def tell(done: int, total: int) -> None:
+        nonlocal told
+        if monotonic() - told >= _LINE_EVERY:
+            told = monotonic()
+            with contextlib.suppress(OSError):
+                console.print(f"{done} of {total} frames drawn", markup=False)
+
+    yield tell

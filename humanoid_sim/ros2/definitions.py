@@ -34,79 +34,64 @@ def _constants(codes: Iterable[tuple[str, int]]) -> str:
 
 
 _MODES = _constants((mode.name, mode) for mode in Mode)
+_INTENTS = _constants((f"INTENT_{intent.name}", code) for code, intent in enumerate(Intent))
 
-_DEFINITIONS = {
-    "builtin_interfaces/Time": """\
+_TEXT = f"""\
+MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
-""",
-    "rosgraph_msgs/Clock": """\
+MSG: rosgraph_msgs/Clock
 builtin_interfaces/Time clock
-""",
-    "std_msgs/Header": """\
+MSG: std_msgs/Header
 builtin_interfaces/Time stamp
 string frame_id
-""",
-    "std_msgs/MultiArrayDimension": """\
+MSG: std_msgs/MultiArrayDimension
 string label
 uint32 size
 uint32 stride
-""",
-    "std_msgs/MultiArrayLayout": """\
+MSG: std_msgs/MultiArrayLayout
 std_msgs/MultiArrayDimension[] dim
 uint32 data_offset
-""",
-    "std_msgs/Float32MultiArray": """\
+MSG: std_msgs/Float32MultiArray
 std_msgs/MultiArrayLayout layout
 float32[] data
-""",
-    "geometry_msgs/Quaternion": """\
+MSG: geometry_msgs/Quaternion
 float64 x
 float64 y
 float64 z
 float64 w
-""",
-    "geometry_msgs/Vector3": """\
+MSG: geometry_msgs/Vector3
 float64 x
 float64 y
 float64 z
-""",
-    "geometry_msgs/Point": """\
+MSG: geometry_msgs/Point
 float64 x
 float64 y
 float64 z
-""",
-    "geometry_msgs/Pose": """\
+MSG: geometry_msgs/Pose
 geometry_msgs/Point position
 geometry_msgs/Quaternion orientation
-""",
-    "geometry_msgs/PoseStamped": """\
+MSG: geometry_msgs/PoseStamped
 std_msgs/Header header
 geometry_msgs/Pose pose
-""",
-    "geometry_msgs/Transform": """\
+MSG: geometry_msgs/Transform
 geometry_msgs/Vector3 translation
 geometry_msgs/Quaternion rotation
-""",
-    "geometry_msgs/TransformStamped": """\
+MSG: geometry_msgs/TransformStamped
 std_msgs/Header header
 string child_frame_id
 geometry_msgs/Transform transform
-""",
-    "tf2_msgs/TFMessage": """\
+MSG: tf2_msgs/TFMessage
 geometry_msgs/TransformStamped[] transforms
-""",
-    "std_msgs/String": """\
+MSG: std_msgs/String
 string data
-""",
-    "sensor_msgs/JointState": """\
+MSG: sensor_msgs/JointState
 std_msgs/Header header
 string[] name
 float64[] position
 float64[] velocity
 float64[] effort
-""",
-    "sensor_msgs/Imu": """\
+MSG: sensor_msgs/Imu
 std_msgs/Header header
 geometry_msgs/Quaternion orientation
 float64[9] orientation_covariance
@@ -114,8 +99,7 @@ geometry_msgs/Vector3 angular_velocity
 float64[9] angular_velocity_covariance
 geometry_msgs/Vector3 linear_acceleration
 float64[9] linear_acceleration_covariance
-""",
-    "humanoid_control_msgs/MITCommand": """\
+MSG: humanoid_control_msgs/MITCommand
 std_msgs/Header header
 string[] joint_names
 float64[] position
@@ -123,23 +107,20 @@ float64[] velocity
 float64[] effort
 float64[] stiffness
 float64[] damping
-""",
-    "humanoid_control_msgs/ControlMode": f"""\
+MSG: humanoid_control_msgs/ControlMode
 std_msgs/Header header
 
 {_MODES}
 uint8 mode
 string controller_name
 string status_message
-""",
-    "humanoid_control_msgs/StandbyState": """\
+MSG: humanoid_control_msgs/StandbyState
 std_msgs/Header header
 uint32 current_segment
 uint32 total_segments
 float64 progress
 bool is_finished
-""",
-    "humanoid_control_msgs/SafetyStatus": f"""\
+MSG: humanoid_control_msgs/SafetyStatus
 std_msgs/Header header
 
 {_constants((level.name, level) for level in SafetyLevel)}
@@ -147,23 +128,20 @@ uint8 level
 string source
 uint32 flags
 string message
-""",
-    "humanoid_sim_msgs/Event": f"""\
+MSG: humanoid_sim_msgs/Event
 # Something that happened outside the ticks.
 {_constants((kind.name, kind) for kind in EventKind)}
 float64 time    # s, robot's clock
 string text
 uint8 kind
-""",
-    "humanoid_sim_msgs/Extern": """\
+MSG: humanoid_sim_msgs/Extern
 # A named live input that is no joint state.
 string name
 float64 arrival_time    # s, robot's clock
 float64 timeout         # s
 uint32[] shape
 float64[] value
-""",
-    "humanoid_sim_msgs/RemoteCommand": """\
+MSG: humanoid_sim_msgs/RemoteCommand
 # The latest accepted command from outside the control loop.
 float64 arrival_time    # s, robot's clock
 float64[] position
@@ -171,34 +149,29 @@ float64[] velocity
 float64[] effort
 float64[] stiffness
 float64[] damping
-""",
-    "humanoid_sim_msgs/Standby": """\
+MSG: humanoid_sim_msgs/Standby
 float64 progress
 uint32 current_segment
 uint32 total_segments
 bool is_finished
-""",
-    "humanoid_sim_msgs/PolicyStep": """\
+MSG: humanoid_sim_msgs/PolicyStep
 # One inference: what the policy saw, and its raw answer.
 int64 frame
 float32[] observation
 float32[] action
 uint32[] action_shape    # of a policy that works, its length; others are refused with their shape
-""",
-    "humanoid_sim_msgs/Safety": """\
+MSG: humanoid_sim_msgs/Safety
 uint32 flags
 uint8 level
 string source
 string message
-""",
-    "humanoid_sim_msgs/Fault": """\
+MSG: humanoid_sim_msgs/Fault
 # A controller that failed, and who took over.
 string controller
 string fallback
 string message
 bool is_bug
-""",
-    "humanoid_sim_msgs/ShadowStep": """\
+MSG: humanoid_sim_msgs/ShadowStep
 # What a policy that drives nothing saw and answered, and what it would have commanded. Nothing of it reached a motor.
 uint64 tick                   # index of the tick whose state it saw
 float64 time                  # s, robot's clock, of that state
@@ -211,11 +184,10 @@ float64[] command_effort      # Nm
 float64[] command_stiffness   # Nm/rad
 float64[] command_damping     # Nms/rad
 string fault                  # why there is no command; empty where there is one
-""",
-    "humanoid_sim_msgs/Tick": f"""\
+MSG: humanoid_sim_msgs/Tick
 # One tick of the control loop: everything it depended on and everything it decided, bit for bit.
 {_MODES}
-{_constants((f"INTENT_{intent.name}", code) for code, intent in enumerate(Intent))}
+{_INTENTS}
 uint64 index
 float64 time                                # s, robot's clock
 float64 duration                            # s of wall time
@@ -247,12 +219,10 @@ uint8[] intents
 humanoid_sim_msgs/Fault[] faults
 string[] refusals
 string[] policy_error                       # what the policy raised, or none
-""",
-}
+"""
+_DEFINITIONS = dict(re.findall(r"^MSG: (\S+)\n(.*?)(?=^MSG: |\Z)", _TEXT, re.MULTILINE | re.DOTALL))
 
 _TYPE = re.compile(r"^([a-z0-9_]+/[A-Za-z0-9]+)(\[\d*\])? ", re.MULTILINE)
-
-
 _FIELD = re.compile(r"^([A-Za-z0-9_/]+)(\[\d*\])? +([a-z][a-z0-9_]*) *(?:#.*)?$", re.MULTILINE)
 
 

@@ -29,7 +29,7 @@ _MESSAGE = struct.Struct("<HIQQ")
 _INDEX_HEAD, _INDEX_ENTRY = struct.Struct("<HI"), 16
 _FOOTER_SIZE = 20
 _RESUMPTION = re.compile(rb"\x06|\x0f\x04\0\0\0\0\0\0\0", re.DOTALL)
-"""How a chunk begins, or the end of the data section: where reading may go on behind damage."""
+"""Beginning of a chunk, or end of the data section: where reading may go on behind damage."""
 _OPCODES = frozenset(range(Opcode.HEADER, Opcode.DATA_END + 1)) | frozenset(range(0x80, 0x100))
 """Kinds of records: those of the format, and of private extensions."""
 _SCAN = 1 << 20
@@ -76,7 +76,6 @@ class McapStream:
         """Prepare to read.
 
         Args:
-            file: the file.
             past_damage: go on behind records that are not sound, with the next one that is. The schemas and channels
                 of a finished file are then given again from its index: the lost chunk may have held them.
         """
@@ -89,7 +88,7 @@ class McapStream:
         self.is_complete = False
         """Every record was sound, to the index of a finished file; known once iteration has ended."""
         self.damage = ""
-        """What is not sound, and at which byte; empty for a complete file."""
+        """Description of what is not sound, and at which byte; empty for a complete file."""
         self.damages: list[Damage] = []
         """The damage so far, place by place. A file that merely ends too early is cut, not damaged."""
 
@@ -243,7 +242,7 @@ _PARSERS: dict[int, Callable[[ReadDataStream], Any]] = {
 
 
 def _parse(opcode: int, body: bytes) -> Record | None:
-    """One record that is no chunk; None for a kind that does not matter here."""
+    """One record that is not a chunk; None for a kind that does not matter here."""
     if opcode == Opcode.MESSAGE:
         channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(body)
         return Message(channel_id, sequence, log_time, publish_time, body[_MESSAGE.size :])

@@ -58,10 +58,9 @@ class ChunkedWriter:
     """One file; its methods are those of the library's writer."""
 
     def __init__(self, file: Output) -> None:
-        """Write nothing yet."""
         self._file = file
         self._parts: list[bytes] = []
-        """Of the chunk."""
+        """Records of the chunk."""
         self._size = 0
         self._indices: dict[int, list[int]] = {}
         """By channel, the log time of each message and its place in the chunk, in turn."""

@@ -20,11 +20,9 @@ _STAMP = struct.Struct("<iI")
 _LAST_SECOND = 2**31 - 1
 """`builtin_interfaces/Time` counts seconds in 32 bits."""
 _UNKNOWN_COVARIANCE = bytes(9 * 8)
-"""What `sensor_msgs/Imu` defines to mean "unknown"."""
-
-
+"""Covariance that `sensor_msgs/Imu` defines to mean "unknown"."""
 _COUNT = struct.Struct("<I4x")
-"""Of an array of float64 that follows another: it stands on a multiple of 8, and so does the array."""
+"""Count of an array of float64 that follows another: it stands on a multiple of 8, and so does the array."""
 _NO_COUNT = bytes(4)
 _NO_VELOCITY_NO_EFFORT = bytes(8)
 
@@ -177,10 +175,10 @@ SESSION_FRAME = "humanoid_sim"
 """`frame_id` of a safety status that a session publishes: no session takes it for another program's."""
 
 
-def encode_safety_status(time_ns: int, status: SafetyStatus, frame: str = SESSION_FRAME) -> bytes:
+def encode_safety_status(time_ns: int, status: SafetyStatus) -> bytes:
     """`humanoid_control_msgs/msg/SafetyStatus`."""
     writer = _stamped(time_ns)
-    writer.string(frame)
+    writer.string(SESSION_FRAME)
     writer.pack("B", status.level)
     writer.string(status.source)
     writer.pack("I", status.flags)
@@ -193,7 +191,7 @@ class ForeignStatus(NamedTuple):
 
     frame: str
     level: int
-    """Of any version: a number of `SafetyLevel`, or beyond."""
+    """Number of `SafetyLevel`, of any version, or beyond."""
     source: str
     flags: int
     message: str

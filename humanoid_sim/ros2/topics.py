@@ -24,7 +24,7 @@ from humanoid_sim.ros2.definitions import (
 
 
 class Topic(NamedTuple):
-    """What is known of a topic beside its name. All are reliable."""
+    """Type and quality of service of a topic. All are reliable."""
 
     schema: str
     """The message type, such as `sensor_msgs/msg/Imu`."""
@@ -42,7 +42,7 @@ TF_TOPIC, TF_STATIC_TOPIC = "/tf", "/tf_static"
 CLOCK_TOPIC = "/clock"
 COMMAND_TOPIC = "/remote_policy_controller/command"
 STANDBY_TOPIC = "/standby_controller/state"
-"""Of the time when there was one pose; carries the state of either."""
+"""Topic of the time when there was one pose; carries the state of either."""
 STANDBY_TOPICS = ("/standby_controller_a/state", "/standby_controller_b/state")
 
 _LATCHED_STATE = Topic(STANDBY_STATE, 1, True)

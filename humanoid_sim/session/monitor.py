@@ -130,7 +130,7 @@ class RunMonitor(WorkerSink):
         observer, motion, time = self._observer, self.base, float(state.time)
         if observer is None or motion is None or has_run_away(state.joint_velocity):
             return
-        if not motion.is_released:
+        if motion.released is None:
             motion.release(time, observer.standing_height(qpos))
         turning = rotate(state.imu_quaternion, state.imu_angular_velocity)
         base = observer.moving(qpos, state.extern[BASE_LINEAR_VELOCITY].value, turning)

@@ -1,4 +1,4 @@
-"""What the command of each controller must look like, given its own settings, and what a violation raises."""
+"""Checks of each controller's command against its own settings, and what a violation raises."""
 
 from __future__ import annotations
 
@@ -38,7 +38,6 @@ def require(holds: bool, message: str, *values: object) -> None:
     """Raise a `SafetyViolationError` unless the property holds; unlike `assert`, under `python -O` too.
 
     Args:
-        holds: the property.
         message: with a `{}` for each of `values`: arrays are written out only when there is something to say.
         values: what the message shows.
     """
@@ -99,7 +98,6 @@ def check_damping(controller: object, command: MITCommand, before: MITCommand | 
 
     Args:
         controller: what is registered as `damping_controller`.
-        command: of this tick.
         before: of the previous tick, if DAMPING was in control then.
     """
     require(not command.stiffness.any(), "DAMPING commands a stiffness of {}, expected zeros", command.stiffness)
@@ -116,7 +114,6 @@ def check_standby(controller: object, command: MITCommand, before: MITCommand | 
 
     Args:
         controller: what is registered as `standby_controller_a` or `_b`.
-        command: of this tick.
         before: of the previous tick, if this controller was in control then.
     """
     if type(controller) is not StandbyController:
@@ -169,7 +166,6 @@ class RemoteWatch:
         """Take note of a tick in REMOTE.
 
         Args:
-            given: the tick's input.
             entered: this is the tick of the transition.
             elapsed: s since the previous tick.
         """

@@ -46,7 +46,7 @@ class _Stretch:
 
 
 class StackDriver(RuleBasedStateMachine):
-    """What takes a control stack through its modes on a healthy robot, for rules to build on; it has none itself."""
+    """Driver of a control stack through its modes on a healthy robot, for rules to build on; it has none itself."""
 
     period = 0.02
     """s of the robot's clock from one tick to the next."""
@@ -59,7 +59,7 @@ class StackDriver(RuleBasedStateMachine):
     healthy_ticks = 1000
     """The longest stretch of healthy ticks in one mode; each mode has one in a run."""
     properties_type: type[SafetyProperties] = SafetyProperties
-    """What watches the run."""
+    """Class of what watches the run."""
 
     def build(self, policy: ScriptedPolicy) -> Supervisor:
         """Make the stack under test, for every run. Whatever runs `policy` in LOCOMOTION is fuzzed with bad answers."""
@@ -102,7 +102,6 @@ class StackDriver(RuleBasedStateMachine):
         """One tick, run twice: the same bits must come out, and nothing that went in may change.
 
         Args:
-            given: the input.
             answer: how the policy behaves if it is asked: `well behaved`, or one of `misbehaviours`.
         """
         self.policy.answer = self.answers[answer]
@@ -150,7 +149,6 @@ class StackDriver(RuleBasedStateMachine):
         The mode stays, and no controller fails.
 
         Args:
-            ticks: how many.
             sends: a valid remote command arrives in each of them; else the last one grows old.
         """
         if sends:

@@ -26,10 +26,9 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.stack import build_supervisor
 from humanoid_sim.testing.checks import SafetyViolationError, check_complete, fingerprint, require
 from humanoid_sim.testing.healthy import healthy_externs, healthy_tick
-from humanoid_sim.testing.machine import StackMachine
+from humanoid_sim.testing.machine import SHRINK_SECONDS, StackMachine, shrinking_for
 from humanoid_sim.testing.policies import ScriptedPolicy
 from humanoid_sim.testing.properties import REMOTE
-from humanoid_sim.testing.shrinking import SHRINK_SECONDS, shrinking_for
 from humanoid_sim.testing.strategies import any_tick_inputs, clock_jumps, healthy_states
 
 DEFAULT_SETTINGS = settings(
@@ -90,7 +89,6 @@ def fuzz_stack(
     Args:
         build: gives the stack under test, new for every run. The policy that it is given behaves or misbehaves as the
             run has it; a stack that runs a policy of its own may leave it aside.
-        settings: of Hypothesis.
         healthy_ticks: in each mode; 0 leaves out whatever comes before the search.
         shrink_seconds: s, for which a shorter run is looked for.
 
@@ -146,8 +144,6 @@ def fuzz_controller(
     give the same bits, and nothing that it is given changes. On a healthy robot whose clock runs, it has no fault.
 
     Args:
-        controller: the one under test.
-        settings: of Hypothesis.
         healthy_ticks: of the longest healthy session; 0 for none.
         shrink_seconds: s, for which a shorter example is looked for.
 
@@ -224,17 +220,13 @@ _WAYS = (
     (Intent.LOAD_A, Intent.START_LOCOMOTION),
     (Intent.LOAD_A, Intent.START_REMOTE),
 )
-"""How an operator comes into each mode."""
+"""Intents by which an operator comes into each mode."""
 _SOURCES = ("can0", "can1", "simulator")
 _INTENTS_AT_ONCE = 3
 
 
 def every_mode_lasts(machine_type: type[StackMachine], ticks: int) -> None:
-    """Each mode on a healthy robot, for so many ticks: it stays, and no controller fails.
-
-    Raises:
-        SafetyViolationError: with the mode and the tick.
-    """
+    """Each mode on a healthy robot, for so many ticks: it stays, and no controller fails."""
     for machine, way in _modes(machine_type):
         try:
             machine.pass_time(ticks)
@@ -248,17 +240,15 @@ def every_report_and_intent(machine_type: type[StackMachine]) -> None:
     """In each mode every level and flag, from every one of up to three sources, and up to three intents in any order.
 
     Each is one tick on a healthy robot, from the same instant of the mode.
-
-    Raises:
-        SafetyViolationError: with the mode and the property that does not hold.
     """
     for machine, way in _modes(machine_type):
         machine.tick()
         state = healthy_tick(machine.robot.position, machine.time + machine.period, externs=machine.externs).state
         given = TickInput(state, remote=machine.remote)
         reports = (replace(given, safety=safety) for safety in _reports())
-        wanted = (replace(given, intents=intents) for intents in _intents())
-        for one in chain(reports, wanted):
+        wanted = (product(Intent, repeat=count) for count in range(1, _INTENTS_AT_ONCE + 1))
+        asked_for = (replace(given, intents=intents) for intents in chain.from_iterable(wanted))
+        for one in chain(reports, asked_for):
             try:
                 _try_out(machine, one)
             except AssertionError as error:
@@ -288,10 +278,6 @@ def _reports() -> Iterator[tuple[SafetyStatus, ...]]:
             report = SafetyStatus(level, flag, _SOURCES[speaker], "reported")
             well = [SafetyStatus(SafetyLevel.OK, SafetyFlag.NONE, source, "") for source in _SOURCES[:count]]
             yield (*well[:speaker], report, *well[speaker + 1 :])
-
-
-def _intents() -> Iterator[tuple[Intent, ...]]:
-    return chain.from_iterable(product(Intent, repeat=count) for count in range(1, _INTENTS_AT_ONCE + 1))
 
 
 def _try_out(machine: StackMachine, given: TickInput) -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
+from hypothesis.internal.conjecture import engine
+from hypothesis.reporting import current_reporter, with_reporter
 from hypothesis.stateful import precondition, rule
 from hypothesis.strategies import DataObject
 
@@ -19,7 +23,6 @@ from humanoid_sim.testing.drive import StackDriver
 from humanoid_sim.testing.healthy import healthy_externs
 from humanoid_sim.testing.policies import misbehaviours
 from humanoid_sim.testing.properties import RL
-from humanoid_sim.testing.shrinking import SHRINK_SECONDS, shrinking_for
 from humanoid_sim.testing.strategies import (
     any_externs,
     any_remote_commands,
@@ -32,6 +35,27 @@ from humanoid_sim.testing.strategies import (
     safety_statuses,
     valid_commands,
 )
+
+SHRINK_SECONDS = 30.0
+"""s, unless another time is given."""
+
+
+@contextmanager
+def shrinking_for(seconds: float) -> Iterator[None]:
+    """Let Hypothesis shrink for so long; it takes no such setting, and says "five minutes" when its time is up."""
+    before, report = engine.MAX_SHRINKING_SECONDS, current_reporter()
+
+    def without_that(text: object) -> None:
+        if "more than five minutes" not in str(text):
+            report(text)
+
+    engine.MAX_SHRINKING_SECONDS = seconds  # type: ignore[assignment]  # it is added to a float
+    try:
+        with with_reporter(without_that):
+            yield
+    finally:
+        engine.MAX_SHRINKING_SECONDS = before
+
 
 _POSES = st.sampled_from([Intent.LOAD_A, Intent.LOAD_B])
 _STARTS = st.sampled_from([Intent.START_LOCOMOTION, Intent.START_REMOTE])
@@ -58,7 +82,7 @@ class StackMachine(StackDriver):
     shrink_seconds = SHRINK_SECONDS
     """s for which its `TestCase` looks for a shorter run that leads to the same violation."""
     bindings = JoyBindings()
-    """Of the gamepad."""
+    """Buttons of the gamepad."""
 
     @classmethod
     @cache  # settings are kept on it

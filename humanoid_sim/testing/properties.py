@@ -26,8 +26,6 @@ from humanoid_sim.testing.checks import (
     require,
 )
 
-__all__ = ["EDGES", "MODE_NUMBER", "SafetyProperties"]
-
 ZERO = "zero_torque_controller"
 DAMPING = "damping_controller"
 STANDBY_A = "standby_controller_a"
@@ -86,11 +84,7 @@ class SafetyProperties:
         return other
 
     def check(self, given: TickInput, output: TickOutput) -> None:
-        """Check every property for this tick, which follows the one checked before.
-
-        Raises:
-            SafetyViolationError: saying what does not hold.
-        """
+        """Check every property for this tick, which follows the one checked before."""
         name = output.control_mode.controller_name
         check_complete(output.command, len(self._stack.joints))
         self._check_mode(name, given, output)

@@ -18,26 +18,8 @@ from hypothesis.strategies import SearchStrategy
 from humanoid_sim.messages import Intent, RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus, TickInput
 from humanoid_sim.mit import EXTERN_WIDTHS, Extern, FloatArray, MITCommand, MITState
 
-__all__ = [
-    "SPECIAL_NUMBERS",
-    "any_arrays",
-    "any_commands",
-    "any_externs",
-    "any_numbers",
-    "any_remote_commands",
-    "any_states",
-    "any_tick_inputs",
-    "button_readings",
-    "clock_jumps",
-    "healthy_states",
-    "intents",
-    "moderate_numbers",
-    "safety_statuses",
-    "valid_commands",
-]
-
 SPECIAL_NUMBERS = (0.0, -0.0, 1.0, -1.0, 5e-324, 1e-300, 1e39, -1e39, 1e308, -1e308, np.inf, -np.inf, np.nan)
-"""Where floating-point code breaks: signed zero, subnormals, beyond float32, the largest, infinite, not a number."""
+"""Numbers on which floating-point code breaks: signed zero, subnormals, beyond float32, the largest, infinite, NaN."""
 
 _DISTINCT = 5
 """Numbers drawn for one array; a longer one repeats them. What an example may draw is bounded, and thirty joints of

@@ -1,10 +1,17 @@
-"""README's moving picture, as it is stored."""
+"""README's moving picture, as it is stored, and how parts of videos get into it."""
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
+from types import ModuleType
 
+import av
+import numpy as np
+import pytest
 from PIL import Image
+
+from humanoid_sim.errors import InputError
 
 ROOT = Path(__file__).parent.parent.parent
 PICTURE = ROOT / "docs" / "play.webp"
@@ -21,3 +28,41 @@ def test_it_moves_and_is_small() -> None:
         assert picture.size == (640, 360)
         assert picture.info["loop"] == 0
         assert picture.n_frames > 100
+
+
+@pytest.fixture(scope="module")
+def program() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("moving_picture", ROOT / "docs" / "moving_picture.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def write_video(path: Path) -> None:
+    """Two seconds at 20 frames a second, which grow lighter."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("mpeg4", rate=20)
+        stream.width, stream.height, stream.pix_fmt = 32, 32, "yuv420p"
+        for i in range(40):
+            picture = np.full((32, 32, 3), 40 + 5 * i, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode())
+
+
+def test_a_part_of_a_video_at_another_rate_and_size(program: ModuleType, tmp_path: Path) -> None:
+    write_video(tmp_path / "v.mp4")
+    frames = program.video_frames(tmp_path / "v.mp4", 0.5, 1.5, size=(16, 8), rate=10.0)
+    assert len(frames) == 10
+    assert {frame.size for frame in frames} == {(16, 8)}
+    lightness = [np.asarray(frame).mean() for frame in frames]
+    assert lightness == sorted(lightness)
+    assert lightness[0] == pytest.approx(90.0, abs=4.0)
+    assert lightness[-1] == pytest.approx(180.0, abs=4.0)
+
+
+def test_a_part_after_the_end_is_refused(program: ModuleType, tmp_path: Path) -> None:
+    write_video(tmp_path / "v.mp4")
+    with pytest.raises(InputError, match=r"v\.mp4': shows nothing from 3 to 4 s"):
+        program.video_frames(tmp_path / "v.mp4", 3.0, 4.0, size=(16, 8), rate=10.0)

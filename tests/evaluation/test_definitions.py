@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from humanoid_sim.evaluation.definitions import DEFINITIONS, differing
+from humanoid_sim.evaluation.failure import DEFINITIONS, differing
 
 
 def test_definitions_name_their_numbers() -> None:

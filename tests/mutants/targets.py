@@ -394,7 +394,7 @@ def _read_trace(path: Path) -> None:
 
 def _baseline(folder: Path) -> bytes:
     del folder
-    from humanoid_sim.evaluation.definitions import DEFINITIONS  # noqa: PLC0415
+    from humanoid_sim.evaluation.failure import DEFINITIONS  # noqa: PLC0415
     from humanoid_sim.regress.files import json_of  # noqa: PLC0415
     from humanoid_sim.regress.results import Episode, PolicyRun  # noqa: PLC0415
 

@@ -22,8 +22,7 @@ from humanoid_sim.messages import (
     TickRecord,
 )
 from humanoid_sim.mit import MITCommand, MITState
-from humanoid_sim.play.console import ConsoleSink
-from humanoid_sim.play.status_line import MODE_STYLES, Told
+from humanoid_sim.play.console import MODE_STYLES, ConsoleSink, Told
 
 MESSAGES = ["joint_pos[3] is nan", "extern['keys']", "[/dim] [bold]", "ends with \\", "a\\[b]"]
 AUTOMATIC = Told(expected_duration=10.0)

@@ -14,9 +14,9 @@ from humanoid_sim.assets import SAMPLE_POLICY, WALKING_POLICY
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
-from humanoid_sim.play import loading, proof
+from humanoid_sim.play import loading
+from humanoid_sim.play.loading import Proof, Prover, parse_options
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.proof import Proof, Prover, parse_options
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.stack import rebuild_supervisor, recorded_motion, run_header
 
@@ -30,7 +30,7 @@ def header(robot: str = "lite", period: float = PERIOD) -> SessionHeader:
 def proved(run: SessionHeader, robot: str = "lite", config: PlayConfig | None = None, **options: str) -> Proof:
     """In this process, which takes no seconds to start."""
     asked = parse_options(json.dumps(options), config or PlayConfig(policy="none", robot=robot))
-    return proof._proved(proof._Job(asked, run))
+    return loading._proved(loading._Job(asked, run))
 
 
 def test_a_policy_is_proved_in_a_process_of_its_own_and_stands_in_the_header() -> None:
@@ -48,7 +48,7 @@ def test_a_policy_is_proved_in_a_process_of_its_own_and_stands_in_the_header() -
 
 
 def test_a_policy_whose_process_dies_is_refused_with_its_status(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(proof, "_PROGRAM", "import os; os.kill(os.getpid(), 11)")
+    monkeypatch.setattr(loading, "_PROGRAM", "import os; os.kill(os.getpid(), 11)")
     with pytest.raises(InputError, match=r"^lite_tracking: the process that checked it ended with status -11$"):
         Prover().prove(PlayConfig(policy="lite_tracking"), header())
 

@@ -27,8 +27,7 @@ from humanoid_sim.messages import (
     TickRecord,
 )
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, MITCommand, MITState
-from humanoid_sim.play.console import ConsoleSink
-from humanoid_sim.play.status_line import Told, status_parts
+from humanoid_sim.play.console import ConsoleSink, Told, status_parts
 
 CONTROLLERS = {mode: name for name, mode in reversed(MODES.items())}
 OPERATOR = Told(has_keys=True, available=MODES, walks=True, motion_frames=400)

@@ -10,9 +10,10 @@ import pytest
 
 from humanoid_sim.assets import song_path
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.policy.random_songs import APART, held_out_songs, most_onsets, named_song, random_song
+from humanoid_sim.policy.random_songs import APART, held_out_songs, named_song, random_song
 from humanoid_sim.policy.song import LEAD_IN, Note, Song, goals
 from humanoid_sim.robots.description import load_robot
+from tools.samples.songs import most_onsets
 
 HANDS = (tuple(range(20, 46)), tuple(range(38, 64)))
 

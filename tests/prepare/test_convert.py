@@ -8,7 +8,7 @@ from motion_samples import FPS, joint_path, lite, state_of
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
-from humanoid_sim.prepare.conventions import Conventions, NamedMotion, interpret
+from humanoid_sim.prepare.conventions import Conventions, interpret
 from humanoid_sim.prepare.convert import FROM_KINEMATICS, FROM_SOURCE, convert, has_rate, layout_of, resample
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
@@ -38,7 +38,7 @@ def contract(**changes: Any) -> PolicyContract:
     return PolicyContract(**fields | changes)
 
 
-def named(bodies: tuple[str, ...] = ("chest", *BODIES), **changes: Any) -> NamedMotion:
+def named(bodies: tuple[str, ...] = ("chest", *BODIES), **changes: Any) -> SourceMotion:
     state = state_of(joint_path(), bodies)
     source = SourceMotion(
         source="dance.npz",
@@ -55,8 +55,8 @@ def named(bodies: tuple[str, ...] = ("chest", *BODIES), **changes: Any) -> Named
 NO_BODIES: dict[str, Any] = {"body_names": (), "body_position": None, "body_quaternion": None}
 
 
-def make(motion: NamedMotion, policy: PolicyContract):
-    return convert("dance.npz", motion, policy, SKELETON)
+def make(motion: SourceMotion, policy: PolicyContract):
+    return convert(motion, policy, SKELETON)
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def make(motion: NamedMotion, policy: PolicyContract):
         (named(**NO_BODIES), FROM_KINEMATICS),
     ],
 )
-def test_bodies_in_the_base_frame(motion: NamedMotion, origin: str) -> None:
+def test_bodies_in_the_base_frame(motion: SourceMotion, origin: str) -> None:
     made, said = make(motion, contract())
     assert (made.layout, made.body_names, made.robot, made.policy_dt) == ("bodies_b", BODIES, "lite", 0.02)
     assert said == origin
@@ -137,9 +137,9 @@ def test_a_floating_robot_needs_its_base() -> None:
     policy = contract(
         joint_names=joints, action_joint_names=joints, observation=ANCHOR_TERMS, body_names=(skeleton.base,)
     )
-    motion = NamedMotion(50.0, np.zeros((3, len(joints))), None, (), None, None, None, None, True)
+    motion = SourceMotion("walk.csv", "csv", 50.0, np.zeros((3, len(joints))))
     with pytest.raises(InputError, match=f"no pose of the floating base '{skeleton.base}'"):
-        convert("walk.csv", motion, policy, skeleton)
+        convert(motion, policy, skeleton)
 
 
 def test_the_layout_follows_the_terms() -> None:
@@ -147,20 +147,20 @@ def test_the_layout_follows_the_terms() -> None:
     assert layout_of(contract(observation=ANCHOR_TERMS)) == "joints_bodies_w"
 
 
-def turning(count: int, fps: float) -> NamedMotion:
+def turning(count: int, fps: float) -> SourceMotion:
     """One joint that rises by 1 rad/s, one body that turns by 1 rad/s about the vertical and moves by 2 m/s."""
     t = np.arange(count) / fps
     turn = np.stack([np.cos(t / 2), 0 * t, 0 * t, np.sin(t / 2)], axis=-1)
-    return NamedMotion(
+    return SourceMotion(
+        source="turn.npz",
+        kind="npz",
         fps=fps,
         joint_position=t[:, None],
         joint_velocity=np.ones((count, 1)),
         body_names=("hand",),
         body_position=np.stack([2 * t, 0 * t, 0 * t], axis=-1)[:, None],
         body_quaternion=turn[:, None],
-        base_position=None,
         base_quaternion=turn,
-        is_world=True,
     )
 
 

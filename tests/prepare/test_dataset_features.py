@@ -54,7 +54,7 @@ def test_bodies_in_the_base_frame(flat: bool) -> None:
 def test_bodies_in_the_world() -> None:
     quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (3, 2))
     motion = read({"joint_pos": STATE[:, :2], "body_pos_w": POSITION, "body_quat_w": quaternion})
-    assert (motion.frame, motion.body_names) == ("world", None)
+    assert (motion.frame, motion.body_names) == ("world", ())
     assert motion.body_quaternion is not None
     assert motion.body_quaternion.shape == (3, 2, 4)
 

@@ -99,7 +99,7 @@ def test_any_bytes_are_read_or_refused(tmp_path_factory: pytest.TempPathFactory,
 
 def test_reading(tmp_path: Path) -> None:
     motion = read_npz(write_npz(tmp_path / "dance.npz"))
-    assert (motion.fps, motion.frame_count, motion.joint_names, motion.body_names) == (50.0, 40, None, None)
+    assert (motion.fps, motion.frame_count, motion.joint_names, motion.body_names) == (50.0, 40, None, ())
     assert motion.joint_position is not None
     np.testing.assert_allclose(motion.joint_position, joint_path(), atol=1e-6)
     assert motion.body_position is not None

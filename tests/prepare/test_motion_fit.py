@@ -6,7 +6,7 @@ import pytest
 from motion_samples import FPS, joint_path, lite, state_of
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.prepare.conventions import Conventions, NamedMotion, interpret
+from humanoid_sim.prepare.conventions import Conventions, interpret
 from humanoid_sim.prepare.motion_fit import (
     Tolerance,
     check_bodies,
@@ -27,7 +27,7 @@ def skeleton() -> Skeleton:
     return Skeleton(lite())
 
 
-def named(skeleton: Skeleton, bodies: tuple[str, ...]) -> NamedMotion:
+def named(skeleton: Skeleton, bodies: tuple[str, ...]) -> SourceMotion:
     state = state_of(joint_path(), bodies)
     source = SourceMotion(
         source="dance.npz",
@@ -72,16 +72,14 @@ def test_nothing_to_compare(skeleton: Skeleton) -> None:
 def test_a_floating_robot_needs_its_base() -> None:
     biped = load_robot("lite_biped")
     skeleton = Skeleton(biped)
-    motion = NamedMotion(
+    motion = SourceMotion(
+        source="walk.npz",
+        kind="npz",
         fps=50.0,
         joint_position=np.zeros((3, biped.joint_count)),
-        joint_velocity=None,
         body_names=(skeleton.bodies[1],),
         body_position=np.zeros((3, 1, 3)),
         body_quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (3, 1, 1)),
-        base_position=None,
-        base_quaternion=None,
-        is_world=True,
     )
     with pytest.raises(InputError, match=f"no pose of '{skeleton.base}', the floating base of 'lite_biped'"):
         check_bodies(motion, skeleton, TOLERANCE)

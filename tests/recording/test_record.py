@@ -9,7 +9,7 @@ from recorded_run import COUNT, PERIOD, Wobble, run
 from recording_samples import write_recording
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.evaluation.definitions import DEFINITIONS
+from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.record import main as record_main
 
 record = partial(run_program, record_main)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from io import BytesIO
-from pathlib import Path
 
-import av
 import mujoco
 import numpy as np
 import pytest
 from PIL import Image
 
-from humanoid_sim.errors import InputError
-from humanoid_sim.rendering.animation import animated_poses, animated_webp, video_frames
+from humanoid_sim.rendering.animation import animated_poses, animated_webp
 
 SLIDER = """<mujoco>
   <visual><quality shadowsize="256"/></visual>
@@ -21,34 +18,6 @@ SLIDER = """<mujoco>
     <body name="box"><joint type="slide" axis="0 1 0"/><geom type="box" size=".1 .1 .1" rgba="1 0 0 1"/></body>
   </worldbody>
 </mujoco>"""
-
-
-def write_video(path: Path) -> None:
-    """Two seconds at 20 frames a second, which grow lighter."""
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("mpeg4", rate=20)
-        stream.width, stream.height, stream.pix_fmt = 32, 32, "yuv420p"
-        for i in range(40):
-            picture = np.full((32, 32, 3), 40 + 5 * i, np.uint8)
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        container.mux(stream.encode())
-
-
-def test_a_part_of_a_video_at_another_rate_and_size(tmp_path: Path) -> None:
-    write_video(tmp_path / "v.mp4")
-    frames = video_frames(tmp_path / "v.mp4", 0.5, 1.5, size=(16, 8), rate=10.0)
-    assert len(frames) == 10
-    assert {frame.size for frame in frames} == {(16, 8)}
-    lightness = [np.asarray(frame).mean() for frame in frames]
-    assert lightness == sorted(lightness)
-    assert lightness[0] == pytest.approx(90.0, abs=4.0)
-    assert lightness[-1] == pytest.approx(180.0, abs=4.0)
-
-
-def test_a_part_after_the_end_is_refused(tmp_path: Path) -> None:
-    write_video(tmp_path / "v.mp4")
-    with pytest.raises(InputError, match=r"v\.mp4': shows nothing from 3 to 4 s"):
-        video_frames(tmp_path / "v.mp4", 3.0, 4.0, size=(16, 8), rate=10.0)
 
 
 def test_an_animated_picture_repeats_and_keeps_its_times() -> None:

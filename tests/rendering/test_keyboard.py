@@ -1,4 +1,4 @@
-from humanoid_sim.rendering.keyboard import draw_reach
+from humanoid_sim.rendering.piano_roll import draw_reach
 from humanoid_sim.robots.piano import PIANOS
 
 

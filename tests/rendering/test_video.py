@@ -295,7 +295,7 @@ def test_without_an_encoder_the_sound_is_beside_the_video(
     tmp_path: Path, pendulum: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(av, "codecs_available", av.codecs_available - {"aac"})
-    job = Job(str(tmp_path / "run.mp4"), pendulum, SIZE, None, Fraction(10), wav=str(tmp_path / "run.wav"))
+    job = Job(str(tmp_path / "run.mp4"), pendulum, SIZE, Fraction(10), wav=str(tmp_path / "run.wav"))
     caption = Caption(0.0, Mode.LOCOMOTION, "rl_policy_controller")
     struck = (Stroke(0.0, 48, True),)
     moments = [Moment(i / 10, np.zeros(1), caption, strokes=struck if i == 0 else ()) for i in range(6)]

@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from humanoid_sim.rendering import video_progress
-from humanoid_sim.rendering.video import VideoReport, VideoSink
-from humanoid_sim.rendering.video_progress import finish_video
+from humanoid_sim.rendering import video
+from humanoid_sim.rendering.video import VideoReport, VideoSink, finish_video
 
 
 class _Drawn(VideoSink):
@@ -34,7 +33,7 @@ def _told(*, terminal: bool) -> str:
 
 def test_without_a_terminal_a_count_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter([0.0, 4.0, 8.0, 12.0, 12.0, 16.0, 20.0])
-    monkeypatch.setattr(video_progress, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(video, "monotonic", lambda: next(clock))
     assert _told(terminal=False).splitlines() == [
         "drawing the rest of 5 frames of video (Ctrl-C skips it) ...",
         "3 of 5 frames drawn",

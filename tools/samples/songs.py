@@ -13,10 +13,12 @@ from pathlib import Path
 from types import MappingProxyType
 
 import mido
+import numpy as np
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import whole_file
-from humanoid_sim.policy.song import FIRST_NOTE, key_number
+from humanoid_sim.policy.song import Song, key_number
+from humanoid_sim.robots.piano import FIRST_NOTE
 
 __all__ = ["SONGS", "Tune", "song_bytes", "write_songs"]
 
@@ -185,3 +187,10 @@ def write_songs(folder: Path) -> None:
         with whole_file(folder / f"{name}.mid") as file:
             file.write(song_bytes(tune))
         print(f"{folder / name}.mid: {tune.title}")
+
+
+def most_onsets(song: Song, window: float = 1.0) -> int:
+    """Most notes that begin within any `window` (s)."""
+    starts = np.sort([note.start for note in song.notes])
+    ends = np.searchsorted(starts, starts + window - 1e-9)
+    return int((ends - np.arange(len(starts))).max(initial=0))

@@ -21,6 +21,7 @@ from websockets.http11 import Request, Response
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends.console.access import Access, Gate, RefusedError
 from humanoid_sim.frontends.console.scene import VISER_PAGE, may_pass
+from humanoid_sim.strict_json import finite
 
 __all__ = ["PageHandler", "serving"]
 
@@ -189,14 +190,4 @@ async def serving(host: str, port: int, viser_socket: Path, page: PageHandler) -
 
 def encoded(value: object) -> str:
     """JSON for a page; what is not finite is null there."""
-    return json.dumps(_finite(value), separators=(",", ":"))
-
-
-def _finite(value: object) -> object:
-    if isinstance(value, float):
-        return value if value - value == 0.0 else None
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
-    return value
+    return json.dumps(finite(value), separators=(",", ":"))

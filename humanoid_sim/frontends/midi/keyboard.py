@@ -11,7 +11,8 @@ from humanoid_sim.client import monotonic_ns
 from humanoid_sim.frontends.midi.device import Source
 from humanoid_sim.frontends.midi.stream import Message, MidiStream
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.song import FIRST_NOTE, KEY_COUNT, PERCUSSION
+from humanoid_sim.policy.song import PERCUSSION
+from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
 
 _NOTE_OFF, _NOTE_ON, _CONTROL_CHANGE, _RESET = 0x80, 0x90, 0xB0, 0xFF
 _ALL_OFF = (120, 123, 124, 125, 126, 127)

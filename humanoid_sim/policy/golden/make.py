@@ -49,7 +49,6 @@ def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None 
 
     Args:
         checkpoint: wired as it will be stamped.
-        trace: of the run.
         motion: what the run followed, where the model does not carry it.
 
     Raises:
@@ -91,11 +90,7 @@ def _rolled(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, na
 
 
 def _roll(wiring: PolicyWiring, recorded: Recorded) -> list[_Row]:
-    """Go through a run from activation on.
-
-    Raises:
-        FieldError: naming the step that the controller would refuse, and why.
-    """
+    """Go through a run from activation on."""
     rows: list[_Row] = []
     memory = wiring.activate(recorded.state(0))
     for k, action in enumerate(recorded.action):
@@ -166,6 +161,7 @@ def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Recorded:
     contract, steps = checkpoint.contract, _OWN_STEPS
     rng = np.random.default_rng(0)
     joints = len(contract.joint_names)
+    ranges = np.array([[-1.0, 1.0]] * 3) if contract.command_ranges is None else contract.command_ranges
     arrays = {
         "joint_position": contract.default_joint_pos + rng.normal(0.0, 0.2, (steps, joints)),
         "joint_velocity": rng.normal(0.0, 1.0, (steps, joints)),
@@ -178,7 +174,7 @@ def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Recorded:
         "imu_linear_acceleration": np.array([0.0, 0.0, 9.81]) + rng.normal(0.0, 1.0, (steps, 3)),
     }
     live = {
-        VELOCITY_COMMAND: rng.uniform(*_command_bounds(contract), (steps, 3)),
+        VELOCITY_COMMAND: rng.uniform(ranges[:, 0], ranges[:, 1], (steps, 3)),
         BASE_LINEAR_VELOCITY: rng.normal(0.0, 0.5, (steps, 3)),
         ANCHOR_POSE: np.concatenate([rng.normal([1.0, 2.0, 0.8], 0.1, (steps, 3)), quaternion], axis=1),
     }
@@ -191,11 +187,6 @@ def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Recorded:
         live[KEY_PRESSED] = rng.integers(0, 2, (steps, keys)).astype(np.float64)
     actions = rng.normal(0.0, 0.5, (steps, contract.action_count)).astype(np.float32)
     return Recorded(contract.joint_names, arrays, live, actions)
-
-
-def _command_bounds(contract: PolicyContract) -> tuple[FloatArray, FloatArray]:
-    ranges = np.array([[-1.0, 1.0]] * 3) if contract.command_ranges is None else contract.command_ranges
-    return ranges[:, 0], ranges[:, 1]
 
 
 _ZERO = 1e-6

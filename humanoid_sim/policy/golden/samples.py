@@ -46,9 +46,9 @@ _ARRAYS: Mapping[str, tuple[str, tuple[int | str, ...] | None]] = {
     "target": ("<f8", ("J",)),
     "history": ("<f4", None),
 }
-"""Of one sample, each array's type and shape; None: another check."""
+"""Type and shape of each array of one sample; None: another check."""
 STATE_ARRAYS = tuple(_ARRAYS)[:5]
-"""What the robot reports beside the live inputs."""
+"""Arrays that the robot reports, apart from the live inputs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,11 +168,7 @@ def encode_samples(samples: GoldenSamples) -> str:
 
 
 def decode_samples(text: str, where: str) -> GoldenSamples:
-    """Return the samples in a text of `encode_samples`.
-
-    Raises:
-        InputError: naming `where`, if it is none.
-    """
+    """Return the samples in a text of `encode_samples`."""
     try:
         document = parse_json(text)
         if document["version"] != _VERSION:

@@ -74,12 +74,7 @@ def read_trace(path: Path, contract: PolicyContract, bodies: BodyReader | None =
     """Read a trace for a policy; joints that the policy does not have are left out.
 
     Args:
-        path: the file.
-        contract: of the policy.
         bodies: of the robot that the trace is of; None: unknown, then a free joint's body is taken for the IMU.
-
-    Raises:
-        InputError: one line with the file, the array and what is accepted.
     """
     return _Reader(path, contract, bodies).trace()
 
@@ -207,11 +202,7 @@ class _Reader:
         return None if self.numbers(name) is None else self.table(name, width)
 
     def table(self, name: str, width: int | None = None) -> FloatArray:
-        """Shape (F, width), float64; one row for all steps is spread out.
-
-        Raises:
-            InputError: it is missing, or has another shape, or is not finite.
-        """
+        """Shape (F, width), float64; one row for all steps is spread out."""
         values = self.numbers(name)
         expected = f"({self.steps or 'F'}, {'width' if width is None else width}), finite numbers"
         if values is None:

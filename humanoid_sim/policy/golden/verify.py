@@ -47,9 +47,9 @@ class _Wrong:
     value: float
     expected: float
     names: tuple[str, ...]
-    """What they belong to, over all samples."""
+    """Terms or joints that they belong to, over all samples."""
     count: int
-    """Of them in that sample."""
+    """Number of them in that sample."""
 
 
 def verify_golden(checkpoint: Checkpoint) -> str:
@@ -205,10 +205,6 @@ def memory_fields(given: Mapping[str, npt.NDArray[np.floating | np.integer]]) ->
     return {name: _MEMORY[name](value) for name, value in given.items()}
 
 
-def _history(values: npt.NDArray[np.floating]) -> npt.NDArray[np.float32] | None:
-    return None if np.isnan(values).any() else values.astype(np.float32)
-
-
 def _alignment(values: FloatArray) -> Alignment | None:
     return (
         None
@@ -221,7 +217,7 @@ _MEMORY: Mapping[str, Callable[[Any], Any]] = {
     "last_action": lambda values: values.astype(np.float32),
     "frame": int,
     "walked": float,
-    "history": _history,
+    "history": lambda values: None if np.isnan(values).any() else values.astype(np.float32),
     "alignment": _alignment,
 }
 
@@ -237,10 +233,7 @@ def value_name(layout: ObservationLayout, contract: PolicyContract, index: int) 
 
 
 def _compare(
-    value: npt.NDArray[np.floating],
-    expected: npt.NDArray[np.floating],
-    tolerance: float,
-    names: Sequence[str],
+    value: npt.NDArray[np.floating], expected: npt.NDArray[np.floating], tolerance: float, names: Sequence[str]
 ) -> _Wrong | None:
     """Return the first value that is too far off; shapes (S, width), one name per column."""
     with np.errstate(invalid="ignore"):  # infinity - infinity

@@ -1,4 +1,4 @@
-"""Whether two sources say the same, in whatever words and digits; and if not, in what they differ."""
+"""Agreement of two sources, in whatever words and digits; and where there is none, the difference."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _EXPORTERS_DECIMALS = 3
 
 @dataclass(frozen=True, slots=True)
 class Kinds:
-    """What the names of terms mean, as all sources together say."""
+    """Meaning of the names of terms, as all sources together say."""
 
     stated: Mapping[str, str] = field(default_factory=dict)
     """By the name of the term, its option `kind`."""

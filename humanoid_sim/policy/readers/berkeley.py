@@ -5,7 +5,7 @@ A file of this form comes with every checkpoint of the project: https://github.c
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -49,11 +49,7 @@ def _speaks(path: Path) -> bool:
 
 
 def read_berkeley(path: Path) -> PartialContract:
-    """Return what the file states, and the terms that come with the dialect.
-
-    Raises:
-        InputError: one line with the file, the field, the value and what is accepted.
-    """
+    """Return what the file states, and the terms that come with the dialect."""
     reader = _Reader(path, read_yaml(path))
     fields = given(path.name, dict(reader.fields()))
     history = reader.count("history_length", 0, least=0) + 1
@@ -76,7 +72,8 @@ class _Reader:
         driven = document["action_indices"]
         self.size = self.count("num_joints", len(driven) if isinstance(driven, list) else 1, least=1)
         self.names = document.get("joints")
-        if self.names is not None and not (_is_texts(self.names) and len(self.names) == self.size):
+        is_list = isinstance(self.names, list | tuple) and all(isinstance(name, str) for name in self.names)
+        if self.names is not None and not (is_list and len(self.names) == self.size):
             raise self._wrong("joints", self.names, f"{self.size} names, as num_joints says")
         self.driven = self._indices()
         lower, upper = (document.get(f"action_limit_{end}") for end in ("lower", "upper"))
@@ -128,7 +125,3 @@ class _Reader:
 
     def _wrong(self, key: str, value: Any, expected: str) -> InputError:
         return InputError(f"{self.path}: {one_line(f'{key} is {cut(str(value))}, expected {expected}')}")
-
-
-def _is_texts(value: Any) -> bool:
-    return isinstance(value, Sequence) and not isinstance(value, str) and all(isinstance(item, str) for item in value)

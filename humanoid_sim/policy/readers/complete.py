@@ -53,16 +53,13 @@ class UnnamedRobot(tuple[str, ...]):
 
 
 def complete(
-    known: dict[str, Given],
-    terms: Mapping[str, dict[str, Given]],
-    robot_joints: tuple[str, ...] | None,
+    known: dict[str, Given], terms: Mapping[str, dict[str, Given]], robot_joints: tuple[str, ...] | None
 ) -> None:
     """Add what follows from the fields that are known, and turn places of joints into names.
 
     Args:
         known: changed in place; the three kinds of places are taken out of it.
         terms: options of the observation terms, changed in place.
-        robot_joints: the joints in the robot's own order, if known.
 
     Raises:
         FieldError: if a place leads nowhere.

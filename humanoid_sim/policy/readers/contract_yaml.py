@@ -23,19 +23,9 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.readers.partial import Given, PartialContract
 from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
-__all__ = [
-    "COMMAND_AXES",
-    "CONTRACT_FILE",
-    "ContractFile",
-    "TermOptions",
-    "find_contract",
-    "parse_contract",
-    "read_contract_file",
-]
-
 CONTRACT_FILE = "contract.yaml"
 COMMAND_AXES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
-"""Of the velocity command, in the order of a contract's `command_ranges`."""
+"""Axes of the velocity command, in the order of a contract's `command_ranges`."""
 
 Numbers = float | list[float]
 """One number for all, or one each."""
@@ -69,7 +59,7 @@ def _members(owner: type) -> list[_Field]:
 _COMMAND = _struct("CommandRangeFields", *((axis, Pair) for axis in COMMAND_AXES))
 _PHASE, _TENSORS = _struct("PhaseFields", *_members(PhaseRule)), _struct("TensorFields", *_members(TensorNames))
 TermOptions = _struct("TermOptions", *(member for member in _members(Term) if member[0] != "name"))
-"""How one observation term is made; the meaning of each is in `controllers.terms.Term`."""
+"""Options of one observation term; the meaning of each is in `controllers.terms.Term`."""
 _TERM: Any = _struct("TermFields", ("name", str), base=TermOptions)
 
 _TYPES: dict[str, Any] = {
@@ -84,7 +74,7 @@ _TYPES: dict[str, Any] = {
     "steps": list[int],
     "axes": _COMMAND,
 }
-"""What YAML holds for each form of a field."""
+"""YAML types for each form of a field."""
 _STRUCTURES: dict[str, Any] = {"observation": list[str | _TERM], "phase": _PHASE | None, "tensors": _TENSORS}
 
 
@@ -126,11 +116,7 @@ def find_contract(checkpoint: Path) -> Path | None:
 
 
 def read_contract_file(path: Path) -> list[PartialContract]:
-    """Return the file's own fields and, if it has any, its overrides.
-
-    Raises:
-        InputError: one line with the file, the path of the field, and what is wrong.
-    """
+    """Return the file's own fields and, if it has any, its overrides."""
     return parse_contract(read_yaml(path), str(path), path.name)
 
 
@@ -141,9 +127,6 @@ def parse_contract(document: Any, where: str, source: str) -> list[PartialContra
         document: as YAML gives it.
         where: what to call the file in messages.
         source: what to call it in the contract's provenance.
-
-    Raises:
-        InputError: as `read_contract_file`.
     """
     file = dict(_set_fields(_convert({} if document is None else document, ContractFile, where, "")))
     override, ignored = file.pop("override", None), tuple(file.pop("ignore", ()))
@@ -192,11 +175,7 @@ def _check_phase(parts: dict[str, Any], where: str) -> None:
 
 
 def _convert(document: Any, struct: type[msgspec.Struct], where: str, place: str) -> msgspec.Struct:
-    """Return a document as a struct; `place` is where in the file it stands.
-
-    Raises:
-        InputError: with the path of the field, and what is wrong.
-    """
+    """Return a document as a struct; `place` is where in the file it stands."""
     try:
         return msgspec.convert(document, struct)
     except msgspec.ValidationError as error:

@@ -1,4 +1,4 @@
-"""What holosoma writes into the metadata of a model: JSON, and only the part that a robot needs to stand."""
+"""Metadata of models from holosoma: JSON, and only the part that a robot needs to stand."""
 
 from __future__ import annotations
 
@@ -26,9 +26,6 @@ def read_holosoma(metadata: Mapping[str, str], where: str) -> PartialContract:
     """Joints, gains and command ranges, of trackers the action scale.
 
     The rest is in the trainer's Python configuration, and for a contract.yaml.
-
-    Raises:
-        InputError: naming `where`, the key and its text, if one is malformed.
     """
     fields: dict[str, Given] = {}
     names = _parse("dof_names", metadata, where)

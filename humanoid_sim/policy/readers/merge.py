@@ -10,12 +10,7 @@ from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract, 
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError, known_names, one_line
 from humanoid_sim.policy.readers.agreement import Kinds, agreed, contradiction
-from humanoid_sim.policy.readers.complete import (
-    IncompleteContractError,
-    UnnamedJointsError,
-    complete,
-    missing_fields,
-)
+from humanoid_sim.policy.readers.complete import IncompleteContractError, UnnamedJointsError, complete, missing_fields
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, PartialContract
 
 _OPTIONS = frozenset(field.name for field in fields(Term)) - {"name"}
@@ -28,7 +23,6 @@ def merge(
 
     Args:
         partials: in the order in which they are to be named; those that override last.
-        where: what to call the checkpoint in messages.
         robot_joints: the joints in the robot's own order, for a source that gives places instead of names.
 
     Raises:
@@ -131,7 +125,6 @@ def build_contract(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, 
     Args:
         known: as in `PartialContract.fields`.
         terms: options of the observation terms, by the names in the observation.
-        where: what to call it in messages.
 
     Raises:
         InputError: if a field is missing, or they do not fit together.

@@ -1,4 +1,4 @@
-"""What mjlab and whole_body_tracking write into the metadata of a model: comma-separated lists, three decimals."""
+"""Metadata of models from mjlab and whole_body_tracking: comma-separated lists, three decimals."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ while |(vx, vy, yaw rate)| is below the threshold sine and cosine are both 0."""
 _SCAN: Mapping[str, Any] = MappingProxyType(
     {"at": BASE, "grid": (1.6, 1.0), "resolution": 0.1, "ray_order": "xy", "offset": 0.0, "range": 5.0, "above": 0.0}
 )
-"""What mjlab 1.6 trains with (`terrain_scan` of its velocity task), and does not write into the metadata."""
+"""Height scan that mjlab 1.6 trains with (`terrain_scan` of its velocity task), and does not write down."""
 _SCALE, _CLIP = "observation_terms_scale", "observation_terms_clip"
 _HISTORY, _FLATTEN = "observation_terms_history_length", "observation_terms_flatten_history_dim"
 
@@ -57,9 +57,6 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> PartialContract:
     The rate is not, and before mjlab 1.6 neither is how terms are scaled, clipped and stacked: the usual is assumed.
     The velocity of the base is that of the IMU where mjlab 1.6 or later has written the file: its tasks observe the
     velocimeter there. Files without its keys may be whole_body_tracking's, which observes the base itself.
-
-    Raises:
-        InputError: naming `where`, the key and its text, if one is malformed.
     """
     known = {key: field for key, field in _FIELDS.items() if key in metadata}
     fields = {field: values.csv_field(field, key, metadata[key], where, MJLAB_SOURCE) for key, field in known.items()}
@@ -87,7 +84,9 @@ def _terms(metadata: Mapping[str, str], names: Sequence[str], where: str) -> dic
     """Return the options of each term that mjlab 1.6 writes, one entry per term."""
     terms: dict[str, dict[str, Given]] = {name: {} for name in names}
     readers: dict[str, Callable[[str], list[dict[str, Any]]]] = {
-        _SCALE: lambda text: [{"scale": _scalar(row)} for row in values.number_lists(_SCALE, text, where)],
+        _SCALE: lambda text: [
+            {"scale": row[0] if len(row) == 1 else np.array(row)} for row in values.number_lists(_SCALE, text, where)
+        ],
         _CLIP: lambda text: [_clip(row, text, where) for row in values.number_lists(_CLIP, text, where)],
         # 0 stands for a term without a history: it shows the present step alone.
         _HISTORY: lambda text: [{"history": max(n, 1)} for n in values.integers(_HISTORY, text, where)],
@@ -102,10 +101,6 @@ def _terms(metadata: Mapping[str, str], names: Sequence[str], where: str) -> dic
             terms[name] |= given(MJLAB_SOURCE, options)
     _refuse_stacks(metadata, terms, where)
     return terms
-
-
-def _scalar(row: list[float]) -> Any:
-    return row[0] if len(row) == 1 else np.array(row)
 
 
 def _clip(row: list[float], text: str, where: str) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What one source says about a contract: some fields, each with the source it came from."""
+"""Statements of one source about a contract: some fields, each with the source it came from."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class PartialContract:
     terms: Mapping[str, Mapping[str, Given]] = field(default_factory=lambda: _NOTHING)
     """Options of observation terms: name of the term, then name of the option."""
     assumed: Mapping[str, Given] = field(default_factory=lambda: _NOTHING)
-    """What the dialect implies without saying so; anything that a source states comes before it."""
+    """Values that the dialect implies; anything that a source states comes before them."""
     assumed_terms: Mapping[str, Given] = field(default_factory=lambda: _NOTHING)
     """Options of every term, likewise."""
     assumed_kinds: Mapping[str, Mapping[str, Given]] = field(default_factory=lambda: _NOTHING)

@@ -1,4 +1,4 @@
-"""Which files and metadata say something about a checkpoint, and the contract that they make together."""
+"""Files and metadata that say something about a checkpoint, and the contract that they make together."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from humanoid_sim.policy.readers.unitree import find_deploy, read_deploy
 from humanoid_sim.policy.readers.values import shown
 
 _DIALECTS = ((MJLAB_SOURCE, is_mjlab, read_mjlab), (HOLOSOMA_SOURCE, is_holosoma, read_holosoma))
-"""Of trainers that write into a model's metadata: their name, whether it is there, and what it says. A new dialect is a
+"""Dialects of a model's metadata: their name, a test whether it is there, and a reader. A new dialect is a
 module, and a line here or below."""
 _SIDE_FILES = ((find_deploy, read_deploy), (find_berkeley, read_berkeley))
-"""Of trainers that write a file beside the model: where it is, and what it says."""
+"""Files that trainers write beside the model: a function that finds it, and a reader."""
 
 
 def assemble_contract(
@@ -41,8 +41,6 @@ def assemble_contract(
     A stamped checkpoint is complete by itself, so no trainer's file beside it is read; a `contract.yaml` always is.
 
     Args:
-        path: the checkpoint.
-        metadata: its `custom_metadata_map`.
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
         robot_joints: the joints in the robot's own order, for sources that give places instead of names.
         outputs: names of the model's outputs.
@@ -80,12 +78,7 @@ def _metadata_sources(metadata: Mapping[str, str], where: str) -> dict[str, Call
 
 
 def _stamp(metadata: Mapping[str, str], where: str) -> PartialContract:
-    _check_stamp(metadata, where)
-    return read_stamp(metadata[STAMP_KEY], where)
-
-
-def _check_stamp(metadata: Mapping[str, str], where: str) -> None:
-    """Refuse a stamped model one of whose thirteen keys somebody has changed since: neither may silently win."""
+    """Return a stamped contract; refuse one of whose thirteen keys somebody has changed one since: neither may win."""
     own = {key: text for key, text in metadata.items() if key in METADATA_KEYS}
     try:
         stamped = write_metadata(decode(metadata[STAMP_KEY], where))
@@ -98,6 +91,7 @@ def _check_stamp(metadata: Mapping[str, str], where: str) -> None:
                 f"{where}: {name} is {shown(given.value)} in its metadata, {shown(expected.value)} in its stamped "
                 "contract; stamp it again from the one that is right"
             )
+    return read_stamp(metadata[STAMP_KEY], where)
 
 
 def assumptions(contract: PolicyContract) -> tuple[str, ...]:

@@ -52,9 +52,6 @@ def read_deploy(path: Path) -> PartialContract:
 
     Gains are listed in the robot's order, everything else in the policy's: `joint_ids_map` leads from the one to the
     other.
-
-    Raises:
-        InputError: one line with the file, the field, the value and what is accepted.
     """
     reader = _Reader(path, read_yaml(path))
     fields = {name: Given(value, path.name) for name, value in reader.fields().items()}
@@ -74,7 +71,7 @@ class _Reader:
         self.terms: dict[str, dict[str, Any]] = {}
         self.commands: list[str] = []
         self.patterns: list[str] = []
-        """Of joint names, wherever the file has one."""
+        """Patterns of joint names, wherever the file has one."""
 
     def fields(self) -> dict[str, Any]:
         fields: dict[str, Any] = {}
@@ -182,7 +179,8 @@ class _Reader:
         if isinstance(params.get("command_name"), str):
             self.commands.append(params["command_name"])
         asset = self._mapping(params.get("asset_cfg") or {}, f"{where}.params.asset_cfg")
-        self.patterns += [text for text in _as_list(asset.get("joint_names")) if isinstance(text, str)]
+        names = asset.get("joint_names")
+        self.patterns += [text for text in (names if isinstance(names, list) else [names]) if isinstance(text, str)]
         ids = asset.get("joint_ids")
         if ids is not None and ids != slice(None):
             options["joint_places"] = self._chosen(ids, f"{where}.params.asset_cfg.joint_ids")
@@ -250,10 +248,6 @@ class _Reader:
 
     def _wrong(self, where: str, value: Any, expected: str) -> InputError:
         return InputError(f"{self.path}: {one_line(f'{where} is {cut(str(value))}, expected {expected}')}")
-
-
-def _as_list(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else [value]
 
 
 def _is_group(value: Any) -> bool:

@@ -1,4 +1,7 @@
-"""Values as sources write them: comma-separated text, plain JSON and YAML; and as messages of one line show them."""
+"""Values as sources write them: comma-separated text, plain JSON and YAML; and as messages of one line show them.
+
+Text that is malformed is an `InputError`, which names `where`, the key and the text.
+"""
 
 from __future__ import annotations
 
@@ -11,27 +14,9 @@ from humanoid_sim.controllers.contract import FORMS
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.partial import Given
 
-__all__ = [
-    "csv_field",
-    "cut",
-    "flags",
-    "integers",
-    "is_number",
-    "names",
-    "number_lists",
-    "numbers",
-    "pair_of_numbers",
-    "plain_numbers",
-    "shown",
-]
-
 
 def csv_field(field: str, key: str, text: str, where: str, source: str) -> Given:
-    """Return a field of the contract from the text of a model's metadata.
-
-    Raises:
-        InputError: naming `where`, the key and the text, if it is malformed.
-    """
+    """Return a field of the contract from the text of a model's metadata."""
     match FORMS[field].kind:
         case "values":
             return numbers(key, text, where, source)
@@ -74,11 +59,7 @@ def names(text: str) -> tuple[str, ...]:
 
 
 def number(key: str, text: str, where: str) -> float:
-    """One number.
-
-    Raises:
-        InputError: naming `where`, the key and the text, if it is none.
-    """
+    """One number."""
     try:
         return float(text)
     except ValueError:
@@ -86,11 +67,7 @@ def number(key: str, text: str, where: str) -> float:
 
 
 def numbers(key: str, text: str, where: str, source: str) -> Given:
-    """At least one number, and how many decimals they have; a single one stands for every joint.
-
-    Raises:
-        InputError: as `number`.
-    """
+    """At least one number, and how many decimals they have; a single one stands for every joint."""
     items = names(text)
     try:
         values = [float(item) for item in items]
@@ -105,11 +82,7 @@ def numbers(key: str, text: str, where: str, source: str) -> Given:
 
 
 def integers(key: str, text: str, where: str) -> tuple[int, ...]:
-    """Read whole numbers; mjlab writes them with three decimals, as `2.000`.
-
-    Raises:
-        InputError: as `number`.
-    """
+    """Read whole numbers; mjlab writes them with three decimals, as `2.000`."""
     try:
         values = [float(item) for item in names(text)]
     except ValueError:
@@ -120,11 +93,7 @@ def integers(key: str, text: str, where: str) -> tuple[int, ...]:
 
 
 def flags(key: str, text: str, where: str) -> tuple[bool, ...]:
-    """Read `True` and `False`, or 1 and 0 as `integers` are written.
-
-    Raises:
-        InputError: as `number`.
-    """
+    """Read `True` and `False`, or 1 and 0 as `integers` are written."""
     words = {"True": "1", "False": "0"}
     try:
         found = integers(key, ",".join(words.get(item, item) for item in names(text)), where)
@@ -136,11 +105,7 @@ def flags(key: str, text: str, where: str) -> tuple[bool, ...]:
 
 
 def number_lists(key: str, text: str, where: str) -> list[list[float]]:
-    """Numbers in groups: commas between the groups, semicolons within one.
-
-    Raises:
-        InputError: as `number`.
-    """
+    """Numbers in groups: commas between the groups, semicolons within one."""
     try:
         return [[float(value) for value in item.split(";")] for item in names(text)]
     except ValueError:

@@ -34,11 +34,7 @@ _LOCAL_PEERS = '<Peers><Peer address="127.0.0.1"/></Peers>'
 
 
 def domain_id() -> int:
-    """Return the domain that `ROS_DOMAIN_ID` names; 0 without it.
-
-    Raises:
-        InputError: it is no domain.
-    """
+    """Return the domain that `ROS_DOMAIN_ID` names; 0 without it."""
     text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
     if not (text.isascii() and text.isdigit() and int(text) <= _LARGEST_DOMAIN):
         raise InputError(f"ROS_DOMAIN_ID: is '{text}', expected a whole number from 0 to {_LARGEST_DOMAIN}")
@@ -46,22 +42,14 @@ def domain_id() -> int:
 
 
 def _check_interface(name: str) -> None:
-    """Refuse a network interface that this machine does not have.
-
-    Raises:
-        InputError: naming those that it has.
-    """
+    """Refuse a network interface that this machine does not have."""
     known = [label for _, label in socket.if_nameindex()]
     if name not in known:
         raise InputError(known_names("network interface", name, known))
 
 
 def check_network_interface(option: str, name: str) -> None:
-    """Refuse one that leads to no other machine.
-
-    Raises:
-        InputError: naming the option.
-    """
+    """Refuse one that leads to no other machine."""
     try:
         _check_interface(name)
     except InputError as error:

@@ -13,13 +13,10 @@ from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.definitions import message_fields
 from humanoid_sim.ros2.topics import Topic
 
-_PREFIX = "rt"
-"""Of topics, as opposed to services."""
-
 
 def dds_topic(topic: str) -> str:
     """Return the DDS name of a ROS 2 topic: `rt/control_mode` for `/control_mode`."""
-    return f"{_PREFIX}{topic}"
+    return f"rt{topic}"  # rq and rr are of services
 
 
 def dds_type(schema: str) -> str:
@@ -116,9 +113,7 @@ class Reader:
         """Announce that the topic is wanted.
 
         Args:
-            participant: joins the domain.
             topic: its ROS 2 name.
-            kind: what it is.
             depth: messages that are kept between two calls of `take`; None: `kind.depth`.
             any_writer: match writers of whatever quality of service; else those that offer `kind`'s.
         """

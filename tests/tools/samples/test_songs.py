@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 from humanoid_sim.assets import asset_path, sample_songs
-from humanoid_sim.policy.random_songs import most_onsets
 from humanoid_sim.policy.song import Song, key_name, read_song
 from tools.samples import main
-from tools.samples.songs import SONGS
+from tools.samples.songs import SONGS, most_onsets
 
 
 @pytest.fixture(params=sorted(SONGS))
