@@ -169,7 +169,6 @@ def test_a_replaced_file_keeps_its_permissions(tmp_path: Path) -> None:
     assert math.isclose(load_calibration(path, _LITE).entries["left_shoulder_roll"].homing_offset, 0.1)
 
 
-_LITE = load_robot("lite")
 _ELBOW = _LITE.joints[3]  # -2.35619 to 0
 _YAW = _LITE.joints[2]  # ±1.5708
 

@@ -112,27 +112,6 @@ def test_another_simulation_is_named(
     assert "cannot be simulated again: tick 1 (0.005 s): joint_position of left_shoulder_pitch was" in result.err
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--yaw", "1"), "--yaw: means nothing with --branch"),
-        (("--again", "run.mcap"), "--again: means nothing with --branch"),
-        (("--hardware", "virtual:lite"), "--hardware: means nothing with --branch"),
-    ],
-)
-def test_what_a_branch_cannot_change(run: Play, options: tuple[str, ...], message: str) -> None:
-    result = run("--branch", "run.mcap@2.9", *options)
-    assert result.status == 2
-    assert message in result.err
-
-
-@pytest.mark.parametrize("text", ["run.mcap", "@3", "run.mcap@", "run.mcap@soon", "run.mcap@nan"])
-def test_what_is_no_instant(run: Play, text: str) -> None:
-    result = run("--branch", text)
-    assert result.status == 2
-    assert f"--branch: is '{text}', expected FILE@SECONDS" in result.err
-
-
 def test_a_name_may_hold_an_at_sign() -> None:
     assert parse_branch("a@b.mcap@2.5") == ("a@b.mcap", 2.5)
 

@@ -92,6 +92,27 @@ BAD: list[tuple[str, str]] = [
     ("--inject safety", f"--inject: is 'safety', {FAULTS}"),
     ("--inject safety@1 safety@-1", f"--inject: is 'safety@-1', {FAULTS}"),
     ("--inject silent_remote@1", "--inject: silent_remote needs a source of commands to silence: use --remote "),
+    ("--policy none --motion wave", "--motion: means nothing without a policy"),
+    ("--policy none --command 1,0,0", "--command: means nothing without a policy"),
+    (
+        "--hardware virtual:x --motion wave",
+        "--motion: means nothing without --policy: on hardware none runs by default",
+    ),
+    ("--policy none --branch x.mcap@1", "--policy: is none, but --branch goes on with a policy"),
+    ("--branch run.mcap@2.9 --yaw 1", "--yaw: means nothing with --branch"),
+    ("--branch run.mcap@2.9 --again run.mcap", "--again: means nothing with --branch"),
+    ("--branch run.mcap@2.9 --hardware virtual:lite", "--hardware: means nothing with --branch"),
+    *[
+        (f"--branch {text}", f"--branch: is '{text}', expected FILE@SECONDS")
+        for text in ("run.mcap", "@3", "run.mcap@", "run.mcap@soon", "run.mcap@nan")
+    ],
+    ("--policy-seconds 5 --script damp", "--policy-seconds: means nothing with --script"),
+    ("--policy-seconds 5 --remote gravity", "--policy-seconds: means nothing with --remote"),
+    (
+        "--policy-seconds 5 --hardware virtual:lite --policy placeholder",
+        "--policy-seconds: means nothing with --hardware",
+    ),
+    ("--allow-sign-contradiction left_elbow", "--allow-sign-contradiction: unknown joint 'left_elbow'"),
     ("--duration 0", "--duration: is 0.0, expected a finite number > 0"),
     ("--duration -1", "--duration: is -1.0, expected a finite number > 0"),
     ("--duration nan", "--duration: is nan, expected a finite number > 0"),

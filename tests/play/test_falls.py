@@ -177,19 +177,6 @@ def test_a_fault_is_not_called_a_fall(run: Any, folder: Path) -> None:
     assert result.summary["base"] is None
 
 
-@pytest.mark.parametrize(
-    ("options", "with_"),
-    [
-        (("--script", "damp"), "--script"),
-        (("--remote", "gravity"), "--remote"),
-        (("--hardware", "virtual:lite", "--policy", "placeholder"), "--hardware"),
-    ],
-)
-def test_who_else_decides_how_long_the_policy_runs(run: Any, options: tuple[str, ...], with_: str) -> None:
-    result = run("--policy-seconds", "5", *options)
-    assert (result.status, with_ in result.err, "--policy-seconds: means nothing with" in result.err) == (2, True, True)
-
-
 def test_a_motion_may_be_cut_short_or_held_at_its_end(run: Any, quick: str) -> None:
     short = run("--robot", quick, "--policy-seconds", "0.5")
     assert short.status == 0, short.err

@@ -81,23 +81,6 @@ def test_a_policy_that_walks_takes_a_velocity_from_when_it_is_loaded(
     assert early.err == "error: --branch: 'run.mcap' has no policy at that time; name one with --policy\n"
 
 
-ON_HARDWARE = "--motion: means nothing without --policy: on hardware none runs by default"
-
-
-@pytest.mark.parametrize(
-    ("options", "problem"),
-    [
-        (("--policy", "none", "--motion", "wave"), "--motion: means nothing without a policy"),
-        (("--policy", "none", "--command", "1,0,0"), "--command: means nothing without a policy"),
-        (("--hardware", "virtual:x", "--motion", "wave"), ON_HARDWARE),
-        (("--policy", "none", "--branch", "x.mcap@1"), "--policy: is none, but --branch goes on with a policy"),
-    ],
-)
-def test_what_belongs_to_a_policy_needs_one(run: Callable[..., Result], options: tuple[str, ...], problem: str) -> None:
-    result = run(*options, record=False)
-    assert (result.status, result.err) == (2, f"error: {problem}\n")
-
-
 def test_a_run_without_a_policy_stands_up(run: Callable[..., Result], quick: str) -> None:
     result = run("--policy", "none", "--robot", quick, "--duration", "3", "--pace", "fast", "--video", "none")
     assert (result.status, result.err) == (0, "")

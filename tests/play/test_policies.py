@@ -28,17 +28,6 @@ from humanoid_sim.robots.description import load_robot
 LITE = load_robot("lite")
 
 
-def test_by_default_the_sample_policy_follows_the_sample_motion() -> None:
-    choice = choose_policy(PlayConfig(), LITE)
-    assert Path(choice.checkpoint.source).name == "lite_tracking.onnx"
-    assert choice.motion_file.name == "wave.mcap"
-    assert choice.warning == ""
-    contract = choice.checkpoint.contract
-    assert contract.observation_names == ("motion_body_pos_b", "motion_body_ori_b", "joint_pos", "joint_vel", "actions")
-    assert (contract.action_count, contract.policy_dt) == (14, 0.02)
-    assert choice.loaded.layout.width == choice.checkpoint.observation_width
-
-
 @pytest.mark.parametrize(
     ("policy", "robot", "followed"),
     [
@@ -59,12 +48,6 @@ def test_a_policy_that_ships_goes_by_its_name_and_follows_what_is_its_default(
 def test_a_policys_path_does_not_make_it_the_sample() -> None:
     with pytest.raises(InputError, match=r"^--motion: is missing; "):
         choose_policy(PlayConfig(policy=str(SAMPLE_POLICY)), LITE)
-
-
-@pytest.mark.parametrize("motion", ["circle", "reach"])
-def test_a_sample_motion_goes_by_its_name(motion: str) -> None:
-    choice = choose_policy(PlayConfig(motion=motion), LITE)
-    assert choice.motion_file.stem == motion
 
 
 def test_on_hardware_an_inference_ends_before_the_motors_stop_by_themselves() -> None:
@@ -136,10 +119,6 @@ def recording(folder: Path, settings: object, motion: bytes | None = MOTION) -> 
     recorder.start(SessionHeader("lite", ("a",), 0.02, 0, {"settings": json.dumps(settings)}, attachments))
     recorder.close()
     return str(path)
-
-
-def test_without_a_recording_nothing_changes() -> None:
-    assert with_recorded_options(PlayConfig()) == PlayConfig()
 
 
 def test_what_was_recorded_takes_the_place_of_defaults(tmp_path: Path) -> None:

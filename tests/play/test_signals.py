@@ -234,16 +234,6 @@ def test_a_question_that_nobody_reads_enables_nothing(monkeypatch: pytest.Monkey
         bring_up(Asking(), PlayConfig(hardware="can0"), console)
 
 
-def test_ctrl_c_while_everything_loads_is_one_line(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: Callable
-) -> None:
-    def interrupted(arguments: object) -> int:
-        raise KeyboardInterrupt
-
-    assert run_program(interrupted) == 130
-    assert capsys.readouterr().err == "interrupted\n"
-
-
 def test_an_output_that_is_full_is_noticed_before_anything_moves(folder: Path, quick: str) -> None:
     command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", "--robot", quick]
     with Path("/dev/full").open("w") as full:

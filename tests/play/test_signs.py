@@ -77,12 +77,6 @@ def test_check_poses_come_at_the_end_of_standby(run: Callable[..., Any], make_ro
     assert finished.output.command.position[wrist] == pytest.approx(0.0)
 
 
-def test_an_unknown_joint_is_refused(run: Callable[..., Any], quick: str) -> None:
-    result = run("--robot", quick, "--allow-sign-contradiction", "left_elbow")
-    assert result.status == 2
-    assert result.err.startswith("error: --allow-sign-contradiction: unknown joint 'left_elbow'")
-
-
 def test_check_poses_that_would_do_harm_are_refused(run: Callable[..., Any], make_robot: Callable[..., str]) -> None:
     robot = make_robot(change=lambda document: document.update(check_poses=[{"left_elbow_pitch": -0.6}]))
     result = run("--robot", robot, "--check-poses")

@@ -17,7 +17,6 @@ from fakes import (
     is_zero,
     session,
 )
-from loopback import LoopbackRobot
 
 import humanoid_sim.session.session as loop
 from humanoid_sim.controllers.live_inputs import LiveInputs
@@ -28,11 +27,9 @@ from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
 from humanoid_sim.mit import Extern, MITState
-from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session import pace
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.session import Session
-from humanoid_sim.stack import build_supervisor
 
 REST_TICKS = 25
 """0.5 s at the rig's 50 Hz, for which all joints must be slow before a run ends."""
@@ -533,30 +530,3 @@ def test_the_duration_of_a_tick_leaves_out_the_physics_of_a_simulated_robot(monk
             robot, rig.supervisor(), settings, header=SessionHeader("fake", rig.JOINTS, 0.02, 0), sinks=[sink]
         ).run()
         assert sink.records[1].duration == pytest.approx(expected, abs=1e-4)
-
-
-# With a robot of the package.
-
-
-def test_a_looped_back_lite_walks_up_and_ends_damped() -> None:
-    lite = load_robot("lite")
-    period = 0.02
-    robot, sink = LoopbackRobot(lite, control_period=period), FakeSink()
-    settings = LoopSettings(period, realtime=False, duration=4.5)
-    header = SessionHeader("lite", lite.joint_names, period, 0)
-    run = Session(
-        robot,
-        build_supervisor(lite, period, None),
-        settings,
-        header=header,
-        intents=[FakeSource({0: (Intent.DAMP,), 5: (Intent.LOAD_B,), 215: (Intent.START_LOCOMOTION,)})],
-        sinks=[sink],
-    )
-    assert run.run().reason == "duration of 4.5 s reached"
-    finished = sink.records[210].output
-    assert finished.standby.is_finished
-    assert finished.command.position.tolist() == list(lite.standby_controller_b.pose_segments[-1])
-    assert sink.records[215].output.refusals == ("START_LOCOMOTION refused: rl_policy_controller is not available",)
-    assert sink.records[-1].output.control_mode.mode is Mode.DAMPING
-    with pytest.raises(RobotError, match="closed"):
-        robot.write(sink.records[-1].output.command)

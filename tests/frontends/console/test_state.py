@@ -5,20 +5,18 @@ from dataclasses import replace
 
 import pytest
 import rig
+from fakes import FakeRobot
 from local_session import LocalSession
-from loopback import LoopbackRobot
 
 from humanoid_sim.controllers.fsm import MODES
 from humanoid_sim.frontends.console.state import FLAG_MEANINGS, available_controllers, refusals, state
 from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
-from humanoid_sim.robots.description import load_robot
 
 pytest.importorskip("mjviser", reason="viser and mjviser are not installed (extra 'console')")
 
 from humanoid_sim.frontends.console.server import encoded
 
 ALL = frozenset(MODES)
-LITE = load_robot("lite")
 
 
 def test_the_controllers_are_those_of_the_header() -> None:
@@ -51,7 +49,7 @@ def test_reactivate_is_offered_in_the_modes_in_which_the_session_grants_it(local
         offered = told["intents"]["reactivate"]
         assert (told["mode"], offered["name"], offered["refusal"]) == (mode, "REACTIVATE", refusal)
         assert offered["note"] == "checks and enables the motors afresh; starts at ZERO_TORQUE"
-        served, _ = local.reactivation.serve(LoopbackRobot(LITE), Mode[mode])
+        served, _ = local.reactivation.serve(FakeRobot(), Mode[mode])
         assert served.startswith("reactivated: ") if not refusal else served == refusal
 
 

@@ -169,12 +169,6 @@ def test_lost_frames_are_asked_for_again(robot: HardwareRobot, left: ScriptedMot
     assert seen[Enable] >= 2
 
 
-def test_reports_are_switched_on_where_they_help(make_robot: MakeRobot, left: ScriptedMotor) -> None:
-    make_robot().prepare()
-    assert left.reports
-    assert _parameter(left, "EPScan_time") == 1
-
-
 def test_reports_are_left_off_where_answers_come_as_often(make_robot: MakeRobot, left: ScriptedMotor) -> None:
     robot = make_robot(control_period=0.005)
     robot.prepare()
@@ -202,14 +196,6 @@ def test_a_missing_motor_keeps_every_motor_from_being_touched(
 
 
 @pytest.mark.usefixtures("impatient")
-def test_everything_that_is_wrong_is_said_at_once(
-    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
-) -> None:
-    left.is_silent = right.is_silent = True
-    assert len(_refusal(robot)) == 2
-
-
-@pytest.mark.usefixtures("impatient")
 def test_a_dead_channel_is_one_problem(description: RobotDescription, channels: tuple[BusAddress, BusAddress]) -> None:
     robot = HardwareRobot(description, channels[:1], calibration={"left": 0.0, "right": 0.0})
     ended = threading.Event()
@@ -231,8 +217,7 @@ def test_a_dead_channel_is_one_problem(description: RobotDescription, channels: 
     )
 
 
-@pytest.mark.usefixtures("attentive")
-@pytest.mark.usefixtures("impatient")
+@pytest.mark.usefixtures("attentive", "impatient")
 def test_a_channel_of_other_motors_is_not_dead(
     description: RobotDescription, channels: tuple[BusAddress, BusAddress]
 ) -> None:
@@ -246,8 +231,7 @@ def test_a_channel_of_other_motors_is_not_dead(
     ]
 
 
-@pytest.mark.usefixtures("attentive")
-@pytest.mark.usefixtures("impatient")
+@pytest.mark.usefixtures("attentive", "impatient")
 def test_swapped_channels_are_recognised(
     channels: tuple[BusAddress, BusAddress], description: RobotDescription, left: ScriptedMotor, right: ScriptedMotor
 ) -> None:
@@ -261,8 +245,7 @@ def test_swapped_channels_are_recognised(
     ]
 
 
-@pytest.mark.usefixtures("attentive")
-@pytest.mark.usefixtures("impatient")
+@pytest.mark.usefixtures("attentive", "impatient")
 @pytest.mark.parametrize("where", [0, 1])
 def test_a_second_motor_with_an_expected_id_is_refused(
     where: int, robot: HardwareRobot, channels: tuple[BusAddress, BusAddress], left: ScriptedMotor
@@ -509,12 +492,6 @@ def test_a_turn_at_power_on_is_counted(robot: HardwareRobot, right: ScriptedMoto
     assert robot.read()[0].joint_position[1] == pytest.approx(-0.1, abs=4e-4)
     assert any("at -0.100 rad = -5.7° (-1 turn)" in str(check) for check in robot.checks)
     assert right.commands[-1].position == pytest.approx(2.0 * math.pi - 0.1, abs=4e-4), "in the motor's own count"
-
-
-def test_the_calibration_is_applied(make_robot: MakeRobot) -> None:
-    robot = make_robot({"left": 0.75, "right": 0.25})
-    robot.activate()
-    assert robot.read()[0].joint_position.tolist() == pytest.approx([0.5, 0.25], abs=4e-4)
 
 
 def test_an_arm_that_still_swings_is_no_reason_to_refuse(robot: HardwareRobot, left: ScriptedMotor) -> None:

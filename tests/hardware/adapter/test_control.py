@@ -14,7 +14,7 @@ from humanoid_sim.hardware.robstride.commands import decode_command
 from humanoid_sim.hardware.robstride.messages import OperationControl
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.motors import MOTORS, POSITION_RANGE
+from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RobotDescription
 
 
@@ -58,29 +58,6 @@ def test_commands_leave_in_the_motors_frame_and_on_their_channels(description: R
     assert decoded.velocity == pytest.approx(2.0, abs=2e-3)
     assert encoder.saturations == {}
     assert encoder.bounded == {}
-
-
-def test_what_does_not_fit_is_counted_by_joint_and_field(description: RobotDescription) -> None:
-    encoder, tracker = _encoder(description)
-    joints = tracker.update(Readings(np.zeros(2), np.array([0.5, -6.2]), np.zeros(2), np.zeros(2), np.zeros(2)))
-    command = _command([0.0, 30.0], [50.0, 0.0], [18.0, 0.0], [501.0, 0.0], [5.1, 0.0])
-    for _ in range(3):
-        encoder.encode(command, joints, tracker)
-    assert encoder.saturations == {
-        "left": {"velocity": 3, "effort": 3, "stiffness": 3, "damping": 3},
-        "right": {"position": 3},
-    }
-    assert POSITION_RANGE < 30.0
-
-
-def test_a_bounded_position_is_counted(description: RobotDescription) -> None:
-    encoder, tracker = _encoder(description)
-    joints = tracker.update(Readings(np.zeros(2), np.array([0.5, -6.2]), np.zeros(2), np.zeros(2), np.zeros(2)))
-    first, _ = encoder.encode(_command([-1.0, 0.1]), joints, tracker)
-    assert encoder.bounded == {"left": 1}
-    decoded = decode_command(first[0][1], 11, MOTORS["rs-02"])
-    assert isinstance(decoded, OperationControl)
-    assert decoded.position == pytest.approx(0.5 + 17.0 / 50.0, abs=4e-4)
 
 
 LITE = make_wiring(load_robot("lite"), 2, dict.fromkeys(load_robot("lite").joint_names, 0.0))

@@ -40,13 +40,6 @@ def test_direction_offset_and_turns_make_the_joint_frame(wiring: Wiring) -> None
     assert joints.time.tolist() == [1.0, 1.0]
 
 
-def test_commands_go_back_the_way_that_positions_came(wiring: Wiring) -> None:
-    tracker = JointTracker(wiring, np.array([1.0, -1.0]))
-    reported = np.array([0.75, 5.0])
-    joints = tracker.update(_readings(1.0, (0.75, 5.0)))
-    np.testing.assert_allclose(tracker.to_motor(joints.position), reported, atol=1e-12)
-
-
 def test_on_an_unknown_turn_a_position_is_unknown(wiring: Wiring) -> None:
     joints = JointTracker(wiring, np.array([np.nan, 0.0])).update(_readings(1.0, (0.75, 0.0)))
     assert math.isnan(joints.position[0])
@@ -67,15 +60,6 @@ def test_a_motor_that_turns_beyond_its_report_is_followed_and_noticed(wiring: Wi
 
 
 TURN = 2.0 * math.pi
-
-
-@pytest.fixture
-def shifted(description: RobotDescription) -> Wiring:
-    return make_wiring(description, 2, {"left": 0.2, "right": -1.0})
-
-
-def _reported(shifted: Wiring, joint: tuple[float, float], turns: tuple[int, int] = (0, 0)) -> np.ndarray:
-    return shifted.direction * np.array(joint) + shifted.offset - TURN * np.array(turns)
 
 
 _lite = load_robot("lite")
@@ -130,9 +114,9 @@ def test_a_range_that_commands_cannot_reach_is_a_problem(description: RobotDescr
     assert "commands reach ±12.57" in text
 
 
-def test_a_joint_that_was_not_heard_is_a_problem(shifted: Wiring) -> None:
+def test_a_joint_that_was_not_heard_is_a_problem(wiring: Wiring) -> None:
     position = np.array([np.nan, 0.0])
-    assert dict(turn_problems(shifted, position, find_turns(shifted, position)))["left"] == "has not told its position"
+    assert dict(turn_problems(wiring, position, find_turns(wiring, position)))["left"] == "has not told its position"
 
 
 @given(st.floats(-60.0, 60.0), st.floats(-3.0, 3.0))

@@ -111,15 +111,21 @@ def test_before_anything_was_heard_nothing_is_known(robot: HardwareRobot) -> Non
     ] * 2
 
 
-def test_what_does_not_fit_is_counted_and_shown(enabled: HardwareRobot) -> None:
+def test_what_does_not_fit_is_counted_and_shown(enabled: HardwareRobot, left: ScriptedMotor) -> None:
     enabled.write(_hold(damping=6.0))
+    beyond = ([-0.2, 30.0], [50.0, 0.0], [18.0, 0.0], [501.0, 0.0], [5.1, 0.0])
+    enabled.write(MITCommand(*map(np.array, beyond)))
     enabled.write(MITCommand(np.array([1.0, 0.4]), np.zeros(2), np.zeros(2), np.full(2, 50.0), np.zeros(2)))
     statistics = enabled.statistics
-    assert statistics.saturations == {"left": {"damping": 1}, "right": {"damping": 1}}
-    assert statistics.bounded == {"left": 1}
+    left_fields = {"velocity": 1, "effort": 1, "stiffness": 1, "damping": 2}
+    assert statistics.saturations == {"left": left_fields, "right": {"damping": 1, "position": 1}}
+    assert statistics.bounded == {"left": 2}
+    at = -(enabled.read()[0].joint_position[0] + 17.0 / 50.0)
+    assert wait_until(lambda: bool(left.commands) and left.commands[-1].position == pytest.approx(at, abs=4e-4))
     text = "\n".join(statistics.lines())
-    assert "left: cut off at the motor's range: damping 1 times" in text
-    assert "position moved to keep within the effort limit: left 1 times" in text
+    counted = "velocity 1 times, effort 1 times, stiffness 1 times, damping 2 times"
+    assert f"left: cut off at the motor's range: {counted}" in text
+    assert "position moved to keep within the effort limit: left 2 times" in text
 
 
 # --- silence

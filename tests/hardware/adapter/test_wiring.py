@@ -10,21 +10,6 @@ from humanoid_sim.robots.schema import RobotDescription
 OFFSETS = {"left": 0.5, "right": -0.25}
 
 
-def test_buses_map_to_channels_in_order(description: RobotDescription) -> None:
-    wiring = make_wiring(description, 2, OFFSETS)
-    assert wiring.channel == (0, 1)
-    assert wiring.on_channel(1) == (1,)
-    assert wiring.motor_id == (11, 21)
-    assert wiring.direction.tolist() == [-1.0, 1.0]
-    assert wiring.offset.tolist() == [0.5, -0.25]
-    assert [model.name for model in wiring.model] == ["rs-02", "rs-00"]
-
-
-def test_one_channel_carries_all_motors(description: RobotDescription) -> None:
-    wiring = make_wiring(description, 1, OFFSETS)
-    assert wiring.on_channel(0) == (0, 1)
-
-
 def test_the_effort_limit_is_what_frames_can_say(description: RobotDescription) -> None:
     strong = msgspec.structs.replace(description.joints[0], effort_limit=float("inf"))
     wiring = make_wiring(msgspec.structs.replace(description, joints=(strong, description.joints[1])), 2, OFFSETS)

@@ -184,10 +184,7 @@ def _run(row: Row, slowness: float) -> tuple[list[Tick], Campaign, str]:
             drive.run(1.1)
         if row.blocked:
             motors.inject(Fault("blocked", (row.joint,), start=motors.time))
-        intent = {Mode.STANDBY: Intent.LOAD_A, Mode.LOCOMOTION: Intent.START_LOCOMOTION}.get(
-            row.mode, Intent.START_REMOTE
-        )
-        drive.run(PERIOD, intent)
+        drive.run(PERIOD, INTENTS[row.mode])
         end = drive.clock() + 2.0
         while drive.clock() < end and not drive.ticks[-1].output.faults:
             drive.run(PERIOD)

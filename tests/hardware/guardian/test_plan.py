@@ -35,10 +35,6 @@ def test_each_channel_is_there_once() -> None:
     assert _PLAN.channels == (_LEFT, _RIGHT)
 
 
-def test_a_guardian_takes_over_after_100_ms_unless_told_otherwise() -> None:
-    assert GuardianPlan(_PLAN.motors).timeout == 0.1
-
-
 @pytest.mark.parametrize("name", ["timeout", "damping_time", "period"])
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), 61.0])
 def test_times_that_protect_nothing_are_refused(name: str, value: float) -> None:

@@ -11,10 +11,6 @@ from humanoid_sim.hardware.imu.interface import DEFAULT_MOUNTING, Imu, Simulated
 from humanoid_sim.simulation.sensors import ImuSample
 
 
-def test_none_is_no_imu() -> None:
-    assert make_imu("none", DEFAULT_MOUNTING, time.monotonic) is None
-
-
 def test_port_baud_rate_and_mounting(device: EmulatedImu) -> None:
     imu = make_imu(f"microstrain:{device.port}@460800", "1,0,0,0", time.monotonic)
     imu.open()

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import struct
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -28,12 +26,6 @@ def test_the_manuals_examples(text: str, packet: Packet) -> None:
     reader = PacketReader()
     assert list(reader.feed(data)) == [packet]
     assert (reader.damaged, reader.skipped) == (0, 0)
-
-
-def test_floats_are_big_endian_and_of_one_length() -> None:
-    field = Field(0x04, struct.pack(">3f", 0.5, -1.0, 2.0))
-    assert field.floats(3) == (0.5, -1.0, 2.0)
-    assert field.floats(4) is None
 
 
 fields = st.lists(st.builds(Field, st.integers(0, 255), st.binary(max_size=20)), max_size=8).map(tuple)

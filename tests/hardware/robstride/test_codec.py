@@ -210,12 +210,3 @@ def test_settings_that_do_not_exist_are_malformed_on_the_motor() -> None:
     assert isinstance(told(FrameType.SET_PROTOCOL, 3), messages.Malformed)
     assert isinstance(told(FrameType.ACTIVE_REPORT, 2), messages.Malformed)
     assert told(FrameType.SET_BAUD_RATE, 1) == messages.SetBaudRate(5, messages.BaudRate.KBIT_1000)
-
-
-def test_a_zero_command_is_zero_here_and_half_a_step_below_in_the_manuals_reading() -> None:
-    model = MOTORS["rs-02"]
-    frame = encode_command(messages.OperationControl(11, 0.0, 0.0, 0.0, 0.0, 0.0), model)
-    ours, manual = (decode_command(frame, 11, model, scale=scale) for scale in Scale)
-    assert ours == messages.OperationControl(11, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert isinstance(manual, messages.OperationControl)
-    assert manual.effort == pytest.approx(-17.0 / 65535)

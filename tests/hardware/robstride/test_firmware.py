@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.robstride.firmware import firmware_of, parse_version, version_text
+from humanoid_sim.hardware.robstride.firmware import firmware_of, parse_version
 from humanoid_sim.robots.motors import MOTORS, POSITION_RANGE
 
 
@@ -35,11 +35,6 @@ def test_what_a_version_means(
     assert firmware.has_active_reports == has_reports
     assert firmware.reports_as_status == as_status
     assert firmware.applied_to(MOTORS[model]).position == position_range
-
-
-def test_versions_as_text() -> None:
-    assert parse_version("0.2.3.6") == (0, 2, 3, 6)
-    assert version_text((0, 2, 2, 11)) == "0.2.2.11"
 
 
 @pytest.mark.parametrize("text", ["", "0.2.3", "0.2.3.x", "0.2.3.256", "0.2.3.6.1", "-1.2.3.4", "²...0"])

@@ -12,29 +12,23 @@ from pathlib import Path
 
 import pytest
 
-from humanoid_sim.cli import run_program
-from humanoid_sim.hardware import main
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 
+Run = Callable[..., tuple[int, str, str]]
 CHANNEL = "udp_multicast:239.74.163.62"
 
 
-@pytest.fixture
-def emulate(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
-    def run(*arguments: str) -> tuple[int, str, str]:
-        try:
-            status = run_program(main, ["emulate", *arguments])
-        except SystemExit as exit_:  # tyro's own refusals
-            status = exit_.code if isinstance(exit_.code, int) else 1
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return run
-
-
-def test_it_says_what_happens_and_ends_with_a_summary(emulate: Callable[..., tuple[int, str, str]]) -> None:
-    status, out, err = emulate(
-        "--channel", CHANNEL, "--fault", "over_temperature:14@0.05", "--fault", "silent@0.1", "--duration", "0.3"
+def test_it_says_what_happens_and_ends_with_a_summary(run: Run) -> None:
+    status, out, err = run(
+        "emulate",
+        "--channel",
+        CHANNEL,
+        "--fault",
+        "over_temperature:14@0.05",
+        "--fault",
+        "silent@0.1",
+        "--duration",
+        "0.3",
     )
     assert (status, err) == (0, "")
     assert out.startswith(f"14 motors of lite on {CHANNEL}; ")
@@ -43,11 +37,11 @@ def test_it_says_what_happens_and_ends_with_a_summary(emulate: Callable[..., tup
     assert re.search(r"frames, \d+\.\d % load", out)
 
 
-def test_a_signal_ends_it(emulate: Callable[..., tuple[int, str, str]]) -> None:
+def test_a_signal_ends_it(run: Run) -> None:
     killer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGTERM))
     killer.start()
     try:
-        status, out, _ = emulate("--channel", CHANNEL, "--quiet")
+        status, out, _ = run("emulate", "--channel", CHANNEL, "--quiet")
     finally:
         killer.cancel()
         killer.join()
@@ -55,7 +49,7 @@ def test_a_signal_ends_it(emulate: Callable[..., tuple[int, str, str]]) -> None:
     assert "load on average" in out
 
 
-def test_a_piano_s_keys_are_played_on_a_fifo(emulate: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+def test_a_piano_s_keys_are_played_on_a_fifo(run: Run, tmp_path: Path) -> None:
     fifo, found = tmp_path / "keys", []
 
     def listen() -> None:
@@ -67,43 +61,41 @@ def test_a_piano_s_keys_are_played_on_a_fifo(emulate: Callable[..., tuple[int, s
     listener = threading.Thread(target=listen)
     listener.start()
     options = ("--channel", CHANNEL, "--robot", "lite_piano", "--quiet", "--duration", "0.6")
-    status, _, err = emulate(*options, "--midi", str(fifo))
+    status, _, err = run("emulate", *options, "--midi", str(fifo))
     listener.join()
     assert (status, err) == (0, "")
     assert found[0].count(b"\xfe") >= 2, "active sensing"
     assert not fifo.exists()
-    status, _, err = emulate("--channel", CHANNEL, "--midi", str(fifo))
+    status, _, err = run("emulate", "--channel", CHANNEL, "--midi", str(fifo))
     assert (status, err) == (2, f"error: --midi: is '{fifo}', but lite has no piano; lite_piano has one\n")
 
 
-def test_without_a_channel_there_is_nowhere_to_be(emulate: Callable[..., tuple[int, str, str]]) -> None:
-    status, _, err = emulate("--fault", "lost")
+def test_without_a_channel_there_is_nowhere_to_be(run: Run) -> None:
+    status, _, err = run("emulate", "--fault", "lost")
     assert status == 2
     assert err == "error: --channel: is not given, expected a channel such as vcan0 or udp_multicast:239.74.163.2\n"
 
 
-def test_the_list_of_faults(emulate: Callable[..., tuple[int, str, str]]) -> None:
-    status, out, _ = emulate("--fault", "help")
+def test_the_list_of_faults(run: Run) -> None:
+    status, out, _ = run("emulate", "--fault", "help")
     assert status == 0
     assert "encoder_jump=1" in out
 
 
-def test_a_hand_sweeps_the_joints(
-    emulate: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_hand_sweeps_the_joints(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     led: list[Mapping[str, float] | None] = []
     monkeypatch.setattr(VirtualMotors, "move_by_hand", lambda _, positions: led.append(positions))
-    status, _, err = emulate("--channel", CHANNEL, "--sweep", "--duration", "0.3")
+    status, _, err = run("emulate", "--channel", CHANNEL, "--sweep", "--duration", "0.3")
     assert (status, err) == (0, "")
     assert len(led) >= 3
     assert abs(led[-1]["left_shoulder_roll"]) < abs(led[0]["left_shoulder_roll"]), "on its way to 0"
 
 
-def test_a_calibration_assembles_the_motors(emulate: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+def test_a_calibration_assembles_the_motors(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "calibration.yaml"
     path.write_text("left_elbow_pitch: {id: 14, direction: -1, homing_offset: 0.5}\n")
-    status, _, err = emulate("--channel", CHANNEL, "--calibration", str(path), "--duration", "0.1")
+    status, _, err = run("emulate", "--channel", CHANNEL, "--calibration", str(path), "--duration", "0.1")
     assert (status, err) == (0, "")
-    status, _, err = emulate("--channel", CHANNEL, "--calibration", str(tmp_path / "none.yaml"))
+    status, _, err = run("emulate", "--channel", CHANNEL, "--calibration", str(tmp_path / "none.yaml"))
     assert status == 2
     assert "none.yaml" in err
