@@ -66,7 +66,7 @@ class Walker:
     joint: int
     """Number of an action that bends a knee."""
     contract: Path | None = None
-    """A file that a copy needs in the folder `params` beside its own."""
+    """File that a copy, in a folder `exported`, needs in the folder `params` beside that."""
 
     def slowed(self, output: Path, factor: float, *, only_backward: bool = False) -> Path:
         """Walks for `factor` times the command; or does so only where it is to walk backward."""
@@ -172,7 +172,7 @@ class _Addition:
             self.model.graph.node.extend(ready)
             known.update(name for node in ready for name in node.output)
             waiting = [node for node in waiting if node not in ready]
-        output.parent.mkdir(exist_ok=True)
+        output.parent.mkdir(parents=True, exist_ok=True)
         if self._contract is not None:
             params = output.parents[1] / "params"
             params.mkdir(exist_ok=True)

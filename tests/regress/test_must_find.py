@@ -184,7 +184,7 @@ def test_walking_candidates(
         ("falls once in 50", lambda file: walker.falling(file, 0.02), "falls", "worse beyond tolerance", 48),
     ):
         begin = perf_counter()
-        candidate = field.judge(make(tmp_path / f"{len(rows)}" / "policy.onnx"), seeds)
+        candidate = field.judge(make(tmp_path / f"{len(rows)}" / "exported" / "policy.onnx"), seeds)
         rows.append(table_row(robot, name, candidate, metric, perf_counter() - begin))
         assert rows[-1][2] == verdict
         assert candidate.passed is (verdict == "worse within tolerance")
