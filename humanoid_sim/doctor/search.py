@@ -2,7 +2,7 @@
 
 Edits of one joint are many, so that each is first tried at a glance; so are pairs. Where no single edit makes a run in
 which there is nothing to notice, every two of them are tried: of two mistakes either cure alone may change nothing, or
-make it worse, so its rank says nothing, but half a second under the right pair differs from all the others.
+make it worse, so its rank says nothing, but a second under the right pair differs from all the others.
 
 Every stage has a share of the budget by whose end it stops, a running trial too; what it leaves of the single edits is
 tried after the pairs. At the end the best are tried less one part of what they change, so that no right value is
@@ -35,8 +35,10 @@ _CLOSE = 1.2
 """Ratio of costs within which two edits of one cause are both tried at length."""
 _RIVALS = 2
 _PAIRS = 6000
-_GLANCE, _LOOK = 0.125, 0.25
-"""Shares of a brief trial's time for which pairs, and edits of one joint, are tried first."""
+_GLANCE = 0.25
+"""Share of a brief trial's time for which pairs, and edits of one joint, are tried first."""
+_PROBE = 0.125
+"""Share of it that shows how fast the machine is."""
 _PAST_THE_FALL = 1.3
 """Times what the robot stays up with the contract as it is: a cure shows when it does not fall there."""
 _PROMOTED_GLANCES = 150
@@ -47,7 +49,7 @@ _PROMOTED_DETAILS = 24
 _BRIEFLY, _GLANCED, _PROMOTED_BY, _AT_LENGTH = 0.26, 0.38, 0.43, 0.62
 """Shares of the budget by whose end single edits have been tried briefly, those of one joint at a glance, the best of
 these briefly, and the best of all at length."""
-_PAIRS_GLANCED, _PAIRS_BRIEFLY, _PAIRS_AT_LENGTH, _REST = 0.74, 0.83, 0.9, 0.95
+_PAIRS_GLANCED, _PAIRS_BRIEFLY, _PAIRS_AT_LENGTH, _REST = 0.77, 0.85, 0.91, 0.95
 """Shares of the budget for pairs, then for single edits that were left over; the end is for parts of the best."""
 _SHORTEST = 0.3
 """Share of a trial's time to which it is cut where the machine is slow."""
@@ -71,11 +73,6 @@ class Plan:
     """At most so many pairs are tried; 0: none."""
     budget: float | None = None
     """s of wall time in which the search ends; None: when all has been tried."""
-
-    @property
-    def glance(self) -> tuple[Trial, ...]:
-        """Return the trials of pairs, where there are many."""
-        return _shortened(self.brief, _GLANCE)
 
 
 def _shortened(trials: tuple[Trial, ...], factor: float) -> tuple[Trial, ...]:
@@ -151,7 +148,7 @@ class _Search:
         self._plan = replace(self._plan, brief=self._fitting(self._plan.brief, len(coarse), _BRIEFLY))
         rest = self._stage("single changes", coarse, self._plan.brief, ranking, _BRIEFLY)
         glanced = Ranking()
-        look = _shortened(self._plan.brief, _long_enough(ranking, _LOOK))
+        look = _shortened(self._plan.brief, _long_enough(ranking))
         rest += self._stage("changes of one joint", details, look, glanced, _GLANCED)
         seen = [verdict.hypothesis for verdict in sorted(glanced.verdicts.values(), key=lambda verdict: verdict.order)]
         best = seen[:_PROMOTED_DETAILS]
@@ -167,9 +164,10 @@ class _Search:
 
     def _measured_pace(self, unchanged: Hypothesis) -> float:
         """Measure the pace in a second trial: in the first the robot is built."""
-        self._outcomes(unchanged, self._plan.glance, math.inf)
+        probe = _shortened(self._plan.brief, _PROBE)
+        self._outcomes(unchanged, probe, math.inf)
         start = self._elapsed
-        outcomes = self._outcomes(unchanged, self._plan.glance, math.inf) or ()
+        outcomes = self._outcomes(unchanged, probe, math.inf) or ()
         return (self._elapsed - start) / max(sum(outcome.time_up for outcome in outcomes), 1e-3)
 
     def _at_length(self, unchanged: Hypothesis, until: float) -> None:
@@ -188,7 +186,7 @@ class _Search:
         ranking.pairs_known, wanted = _pairs(self._contract, glanced, ranking, plan.pairs)
         if ranking.pairs_known > _PROMOTED_GLANCES:
             seen = Ranking()
-            glance = _shortened(plan.brief, _long_enough(ranking, _GLANCE))
+            glance = _shortened(plan.brief, _long_enough(ranking))
             left = self._stage("pairs at a glance", wanted, glance, seen, _PAIRS_GLANCED, ranking.pairs_known)
             best = sorted(seen.verdicts.values(), key=lambda verdict: verdict.order)
             chosen = [verdict.hypothesis for verdict in best[:_PROMOTED_GLANCES]]
@@ -262,10 +260,10 @@ class _Search:
                 self._stage("parts of the best", smaller, self._plan.thorough, self._ranking, 1.0)
 
 
-def _long_enough(ranking: Ranking, least: float) -> float:
-    """Return the share of a brief trial's time, `least` or more, in which a change shows what it does."""
+def _long_enough(ranking: Ranking) -> float:
+    """Return the share of a brief trial's time in which a change shows what it does."""
     fall = 0.0 if ranking.present is None or ranking.present.stays_up else ranking.present.time_up
-    return float(np.clip(_PAST_THE_FALL * fall, least, 1.0))
+    return float(np.clip(_PAST_THE_FALL * fall, _GLANCE, 1.0))
 
 
 def _with_rivals(promising: Sequence[Hypothesis], ranking: Ranking) -> list[Hypothesis]:
