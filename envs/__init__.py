@@ -7,6 +7,7 @@
 | `reference_states` | the beginning of an episode in the middle of a motion |
 | `curriculum` | how much of randomisation and commands counts while training goes on |
 | `randomised_robot` | one robot with what is drawn for its episodes, as of a batch |
+| `base` | what the environments of one robot and of many have in common |
 | `policy_env` | one robot: `LiteTracking-v0`, `BipedVelocity-v0`, `Policy-v0` |
 | `vector_env` | many robots at once, stepped natively: the same ids through `gymnasium.make_vec` |
 | `modes_env` | the whole control stack: `LiteModes-v0` |

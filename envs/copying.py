@@ -6,6 +6,7 @@ What they hold beside their state (MuJoCo's threads, views into its memory, wind
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
@@ -34,7 +35,12 @@ class CopyableEnv:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For `pickle` and `copy`."""
-        return _built_again, (type(self), *self._arguments, self.snapshot())
+        arguments, options = self._arguments
+        return partial(type(self), *arguments, **options), (), self.snapshot()
+
+    def __setstate__(self, snapshot: dict[str, Any]) -> None:
+        """For `pickle` and `copy`, of one that was just built."""
+        self.restore(snapshot)
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -55,11 +61,3 @@ class CopyableEnv:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Take over a state."""
         vars(self).update(snapshot)
-
-
-def _built_again(
-    kind: type[CopyableEnv], arguments: tuple[Any, ...], options: dict[str, Any], snapshot: dict[str, Any]
-) -> CopyableEnv:
-    env = kind(*arguments, **options)
-    env.restore(snapshot)
-    return env

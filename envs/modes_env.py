@@ -97,6 +97,7 @@ class ModesEnv(ShownEnv, gymnasium.Env[dict[str, Any], Any]):
         loaded = None if policy is None else read_policy(policy, motion, description.joint_names)
         if loaded is not None:
             description = with_contract_physics(description, loaded.contract)
+        self._prepare_pictures(description, period, render_mode, (width, height, camera))
         observed = None if loaded is None else loaded.contract
         self.robot = EpisodeRobot(
             description,
@@ -118,7 +119,6 @@ class ModesEnv(ShownEnv, gymnasium.Env[dict[str, Any], Any]):
         )
         self.action_space = modes_action_space(description, remote)
         self.observation_space = modes_observation_space(description)
-        self._prepare_pictures(description, period, render_mode, (width, height, camera))
         self.is_remote = remote
         """True where REMOTE is available, and actions have a remote command."""
         self.max_episode_steps = max(round(episode_seconds / period), 1)

@@ -104,13 +104,13 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
         """
         self.observation_space = self._prepare(contract, robot, motion, curriculum, privileged, options)
         scenario = self.scenario
+        self._prepare_pictures(
+            scenario.description, scenario.contract.policy_dt, render_mode, (width, height, camera), scenario.terrain
+        )
         self.action_space = action_space(scenario.wiring, scenario.description)
         self.robot = self._robots = self._make_robot(randomisation, command_delay, state_delay, state_sampling)
         self._drawn_from: int | None = None
         self.max_episode_steps = scenario.task.episode_steps
-        self._prepare_pictures(
-            scenario.description, scenario.contract.policy_dt, render_mode, (width, height, camera), scenario.terrain
-        )
         self._observation = np.zeros_like(self._low)
         self._commands: FloatArray = np.zeros((1, 3))
         self._steps = 0

@@ -7,6 +7,7 @@ episode. The whole control stack's, of `ModesEnv`: what an operator can ask of i
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,8 @@ INTENTS: tuple[Intent | None, ...] = (None, *Intent)
 """By the action's number: 0 asks for nothing."""
 
 _FLAGS = tuple(SafetyFlag)
+_STATE = tuple(field.name for field in fields(MITState) if field.name not in ("time", "extern"))
+"""Names of the fields of a robot's state that an operator is shown."""
 _BEYOND_STOP = 5.0
 """rad past a stop, which is soft: full effort that swings the Lite's joints to and fro drives one 2.6 rad past its."""
 _ANY_POSITION = 100.0
@@ -145,13 +148,7 @@ def modes_observation(state: MITState, output: TickOutput | None, safety: tuple[
     merged = merge_safety(safety)
     standby = None if output is None else output.standby
     return {
-        "joint_position": np.array(state.joint_position),
-        "joint_velocity": np.array(state.joint_velocity),
-        "joint_effort": np.array(state.joint_effort),
-        "joint_age": np.array(state.joint_age),
-        "imu_quaternion": np.array(state.imu_quaternion),
-        "imu_angular_velocity": np.array(state.imu_angular_velocity),
-        "imu_linear_acceleration": np.array(state.imu_linear_acceleration),
+        **{name: np.array(getattr(state, name)) for name in _STATE},
         "mode": np.int64(Mode.ZERO_TORQUE if output is None else output.control_mode.mode),
         "standby_segment": np.int64(0 if standby is None else standby.current_segment + 1),
         "standby_progress": np.array([0.0 if standby is None else standby.progress]),

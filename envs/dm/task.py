@@ -153,21 +153,12 @@ class TaskEnvironment(control.Environment):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For `pickle` and `copy`."""
-        return _made_again, (self._again, self._policy_task.snapshot(), self._counters())
+        counters = {name: vars(self)[name] for name in ("_step_count", "_reset_next_step")}
+        return self._again, (), (self._policy_task.snapshot(), counters)
 
-    def _counters(self) -> dict[str, Any]:
-        return {name: vars(self)[name] for name in ("_step_count", "_reset_next_step")}
-
-    def restore(self, snapshot: Mapping[str, Any], counters: Mapping[str, Any]) -> None:
-        """Take over a state."""
+    def __setstate__(self, state: tuple[Mapping[str, Any], Mapping[str, Any]]) -> None:
+        """For `pickle` and `copy`, of one that was just made."""
+        snapshot, counters = state
         self._policy_task.restore(snapshot)
         for name, value in counters.items():
             setattr(self, name, value)
-
-
-def _made_again(
-    again: Callable[[], TaskEnvironment], snapshot: Mapping[str, Any], counters: Mapping[str, Any]
-) -> TaskEnvironment:
-    environment = again()
-    environment.restore(snapshot, counters)
-    return environment

@@ -30,7 +30,7 @@ from humanoid_sim.regress.progress import EpisodeProgress
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
 from humanoid_sim.regress.report import require_report
 from humanoid_sim.regress.results import Candidate, PolicyRun, Results, SuiteInfo
-from humanoid_sim.regress.show import show_candidate, show_detectable, show_run, show_verdict
+from humanoid_sim.regress.show import say, show_candidate, show_detectable, show_run, show_verdict
 from humanoid_sim.regress.suite_file import chosen_suite, load_suite
 
 _RECORDINGS = Path("runs")
@@ -77,9 +77,7 @@ def regress(config: RegressConfig) -> int:
         for candidate in results.candidates:
             show_verdict(plain, results, candidate)
             if results.baseline is not None and candidate.worse:
-                console.print(
-                    _which_joints(config, candidate, results.baseline), markup=False, highlight=False, soft_wrap=True
-                )
+                say(console, _which_joints(config, candidate, results.baseline))
     documents: dict[Path | None, Callable[[], bytes]] = {
         config.write_baseline: lambda: json_of(results.candidates[0].run),
         config.json: lambda: json_of(results),
@@ -220,7 +218,7 @@ def _record(config: RegressConfig, prepared: PreparedSuite, policies: Sequence[T
             path = folder / recording_name(run.name, episode)
             record_episode(path, cases[episode.case], episode, prepared.suite.disturbance, prepared.robot)
             if config.episode or not config.quiet:
-                console.print(f"recorded {path}", markup=False, highlight=False, soft_wrap=True)
+                say(console, f"recorded {path}")
 
 
 def _write(documents: Mapping[Path | None, Callable[[], bytes]]) -> None:

@@ -31,6 +31,11 @@ _COLOURS = {
 _FAILURES_SHOWN = 5
 
 
+def say(console: Console, line: str) -> None:
+    """Print a line as it is, however wide the terminal is."""
+    console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
 def show_detectable(console: Console, results: Results) -> None:
     """Show how small a change the suite can find: before any candidate has run."""
     if not results.detectable:
@@ -98,7 +103,7 @@ def show_candidate(console: Console, results: Results, candidate: Candidate) -> 
             describe_share(comparison.detectable, comparison, unit),
         )
     for text, names in candidate.left_out.items():
-        console.print(f"without {text}: {', '.join(names)}", markup=False, highlight=False, soft_wrap=True)
+        say(console, f"without {text}: {', '.join(names)}")
     console.print(table)
     if not paired:
         console.print("other seeds than the baseline's: compared case by case, not pair by pair", highlight=False)
@@ -128,7 +133,7 @@ def _show_trouble(console: Console, baseline: PolicyRun | None, candidate: Candi
         console.print(f"{len(failures)} of {len(run.episodes)} episodes failed{before}:")
         for episode in failures[:_FAILURES_SHOWN]:
             line = f"  {episode.label}, after {episode.duration:.2f} s: {episode.failure}"
-            console.print(line, markup=False, highlight=False, soft_wrap=True)
+            say(console, line)
         if len(failures) > _FAILURES_SHOWN:
             console.print(f"  and {len(failures) - _FAILURES_SHOWN} more")
     if not run.margins:
@@ -163,4 +168,4 @@ def show_verdict(console: Console, results: Results, candidate: Candidate) -> No
         for verdict, members in describe_verdicts(results, candidate):
             parts.append(f"{verdict}: {', '.join(' '.join(member).strip() for member in members)}")
         line = f"{word} {name}: " + "\n  ".join(parts)
-    console.print(line, markup=False, highlight=False, soft_wrap=True)
+    say(console, line)

@@ -134,18 +134,13 @@ def _case_problems(suite: Suite) -> Iterator[str]:
         seen.add(case.name)
         if case.duration is not None and not 0.0 < case.duration <= 3600.0:
             yield f"{place}.duration: is {case.duration:g}, expected more than 0 and at most 3600 s"
-        if suite.task != "velocity" and case.command is not None:
-            wanted = "motion" if suite.task == "tracking" else "song"
-            yield f"{place}.command: is of no use to a {suite.task} task, expected a {wanted}"
-        if suite.task != "piano" and case.song:
-            wanted = "motion" if suite.task == "tracking" else "command"
-            yield f"{place}.song: is of no use to a {suite.task} task, expected a {wanted}"
-        if suite.task == "piano" and (case.motion or not case.song):
-            given = "motion: is of no use to a piano task" if case.motion else "song: is missing"
-            yield f"{place}.{given}, expected a song"
+        wanted = {"tracking": "motion", "velocity": "command", "piano": "song"}[suite.task]
+        for name in ("motion", "command", "song"):
+            if name != wanted and getattr(case, name):
+                yield f"{place}.{name}: is of no use to a {suite.task} task, expected a {wanted}"
+        if suite.task == "piano" and not case.song:
+            yield f"{place}.song: is missing, expected a song"
         if suite.task == "velocity":
-            if case.motion:
-                yield f"{place}.motion: is of no use to a velocity task, expected a command"
             if case.command is None or not all(math.isfinite(value) for value in case.command):
                 yield f"{place}.command: expected vx, vy in m/s and a yaw rate in rad/s"
             if case.duration is None or case.duration <= suite.settle:

@@ -25,7 +25,7 @@ from humanoid_sim.policy.motion import Motion, write_motion
 from humanoid_sim.policy_tools.stamp import stamp
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.training.ppo.learner import Actor
-from humanoid_sim.training.ppo.network import Network, require_same_answers, write_network
+from humanoid_sim.training.ppo.network import require_same_answers, write_network
 
 _CHANGING = (gymnasium.ObservationWrapper, gymnasium.ActionWrapper, VectorObservationWrapper, VectorActionWrapper)
 _INSIDE = ("env", "venv", "envs")
@@ -65,7 +65,13 @@ def export(model: Any, envs: Any, output: str | os.PathLike[str]) -> Path:
     if scenario.motion is None and contract.task_type != "locomotion":
         raise InputError("envs: their policy carries its motion itself, which a new one will not; give them motion=")
     network = actor.network()
-    _check_widths(network, env)
+    expected = scenario.wiring.layout.width, scenario.contract.action_count
+    widths = len(network.mean), len(network.layers[-1][1])
+    if widths != expected:
+        raise InputError(
+            f"model: takes {widths[0]} values and gives {widths[1]}, expected {expected[0]} and {expected[1]} of these "
+            "environments"
+        )
     probes = np.random.default_rng(0).normal(size=(_PROBES, len(network.mean))) * network.deviation + network.mean
     observations = probes.astype(np.float32)
     with tempfile.TemporaryDirectory() as folder:
@@ -120,15 +126,6 @@ def _inside(wrapper: Any) -> Any:
     own = getattr(wrapper, "__dict__", {})
     inside = next((own[name] for name in _INSIDE if name in own), None)
     return next(iter(inside), None) if isinstance(inside, list | tuple) else inside
-
-
-def _check_widths(network: Network, env: PolicyEnv | PolicyVectorEnv) -> None:
-    seen, made = env.scenario.wiring.layout.width, env.scenario.contract.action_count
-    widths = len(network.mean), len(network.layers[-1][1])
-    if widths != (seen, made):
-        raise InputError(
-            f"model: takes {widths[0]} values and gives {widths[1]}, expected {seen} and {made} of these environments"
-        )
 
 
 def _training_run(scenario: Scenario, actor: Actor, seed: int) -> dict[str, npt.NDArray[Any]]:

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.training.ppo.folder import RunFolder
 from humanoid_sim.training.ppo.learner import SETTINGS
 from humanoid_sim.training.ppo.options import TrainConfig
+from humanoid_sim.training.ppo.run import RunFolder
 
 SUBJECT = {"task": "tracking", "contract": "lite_tracking", "motion": "wave"}
 
