@@ -2,7 +2,7 @@
 
 The convention is strict: the error of frame k is the pose that was read in the very tick in which the policy was shown
 frame k, minus frame k. Nothing is shifted in time. A motion ends with its last frame, which counts once: what a policy
-does with it while it is held is no error of the motion. What is kept does not grow with the length of the run.
+does with it while it is held is not an error of the motion. What is kept does not grow with the length of the run.
 """
 
 from __future__ import annotations

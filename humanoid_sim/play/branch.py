@@ -79,7 +79,7 @@ def open_branch(config: PlayConfig) -> BranchPoint:
         config: the options, with the recorded ones in the place of defaults.
 
     Raises:
-        InputError: it is no run of `play`, or a branch itself.
+        InputError: it is not a run of `play`, or a branch itself.
     """
     path, time = parse_branch(config.branch or "")
     recording = open_recording(path)

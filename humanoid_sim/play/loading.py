@@ -166,7 +166,7 @@ class Prover:
 def main() -> None:
     """Answer standard input, a `_Job`, with a `Proof`, or with the text of a refusal."""
     output = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever a library prints is no answer
+    os.dup2(2, 1)  # whatever a library prints is not an answer
     os.nice(_NICENESS)
     job: _Job = pickle.load(sys.stdin.buffer)
     result: Proof | str

@@ -121,7 +121,7 @@ class PlayConfig:
     """Producer of commands for REMOTE that is started too; gravity compensates gravity, as a process with a model of
     its own."""
     gravity_form: Literal["effort", "pd"] = "effort"
-    """How gravity compensation commands: as feed-forward effort, or as a PD position offset."""
+    """Form in which gravity compensation commands: as feed-forward effort, or as a PD position offset."""
     duration: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
     """Seconds on the robot's clock after which the run ends. Default: when the motion or the script ends."""
     policy_seconds: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
@@ -157,7 +157,7 @@ class PlayConfig:
     summary: Annotated[str | None, tyro.conf.arg(metavar="FILE.json")] = None
     """The final table as JSON."""
     actuation: Literal["qfrc_applied", "affine", "implicit"] = "qfrc_applied"
-    """How the simulated motors run the MIT law: at every physics step in Python, or as MuJoCo's own actuators, which
+    """Law of the simulated motors (MIT): run at every physics step in Python, or as MuJoCo's own actuators, which
     agree with that, or, with longer steps and implicit damping, come close to it."""
     control_frequency: Annotated[float | None, tyro.conf.arg(metavar="HZ")] = None
     """Hz; default: the robot's, for simulation and for hardware."""
@@ -168,7 +168,7 @@ class PlayConfig:
     state_delay: Annotated[float, tyro.conf.arg(metavar="SECONDS")] = 0.0
     """s from a joint's state to its being read, in simulation."""
     state_sampling: Literal["now", "on_command"] = "now"
-    """When the simulated joints are sampled: at reading, or, as on a CAN bus, at the last command."""
+    """Moment at which the simulated joints are sampled: at reading, or, as on a CAN bus, at the last command."""
 
     GROUPS: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "most used": (

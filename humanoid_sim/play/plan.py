@@ -363,7 +363,7 @@ def expected_duration(config: PlayConfig, policy: PolicyChoice, description: Rob
 def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: float | None) -> tuple[float, str]:
     """Return the control period, and what to tell the user if it is not the robot's own.
 
-    Where the policy's period is no multiple of the control period, the control rate moves to the nearest that is. On
+    Where the policy's period is not a multiple of the control period, the control rate moves to the nearest that is. On
     hardware there is no physics step to divide it.
 
     Returns:

@@ -68,7 +68,7 @@ def why_not_loaded(path: Path) -> str:
         for entry in _entries(onnx.load_model_from_string(path.read_bytes())):
             end = int(entry.get("offset", 0)) + int(entry.get("length", 0))
             needed[entry[_LOCATION]] = max(end, needed.get(entry[_LOCATION], 0))
-    except (DecodeError, ValueError):  # no model at all, or a place that is no number
+    except (DecodeError, ValueError):  # no model at all, or a place that is not a number
         return ""
     for name, size in needed.items():
         file = path.parent / name

@@ -111,9 +111,9 @@ def check_checkpoint(
         physics_timestep: s of the simulation; None: the robot's.
 
     Raises:
-        InputError: the checkpoint is no model, the contract file is not there, or the robot's MJCF cannot be read.
+        InputError: the checkpoint is not a model, the contract file is not there, or the robot's MJCF cannot be read.
     """
-    OnnxModel(path)  # what is no model cannot be checked
+    OnnxModel(path)  # what is not a model cannot be checked
     if contract_file is not None:
         regular_file(contract_file, "a contract.yaml")
     try:

@@ -103,7 +103,7 @@ class SourceMotion:
                 raise InputError(f"{self.source}: {name} has '{twice[0]}' twice")
 
     def _unit(self, name: str, quaternion: FloatArray) -> FloatArray:
-        with np.errstate(over="ignore"):  # becomes infinite, which is no unit
+        with np.errstate(over="ignore"):  # becomes infinite, which is not a unit
             norm = np.sqrt((quaternion * quaternion).sum(axis=-1))
         bad = np.argwhere(np.abs(norm - 1.0) > _UNIT)
         if len(bad):

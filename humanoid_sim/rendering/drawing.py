@@ -190,7 +190,7 @@ def _end_with(parent: int, path: str) -> None:
 def main(parent: int) -> int:
     """Draw what standard input asks for, for the process `parent`."""
     output = os.fdopen(os.dup(sys.stdout.fileno()), "w", buffering=1)
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # whatever a driver prints is no answer
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # whatever a driver prints is not an answer
     os.nice(_NICENESS)
 
     def tell(**answer: object) -> None:
