@@ -25,10 +25,6 @@ def buttons(*down: int, count: int = 8) -> tuple[int, ...]:
     return tuple(int(i in down) for i in range(count))
 
 
-def press(*down: int, held: tuple[int, ...] = ()) -> tuple[Intent, ...]:
-    return pressed_intents(JoyBindings(), buttons(*down), buttons(*held))
-
-
 def test_every_step_between_two_readings():
     """All 256 x 256 readings: an intent comes exactly when its combination was completed."""
     readings = [set(down) for size in range(9) for down in combinations(range(8), size)]

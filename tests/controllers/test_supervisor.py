@@ -364,14 +364,6 @@ def remotes(now: float) -> dict[str, RemoteCommand | None]:
     }
 
 
-@dataclass
-class Node:
-    """A run up to some point, and the properties watched on it so far."""
-
-    memory: Any
-    inputs: tuple[TickInput, ...]
-
-
 def abstract(memory: Any) -> tuple[str, str]:
     """What the exhaustive search tells apart: who is in control, and how far."""
     inner = memory.controller_memory

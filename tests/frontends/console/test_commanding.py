@@ -24,7 +24,6 @@ from humanoid_sim.session.feed import FeedWriter
 
 NAME = f"console ({os.getpid()})"
 N = len(rig.JOINTS)
-HELD_KP = [50.0] * N
 
 
 def robot() -> str:
