@@ -1,7 +1,5 @@
 """Gamepad bindings: the defaults, remapping, edges, and gamepads that cannot work."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import pytest

@@ -1,7 +1,5 @@
 """`controllers/` is pure: what it imports, what it calls, what it may not be mistaken for."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

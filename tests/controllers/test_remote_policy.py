@@ -1,7 +1,5 @@
 """REMOTE: what is applied, what is too old, and what never counts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

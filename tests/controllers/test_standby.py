@@ -1,7 +1,5 @@
 """STANDBY: the walk to a pose, second by second."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

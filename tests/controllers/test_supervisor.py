@@ -1,7 +1,5 @@
 """The supervisor: construction, containment of failures, and its state space exhausted over abstract inputs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product

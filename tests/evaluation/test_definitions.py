@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from humanoid_sim.evaluation.definitions import DEFINITIONS, differing
 
 
