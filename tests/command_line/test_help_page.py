@@ -1,7 +1,5 @@
 """Help of every program, as somebody with a terminal of 80 columns sees it, and its examples, which run."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import re

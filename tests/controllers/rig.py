@@ -1,7 +1,5 @@
 """A small control stack whose controllers can be told apart by their gains alone, and ticks to feed it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The public safety properties, and beside them the rig's gains written out: settings are not believed here either."""
 
-from __future__ import annotations
-
 import numpy as np
 from rig import DAMPING_KD, PASSIVE_KD, POLICY_KD, POLICY_KP
 

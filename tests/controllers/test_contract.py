@@ -1,7 +1,5 @@
 """The policy contract: its fields, checked against each other."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import fields
 

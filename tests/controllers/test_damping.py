@@ -1,7 +1,5 @@
 """DAMPING: captured positions, damping only; fails only where no joint was ever heard. ZERO_TORQUE: cannot fail."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """The state machine, exhaustively: every controller, safety status, intent, standby progress and set of controllers."""
 
-from __future__ import annotations
-
 import re
 from itertools import chain, combinations, permutations, product
 

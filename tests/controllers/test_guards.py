@@ -1,7 +1,5 @@
 """The guards: what trips them and when, what does not, what they say, and that a trip is DAMPING at once."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

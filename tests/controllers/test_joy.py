@@ -1,7 +1,5 @@
 """Gamepad bindings: the defaults, remapping, edges, and gamepads that cannot work."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import pytest
@@ -23,10 +21,6 @@ DEFAULTS = {
 
 def buttons(*down: int, count: int = 8) -> tuple[int, ...]:
     return tuple(int(i in down) for i in range(count))
-
-
-def press(*down: int, held: tuple[int, ...] = ()) -> tuple[Intent, ...]:
-    return pressed_intents(JoyBindings(), buttons(*down), buttons(*held))
 
 
 def test_every_step_between_two_readings():

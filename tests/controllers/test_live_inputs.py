@@ -1,7 +1,5 @@
 """Live inputs: declared by a term's width, resolved like any term, and never zeros in silence."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The observation: widths, order, live terms, and batches that equal their robots bit for bit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

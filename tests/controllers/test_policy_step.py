@@ -1,7 +1,5 @@
 """One policy step: by itself as the controller does it, in a batch as its robots do it, bit for bit."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Motion references: tables, their end, and the layouts of motion files."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

@@ -1,7 +1,5 @@
 """LOCOMOTION: the policy's view, its rate, its motion and its failures."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from itertools import permutations

@@ -1,7 +1,5 @@
 """The signs: what is found of mirrored and shifted joints of an arm that hangs, and what becomes of START then."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

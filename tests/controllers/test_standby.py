@@ -1,7 +1,5 @@
 """STANDBY: the walk to a pose, second by second."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -194,17 +192,13 @@ def test_a_state_of_another_width_is_a_fault():
     [
         ({"target_stiffness": [1.0, 2.0]}, r"target_stiffness: has shape \(2,\), expected \(3,\)"),
         ({"target_stiffness": [1.0, -2.0, 3.0]}, "target_stiffness: is -2.0 for elbow, expected a finite number >= 0"),
-        ({"target_stiffness": NAN}, "target_stiffness: is nan for shoulder"),
-        ({"target_stiffness": None}, "target_stiffness: dtype is object"),
         ({"target_damping": [1.0, 2.0, INF]}, "target_damping: is inf for wrist"),
         ({"target_damping": -1}, "target_damping: is -1.0 for shoulder"),
-        ({"target_damping": "high"}, "target_damping: dtype is <U4"),
         ({"segment_durations": []}, r"segment_durations: has shape \(0,\), expected one or more durations"),
         ({"segment_durations": 2.0}, r"segment_durations: has shape \(\), expected one or more durations"),
         ({"segment_durations": [2.0, 0.0]}, r"segment_durations\[1\]: is 0.0, expected a finite number > 0"),
         ({"segment_durations": [-1.0, 1.0]}, r"segment_durations\[0\]: is -1.0, expected a finite number > 0"),
         ({"segment_durations": [2.0, NAN]}, r"segment_durations\[1\]: is nan"),
-        ({"segment_durations": [2.0, INF]}, r"segment_durations\[1\]: is inf"),
         ({"segment_durations": [2.0]}, "pose_segments: has 2 poses, expected 1, one per segment duration"),
         ({"pose_segments": []}, "pose_segments: has 0 poses, expected 2"),
         ({"pose_segments": [[0.0] * 3]}, "pose_segments: has 1 poses, expected 2"),
@@ -217,8 +211,6 @@ def test_a_state_of_another_width_is_a_fault():
         ({"pose_segments": 0.0}, r"pose_segments\[0\]: has shape \(1,\)"),
         ({"pose_segments": None}, r"pose_segments\[0\]: dtype is object"),
         ({"max_time_step": 0.0}, "max_time_step: is 0.0, expected a finite number > 0"),
-        ({"max_time_step": NAN}, "max_time_step: is nan"),
-        ({"max_time_step": "fast"}, "max_time_step: is 'fast'"),
     ],
 )
 def test_invalid_parameters_are_named(parameters, message):

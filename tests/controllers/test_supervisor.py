@@ -1,7 +1,5 @@
 """The supervisor: construction, containment of failures, and its state space exhausted over abstract inputs."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -362,14 +360,6 @@ def remotes(now: float) -> dict[str, RemoteCommand | None]:
         "broken": RemoteCommand(command(damping=[-1.0, 1.0, 1.0]), now),
         "wrong width": RemoteCommand(command(n=2), now),
     }
-
-
-@dataclass
-class Node:
-    """A run up to some point, and the properties watched on it so far."""
-
-    memory: Any
-    inputs: tuple[TickInput, ...]
 
 
 def abstract(memory: Any) -> tuple[str, str]:

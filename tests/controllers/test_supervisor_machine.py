@@ -1,7 +1,5 @@
 """The supervisor against anything: Hypothesis drives it with hostile inputs and checks every tick."""
 
-from __future__ import annotations
-
 import pytest
 import rig
 from hypothesis import settings

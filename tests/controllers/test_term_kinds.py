@@ -1,7 +1,5 @@
 """The table of observation terms, and that everything which knows terms works from it: a new term is one entry."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import fields, replace
 from types import MappingProxyType

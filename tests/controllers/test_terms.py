@@ -1,7 +1,5 @@
 """Height scans as terms write them down: their grid, and what is refused."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

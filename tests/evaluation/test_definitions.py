@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from humanoid_sim.evaluation.failure import DEFINITIONS, differing
 
 

@@ -1,7 +1,5 @@
 """Feet: found in the model, and seen to slide."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What a run took of each joint, and what is said where no limit is known."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Whole songs on the simulated piano, by a policy and open loop."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

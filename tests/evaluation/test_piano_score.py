@@ -1,7 +1,5 @@
 """Scores of performances that can be counted by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

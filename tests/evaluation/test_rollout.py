@@ -1,7 +1,5 @@
 """The closed loop: one robot does what it does in a batch, and a restart touches nobody else."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

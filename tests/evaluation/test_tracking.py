@@ -6,7 +6,7 @@ import pytest
 
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors, peak_speed
+from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors
 from humanoid_sim.mit import ANCHOR_POSE, Extern, MITState
 from humanoid_sim.policy.motion import body_frames
 from humanoid_sim.robots.description import load_robot
@@ -126,10 +126,6 @@ def test_peak_speed_is_the_reference_hands_and_not_the_elbows(lite):
     frames[1:, 0] += 1.0  # the elbow
     frames[2, 6:9] += [0.006, 0.008, 0.0]  # the right hand, 1 cm in one frame
     assert TrackingErrors(lite, frames, BODIES, 0.02).summary().peak_speed == pytest.approx(0.5)
-
-
-def test_peak_speed_of_one_frame_is_zero():
-    assert peak_speed(np.zeros((1, 2, 3)), 0.02) == 0.0
 
 
 def test_frames_that_do_not_fit_the_bodies_are_refused(lite):

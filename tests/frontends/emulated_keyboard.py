@@ -1,7 +1,5 @@
 """A MIDI keyboard at the level of its bytes, on a FIFO or on a pseudo-terminal."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

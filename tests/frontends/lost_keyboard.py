@@ -1,7 +1,5 @@
 """A piano policy that hears a MIDI keyboard, and how that is lost: unplugged, or with its program."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Programs that command a run from outside: what they send, how they are lost, and a gamepad."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Every front end stopped and killed in every mode of a simulated run: whoever only looks on changes nothing."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from contextlib import nullcontext

@@ -1,7 +1,5 @@
 """Foxglove's server, by a client that speaks its protocol (WebSocket, subprotocol foxglove.sdk.v1)."""
 
-from __future__ import annotations
-
 import json
 import socket
 import struct

@@ -1,7 +1,5 @@
 """The gamepad's driver on gamepads that SDL makes, against a session without a loop."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from pathlib import Path

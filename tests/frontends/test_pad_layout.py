@@ -1,7 +1,5 @@
 """Layouts of gamepads: of a file of our own, of a ROS 2 parameter file, and wrong ones."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

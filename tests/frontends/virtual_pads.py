@@ -1,7 +1,5 @@
 """Gamepads that SDL itself makes: plugged in, pressed and pulled out through the library that pygame-ce brings."""
 
-from __future__ import annotations
-
 import ctypes
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The calibration file, and the offsets from sweeps."""
 
-from __future__ import annotations
-
 import math
 import os
 from pathlib import Path

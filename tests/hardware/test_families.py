@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.robots.motors import FAMILIES, MOTORS
 

@@ -1,7 +1,5 @@
 """The list of docs/first-hour.md: its commands exist, and on emulated motors they print what it says."""
 
-from __future__ import annotations
-
 import importlib
 import io
 import json

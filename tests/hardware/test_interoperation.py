@@ -4,8 +4,6 @@ Its scaling ranges are older than the manuals of 2026-04-28 and are patched to t
 SocketCAN only, so it is handed a virtual bus.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Sends mutants to a worker one by one, ends it where it hangs, and starts another where it died."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Mutations of formats with checksums and structure: what a writer could have written, with something odd in it."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct

@@ -1,7 +1,5 @@
 """Mutations: of bytes, of texts' numbers, and of documents that are trees of mappings and lists."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Every reader of files from outside: mutants are read or refused with one line, in bounded time and memory."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

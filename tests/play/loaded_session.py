@@ -1,7 +1,5 @@
 """A session that begins without a policy, from outside: `play` in a process of its own, its feed and its intake."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

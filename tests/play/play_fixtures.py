@@ -1,7 +1,5 @@
 """A quick robot and a way to run `play` in a folder of its own, within this process."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from functools import partial

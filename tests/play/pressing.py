@@ -1,7 +1,5 @@
 """A robot with a piano whose standby pose holds one key down."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

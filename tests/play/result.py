@@ -1,7 +1,5 @@
 """What a run of `play` left behind."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Recordings of one policy laid beside one another."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Options that are wrong, or wrong together: exit status 2, one line, and nothing left behind."""
 
-from __future__ import annotations
-
 import os
 import shlex
 from collections.abc import Callable

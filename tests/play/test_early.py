@@ -1,7 +1,5 @@
 """What is wrong with options is said before anything heavy is imported."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a run says of a robot that falls, or does not, whose base frame lies at the ground."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

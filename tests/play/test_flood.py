@@ -1,7 +1,5 @@
 """A DAMP during a flood of both sockets, each in a process of its own."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Folders without room: in a mount namespace of their own, where anybody may mount a small file system."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

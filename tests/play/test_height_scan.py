@@ -1,7 +1,5 @@
 """A policy that observes the ground: rays in simulation, a recording that replays, and a program on a robot."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

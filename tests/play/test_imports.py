@@ -1,7 +1,5 @@
 """What the loop needs is loaded before it begins: an import in a tick takes as long as several ticks."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A simulated piano's keys on their way: from a finger that presses one to the feed, the recording and the replay."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

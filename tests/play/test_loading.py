@@ -1,7 +1,5 @@
 """A robot is brought up first, and gets its policy later: `play`, `mode` and the client from outside."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """End to end: options in, exit status, tables and files out."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

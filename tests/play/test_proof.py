@@ -1,7 +1,5 @@
 """Which policies a running session can take: what the process that proves them finds."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

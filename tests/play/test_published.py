@@ -1,7 +1,5 @@
 """Published G1 policies through `play`, against the figures measured with them in plain MuJoCo (their READMEs)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`mode reactivate` to a running session, and the replay of what was recorded."""
 
-from __future__ import annotations
-
 import os
 import threading
 import time

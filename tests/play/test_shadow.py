@@ -1,7 +1,5 @@
 """`play --shadow`: a policy looks on, and the run is what it is without it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise

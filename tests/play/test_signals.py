@@ -1,7 +1,5 @@
 """Signals to a real process in mid-motion."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import pty

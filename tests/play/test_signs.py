@@ -1,7 +1,5 @@
 """Signs in a run: START is refused for a mirrored joint, an operator may know better, and it replays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

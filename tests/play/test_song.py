@@ -1,7 +1,5 @@
 """A song on a simulated piano, played by a network that knows two of its keys: goals, score, refusals."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

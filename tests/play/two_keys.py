@@ -1,7 +1,5 @@
 """A network that plays two keys, one a hand: it presses each while the song asks for it. Exactly solvable, so real."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

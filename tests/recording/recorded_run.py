@@ -1,7 +1,5 @@
 """A run of the real control stack through all five modes, for tests of replay."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from humanoid_sim.messages import (

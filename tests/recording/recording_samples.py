@@ -1,7 +1,5 @@
 """Sample headers and ticks, Hypothesis strategies for them, and what makes two of them the same bit for bit."""
 
-from __future__ import annotations
-
 import dataclasses
 import struct
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """A recording's body: /tf as an independent reader sees it, against MuJoCo's forward kinematics."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Headers that a stranger wrote, with a digest that is right."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A run that loaded another policy: its recording holds both, and is repeated with each in its time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Topics for viewers: which safety statuses they say, and when."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from recording_samples import PERIOD, make_header, make_tick

@@ -1,7 +1,5 @@
 """Small stand-ins for everything around the control loop; all write into one log, so that order can be checked."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """A session's local ends without a loop: registered for this process, in a folder of the test's own."""
 
-from __future__ import annotations
-
 import os
 import socket
 import threading

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import rig
 
 from humanoid_sim.messages import Intent, TickOutput

@@ -1,7 +1,5 @@
 """A policy put in place between two ticks, or not: what the session does with what was prepared."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, field
 from typing import Any

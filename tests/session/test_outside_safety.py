@@ -1,7 +1,5 @@
 """Safety statuses of other programs: by themselves, and through the intake of a session."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """The feed's readers and the intake's producers as processes: slow, stopped and killed."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

@@ -1,7 +1,5 @@
 """What was refused is counted whole, and told at a rate that a person can read."""
 
-from __future__ import annotations
-
 import os
 
 from local_session import LocalSession

@@ -1,7 +1,5 @@
 """A shadow policy sees what LOCOMOTION would see and says what it would command; no tick differs because of it."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace

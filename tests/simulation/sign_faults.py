@@ -7,8 +7,6 @@ off by up to 10 %, with a payload of up to 0.5 kg on any body, up to 0.3 N·m of
 more), encoders off by up to 0.01 rad, an IMU by up to 0.02 rad, and a base that hangs up to 0.1 rad askew.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import re

@@ -1,7 +1,5 @@
 """Check poses: those of the shipped robots are harmless, and harmful ones are refused."""
 
-from __future__ import annotations
-
 import pytest
 from msgspec.structs import replace
 

@@ -1,7 +1,5 @@
 """Gravity's levers: what holds a robot is what MuJoCo computes, in its pose and in those that it might be in."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

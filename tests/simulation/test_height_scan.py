@@ -1,7 +1,5 @@
 """Height scans against ground whose height is known by formula, for one robot, for a batch, and around any frame."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -8,7 +8,6 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import SafetyLevel
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot, StateSampling
 from humanoid_sim.simulation.plant import Actuation, make_plant
 from humanoid_sim.simulation.stance import clearance
@@ -31,11 +30,6 @@ def commands(count: int, n: int = 2) -> list[MITCommand]:
 
 def values(state: MITState) -> tuple[list[float], ...]:
     return state.joint_position.tolist(), state.joint_velocity.tolist(), state.joint_effort.tolist()
-
-
-def test_is_a_robot() -> None:
-    robot: Robot = MujocoRobot(load_robot("lite"))
-    assert robot.joints == load_robot("lite").joint_names
 
 
 def test_starts_at_the_initial_position() -> None:

@@ -1,7 +1,5 @@
 """The table of `sign_faults.py`: no sound robot is accused, and no fewer planted faults are found than before."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

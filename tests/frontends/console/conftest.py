@@ -1,7 +1,5 @@
 """A session that runs in real time with its console, as an operator starts it."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

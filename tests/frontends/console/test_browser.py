@@ -1,7 +1,5 @@
 """The page in a real Chromium, without a head, its 3D drawn in software."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Iterator

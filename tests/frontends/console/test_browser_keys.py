@@ -1,7 +1,5 @@
 """A piano's keys on the page, in a real Chromium, played on an emulated MIDI keyboard."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

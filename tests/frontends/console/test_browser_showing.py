@@ -1,7 +1,5 @@
 """What the page shows beside the state, in a real Chromium. The 3D view is left out where it is not looked at."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

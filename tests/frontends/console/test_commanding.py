@@ -1,7 +1,5 @@
 """What pages command, tick by tick, on a session without a loop; the clock is the test's own."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,7 +22,6 @@ from humanoid_sim.session.feed import FeedWriter
 
 NAME = f"console ({os.getpid()})"
 N = len(rig.JOINTS)
-HELD_KP = [50.0] * N
 
 
 def robot() -> str:

@@ -1,7 +1,5 @@
 """Sliders and velocity in a real Chromium, and what becomes of them when their page is gone."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The second figures, in viser itself."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The console as strangers and pages meet it, over real connections."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import os

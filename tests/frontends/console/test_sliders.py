@@ -1,7 +1,5 @@
 """The sliders' arithmetic: what it commands, whatever is asked for."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Lets the modules here import their neighbours: importlib mode leaves sys.path alone."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A bridge as a program, and a DDS domain that nobody else on the machine is in."""
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """The bridge as a program, by clients that know nothing of this project."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """What a command is that came over DDS, and how old."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

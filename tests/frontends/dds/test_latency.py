@@ -1,7 +1,5 @@
 """How long a command takes from a client's write to the motors, at 200 Hz."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

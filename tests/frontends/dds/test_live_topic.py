@@ -1,7 +1,5 @@
 """A policy with a sensor of its own: fed by a topic that its contract names, from DDS and from a Python program."""
 
-from __future__ import annotations
-
 import json
 import threading
 import time

@@ -1,7 +1,5 @@
 """A robot from its topics alone."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """A key that a simulated finger presses, as a client that knows nothing of this project hears of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

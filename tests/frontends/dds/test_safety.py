@@ -1,7 +1,5 @@
 """Safety statuses from DDS, by a monitor that knows nothing of this project, with every quality of service."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 import time

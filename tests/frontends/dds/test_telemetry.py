@@ -1,7 +1,5 @@
 """What a bridge that comes later says of the Lite on a CAN bus, and keys that it takes from outside."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from dataclasses import replace

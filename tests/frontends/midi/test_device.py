@@ -1,7 +1,5 @@
 """The bytes of an emulated keyboard on a FIFO and on a terminal, and ports where this machine has a sequencer."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys

@@ -1,7 +1,5 @@
 """Active sensing and unplugging, by a clock of the test's own."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import pytest

@@ -1,7 +1,5 @@
 """The program with an emulated keyboard, on a session without a loop."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

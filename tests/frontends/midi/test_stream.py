@@ -1,7 +1,5 @@
 """MIDI at the level of its bytes; the examples are those of the MIDI 1.0 specification."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """A robot of two joints, its scripted motors, and short waits."""
 
-from __future__ import annotations
-
 import itertools
 import sys
 from collections.abc import Callable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """A program that holds a robot of which four motors need a guardian: `guarded_robot.py CHANNEL [reactivate|close]`."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Motors that answer every command as a test tells them, without physics: the other end of python-can's virtual bus."""
 
-from __future__ import annotations
-
 import struct
 import threading
 import time

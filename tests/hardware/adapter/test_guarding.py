@@ -1,7 +1,5 @@
 """A robot with four Sito motors, held by another process that is killed or stopped; a listener on the wire."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

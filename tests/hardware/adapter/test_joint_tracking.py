@@ -1,7 +1,5 @@
 """The joints' state from what motors report, and which turn a motor is on."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Motors of two families on one robot and one bus: ten Robstride and four Sito, emulated."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import time

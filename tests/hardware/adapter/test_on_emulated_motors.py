@@ -1,7 +1,5 @@
 """The adapter and emulated motors, MuJoCo behind them: two implementations of the protocol that must agree."""
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import time

@@ -1,7 +1,5 @@
 """What an enabled robot does with what happens on its buses."""
 
-from __future__ import annotations
-
 import errno
 import random
 import time

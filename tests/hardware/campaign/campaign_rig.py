@@ -1,7 +1,5 @@
 """Emulated motors with a robot that is driven on them; faults, commands and what became of the motors."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager

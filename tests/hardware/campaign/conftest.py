@@ -1,7 +1,5 @@
 """Lets the tests of this folder import their helpers, and gives them their table."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

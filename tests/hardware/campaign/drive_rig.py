@@ -1,7 +1,5 @@
 """The real adapter, session and supervisor on one channel, one tick at a time, and everything written down."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import time

@@ -1,7 +1,5 @@
 """Every fault in every mode, on the real adapter, session and supervisor against emulated motors, in real time."""
 
-from __future__ import annotations
-
 import itertools
 import time
 from dataclasses import dataclass, replace

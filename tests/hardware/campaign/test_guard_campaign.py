@@ -3,8 +3,6 @@
 No frame is wrong here and no motor complains: only the joints' motion shows it.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field

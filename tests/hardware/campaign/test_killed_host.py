@@ -1,7 +1,5 @@
 """A host that is killed in any mode, with the motors in another process: their CAN timeout is all that is left."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

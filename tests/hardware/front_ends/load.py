@@ -1,7 +1,5 @@
 """Processor time that processes take, and others that take as much for nothing."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

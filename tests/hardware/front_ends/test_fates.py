@@ -1,7 +1,5 @@
 """Every front end stopped and killed in every mode, on emulated motors."""
 
-from __future__ import annotations
-
 import subprocess
 import time
 from collections.abc import Callable

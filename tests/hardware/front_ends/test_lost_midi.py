@@ -1,7 +1,5 @@
 """A MIDI keyboard that is lost in each mode on emulated motors, by a policy that hears it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

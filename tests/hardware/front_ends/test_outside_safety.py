@@ -1,7 +1,5 @@
 """A monitor, a process of its own, that reports a fault or falls silent, in every mode on emulated motors."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Iterator

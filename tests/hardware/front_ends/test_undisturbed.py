@@ -4,8 +4,6 @@ Measured in turns, so that what else happens on the machine falls on both. Where
 host took the processor, or its kernel), the tick says nothing and is left out of both.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """A program with a loop that a guardian watches: `guarded_loop.py CHANNEL`. What it says, the tests wait for."""
 
-from __future__ import annotations
-
 import sys
 import time
 

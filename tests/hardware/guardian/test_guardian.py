@@ -1,7 +1,5 @@
 """A loop and its guardian in processes of their own, a listener on their bus, and signals that no program can catch."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

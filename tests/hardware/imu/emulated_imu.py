@@ -1,7 +1,5 @@
 """A MicroStrain IMU behind a pseudo terminal: answers commands and streams what it is told to feel."""
 
-from __future__ import annotations
-
 import os
 import pty
 import select

@@ -1,7 +1,5 @@
 """The driver against an emulated device behind a pseudo terminal."""
 
-from __future__ import annotations
-
 import math
 import struct
 import time

@@ -1,7 +1,5 @@
 """Laws of the codec: round trips within a step, and a decoder that nothing upsets."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from typing import Any
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from humanoid_sim.hardware.bus.frame import Frame
 
 

@@ -1,7 +1,5 @@
 """Every row of the golden vectors, `tests/data/robstride_vectors.csv`, whose columns the protocol's notes describe."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections import Counter

@@ -1,7 +1,5 @@
 """Every row of the golden vectors, `tests/data/sito_vectors.csv`, and what no vector shows."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections import Counter

@@ -1,7 +1,5 @@
 """In which order frames leave, and how often."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

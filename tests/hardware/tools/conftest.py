@@ -1,7 +1,5 @@
 """Emulated motors for the bench tools, and a way to run these within this process."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Iterator

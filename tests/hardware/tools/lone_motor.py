@@ -1,7 +1,5 @@
 """A bus with one of the Lite's motors, as it comes from the factory: the others have no power."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`python -m humanoid_sim.hardware emulate`."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

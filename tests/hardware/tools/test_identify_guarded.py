@@ -1,7 +1,5 @@
 """`identify` of a motor that nothing stops when the program dies, with the motors in another process than the tool."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What every tool refuses to do, and what it says of a motor that is silent."""
 
-from __future__ import annotations
-
 import io
 import shlex
 from collections.abc import Callable

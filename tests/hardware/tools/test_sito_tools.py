@@ -1,7 +1,5 @@
 """The bench tools on a robot with motors of two families: what cannot be asked is listened for, or enabled limp."""
 
-from __future__ import annotations
-
 import re
 import threading
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The line of commands under way."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 import pytest

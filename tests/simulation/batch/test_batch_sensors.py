@@ -1,7 +1,5 @@
 """What a batch measures against what MuJoCo gives one robot at the same state."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import mujoco

@@ -1,7 +1,5 @@
 """A batch of robots against robots simulated one by one."""
 
-from __future__ import annotations
-
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What differs between the environments of a batch."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

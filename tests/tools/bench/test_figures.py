@@ -1,7 +1,5 @@
 """That every figure can be taken and printed; what they come to is the machine's business."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The piano policy's rule, what it sees, and the shipped graph, which must do the same."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 import onnxruntime

@@ -1,7 +1,5 @@
 """The sample songs: their files are what the code makes, and two hands with a finger each can play them."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 
