@@ -1,7 +1,5 @@
 """What every test shares: Hypothesis profiles, and a fixture that fails a test which leaves something open."""
 
-from __future__ import annotations
-
 import gc
 import os
 import shutil

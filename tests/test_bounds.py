@@ -1,7 +1,5 @@
 """The documented bounds are the ones in force."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

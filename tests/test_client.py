@@ -1,7 +1,5 @@
 """The client as others use it: one file, in any Python that has NumPy."""
 
-from __future__ import annotations
-
 import ast
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The fixture that fails a test which leaves something open, tried on tests that do."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

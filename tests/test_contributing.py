@@ -1,7 +1,5 @@
 """What CONTRIBUTING.md says about where things are is so."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

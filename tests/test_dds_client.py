@@ -1,7 +1,5 @@
 """The client for DDS, with a bridge as a program between it and the session."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

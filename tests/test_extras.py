@@ -1,7 +1,5 @@
 """Extras install nothing that nothing imports, and everything that is imported is installed by something."""
 
-from __future__ import annotations
-
 import ast
 import re
 import tomllib

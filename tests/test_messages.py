@@ -1,7 +1,5 @@
 """Modes, intents and safety bits are those of the wire, number for number."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import FrozenInstanceError, fields
 

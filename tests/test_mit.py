@@ -1,7 +1,5 @@
 """The joint surface: types that cannot be changed or malformed, and the MIT law."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from dataclasses import FrozenInstanceError, fields, replace

@@ -1,7 +1,5 @@
 """Arrays from a stranger's .npz file."""
 
-from __future__ import annotations
-
 import struct
 import zipfile
 from pathlib import Path

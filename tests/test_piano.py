@@ -1,7 +1,5 @@
 """`piano score` on recordings of keys that were played."""
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`record export`: what other programs find in its files."""
 
-from __future__ import annotations
-
 import csv
 import math
 import shutil

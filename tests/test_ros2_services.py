@@ -1,7 +1,5 @@
 """What the ROS 2 services do without ROS 2; with it they are tested in `tests/ros2_live`."""
 
-from __future__ import annotations
-
 import ast
 import os
 import shutil

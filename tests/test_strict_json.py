@@ -1,7 +1,5 @@
 """JSON from strangers."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """YAML from strangers: quick where it is sound, and never a crash."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal, get_args
 

@@ -1,7 +1,5 @@
 """The wheel holds everything as ordinary files, and works where the checkout is not."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

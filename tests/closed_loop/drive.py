@@ -1,7 +1,5 @@
 """The whole stack around a simulated Lite, one tick at a time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

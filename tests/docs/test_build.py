@@ -1,7 +1,5 @@
 """docs/build.py: what it stages, and what it finds wrong with a built site."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re

@@ -1,7 +1,5 @@
 """The page for users of the original system names what exists."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The pictures of docs/concepts.md show what the code does."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """Docstrings of functions and properties begin with a verb; ruff's D401 passes the question words."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

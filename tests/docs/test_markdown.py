@@ -1,7 +1,5 @@
 """Every page reads alike in the repository (CommonMark, with tables) and in the site (Python-Markdown)."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """README's moving picture, as it is stored, and how parts of videos get into it."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from types import ModuleType

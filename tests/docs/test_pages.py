@@ -1,7 +1,5 @@
 """The pages of the site: each is found in its navigation, and what they list is complete."""
 
-from __future__ import annotations
-
 import ast
 import re
 import tomllib

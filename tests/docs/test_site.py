@@ -1,7 +1,5 @@
 """The site as a browser shows it, wide and on a phone: whole, without a word to any other server."""
 
-from __future__ import annotations
-
 import functools
 import re
 import shutil

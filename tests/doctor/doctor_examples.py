@@ -1,7 +1,5 @@
 """Small contracts that have every kind of term, for robots of four joints that do not exist."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract

@@ -3,8 +3,6 @@
 Shared by the tests of the doctor, for which they are the test set, and by closed-loop tests.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The policies as the doctor sees them, under their right contracts: published ones, and those that ship."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

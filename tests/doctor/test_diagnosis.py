@@ -1,7 +1,5 @@
 """The doctor on the deliberate mistakes of the published policies: from the wrong contract it names the cause."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

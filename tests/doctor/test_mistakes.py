@@ -1,7 +1,5 @@
 """Every deliberate mistake of the published policies as a wrong contract: it loses the robot or leaves its figures."""
 
-from __future__ import annotations
-
 import pytest
 from mistakes import MISTAKES, MJCF_JOINTS, Mistake
 from published import needs_policies

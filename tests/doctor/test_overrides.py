@@ -1,7 +1,5 @@
 """Whatever the doctor would have a user paste is read by the real reader as the contract that it tried."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The order of verdicts, and which of them is a finding, with outcomes that are made up."""
 
-from __future__ import annotations
-
 import pytest
 from doctor_examples import tracker
 

@@ -1,7 +1,5 @@
 """`python -m humanoid_sim.policy doctor` on the sample policy of the Lite arms."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Environments that must do the same: many robots and single ones, an original and its copy."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

@@ -1,7 +1,5 @@
 """Helpers of this folder and others that these tests use."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

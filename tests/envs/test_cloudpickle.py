@@ -1,7 +1,5 @@
 """Environments go to another process in the middle of an episode, with functions that only cloudpickle can carry."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

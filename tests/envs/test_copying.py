@@ -1,7 +1,5 @@
 """Environments copied in the middle of an episode: the copy and the original go on alike, and apart."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from collections.abc import Callable

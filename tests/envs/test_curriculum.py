@@ -1,7 +1,5 @@
 """Curricula that are written down as points."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """The tasks through `dm_control`, against the Gymnasium environments that they are."""
 
-from __future__ import annotations
-
 import builtins
 import importlib
 import os

@@ -1,7 +1,5 @@
 """The guards of the control stack in the environments: one robot or many, the same end in the same step."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

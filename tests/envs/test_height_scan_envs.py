@@ -1,7 +1,5 @@
 """Environments whose policy observes the ground: single, many, for dm_control, and those of the whole state machine."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The IMU wherever it is, on a robot whose inertia is turned: `play` and every environment measure the same."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

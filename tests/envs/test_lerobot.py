@@ -1,7 +1,5 @@
 """The hub's entry, called as LeRobot 0.4.4 calls it; with LeRobot itself in tests/lerobot/test_lerobot_hub.py."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Environments whose policy observes what only Python code knows."""
 
-from __future__ import annotations
-
 import copy
 import json
 from collections.abc import Callable

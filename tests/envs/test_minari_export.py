@@ -1,7 +1,5 @@
 """A Minari dataset holds what happened, and is read back by Minari itself."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import gymnasium

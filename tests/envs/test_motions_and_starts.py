@@ -1,7 +1,5 @@
 """Several motions in one environment, and episodes that begin in the middle of one."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """LitePiano-v0: its reward, its songs, one robot and a batch."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

@@ -1,7 +1,5 @@
 """A policy in the environment and the same policy in `play`: one trajectory, to the last bit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

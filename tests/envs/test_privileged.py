@@ -1,7 +1,5 @@
 """What a critic sees: the true state, the same from a single environment and a vector of them."""
 
-from __future__ import annotations
-
 import gymnasium
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Randomisation that is drawn for every episode, of a single environment and of many: the same of both."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

@@ -1,7 +1,5 @@
 """A user's own reward terms: refused when they are made where that can be, else in the step that shows it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

@@ -1,7 +1,5 @@
 """rsl_rl on the native vector environment."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Bounds of observations and actions."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from humanoid_sim.controllers.policy_step import PolicyWiring

@@ -1,7 +1,5 @@
 """stable-baselines3 on the native vector environment."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

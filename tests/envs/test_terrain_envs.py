@@ -1,7 +1,5 @@
 """Walking on ground that is not flat, single and many."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

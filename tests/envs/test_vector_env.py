@@ -1,7 +1,5 @@
 """The native vector environment against Gymnasium's own, which steps `PolicyEnv`s one by one."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Iterator, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Long runs of the vector environment."""
 
-from __future__ import annotations
-
 import gc
 import os
 from pathlib import Path

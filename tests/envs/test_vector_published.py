@@ -1,7 +1,5 @@
 """Robots and policies from outside in the vector environment, step by step beside a single one."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

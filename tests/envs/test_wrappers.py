@@ -1,7 +1,5 @@
 """Gymnasium's own wrappers around single and vector environments."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

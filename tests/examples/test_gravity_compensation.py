@@ -1,7 +1,5 @@
 """The example, as anybody would run it: a whole `play` with its DDS bridge, and the client as a program beside it."""
 
-from __future__ import annotations
-
 import importlib.util
 import signal
 import subprocess

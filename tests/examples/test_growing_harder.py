@@ -1,7 +1,5 @@
 """The example, as anybody would run it, for two updates."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The examples' options are read and explained as the programs' are."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

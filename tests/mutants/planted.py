@@ -1,7 +1,5 @@
 """Readers that do what none may do: the campaign has to find it."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import NoReturn

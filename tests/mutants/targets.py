@@ -1,7 +1,5 @@
 """The readers of files from outside: a sound file of each, and what programs do with one that they are given."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

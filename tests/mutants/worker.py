@@ -5,8 +5,6 @@ descriptor as lines of JSON. What the readers print on descriptors 1 and 2, and 
 found by looking, not by asking Python.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import os

@@ -1,7 +1,5 @@
 """The notebooks run from top to bottom within five minutes each, and what is stored in them is what they show."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import json

@@ -1,7 +1,5 @@
 """notebooks/store.py: what belongs to a notebook's outputs, and what is left out of them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import ModuleType
 

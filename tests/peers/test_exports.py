@@ -1,7 +1,5 @@
 """Policies as mjlab 1.6 and rsl_rl 5 export them: read, checked, proved by runs of mjlab's own environment, played."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

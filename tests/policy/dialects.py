@@ -1,7 +1,5 @@
 """Contracts, any and all of them, and how each dialect writes one down."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """What tests of `policy check` share: a policy for the Lite, and looking for one finding among others."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from humanoid_sim.controllers.contract import PolicyContract

@@ -1,7 +1,5 @@
 """Tiny ONNX models, made as exporters make them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Fixtures of the tests of policies: a checkpoint, its trainer's trace, and the program to run on them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

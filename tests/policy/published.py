@@ -1,7 +1,5 @@
 """Where the published policies lie that some tests read: beside the checkout, or where HUMANOID_SIM_POLICIES says."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """When two sources say the same: rounded copies, and what is too far off to be one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Berkeley Humanoid Lite's deployment YAML: what its files in the wild hold, where they lie, and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Whatever a source holds: a contract, or one line of an `InputError`, and nothing else."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path

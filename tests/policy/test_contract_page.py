@@ -1,7 +1,5 @@
 """docs/contract.md says what the schema accepts: its examples are read, its tables are complete."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import fields
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`contract.yaml`: what is wrong with it is said with its path."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What each dialect says of a contract is read back as it was; permuted joints mean the same on the robot."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Golden vectors: a checkpoint that is wired differently than where it was trained is refused at load."""
 
-from __future__ import annotations
-
 import json
 from contextlib import suppress
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Motions inside a model's graph: read to their end, pauses included, and laid out for the policy."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Sources that agree, round, contradict each other or leave something out; and overrides."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What mjlab's metadata says and implies."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from humanoid_sim.controllers.policy_step import advance_phase

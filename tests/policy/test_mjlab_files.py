@@ -1,7 +1,5 @@
 """What mjlab 1.6 itself wrote, to the letter in `tests/data/mjlab_metadata.json`; and the like with mistakes."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The deliberate mistakes that the published policies describe: a stamped copy that is wired so is refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

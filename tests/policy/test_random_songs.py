@@ -1,7 +1,5 @@
 """Random songs keep to what they promise, whatever the seed."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

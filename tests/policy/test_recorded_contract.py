@@ -1,7 +1,5 @@
 """A recording's header rebuilds policies with histories, phases, live inputs and anchors bit for bit."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Joints and bodies that the robot lacks, and which ones were meant."""
 
-from __future__ import annotations
-
 from findings import found
 from trainer import JOINTS, contract
 

@@ -1,7 +1,5 @@
 """Motions in bags that `rosbags`, an independent writer of rosbag2's format, has written."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

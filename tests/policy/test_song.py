@@ -1,7 +1,5 @@
 """MIDI files become notes, and notes the keys to be held down."""
 
-from __future__ import annotations
-
 import contextlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Which sources speak about a checkpoint, and those that a contract.yaml leaves out."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Values that look like a slip, and those that do not."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

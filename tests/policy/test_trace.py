@@ -1,7 +1,5 @@
 """Traces: the trainer's run in a file, with what it may leave out, and what is refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Published policies on the states of a published run: each observation, term by term, and each action."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import replace

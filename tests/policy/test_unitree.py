@@ -1,7 +1,5 @@
 """Unitree's deploy.yaml: what its files in the wild hold, and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -3,8 +3,6 @@
 Nothing here is shared with the package's observation code, so that agreement with it means something.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`policy check`: every finding by its field, joint, value and limit."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

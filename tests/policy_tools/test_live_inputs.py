@@ -1,7 +1,5 @@
 """A contract with a live input is checked, shown and stamped without samples; programs that cannot feed it say so."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`policy show`: the whole contract, readable and as JSON."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

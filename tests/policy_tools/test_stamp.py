@@ -1,7 +1,5 @@
 """A stamped copy needs no other file, and answers bit for bit what the original does."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

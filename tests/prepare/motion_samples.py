@@ -1,7 +1,5 @@
 """Small motions of the Lite in the formats of others, made from its own forward kinematics."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`prepare --song`: files of a song, and what is said of it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Suites, episodes and policies for tests."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Verdicts: what is worse is called worse, what is not is not, and the suite says beforehand what it can tell."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Results on disk: baselines, and JUnit XML that continuous integration understands."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree import ElementTree
 

@@ -1,7 +1,5 @@
 """Suites of songs: the shipped one with its baseline, and what becomes of songs."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from hashlib import sha256

@@ -1,7 +1,5 @@
 """Numbers of the results as a person reads them."""
 
-from __future__ import annotations
-
 import math
 
 import msgspec

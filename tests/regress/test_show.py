@@ -1,7 +1,5 @@
 """What a person reads where episodes failed: of which the figures are."""
 
-from __future__ import annotations
-
 import io
 
 from regress_runs import episode, run, tiny_suite

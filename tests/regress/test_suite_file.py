@@ -1,7 +1,5 @@
 """Suites: the shipped ones, and one clear line for whatever is wrong with another."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Results with known content: what the policies did is drawn from seeded generators, what is said of it is computed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The report as a whole: one file, well formed, the same every time, saying what the results say."""
 
-from __future__ import annotations
-
 import re
 from html.parser import HTMLParser
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """Which episodes are shown, and what lies between two of them."""
 
-from __future__ import annotations
-
 import invented
 import msgspec
 import numpy as np

@@ -1,7 +1,5 @@
 """Ticks without a robot, and a small model whose pictures are easy to predict."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import mujoco

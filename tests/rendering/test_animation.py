@@ -1,7 +1,5 @@
 """Animated pictures."""
 
-from __future__ import annotations
-
 from io import BytesIO
 
 import mujoco

@@ -1,7 +1,5 @@
 """Keys light up in the colours of the piano roll, and go out again."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

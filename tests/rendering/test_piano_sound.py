@@ -1,7 +1,5 @@
 """What is heard is what was pressed, when it was pressed, and nothing else."""
 
-from __future__ import annotations
-
 import wave
 from io import BytesIO
 

@@ -7,8 +7,6 @@
 and prints the table. The published policies are those that the tests use.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Iterator

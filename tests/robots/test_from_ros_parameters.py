@@ -1,7 +1,5 @@
 """Robot files of ROS 2 parameters, in the forms that launch files and spawners take."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A URDF becomes an MJCF with the base that the user names, and what it does not say is listed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

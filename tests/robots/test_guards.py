@@ -1,7 +1,5 @@
 """The guards of a robot: derived from its limits, or as its description gives them; and as a header keeps them."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What an MJCF may ask for."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from pathlib import Path

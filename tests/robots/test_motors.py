@@ -1,7 +1,5 @@
 """The motors' limits, against the table that they were taken from."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """No guard trips on a healthy robot: sample motions, published policies that walk, are pushed, and fall."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager

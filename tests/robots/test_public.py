@@ -1,7 +1,5 @@
 """Public robots by name: from robot_descriptions' own cache, and one line where they cannot be had."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The URDF of a model, as an independent reader sees it, against MuJoCo's forward kinematics."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from io import BytesIO

@@ -1,7 +1,5 @@
 """The interface package for ROS 2 users says what is on the wire; `tests/ros2_live` compiles it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """The library's writer is the reference: the same calls make the same file, byte for byte."""
 
-from __future__ import annotations
-
 import io
 from typing import Any
 

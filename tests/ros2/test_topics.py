@@ -1,7 +1,5 @@
 """Topics are those of the original stack."""
 
-from __future__ import annotations
-
 import pytest
 
 from humanoid_sim.ros2.definitions import message_fields

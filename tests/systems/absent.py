@@ -3,8 +3,6 @@
 Run with a program's words after it: `python absent.py CODE`.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

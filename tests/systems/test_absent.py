@@ -3,8 +3,6 @@
 It shows that nothing needs them. It does not show that anything runs on Windows or macOS: nobody has tried.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

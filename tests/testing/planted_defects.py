@@ -1,7 +1,5 @@
 """Twelve stacks with one defect each, and how soon `fuzz_stack` finds it: `python tests/testing/planted_defects.py`."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace

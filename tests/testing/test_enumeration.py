@@ -1,7 +1,5 @@
 """What needs no luck is found always: every safety report and every combination of intents, in every mode."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Sound stacks and controllers pass; each kind of mistake is found and named."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Planted defects are found: those that need time at once and always, the others by the search; the first is told."""
 
-from __future__ import annotations
-
 import re
 import time
 import unittest

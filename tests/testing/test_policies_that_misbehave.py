@@ -1,7 +1,5 @@
 """Every misbehaviour is one, for policies of any width and controllers of any limit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

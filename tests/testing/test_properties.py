@@ -1,7 +1,5 @@
 """Each safety property, broken by hand: a check that nothing breaks says nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

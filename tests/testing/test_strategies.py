@@ -1,7 +1,5 @@
 """The strategies reach what they promise, for any number of joints, and nothing else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, find, given, settings

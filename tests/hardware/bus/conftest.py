@@ -1,7 +1,5 @@
 """Buses that do what a test tells them, beside python-can's own virtual one."""
 
-from __future__ import annotations
-
 import itertools
 import sys
 from collections.abc import Iterator

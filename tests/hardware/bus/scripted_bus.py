@@ -1,7 +1,5 @@
 """A python-can bus whose every call does what the test says."""
 
-from __future__ import annotations
-
 import queue
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Addresses, and opening them."""
 
-from __future__ import annotations
-
 import errno
 import random
 from pathlib import Path

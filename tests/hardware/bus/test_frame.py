@@ -1,7 +1,5 @@
 """The length of frames and arbitration against a bit-by-bit implementation, and the figures of the protocol notes."""
 
-from __future__ import annotations
-
 from hypothesis import given
 from hypothesis import strategies as st
 

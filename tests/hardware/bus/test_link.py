@@ -1,7 +1,5 @@
 """The check of a CAN interface, on what `ip -details -json link show` prints (iproute2 5.10 to 6.1)."""
 
-from __future__ import annotations
-
 import copy
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """A program that drives emulated motors in another process until it is killed: `campaign_host.py CHANNEL MODE`."""
 
-from __future__ import annotations
-
 import sys
 
 from drive_rig import driven

@@ -1,7 +1,5 @@
 """A Lite's motors on modelled buses and a host that speaks to them in messages, at times of its choosing."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 

@@ -1,7 +1,5 @@
 """A single emulated motor without a bus, and robots small enough for quick tests."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from humanoid_sim.hardware.emulation import firmware

@@ -1,7 +1,5 @@
 """Motors on modelled buses, driven by frames with times of the test's choosing; no thread and no clock."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

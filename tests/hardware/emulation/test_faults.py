@@ -1,7 +1,5 @@
 """Faults as a person writes them, and what is refused."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """What an emulated motor answers and does, frame by frame, without a bus and without physics."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

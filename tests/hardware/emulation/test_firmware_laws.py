@@ -1,7 +1,5 @@
 """What holds of an emulated motor whatever is sent to it, and whatever happens to it."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """What the motors move, seen from their shafts; and how warm they get."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from bus_rig import LITE

@@ -1,7 +1,5 @@
 """The frames on the wire with a shadow policy, with one that misbehaves, and without: the same ones."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """An emulated Sito motor by itself: what it does with a host's frames, and what it sends of itself."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Emulated motors in real time on python-can channels."""
 
-from __future__ import annotations
-
 import errno
 import time
 from collections.abc import Iterator

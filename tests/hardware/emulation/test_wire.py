@@ -1,7 +1,5 @@
 """The order and the times of frames on a bus, and what becomes of them while faults are active."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

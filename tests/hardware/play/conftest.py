@@ -1,7 +1,5 @@
 """`play` on emulated motors; the quick robot and the way to run are those of the tests of `play`."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

@@ -6,8 +6,6 @@ CLOCK_MONOTONIC. Nothing that runs on this machine can keep it waiting for so lo
 virtual machine.
 """
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import os

@@ -1,7 +1,5 @@
 """What a bus does to a policy, and how much of it the delays of the simulation explain."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Long runs of `play --hardware` on 14 emulated motors, with the figures that are claimed for it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

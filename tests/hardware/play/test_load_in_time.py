@@ -1,7 +1,5 @@
 """A policy loaded into a session on emulated motors: nothing is armed by itself, and the swap costs no deadline."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`play --hardware` on emulated motors in this process: from the list of checks to the last frame."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """An IMU on a serial line beside emulated motors."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A piano policy on emulated motors: the keys that its fingers press come back as a MIDI keyboard's bytes."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

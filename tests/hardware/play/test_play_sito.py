@@ -1,7 +1,5 @@
 """`play --hardware` on a robot with motors of two families, in every mode."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`play` in a process of its own and motors in this one, over UDP multicast: killed in mid-motion, or started twice."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

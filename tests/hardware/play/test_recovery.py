@@ -1,7 +1,5 @@
 """From a fault on the bus back to motion, as the operator's page says."""
 
-from __future__ import annotations
-
 import os
 import threading
 import time

@@ -1,7 +1,5 @@
 """An operator at a terminal: asked before the motors are enabled, then at the keys."""
 
-from __future__ import annotations
-
 import os
 import pty
 import select

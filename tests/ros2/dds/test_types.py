@@ -1,7 +1,5 @@
 """Message types as Cyclone DDS sees them are those that a stranger writes out from the stack's definitions."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What becomes of the options: arguments of the environments, and what a folder keeps of them."""
 
-from __future__ import annotations
-
 import inspect
 import json
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """From a training loop of one's own to a file that plays, with each library; and what no file can hold."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

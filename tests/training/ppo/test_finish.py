@@ -1,7 +1,5 @@
 """What is told while a policy is measured, and what Ctrl-C does then."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What `train` refuses, in one line, before anything is trained or written."""
 
-from __future__ import annotations
-
 import re
 import sys
 from pathlib import Path

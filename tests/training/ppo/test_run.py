@@ -1,7 +1,5 @@
 """A training from its first step to a policy that plays: killed on the way, and resumed."""
 
-from __future__ import annotations
-
 import json
 import re
 import signal
