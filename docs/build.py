@@ -78,7 +78,7 @@ def staged(text: str, source: PurePosixPath) -> str:
         target = PurePosixPath(os.path.normpath(source.parent / path))
         found = page_of(target)
         if found is None or not (ROOT / target).is_file():
-            raise SiteError(f"{source}: links to {path}, which is no page of the site")
+            raise SiteError(f"{source}: links to {path}, which is not a page of the site")
         if shown in (str(target), target.name):  # a reader of the site knows no files
             title = TITLE.search((ROOT / target).read_text("utf-8"))
             shown = title[1] if title else shown

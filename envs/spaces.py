@@ -1,7 +1,7 @@
 """The spaces of the environments, with bounds that mean something.
 
 A policy's: an action beyond its bounds commands nothing that one at its bounds does not: there the position error alone
-saturates the motor, wherever the joint is; an observation beyond its bounds is no robot's any more, and ends the
+saturates the motor, wherever the joint is; an observation beyond its bounds is not a robot's any more, and ends the
 episode. The whole control stack's, of `ModesEnv`: what an operator can ask of it, and what it shows.
 """
 

@@ -71,7 +71,7 @@ def load_calibration(path: str | os.PathLike[str], description: RobotDescription
     """Read a calibration for a robot.
 
     Raises:
-        InputError: the file cannot be read, is no calibration, or names another motor for a joint: it is another
+        InputError: the file cannot be read, is not a calibration, or names another motor for a joint: it is another
             robot's. One line with joint, field, value and what is accepted.
     """
     document = read_strictly(Path(path), str(path), "a calibration (YAML)")
@@ -119,7 +119,7 @@ def _disagreements(
     for name, entry in entries.items():
         joint = joints.get(name)
         if joint is None or joint.motor is None:
-            found.append(f"{path}: {name}: is no driven joint of {description.name}; its entry is not used")
+            found.append(f"{path}: {name}: is not a driven joint of {description.name}; its entry is not used")
             continue
         if entry.id != joint.motor.can_id:
             raise InputError(
@@ -233,7 +233,7 @@ def evaluate(
         joint: whose limits are its stops.
         direction: ±1, of its motor.
         sweep: what was seen.
-        threshold: rad; less is no sweep.
+        threshold: rad; less is not a sweep.
         tolerance: rad by which a sweep may differ from the joint's range; the offset may be wrong by half of it.
         any_offset: do not conclude from a sweep outside the joint's limits that its direction is flipped: for motors
             that were assembled without setting their zero.

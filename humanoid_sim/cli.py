@@ -130,7 +130,7 @@ def complain(message: str) -> None:
 def mute_output() -> None:
     """Send what is printed from here on nowhere, and what Python still holds back of stdout as well."""
     broken, sys.stdout = sys.stdout, open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - lives as long as we do
-    with contextlib.suppress(OSError, ValueError):  # a stdout that is no file
+    with contextlib.suppress(OSError, ValueError):  # a stdout that is not a file
         os.dup2(sys.stdout.fileno(), broken.fileno())
 
 

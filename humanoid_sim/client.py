@@ -10,7 +10,7 @@ package, and everything it must know about a session (message definitions, the r
         print(intake.ask("damp").text)
 
 The feed is memory that only the session can write to. Nothing that a reader does is noticed there: a reader maps it
-read-only, takes copies, and tells by number and checksum whether a copy is whole. It is no segment of
+read-only, takes copies, and tells by number and checksum whether a copy is whole. It is not a segment of
 `multiprocessing.shared_memory`, whose resource tracker would remove it when the first reader exits.
 """
 
@@ -191,7 +191,7 @@ def find_session(process: int | None = None) -> SessionInfo:
         for info in sessions:
             if info.process == process:
                 return info
-        raise SessionError(f"--session: {process} is no running session; running: {listed}")
+        raise SessionError(f"--session: {process} is not a running session; running: {listed}")
     if not sessions:
         raise SessionError("no session is running; start one with play")
     if len(sessions) > 1:

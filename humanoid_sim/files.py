@@ -51,7 +51,7 @@ def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = 
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError:  # a null character in the name
-        raise InputError(f"{path}: is no name of a file, expected {what}") from None
+        raise InputError(f"{path}: is not a name of a file, expected {what}") from None
     if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{path}: is a directory, expected {what}")
     if not stat.S_ISREG(status.st_mode):
@@ -62,7 +62,7 @@ def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = 
 
 
 def is_file(path: str | os.PathLike[str]) -> bool:
-    """Return whether there is such a regular file; a name that no file can have is no error."""
+    """Return whether there is such a regular file; a name that no file can have is not an error."""
     return os.path.isfile(path)
 
 

@@ -61,7 +61,7 @@ def _rebuild(instance: Any) -> tuple[Any, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extern:
-    """A named live input that is no joint state: pressed piano keys, a velocity command."""
+    """A named live input that is not a joint state: pressed piano keys, a velocity command."""
 
     value: FloatArray
     """Shape (k,), in the term's own unit."""
@@ -77,7 +77,7 @@ class Extern:
         return _rebuild(self)
 
     def at(self, time: float | FloatArray) -> FloatArray:
-        """Return the value at `time`: zeros once it is older than `timeout`, or its age is no number.
+        """Return the value at `time`: zeros once it is older than `timeout`, or its age is not a number.
 
         Args:
             time: s, robot's clock; scalar, or shape (...) for a batch whose clocks differ.
@@ -89,7 +89,7 @@ class Extern:
 
     def is_fresh(self, time: float | FloatArray) -> npt.NDArray[np.bool_]:
         """Return whether the value still counts at `time`, in s as for `at`; shape () or (...)."""
-        with np.errstate(invalid="ignore"):  # infinity - infinity is no number, and so is that age
+        with np.errstate(invalid="ignore"):  # infinity - infinity is not a number, and so is that age
             return np.asarray(np.maximum(np.subtract(time, self.arrival_time), 0.0) <= self.timeout)
 
 

@@ -110,7 +110,7 @@ def _write(library: Any, root: Path, repo_id: str, recordings: list[Recording], 
         if dataset is None:
             rate = episode.fps
             if abs(rate - round(rate)) > 1e-6:
-                raise InputError(f"{recording.path}: {rate:g} frames per second is no whole number; choose --fps")
+                raise InputError(f"{recording.path}: {rate:g} frames per second is not a whole number; choose --fps")
             features = _features(recording, motion)
             dataset = library.LeRobotDataset.create(
                 repo_id, round(rate), features, root=root, robot_type=recording.header.robot, use_videos=False

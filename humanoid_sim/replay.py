@@ -33,7 +33,7 @@ class ReplayConfig:
 
     Exit status 0: every tick is bit for bit identical, and with --infer every answer of the network is the recorded
     one within --tolerance. 1: a tick or an answer differs, ticks are missing, the file is damaged, or there is nothing
-    to compare. 2: the file is no recording. The recording of a killed run ends early; it is repeated to its end.
+    to compare. 2: the file is not a recording. The recording of a killed run ends early; it is repeated to its end.
     """
 
     file: Path
@@ -156,7 +156,7 @@ def _load(recording: Path, header: SessionHeader, settings: dict[str, Any], give
     else:
         named = settings.get("policy")
         if not isinstance(named, str) or named in ("", _PLACEHOLDER):
-            raise InputError(f"{recording}: ran {named or 'no policy'}, which is no model to infer with")
+            raise InputError(f"{recording}: ran {named or 'no policy'}, which is not a model to infer with")
         path = Path(named)
         if not is_file(path):
             raise InputError(f"{recording}: ran {path}, which is not there; name the file with --policy")

@@ -81,7 +81,7 @@ def load_strictly(text: str) -> Any:
     """Return the document that a text holds.
 
     Raises:
-        yaml.YAMLError: the text is no YAML, or not strict enough; with the place.
+        yaml.YAMLError: the text is not YAML, or not strict enough; with the place.
         UNREADABLE: see there.
     """
     # A bound on the nesting: every level takes a bracket, or one more column of indentation.
@@ -132,11 +132,11 @@ def read_yaml(path: Path) -> Any:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise InputError(f"{path}: is no text (UTF-8), expected a YAML file") from None
+        raise InputError(f"{path}: is not text (UTF-8), expected a YAML file") from None
     except yaml.YAMLError as error:
-        raise InputError(f"{path}: is no YAML that can be read{_place(error)}: {_problem(error)}") from None
+        raise InputError(f"{path}: is not YAML that can be read{_place(error)}: {_problem(error)}") from None
     except UNREADABLE as error:
-        raise InputError(f"{path}: is no YAML that can be read: {type(error).__name__}: {error}") from None
+        raise InputError(f"{path}: is not YAML that can be read: {type(error).__name__}: {error}") from None
 
 
 def _place(error: yaml.YAMLError) -> str:

@@ -95,7 +95,7 @@ def test_the_start_page(capsys: pytest.CaptureFixture[str]) -> None:
     assert "policies lite_biped_velocity, lite_piano, lite_tracking" in text
     assert "songs black_keys, " in text
     for kind in ("robots", "motions", "suites", "policies", "songs"):
-        suffixes = {"policies": (".onnx",)}.get(kind, (".yaml", ".mcap", ".mid"))  # a contract is no policy
+        suffixes = {"policies": (".onnx",)}.get(kind, (".yaml", ".mcap", ".mid"))  # a contract is not a policy
         files = [path for path in asset_path(kind).iterdir() if path.suffix in suffixes]
         assert [path for path in files if path.name.partition(".")[0] not in text] == []
 
@@ -219,7 +219,7 @@ def test_testing_is_no_program_and_without_its_extra_says_what_to_install(tmp_pa
     command = [sys.executable, "-m", "humanoid_sim.testing"]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr.count("\n")) == (2, 1)
-    assert run.stderr.startswith("error: humanoid_sim.testing: is no program")
+    assert run.stderr.startswith("error: humanoid_sim.testing: is not a program")
     (tmp_path / "hypothesis.py").write_text("raise ImportError\n", encoding="utf-8")
     path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[1])])
     environment = {**os.environ, "PYTHONPATH": path}

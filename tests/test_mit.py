@@ -260,7 +260,7 @@ def torque_of(state, command, effort_limit):
 
 
 def bits(array):
-    """All bits but the sign of what is no number: the sum of two such takes either's, as the processor's lanes fall."""
+    """All bits but the sign of what is not a number: the sum of two such takes either's, as lanes fall."""
     return np.where(np.isnan(array), np.nan, array).tobytes()
 
 

@@ -143,7 +143,7 @@ def test_it_needs_a_session(capsys: pytest.CaptureFixture[str], runtime: Path) -
     assert run("damp") == 2
     assert capsys.readouterr().err == "error: no session is running; start one with play\n"
     assert run("damp", "--session", "1") == 2
-    assert capsys.readouterr().err == "error: --session: 1 is no running session; running: none\n"
+    assert capsys.readouterr().err == "error: --session: 1 is not a running session; running: none\n"
     assert run("jump") == 2
     assert capsys.readouterr().err.startswith("error: mode: unknown intent 'jump'; known: damp, load_a, ")
 

@@ -36,7 +36,7 @@ def test_the_wheel_holds_every_file_of_the_package_as_an_ordinary_file(wheel: Pa
     with zipfile.ZipFile(wheel) as archive:
         held = {info.filename: info for info in archive.infolist()}
     for info in held.values():
-        assert (info.external_attr >> 28) in (0, 0o10), f"{info.filename} is no ordinary file"
+        assert (info.external_attr >> 28) in (0, 0o10), f"{info.filename} is not an ordinary file"
     sources = {f"humanoid_sim/{path.relative_to(ROOT / 'humanoid_sim')}" for path in files(ROOT / "humanoid_sim")}
     for package in LINKED:
         assert (ROOT / "humanoid_sim" / package).is_symlink()

@@ -91,13 +91,15 @@ def check_link(text: str, name: str, wanted: LinkSettings, checks: CheckList) ->
         return
     info = _mapping(link.get("linkinfo"))
     if link.get("link_type") != "can":
-        checks.problem(name, f"is no CAN interface, but of type {link.get('link_type', 'unknown')}")
+        checks.problem(name, f"is not a CAN interface, but of type {link.get('link_type', 'unknown')}")
         return
     _check_up(link, name, wanted, checks)
     if info.get("info_kind") == "can":
         _check_controller(_mapping(info.get("info_data")), name, wanted, checks)
     else:
-        checks.warn(name, f"is no controller, but of the kind {info.get('info_kind', 'unknown')}: it has no bit rate")
+        checks.warn(
+            name, f"is not a controller, but of the kind {info.get('info_kind', 'unknown')}: it has no bit rate"
+        )
     queue = link.get("txqlen")
     if isinstance(queue, int) and queue >= wanted.queue:
         checks.passed(name, f"queue {queue}")

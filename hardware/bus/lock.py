@@ -28,7 +28,7 @@ class ChannelLock:
     """Holds a channel for this process until `release`, the end of the process, or its death.
 
     `flock` belongs to the open file and not to the process, so two sessions in one process exclude each other as well.
-    A channel of the interface `virtual` exists within one process only, and its lock is no file.
+    A channel of the interface `virtual` exists within one process only, and its lock is not a file.
     """
 
     def __init__(self, address: BusAddress) -> None:

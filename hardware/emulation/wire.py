@@ -13,7 +13,7 @@ __all__ = ["HOST", "OTHER_HOST", "FrameFaults", "Transmission", "Wire", "arbitra
 
 
 HOST = -1
-"""The node that is no motor: the computer on the bus."""
+"""The node that is not a motor: the computer on the bus."""
 OTHER_HOST = -2
 """Another one."""
 

@@ -235,7 +235,7 @@ _UP_FROM_DOWN = np.array([0.0, 1.0, 0.0, 0.0])
 
 
 def reading_of(packet: Packet, mounting: FloatArray) -> ImuReading | None:
-    """Return the reading in a packet of measurements; None if it lacks one, or one is no measurement.
+    """Return the reading in a packet of measurements; None if it lacks one, or one is not a measurement.
 
     Args:
         packet: of the descriptor set `SENSOR_DATA`.

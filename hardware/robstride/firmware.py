@@ -124,7 +124,7 @@ def firmware_problem(model: MotorModel, version: FirmwareVersion) -> str:
     """
     found = model_name(version)
     if found != model.name:
-        whose = f"is an {found}'s" if found else "is no known model's"
+        whose = f"is an {found}'s" if found else "is not a known model's"
         return f"its firmware {version_text(version)} {whose}, the robot description has an {model.name} here"
     factor = firmware_of(model, version).gain_factor
     if factor != 1.0:

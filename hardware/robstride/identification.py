@@ -71,7 +71,7 @@ def identify(
                 checks.problem(motors.names[i], text)
     for channel, motor_id in sorted(answers):
         if motor_id not in motors.motor_id:
-            checks.warn(channels.sources[channel], f"motor {motor_id} is no joint of this robot; it is left alone")
+            checks.warn(channels.sources[channel], f"motor {motor_id} is not a joint of this robot; it is left alone")
     return uids, _check_versions(channels, uids, checks, is_limp=is_limp)
 
 

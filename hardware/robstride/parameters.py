@@ -63,7 +63,7 @@ def pack_value(kind: ParameterType, value: float) -> bytes:
     """Return a value's 4 bytes: little-endian, left-aligned, the rest zero.
 
     Raises:
-        FieldError: the value is not finite, does not fit the type, or is no whole number where one is needed.
+        FieldError: the value is not finite, does not fit the type, or is not a whole number where one is needed.
     """
     accepted = "a finite float32" if kind.is_float else f"a whole number of type {kind.name.lower()}"
     if not math.isfinite(value) or (not kind.is_float and value != int(value)):

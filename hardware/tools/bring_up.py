@@ -78,7 +78,9 @@ def _names(channels: str) -> tuple[str, ...]:
     addresses = parse_addresses(channels)
     for address in addresses:
         if address.interface != "socketcan":
-            raise InputError(f"channels: '{address}' is no network interface; expected names such as can0 or can_left")
+            raise InputError(
+                f"channels: '{address}' is not a network interface; expected names such as can0 or can_left"
+            )
         if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", address.channel):
             raise InputError(
                 f"channels: '{address}' has characters that udev reads otherwise; expected letters, digits, _, . and -"

@@ -197,7 +197,7 @@ def _check_options(config: Calibrate) -> None:
     if config.duration is not None and not config.duration > 0.0:
         raise InputError(f"--duration: is {config.duration}, expected more than 0 s")
     if config.duration is None and not sys.stdin.isatty():
-        raise InputError("--duration: is needed where standard input is no terminal; else Enter ends the sweep")
+        raise InputError("--duration: is needed where standard input is not a terminal; else Enter ends the sweep")
     output_file(config.output, "--output")
 
 

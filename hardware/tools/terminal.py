@@ -29,7 +29,7 @@ def confirm(question: str, yes: bool, otherwise: str) -> None:
     if yes:
         return
     if not sys.stdin.isatty():
-        raise InputError("--yes: is needed where standard input is no terminal")
+        raise InputError("--yes: is needed where standard input is not a terminal")
     try:
         answer = input(f"{question} Type yes: ")
     except EOFError:

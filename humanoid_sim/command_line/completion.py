@@ -41,7 +41,7 @@ def _offer(option: argparse.Action, kinds: list[str], shell: str) -> dict[str, s
     """Have an option complete what ships and files; gives the functions that it takes, by name."""
     name, words = "_humanoid_sim_" + "_".join(kinds), " ".join(name for kind in kinds for name in shipped(kind))
     offered = {"bash": f"compgen -W '{words}' -f -- \"$1\"", "zsh": f"compadd -- {words}; _files"}[shell]
-    setattr(option, "complete", {shell: name} if kinds else shtab.FILE)  # noqa: B010 - it is no attribute of argparse's
+    setattr(option, "complete", {shell: name} if kinds else shtab.FILE)  # noqa: B010 - it is not an attribute of argparse's
     return {name: f"{name}() {{ {offered}; }}"} if kinds else {}
 
 

@@ -50,7 +50,7 @@ def refuse_conflicts(config: PlayConfig, injections: Sequence[Injection]) -> Non
         _refuse_policy_seconds(config)
     if config.manual and not has_keys(config) and not operated_by(config):
         raise InputError(
-            "--manual: standard input is no terminal, expected one to read keys from, or --console or --gamepad"
+            "--manual: standard input is not a terminal, expected one to read keys from, or --console or --gamepad"
         )
     if config.remote == "none" and any(injection.kind == "silent_remote" for injection in injections):
         raise InputError("--inject: silent_remote needs a source of commands to silence: use --remote gravity")

@@ -189,7 +189,7 @@ def bring_up(robot: BringUp, config: PlayConfig, console: Console) -> bool:
     asks = bool(robot.question) and not config.yes and not config.dry_run
     if asks and not (sys.stdin and sys.stdin.isatty()):
         raise InputError(
-            "--yes: is needed where nobody can be asked (standard input is no terminal): motors get enabled"
+            "--yes: is needed where nobody can be asked (standard input is not a terminal): motors get enabled"
         )
     try:
         robot.prepare()

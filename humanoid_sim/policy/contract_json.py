@@ -51,7 +51,7 @@ def decode(text: str, where: str) -> PolicyContract:
     try:
         document = parse_json(text)
     except ValueError as error:
-        raise InputError(f"{where}: contract is no JSON: {error}") from None
+        raise InputError(f"{where}: contract is not JSON: {error}") from None
     if not isinstance(document, dict):
         raise InputError(f"{where}: contract is a {type(document).__name__}, expected a JSON object")
     version = document.pop("version", None)

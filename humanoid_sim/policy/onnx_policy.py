@@ -56,7 +56,7 @@ class OnnxModel:
             graph: a model that was made from the file's and is to run in its place; None: the file's own.
 
         Raises:
-            InputError: if the file is no ONNX model, or its external tensors are missing or another model's.
+            InputError: if the file is not an ONNX model, or its external tensors are missing or another model's.
         """
         check_file(path)
         onnxruntime = onnx_runtime()
@@ -70,7 +70,7 @@ class OnnxModel:
             session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime raises its own types, which differ between builds
             if isinstance(error, UnicodeDecodeError):
-                raise InputError(f"{path}: a name in its graph is no text (UTF-8)") from None
+                raise InputError(f"{path}: a name in its graph is not text (UTF-8)") from None
             problem = f"{path}: is not a model that ONNX Runtime can load: {first_line(error)}"
             raise InputError(why_not_loaded(path) or problem) from None
         self.path = path
@@ -79,7 +79,7 @@ class OnnxModel:
             self.outputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_outputs())
             self.metadata: dict[str, str] = dict(session.get_modelmeta().custom_metadata_map)
         except UnicodeDecodeError:
-            raise InputError(f"{path}: its metadata, or a tensor's name, is no text (UTF-8)") from None
+            raise InputError(f"{path}: its metadata, or a tensor's name, is not text (UTF-8)") from None
         self._session = session
         self.time_limit = ONNX_SECONDS
         """s after which an inference is ended, where the graph can loop; any other takes as long as the one before."""
@@ -163,7 +163,7 @@ def read_header(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
     metadata = {entry.key: entry.value for entry in model.metadata_props}
     outputs = tuple(output.name for output in model.graph.output)
     if not all(isinstance(text, str) for text in (*metadata, *metadata.values(), *outputs)):  # protobuf gives bytes
-        raise InputError(f"{path}: its metadata, or a tensor's name, is no text (UTF-8)")
+        raise InputError(f"{path}: its metadata, or a tensor's name, is not text (UTF-8)")
     return metadata, outputs
 
 

@@ -94,7 +94,7 @@ def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain:
     try:
         file = mido.MidiFile(path)
     except Exception as error:  # mido raises whatever its parser runs into
-        raise InputError(f"{path}: is no MIDI file that can be read: {reason_of(error)}") from None
+        raise InputError(f"{path}: is not a MIDI file that can be read: {reason_of(error)}") from None
     if file.type == 2:
         raise InputError(f"{path}: is of type 2, whose tracks are songs of their own; expected type 0 or 1")
     if not 0 < file.ticks_per_beat < 1 << 15:

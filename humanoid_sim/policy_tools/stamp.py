@@ -97,7 +97,7 @@ def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
     A digest of the tensors goes with it, for whoever takes them out again.
 
     Raises:
-        InputError: the file is no ONNX model, its external tensors are missing, or it is larger than one file can be.
+        InputError: the file is not an ONNX model, its external tensors are missing, or it is larger than a file can be.
     """
     import onnx  # noqa: PLC0415 - heavy, and only needed here
 

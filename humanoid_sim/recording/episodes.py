@@ -53,7 +53,7 @@ def read_episodes(recording: Recording, modes: frozenset[Mode], fps: float | Non
         fps: frames per second; None for the rate of the policy's steps, or 50 Hz without them.
 
     Raises:
-        InputError: if the control rate is no multiple of `fps`, or a joint was never heard.
+        InputError: if the control rate is not a multiple of `fps`, or a joint was never heard.
     """
     period = recording.header.control_period
     stretch: list[TickRecord] = []

@@ -227,7 +227,7 @@ def recorded_settings(path: str | Path, header: SessionHeader) -> dict[str, Any]
         header: of the recording.
 
     Raises:
-        InputError: what it says is no JSON object.
+        InputError: what it says is not a JSON object.
     """
     try:
         settings = parse_json(header.documents.get("settings", "{}"))

@@ -44,7 +44,7 @@ def recover(path: Path, output: Path, *, force: bool = False) -> Recovery:
     """Copy what is sound in any MCAP file to `output`, with an index.
 
     Raises:
-        InputError: if `path` is no MCAP file or holds no sound message, or `output` exists (unless `force`), is the
+        InputError: if `path` is not an MCAP file or holds no sound message, or `output` exists (unless `force`), is the
             input, or cannot be written.
     """
     regular_file(path, "a recording (.mcap)")

@@ -60,7 +60,7 @@ class BatchedPolicy:
         for i in range(len(observation)):
             try:
                 actions[i] = self._policy(observation[i], int(frame[i]))
-            except Exception:  # of ONNX Runtime; an action that is no number ends this episode, and only this one
+            except Exception:  # of ONNX Runtime; an action that is not a number ends this episode, and only this one
                 continue
         return actions
 

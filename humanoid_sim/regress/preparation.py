@@ -82,7 +82,7 @@ class PreparedCase:
 class TestedPolicy:
     """A checkpoint with all cases of a suite."""
 
-    __test__ = False  # its name is no test's
+    __test__ = False  # its name is not a test's
 
     name: str
     checkpoint: Checkpoint

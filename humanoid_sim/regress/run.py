@@ -65,7 +65,7 @@ def regress(config: RegressConfig) -> int:
             baseline = matching_baseline(prepared, read_baseline(file), config)
             if any(policy.name == baseline.name and policy.checkpoint.sha256 != baseline.sha256 for policy in policies):
                 baseline = replace(baseline, name=file.stem)
-    console = Console(quiet=config.quiet, emoji=False)  # a name such as ':a:' is no picture
+    console = Console(quiet=config.quiet, emoji=False)  # a name such as ':a:' is not a picture
     with ExitStack() as stack:
         executor = local_executor(config.threads)
         if config.ray is not None:

@@ -137,7 +137,7 @@ class Refusals:
 
 
 _LONGEST = 1 << 14
-"""Bytes; a longer datagram is no message."""
+"""Bytes; a longer datagram is not a message."""
 _MOST_SAMPLES = 32
 """Samples that are looked into in one tick; each is the newest of its producer and topic."""
 _LONGEST_TIMEOUT = 5.0

@@ -126,7 +126,7 @@ class Keyboard(IntentSource):
             tell: shows the operator a line; called on the reading thread. Must not wait.
 
         Raises:
-            InputError: if standard input is no terminal.
+            InputError: if standard input is not a terminal.
         """
         self._queue = IntentQueue()
         self._reader = KeyReader()
@@ -139,7 +139,7 @@ class Keyboard(IntentSource):
             self._fd = sys.stdin.fileno()
             self._before = termios.tcgetattr(self._fd)
         except (termios.error, OSError, ValueError):
-            raise InputError("--manual: standard input is no terminal, expected one to read keys from") from None
+            raise InputError("--manual: standard input is not a terminal, expected one to read keys from") from None
         self.take_terminal()
         self._thread = threading.Thread(target=self._read, name="keyboard", daemon=True)
         self._thread.start()

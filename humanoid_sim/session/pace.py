@@ -129,7 +129,7 @@ class Pace:
                 sleep(left - _SPIN)
 
     def restart(self) -> None:
-        """Forget the deadline: what has just happened was no part of the loop."""
+        """Forget the deadline: what has just happened was not a part of the loop."""
         self._deadline = None
 
     def _skip_missed(self, now: float) -> bool:

@@ -3,6 +3,7 @@
 import sys
 
 print(
-    "error: humanoid_sim.testing: is no program, import it in tests of your own; see docs/testing.md", file=sys.stderr
+    "error: humanoid_sim.testing: is not a program, import it in tests of your own; see docs/testing.md",
+    file=sys.stderr,
 )
 sys.exit(2)

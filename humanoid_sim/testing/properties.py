@@ -115,7 +115,7 @@ class SafetyProperties:
         require(before not in SAFE or bool(wanted), "{} went to {} by itself", before, name)
         if name not in SAFE or before == ZERO:
             edge = EDGES.get((before, name))
-            require(edge is not None, "{} went to {}, which is no edge of the FSM", before, name)
+            require(edge is not None, "{} went to {}, which is not an edge of the FSM", before, name)
             require(edge in wanted, "{} went to {} without {}; intents: {}", before, name, edge, wanted)
         if name in (RL, REMOTE):
             require(self._finished, "{} began before {} had finished", name, before)

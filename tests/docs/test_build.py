@@ -46,7 +46,7 @@ def test_links_lead_to_pages(build: ModuleType, source: str, text: str, expected
 
 @pytest.mark.parametrize("target", ["nowhere.md", "../LICENSE", "../tests/conftest.py"])
 def test_a_link_out_of_the_site_is_an_error(build: ModuleType, target: str) -> None:
-    with pytest.raises(build.SiteError, match=f"docs/play.md: links to {target}, which is no page of the site"):
+    with pytest.raises(build.SiteError, match=f"docs/play.md: links to {target}, which is not a page of the site"):
         build.staged(f"[a]({target})", PurePosixPath("docs/play.md"))
 
 

@@ -80,7 +80,7 @@ def test_those_who_look_on_leave_the_control_log_as_it_is(
     rows: list[tuple[str, ...]],
     request: pytest.FixtureRequest,
 ) -> None:
-    """All at once, and a producer for REMOTE in the modes in which it does not command; or one that is no window."""
+    """All at once, and a producer for REMOTE in the modes in which it does not command; or one that is not a window."""
     skip_unless((mode, blow) in SAMPLE, request)
     names = watchers(alone, mode, ROWS)
     log = struck(folder, mode, names, lambda play: play.strike(names, BLOWS[blow]), on_display=not alone)

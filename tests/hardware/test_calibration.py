@@ -84,7 +84,7 @@ def test_a_neck_that_is_not_mounted_is_kept_and_not_used(tmp_path: Path) -> None
     text = "neck_yaw: {id: 31, direction: 1, homing_offset: 0.5}\n"
     calibration = load_calibration(_written(tmp_path, text), _LITE)
     assert calibration.entries["neck_yaw"].homing_offset == 0.5
-    assert calibration.warnings[0].endswith("neck_yaw: is no driven joint of lite; its entry is not used")
+    assert calibration.warnings[0].endswith("neck_yaw: is not a driven joint of lite; its entry is not used")
 
 
 def test_the_robot_descriptions_direction_is_used_and_said(tmp_path: Path) -> None:

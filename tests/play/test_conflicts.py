@@ -17,7 +17,7 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.motion import Motion, write_motion
 from humanoid_sim.session.inject import parse_injections
 
-MANUAL = "--manual: standard input is no terminal, expected one to read keys from, or --console or --gamepad"
+MANUAL = "--manual: standard input is not a terminal, expected one to read keys from, or --console or --gamepad"
 FAULTS = "expected FAULT@SECONDS with FAULT one of nan_policy, safety, silent_remote"
 
 LONG = "x" * 300

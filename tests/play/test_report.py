@@ -79,7 +79,7 @@ def test_a_summary_is_json_as_the_standard_has_it(tmp_path: Path) -> None:
     write_summary(path, {"a": float("nan"), "b": [1.5, (float("inf"), 2)], "c": {"d": None, "e": True, "f": "nan"}})
 
     def refuse(constant: str) -> None:
-        raise AssertionError(f"{constant} is no JSON")
+        raise AssertionError(f"{constant} is not JSON")
 
     summary = json.loads(path.read_text(), parse_constant=refuse)
     assert summary == {"a": None, "b": [1.5, [None, 2]], "c": {"d": None, "e": True, "f": "nan"}}

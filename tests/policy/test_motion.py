@@ -101,7 +101,7 @@ BAD_FILES = {
     "no period": (foreign_file(ROWS, times=[0, 20, 25, 60]), "policy_dt: not in the metadata"),
     "bad period": (foreign_file(ROWS, metadata={"policy_dt": "fast"}), "policy_dt: is 'fast'"),
     "negative period": (foreign_file(ROWS, metadata={"policy_dt": "-1"}), "Motion.policy_dt: is -1.0"),
-    "not CDR": (foreign_file([b"\x00\x01\x00\x00\x07"]), "frame 0 is no std_msgs/msg/Float32MultiArray"),
+    "not CDR": (foreign_file([b"\x00\x01\x00\x00\x07"]), "frame 0 is not a std_msgs/msg/Float32MultiArray"),
     "bodies": (
         foreign_file(ROWS, metadata={"policy_dt": "0.02", "body_names": "hand", "task_type": "tracking"}),
         "18 values per frame, expected 9",

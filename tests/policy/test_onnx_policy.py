@@ -304,7 +304,7 @@ def test_what_is_no_utf8_is_refused(tmp_path: Path, text: bytes, capfd: pytest.C
     path = models.saved(tmp_path / "policy.onnx")
     path.write_bytes(path.read_bytes().replace(text, b"\xff\xfe" + text[2:]))
     for load in (load_checkpoint, read_header):
-        assert refusal(path, load) == "its metadata, or a tensor's name, is no text (UTF-8)"
+        assert refusal(path, load) == "its metadata, or a tensor's name, is not text (UTF-8)"
     assert capfd.readouterr() == ("", "")
 
 

@@ -75,7 +75,7 @@ def test_tracks_are_chosen(tmp_path: Path) -> None:
 def test_what_is_no_song_is_one_line(tmp_path: Path) -> None:
     broken = tmp_path / "broken.mid"
     broken.write_bytes(b"MThd\x00\x00\x00\x06\x00\x01\x00\x01\x01\xe0MTrk\xff\xff\xff\xff\x00")
-    with pytest.raises(InputError, match=r"broken\.mid: is no MIDI file that can be read: "):
+    with pytest.raises(InputError, match=r"broken\.mid: is not a MIDI file that can be read: "):
         read_song(broken)
     with pytest.raises(InputError, match=r"empty\.mid: has no notes in it"):
         read_song(write(tmp_path / "empty.mid", [MetaMessage("track_name", name="a")]))

@@ -221,7 +221,7 @@ def test_the_models_answers(tmp_path: Path, robot: RobotDescription) -> None:
     assert "no influence" in found(with_weights(deaf), "warning", "observation term projected_gravity").message
     assert "whatever it observes" in found(with_weights(0.0 * deaf), "warning", "model").message
     broken = network().copy()
-    broken[0, 1] = np.inf  # 0 · infinity is no number
+    broken[0, 1] = np.inf  # 0 · infinity is not a number
     assert "not finite" in found(with_weights(broken), "error", "model", "left_hip").message
 
 

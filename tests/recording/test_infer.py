@@ -108,7 +108,7 @@ def test_infer_needs_a_model(tmp_path, capsys):
     path = tmp_path / "wobble.mcap"
     write_recording(path, ticks, header)
     assert replay([str(path), "--infer"]) == 2
-    assert capsys.readouterr().err == f"error: {path}: ran placeholder, which is no model to infer with\n"
+    assert capsys.readouterr().err == f"error: {path}: ran placeholder, which is not a model to infer with\n"
     gone = replace(header, documents={**header.documents, "settings": '{"policy": "gone.onnx"}'})
     write_recording(path, ticks, gone)
     assert replay([str(path), "--infer"]) == 2

@@ -10,7 +10,7 @@ from humanoid_sim.robots.silence import mujoco_silenced
 
 
 def step_into_trouble() -> int:
-    """A position that is no number; returns how often MuJoCo has warned of it."""
+    """A position that is not a number; returns how often MuJoCo has warned of it."""
     model = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
     )

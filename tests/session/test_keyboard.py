@@ -97,11 +97,11 @@ def test_a_terminal_that_goes_away_damps(terminal: Terminal) -> None:
 
 def test_without_a_terminal_there_is_no_keyboard(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("d"))
-    with pytest.raises(InputError, match="--manual: standard input is no terminal"):
+    with pytest.raises(InputError, match="--manual: standard input is not a terminal"):
         Keyboard()
     with open(os.devnull, encoding="utf-8") as null:
         monkeypatch.setattr(sys, "stdin", null)
-        with pytest.raises(InputError, match="--manual: standard input is no terminal"):
+        with pytest.raises(InputError, match="--manual: standard input is not a terminal"):
             Keyboard()
 
 

@@ -76,7 +76,7 @@ def test_with_several_sessions_one_must_be_named(local: LocalSession) -> None:
         assert str(find_session(other.pid)).startswith(f"session {other.pid} (r on can0, policy p, started in ")
         other.communicate("\n")
     assert find_session().process == os.getpid()
-    with pytest.raises(SessionError, match=f"--session: {other.pid} is no running session; running: session "):
+    with pytest.raises(SessionError, match=f"--session: {other.pid} is not a running session; running: session "):
         find_session(other.pid)
 
 

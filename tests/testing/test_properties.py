@@ -104,7 +104,7 @@ BROKEN = {
         (Intent.START_LOCOMOTION,),
         {},
         lambda o: with_mode(o, Mode.LOCOMOTION, RL),
-        "which is no edge",
+        "which is not an edge",
     ),
     "another intent": (
         DAMPING,

@@ -168,7 +168,7 @@ def _notes(text: str) -> list[tuple[int | None, int]]:
         name, _, beats = word.partition(":")
         key = None if name == "R" else key_number(name)
         if key is None and name != "R":
-            raise ValueError(f"{word} is no note")
+            raise ValueError(f"{word} is not a note")
         found.append((key, round(float(beats or 1.0) * _TICKS)))
     return found
 

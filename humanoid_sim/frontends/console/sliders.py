@@ -74,7 +74,7 @@ class Bounds:
         """Return the goals within the bounds.
 
         Raises:
-            FieldError: one is no finite number.
+            FieldError: one is not a finite number.
         """
         values = {}
         for name in COMMAND_FIELDS:
@@ -204,7 +204,7 @@ class Sliders:
         return replace(state, goals=_at_rest(state.bounds, position[state.joint]), fields=fields)
 
     def wish(self, state: SliderState, goals: Goals) -> SliderState:
-        """Take new goals, within the bounds. Raises `FieldError` if one is no finite number."""
+        """Take new goals, within the bounds. Raises `FieldError` if one is not a finite number."""
         return replace(state, goals=state.bounds.clipped(goals))
 
     def step(self, state: SliderState, position: FloatArray, velocity: FloatArray, elapsed: float) -> SliderState:

@@ -28,7 +28,7 @@ FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
 
 
 _AFRESH = "checks and enables the motors afresh; starts at ZERO_TORQUE"
-"""What the page's button says that is no intent's."""
+"""What the page's button says that is not an intent's."""
 
 
 class _Controllers(msgspec.Struct):

@@ -90,7 +90,7 @@ class SliderTurn:
             seen: ns, when what it shows left the console.
 
         Raises:
-            FieldError: a goal is no finite number.
+            FieldError: a goal is not a finite number.
         """
         if self._state is None or self._sliders is None or page != self.page:
             return

@@ -61,7 +61,7 @@ def parse_wish(message: str | bytes) -> Wish:
     """Return a page's message, which says what to `do`.
 
     Raises:
-        FieldError: it is no wish, or a field is wrong.
+        FieldError: it is not a wish, or a field is wrong.
     """
     try:
         wish: Wish = _DECODER.decode(message)

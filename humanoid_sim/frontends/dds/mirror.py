@@ -113,7 +113,7 @@ class Mirror:
         """Make a feed for the robot that is there.
 
         Raises:
-            InputError: its description is no URDF of a robot with these joints.
+            InputError: its description is not a URDF of a robot with these joints.
         """
         assert self._described.latest is not None
         assert self._states.latest is not None
@@ -215,7 +215,7 @@ def _described(urdf: str) -> tuple[RobotDescription, mujoco.MjModel]:
     try:
         root = ElementTree.fromstring(urdf)
     except ElementTree.ParseError as error:
-        raise InputError(f"{DESCRIPTION_TOPIC}: is no URDF: {error}") from None
+        raise InputError(f"{DESCRIPTION_TOPIC}: is not a URDF: {error}") from None
     moves = any(joint.get("type") == "floating" for joint in root.iter("joint"))
     root.insert(0, ElementTree.fromstring(_KEEP_SHAPES))
     with tempfile.TemporaryDirectory(prefix="humanoid_sim-") as name:

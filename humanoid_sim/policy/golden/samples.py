@@ -224,7 +224,7 @@ def _decode(name: str, value: Any) -> npt.NDArray[Any]:
     try:
         data = base64.b64decode(value["data"], validate=True)
     except binascii.Error as error:
-        raise FieldError(f"{name}: is no base64: {error}") from None
+        raise FieldError(f"{name}: is not base64: {error}") from None
     if len(data) != prod(shape) * dtype.itemsize:
         raise FieldError(f"{name}: has {len(data)} bytes, expected {prod(shape) * dtype.itemsize} for shape {shape}")
     array = np.frombuffer(data, dtype=dtype).reshape(shape)  # read-only, as the bytes are

@@ -188,7 +188,7 @@ def _matches(pattern: str, joint: str, patterns: Given) -> bool:
     try:
         return re.fullmatch(pattern, joint) is not None
     except (re.error, RecursionError, OverflowError):
-        raise FieldError(f"action_joint_names: {pattern!r} ({patterns.source}) is no pattern") from None
+        raise FieldError(f"action_joint_names: {pattern!r} ({patterns.source}) is not a pattern") from None
 
 
 def _at_places(joints: tuple[str, ...], places: Given, field: str) -> tuple[str, ...]:

@@ -114,7 +114,7 @@ def to_remote(page: Any) -> None:
 
 
 def take(page: Any, session: Session, joint: str = "left_elbow_pitch") -> None:
-    """Until its gains are in. A busy machine may let go meanwhile, which is no failure of these tests."""
+    """Until its gains are in. A busy machine may let go meanwhile, which is not a failure of these tests."""
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         if not owns(page):

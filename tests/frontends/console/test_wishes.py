@@ -58,7 +58,7 @@ def test_a_wish_with_a_field_that_is_wrong_is_refused(message: str | bytes) -> N
 
 
 def test_a_huge_whole_number_is_refused_or_a_number() -> None:
-    """None of them ends as something that is no number of a float's."""
+    """None of them ends as something that is not a number of a float's."""
     for digits in (30, 308, 400, 5000):
         try:
             wish = parse_wish('{"do": "beat", "seen": ' + "9" * digits + "}")

@@ -199,7 +199,7 @@ def test_a_hundred_damaged_samples_change_nothing(robot: Robot) -> None:
             data = bytearray(sound[: random.integers(8, len(sound))] if random.random() < 0.5 else sound)
             data[random.integers(4, len(data))] = random.integers(256)
             ddspy_write(hostile._ref, bytes(data).ljust(-(-len(data) // 4) * 4, b"\0"))
-        # Cyclone DDS itself drops what is no CDR of the type; what else is wrong reaches the bridge.
+        # Cyclone DDS itself drops what is not CDR of the type; what else is wrong reaches the bridge.
         until(lambda: robot.local.data.refusals.counts.get(name, 0) > before, "refusals")
         until(lambda: robot.position() == 0.35, "the honest command again")
     robot.wait_until_passive()

@@ -173,7 +173,7 @@ class _Kept:
 @pytest.mark.parametrize(
     ("urdf", "why"),
     [
-        ("no XML", "/robot_description: is no URDF: syntax error"),
+        ("no XML", "/robot_description: is not a URDF: syntax error"),
         ('<robot name="lite"><link name="a"/></robot>', "has no hinge joint"),
     ],
 )

@@ -263,7 +263,7 @@ def test_a_motor_that_is_no_joint_is_left_alone(robot: HardwareRobot, channels: 
     stranger = ScriptedMotor(0x7F, uid=b"new one!")
     with ScriptedMotors([(channels[0], [stranger])]):
         robot.activate()
-    assert _warnings(robot) == [f"warning: {channels[0]}: motor 127 is no joint of this robot; it is left alone"]
+    assert _warnings(robot) == [f"warning: {channels[0]}: motor 127 is not a joint of this robot; it is left alone"]
     assert not _wrote(stranger)
 
 

@@ -130,7 +130,7 @@ def test_another_bit_rate_and_restart_may_be_wanted() -> None:
 def test_a_virtual_interface_has_no_controller() -> None:
     checks = _found(_VIRTUAL, name="vcan0")
     assert checks.problems == ()
-    assert checks.warnings == ("vcan0: is no controller, but of the kind vcan: it has no bit rate",)
+    assert checks.warnings == ("vcan0: is not a controller, but of the kind vcan: it has no bit rate",)
 
 
 def test_an_interface_that_is_not_there_or_no_can() -> None:
@@ -138,7 +138,7 @@ def test_an_interface_that_is_not_there_or_no_can() -> None:
         "can1: there is no such network interface; CAN interfaces of this machine: can0",
     )
     assert _found(name="can1").problems[0].endswith("CAN interfaces of this machine: none")
-    assert _found(name="lo").problems == ("lo: is no CAN interface, but of type loopback",)
+    assert _found(name="lo").problems == ("lo: is not a CAN interface, but of type loopback",)
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[1]", "Device does not exist", "[" * 100_000])

@@ -81,7 +81,7 @@ def check_frames(log: Log) -> None:
 def test_those_who_look_on_change_neither_mode_nor_controller_nor_frames(
     alone: str, mode: Mode, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
 ) -> None:
-    """All at once, and a producer for REMOTE in the modes in which it does not command; or one that is no window."""
+    """All at once, and a producer for REMOTE in the modes in which it does not command; or one that is not a window."""
     skip_unless((mode, blow) == (Mode.LOCOMOTION, "killed" if alone else "stopped"), request)
     names = watchers(alone, mode, [name for name in ROWS if not ROWS[name].operates])
     log = struck(folder, mode, names, lambda play: play.strike(names, BLOWS[blow]), on_display=not alone)

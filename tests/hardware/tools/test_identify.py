@@ -105,7 +105,7 @@ def test_nothing_moves_without_leave(run: Run, lite_motors: VirtualMotors, monke
     monkeypatch.setattr("sys.stdin", io.StringIO())
     status, _, complained = run(*_WRIST[:-1])
     assert status == 2
-    assert complained == "error: --yes: is needed where standard input is no terminal\n"
+    assert complained == "error: --yes: is needed where standard input is not a terminal\n"
 
 
 @pytest.mark.parametrize(("answer", "expected"), [("yes\n", 0), ("y\n", 2), ("\n", 2)])

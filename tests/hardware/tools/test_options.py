@@ -22,7 +22,7 @@ def _words(line: str) -> list[str]:
     [
         (
             "bring-up virtual:a",
-            "channels: 'virtual:a' is no network interface; expected names such as can0 or can_left",
+            "channels: 'virtual:a' is not a network interface; expected names such as can0 or can_left",
         ),
         ("bring-up 'can$0'", "channels: 'can$0' has characters that udev reads otherwise"),
         ("bring-up can_left --adapter can_left", "--adapter: is 'can_left', expected NAME=SERIAL or NAME=SERIAL/PORT"),
@@ -49,7 +49,7 @@ def _words(line: str) -> list[str]:
         ("budget --channels virtual:a,virtual:a", "buses 'virtual:a,virtual:a': virtual:a is named twice"),
         ("budget --channels virtual:a,virtual:b,virtual:c", "lite: 3 channels given, expected 1 or one per bus, 2"),
         ("budget --robot none", "unknown robot 'none'"),
-        ("calibrate NOBODY", "--duration: is needed where standard input is no terminal"),
+        ("calibrate NOBODY", "--duration: is needed where standard input is not a terminal"),
         ("calibrate NOBODY --duration 0", "--duration: is 0.0, expected more than 0 s"),
         ("calibrate NOBODY --duration 1 --joints elbow", "--joints: unknown joint 'elbow'; known: left_shoulder_pitch"),
         ("calibrate NOBODY --duration 1 --threshold nan", "--threshold: is nan, expected a number >= 0, in rad"),

@@ -79,7 +79,7 @@ def test_without_a_terminal_and_yes_nothing_is_changed(run: Run, monkeypatch: py
     with lone_motors(_CHANNEL) as motors:
         status, _, complained = run("set-id", _CHANNEL, "14")
         assert _ids(motors, 3) == [127]
-    assert (status, complained) == (2, "error: --yes: is needed where standard input is no terminal\n")
+    assert (status, complained) == (2, "error: --yes: is needed where standard input is not a terminal\n")
 
 
 @pytest.mark.parametrize(("lost", "expected"), [(2, 0), (3, 2)])

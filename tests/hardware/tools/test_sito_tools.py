@@ -79,7 +79,7 @@ def test_calibrate_enables_them_limp_for_the_sweep(
     path = tmp_path / "calibration.yaml"
     words = ("calibrate", CHANNEL, *ON, "--output", str(path), "--joints", "left_wrist_roll", "--duration", "3")
     status, _, complained = run(*words)
-    assert (status, complained) == (2, "error: --yes: is needed where standard input is no terminal\n")
+    assert (status, complained) == (2, "error: --yes: is needed where standard input is not a terminal\n")
     told.clear()
     joint = ROBOT.joints[5]
     motors.move_by_hand({joint.name: joint.upper + 0.05})
