@@ -224,7 +224,7 @@ def _row(path: Path, record: Message, before: list[npt.NDArray[np.float32]]) -> 
     try:
         values = decode_float32_array(record.data)
     except CdrError as error:
-        raise InputError(f"{path}: frame {frame} is no {FLOAT32_MULTI_ARRAY}: {error}") from None
+        raise InputError(f"{path}: frame {frame} is not a {FLOAT32_MULTI_ARRAY}: {error}") from None
     if before and len(values) != len(before[0]):
         raise InputError(f"{path}: frame {frame} has {len(values)} values, the frames before {len(before[0])}")
     if (frame + 1) * max(len(values), 1) > MOTION_VALUES:
