@@ -1,7 +1,7 @@
-"""How large a file from outside may be, and what it may make of itself, by kind: the one table for all readers.
+"""Bounds for files from outside, by kind: on their size, and on what they unpack to. The one table for all readers.
 
-A robot's computer does not read what no robot, policy or motion needs: a file that claims more is refused by its first
-bytes, before memory is taken. `docs/files.md` shows the table with what the readers take for it.
+A robot's computer does not read more than any robot, policy or motion needs: a file that claims more is refused by its
+first bytes, before memory is allocated. `docs/files.md` has the table, with the reader of each kind.
 """
 
 from __future__ import annotations
@@ -9,46 +9,46 @@ from __future__ import annotations
 _KIB, _MIB, _GIB = 1 << 10, 1 << 20, 1 << 30
 
 YAML_BYTES = _MIB
-"""Of a YAML file: robots, contracts, `deploy.yaml`, suites, calibrations. The largest shipped one has 6 KiB."""
+"""Bytes of a YAML file: robots, contracts, `deploy.yaml`, suites, calibrations. The largest shipped one has 6 KiB."""
 YAML_VALUES = 100_000
 """Values of a YAML document, those that its aliases repeat counted each time."""
 YAML_TEXT = 64 * _KIB
 """Characters of one text in it."""
 JSON_BYTES = 64 * _MIB
-"""Of a JSON file: baselines of `regress`, a dataset's `info.json`."""
+"""Bytes of a JSON file: baselines of `regress`, a dataset's `info.json`."""
 CSV_BYTES = 64 * _MIB
-"""Of a motion in a `.csv`: 3 MB are three minutes of a robot with 29 joints."""
+"""Bytes of a motion in a `.csv`: 3 MB are three minutes of a robot with 29 joints."""
 ONNX_BYTES = _GIB
-"""Of a checkpoint, and of the file beside it that holds its tensors."""
+"""Bytes of a checkpoint, and of the file beside it that holds its tensors."""
 ONNX_SECONDS = 10.0
 """s of one inference of a model whose graph can loop; on hardware much less, see `play`."""
 MOTION_SECONDS = 300.0
 """s in which a motion is read out of a model's graph: half an hour of it takes some seconds."""
 NPZ_BYTES = _GIB
-"""Of all arrays of an `.npz` together, unpacked."""
+"""Bytes of all arrays of an `.npz` together, unpacked."""
 NPZ_ARRAYS = 1000
 """Arrays of an `.npz`."""
 MOTION_VALUES = 50_000_000
 """Values of all frames of a motion: half an hour at 50 Hz is 90 000 frames."""
 MCAP_CHUNK_BYTES = 64 * _MIB
-"""Of one chunk of an MCAP file, unpacked. A recording's hold half a second, about 100 kB."""
+"""Bytes of one chunk of an MCAP file, unpacked. Those of a recording hold half a second, about 100 kB."""
 MCAP_RECORD_BYTES = 256 * _MIB
-"""Of any record of an MCAP file outside of chunks, attachments among them."""
+"""Bytes of any record of an MCAP file outside of chunks, attachments among them."""
 MIDI_BYTES = 4 * _MIB
-"""Of a song: an hour of two hands has 200 kB."""
+"""Bytes of a song: an hour of two hands has 200 kB."""
 OBSERVATION_WIDTH = 1_000_000
 """Values of one observation that a recording may declare."""
 MJCF_BYTES = 16 * _MIB
-"""Of an MJCF file, and of each that it includes."""
+"""Bytes of an MJCF file, and of each that it includes."""
 MJCF_ELEMENTS = 100_000
 """Elements of an MJCF with its includes, those that `replicate`, `composite` and `flexcomp` make counted each time."""
 MJCF_SIZE = 16_000_000
 """Values of a height field, pixels of a texture, and any other size that an MJCF gives as a number."""
 MESH_BYTES = 32 * _MIB
-"""Of a mesh that an MJCF names. The largest `.stl` that MuJoCo takes, 200 000 faces, has 10 MB."""
+"""Bytes of a mesh that an MJCF names. The largest `.stl` that MuJoCo takes, 200 000 faces, has 10 MB."""
 PICTURE_BYTES = 64 * _MIB
-"""Of a picture that an MJCF names; its pixels are bounded by `MJCF_SIZE`."""
+"""Bytes of a picture that an MJCF names; its pixels are bounded by `MJCF_SIZE`."""
 MJCF_FILES_BYTES = 512 * _MIB
-"""Of all meshes and pictures of an MJCF together."""
+"""Bytes of all meshes and pictures of an MJCF together."""
 MJCF_MEMORY = _GIB
 """Bytes of `<size memory>`."""

@@ -43,11 +43,11 @@ _MODULES = {"policy": "policy_tools"}
 """Verbs whose program lies beside the library that they are named after."""
 
 _UNWRITABLE = (errno.EPIPE, errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO, errno.EBADF)
-"""What keeps an output from being written that was there when the program began."""
+"""Errors that keep the program from writing to an output that was open when it began."""
 
 
 class ExitStatus(IntEnum):
-    """What the exit status of any program says; a run that a signal ends adds its number to 128."""
+    """Exit status of every program; if a signal ends the run, it is 128 plus the signal's number."""
 
     OK = 0
     """It ran, and all is as it should be."""

@@ -60,7 +60,7 @@ class JointStates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Imu:
-    """What the IMU measures, in the body frame; arrays are read-only."""
+    """Measurements of the IMU, in the body frame; arrays are read-only."""
 
     quaternion: FloatArray
     """Shape (4,), w x y z."""

@@ -54,7 +54,7 @@ class SafetyFlag(IntFlag):
 
 
 class Intent(Enum):
-    """What an operator asks for. The value is the name of the ROS 2 service and of the command-line word."""
+    """An operator's request. The value is the name of the ROS 2 service, and the word on the command line."""
 
     DAMP = "damp"
     LOAD_A = "load_a"
@@ -104,7 +104,7 @@ class ControlMode:
 
 @dataclass(frozen=True, slots=True)
 class StandbyState:
-    """How far a standby controller has come."""
+    """Progress of a standby controller."""
 
     current_segment: int
     """Index into the pose sequence."""
@@ -180,11 +180,11 @@ class TickOutput:
     quit: bool = False
     faults: tuple[FaultReport, ...] = ()
     refusals: tuple[str, ...] = ()
-    """Why intents of this tick took no effect."""
+    """Reasons why intents of this tick took no effect."""
     policy_step: PolicyStep | None = None
     """Set in the ticks in which the policy ran."""
     policy_error: str | None = None
-    """What the policy raised instead of an answer, in the ticks in which it did."""
+    """Error that the policy raised instead of an answer in this tick; None if it raised none."""
 
 
 URDF_DOCUMENT, QPOS_DOCUMENT = "urdf", "qpos_addresses"
@@ -193,7 +193,7 @@ URDF_DOCUMENT, QPOS_DOCUMENT = "urdf", "qpos_addresses"
 
 @dataclass(frozen=True, slots=True)
 class SessionHeader:
-    """What a run is: everything that a reader needs to interpret, and to repeat, its ticks."""
+    """Description of a run: everything that a reader needs to interpret, and to repeat, its ticks."""
 
     robot: str
     """The robot's name, e.g. `lite`."""
@@ -227,7 +227,7 @@ class TickRecord:
 
 
 class EventKind(IntEnum):
-    """What happened outside the ticks; the text of an event is for people alone."""
+    """Kind of an event outside the ticks; the text of an event is for people alone."""
 
     NOTE = 0
     FRESH_START = 1

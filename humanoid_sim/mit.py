@@ -121,7 +121,7 @@ _NO_EXTERN: Mapping[str, Extern] = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MITState:
-    """What a robot reports at one instant; the layout is frozen, because trained policies depend on it."""
+    """State that a robot reports at one instant; the layout is frozen, because trained policies depend on it."""
 
     time: float | FloatArray
     """s, robot's clock. Scalar for one robot; shape (...) for a batch whose clocks differ."""
@@ -189,7 +189,7 @@ class MITState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MITCommand:
-    """What a controller tells every joint, every tick. Field names and order are frozen."""
+    """A controller's command to every joint, every tick. Field names and order are frozen."""
 
     position: FloatArray
     """Shape (..., n), rad, joint frame."""

@@ -1,4 +1,4 @@
-"""Which of the known names somebody meant: for messages about names that do not exist."""
+"""Suggestion of the known name that was probably meant: for messages about names that do not exist."""
 
 from __future__ import annotations
 

@@ -30,10 +30,10 @@ _DAMAGE = (
     zlib.error,
     tokenize.TokenError,
 )
-"""What NumPy and zipfile raise over files that are damaged, or of another kind: NumPy reads headers with Python's own
-parser, and takes the memory that a header asks for before it looks for its bytes."""
+"""Errors that NumPy and zipfile raise for files that are damaged, or of another kind: NumPy reads headers with Python's
+own parser, and allocates the memory that a header asks for before it looks for its bytes."""
 _LAST_CHARACTER = 0x10FFFF
-"""Of Unicode; Python fails on a text with one beyond."""
+"""Last character of Unicode; Python fails on a text with one beyond it."""
 _VERSIONS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 

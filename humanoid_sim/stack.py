@@ -47,12 +47,12 @@ from humanoid_sim.strict_json import parse_json
 
 
 class _ControllerSettings(msgspec.Struct, frozen=True):
-    """What a header says of the controllers beside the robot's description and the contract."""
+    """Settings of the controllers in a header, other than the robot's description and the contract."""
 
     remote: bool
     action_limit: float
     guards: GuardRecord | None
-    """None: of a run without."""
+    """Guards of the run; None for a run without guards."""
     loads: bool
     """The session loads policies while it runs."""
     signs: tuple[str, ...] | None = None

@@ -16,7 +16,7 @@ from humanoid_sim.errors import InputError, known_names, one_line
 from humanoid_sim.files import regular_file
 
 UNREADABLE = (ValueError, OverflowError, TypeError, LookupError, AttributeError, RecursionError)
-"""What PyYAML raises beside its own errors: for values that their tags do not fit, and for sizes beyond reason."""
+"""Errors that PyYAML raises besides its own: for values that their tags do not fit, and for unreasonable sizes."""
 _SAFE_NESTING = 2000
 """Levels that libyaml's loader recurses into without harm; at many thousands it takes the process with it."""
 

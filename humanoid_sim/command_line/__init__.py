@@ -189,4 +189,4 @@ _OURS = tuple(
         (r"^(\S+): no type matching \{None\}\|\w+ .* from \[(.*?)\].*$", r"\1: is \2, expected a number"),
     )
 )
-"""How its most frequent complaints are put here."""
+"""Replacements for tyro's most frequent complaints."""

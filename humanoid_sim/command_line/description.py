@@ -1,4 +1,4 @@
-"""What a program's command line takes: an `argparse` parser, made from the frozen dataclass that holds its options.
+"""Description of a program's command line: an `argparse` parser, made from the frozen dataclass that holds its options.
 
 Help and shell completion come from it, and the names in complaints; `tyro` reads the words. It imports nothing heavy.
 """
@@ -28,9 +28,9 @@ STATUS_LINE = "exit status: 0 fine, 1 failed or worse, 2 bad input, 3 no answer,
 _SHIPPED = ("robots", "suites", "motions", "songs", "policies")
 """Kinds of names that a help text may hold, as `{robots}`."""
 _METAVARS = {int: "N", float: "X", Path: "FILE"}
-"""What stands for a value; for any other kind it is the last word of the option's name."""
+"""Placeholders for values by type; for any other type it is the last word of the option's name."""
 _Option: TypeAlias = tuple[list[str], dict[str, Any]]
-"""Its flags, and keywords for `add_argument`; besides `required` of arguments without a name, and `kinds`."""
+"""Flags of an option, and keywords for `add_argument`; also `required` of arguments without a name, and `kinds`."""
 _WIDEST = 100
 """Columns; longer lines are hard to read."""
 
@@ -40,10 +40,10 @@ class Commands:
     """Subcommands of a program."""
 
     purpose: str
-    """Of all of them."""
+    """Purpose of all of them together."""
     by_name: Mapping[str, Specification]
     for_file: str = ""
-    """The one that is meant where a file stands in its place; '' for none."""
+    """Subcommand that is meant where a file stands in its place; '' for none."""
 
 
 class _Page(argparse.HelpFormatter):
@@ -94,9 +94,9 @@ class Program(argparse.ArgumentParser):
         """As one types it: `python -m humanoid_sim.play`, `python -m tools.bench`, `python examples/mine.py`."""
         super().__init__(self.invocation, description=purpose, formatter_class=_Page, add_help=False)
         self.words = words
-        """What calls it: `("policy", "check")`."""
+        """Words that call it: `("policy", "check")`."""
         self.options: dict[str, argparse.Action] = {}
-        """All of them by field; where there are `choices`, nothing else is accepted."""
+        """All options by field; where there are `choices`, nothing else is accepted."""
         self.groups: Mapping[str, Sequence[str]] = {}
         """Fields by heading; the first headings are of what most people need."""
         self.kinds: dict[str, list[str]] = {}

@@ -18,7 +18,7 @@ _SCALE_FACTORS = (0.5, 2.0, 4.0)
 _GAIN_FACTORS = (0.5, 2.0)
 _BOTH = ("joint_stiffness", "joint_damping")
 _MOST_GROUPS = 8
-"""Of joints with equal gains; with more the gains follow no such rule."""
+"""Largest number of groups of joints with equal gains; with more groups the gains follow no such rule."""
 _RATES = (25.0, 50.0, 100.0)
 """Hz"""
 _EFFORT_SHARE = 0.25

@@ -17,9 +17,9 @@ Change = Callable[[PolicyContract], PolicyContract]
 DOUBT = 0.05
 """Share of the cost that an edit must save to be believed: of two that do equally well the simpler is the likelier."""
 STRONG_DOUBT = 0.25
-"""Of gains and gaits: other ones may suit a robot better without being what its policy was trained with."""
+"""Doubt about gains and gaits: others may suit a robot better without being those that its policy was trained with."""
 RATE_DOUBT = 0.10
-"""Of rates: a policy hardly ever does clearly better at a rate that it was not trained for."""
+"""Doubt about rates: a policy hardly ever does clearly better at a rate that it was not trained for."""
 JOINT_DOUBT = 0.10
 """Doubt about single joints: there are so many that one may suit by chance."""
 LIMBS = {
@@ -34,7 +34,7 @@ _SIDES = (("left", "right"), ("Left", "Right"), ("LL", "LR"), ("L_", "R_"), ("l_
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotFacts:
-    """What the hypotheses need to know about the robot and the motion."""
+    """Facts about the robot and the motion that the hypotheses need."""
 
     joint_names: tuple[str, ...]
     """In the robot's own order, that of its MJCF."""
@@ -49,7 +49,7 @@ class RobotFacts:
     poses: dict[str, FloatArray] = field(default_factory=dict)
     """Poses of the robot by name, each of shape (n,), rad, its order."""
     own_damping: Mapping[str, float] = field(default_factory=dict)
-    """N·m·s/rad by joint, that the robot's model has itself."""
+    """Damping in the robot's own model, N·m·s/rad by joint."""
     motion_bodies: tuple[str, ...] = ()
     """Bodies whose world poses the motion holds."""
     points: tuple[str, ...] = ()
@@ -63,7 +63,7 @@ class Edit:
     name: str
     """Unique, short, for tables."""
     cause: str
-    """What it is about; edits of the same cause are alternatives, of which the report shows the best."""
+    """Subject of the change; edits of the same cause are alternatives, of which the report shows the best."""
     explanation: str
     """One line that a user can check against the training configuration."""
     change: Change

@@ -1,4 +1,4 @@
-"""What is examined: a policy with its present contract and motion, and the robot that it is to move."""
+"""The examined policy, with its present contract and motion, and the robot that it is to move."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ class ExaminedPolicy:
     """Everything that a hypothesis is tried on."""
 
     contract: PolicyContract
-    """As it is at present."""
+    """Present contract."""
     policy: Policy
     description: RobotDescription
     motion: Motion | None = None
-    """What the policy follows."""
+    """Motion that the policy follows; None for a policy that follows none."""
     in_policy_order: bool = False
     """The motion's joints are the policy's, place by place, whatever they are called: it comes from its graph."""
     base_height: float | None = None
-    """m, of the base at the start; None: such that the robot stands on the floor."""
+    """Height of the base at the start, m; None: such that the robot stands on the floor."""
     actuation: BatchActuation = "affine"
-    """How the motors are simulated."""
+    """Plant on which the motors are simulated."""
     contradicts: Callable[[PolicyContract], bool] | None = None
-    """Whether the trainer's samples in the checkpoint, which agree with the contract as it is, do not with another;
-    None where there are none, or they do not agree."""
+    """Function that returns True if the trainer's samples in the checkpoint, which agree with the present contract, do
+    not agree with another; None if there are no samples, or if they do not agree with the present one."""
 
     @property
     def motion_seconds(self) -> float:

@@ -1,4 +1,4 @@
-"""What a policy is to do in a trial: walk at a velocity, follow a motion, or at least not fall; and how well it does.
+"""Goals of a policy in a trial (walk at a velocity, follow a motion, or at least not fall), and how well it meets them.
 
 Nothing that is measured depends on the contract that is being tried: it is the robot in the world.
 """
@@ -191,7 +191,7 @@ class BodiesGoal(UprightGoal):
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """What a run's quality is made of; each part is about 1 where an onlooker would begin to notice."""
+    """Parts of a run's quality; each is about 1 where an onlooker would begin to notice."""
 
     parts: Mapping[str, float]
 
@@ -202,7 +202,7 @@ class Quality:
 
 
 class Strain:
-    """How hard the joints are driven: a wrong wiring that stays up shakes and strains."""
+    """Strain on the joints: a wrong wiring that stays up shakes and strains them."""
 
     _SHAKING = 5.0
     """rad/s, root mean square of the commanded positions' change."""

@@ -1,4 +1,4 @@
-"""What to write into a contract.yaml to turn the present contract into another: the whole section `override:`."""
+"""The section `override:` of a contract.yaml, whole, that turns the present contract into another."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class _Default:
 
 @dataclass(frozen=True, slots=True)
 class Pasting:
-    """Where what the doctor prints is to be pasted, and what is overridden there already."""
+    """File into which to paste the doctor's output, and the values that it overrides already."""
 
     file: Path
     section: Mapping[str, Any] = field(default_factory=dict)
-    """Its section `override:` as it is; empty without one."""
+    """Present section `override:` of the file; empty without one."""
 
     def override(self, present: PolicyContract, wanted: PolicyContract) -> dict[str, Any]:
         """Return the whole section as plain values: what it overrides now, and the changes; no key twice."""

@@ -1,4 +1,4 @@
-"""How far a search is, and how long it will take: a bar on a terminal, a line now and then anywhere else."""
+"""Progress of a search, and the time left: a bar on a terminal, a line now and then anywhere else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What became of each hypothesis, which does best, and whether that is a finding."""
+"""Results of all hypotheses: which does best, and whether that is a finding."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from humanoid_sim.doctor.trials import Outcome
 _WORTH = 0.15
 """Share of the cost that a second change must save: two changes explain anything a little better than one."""
 _LONGER = 0.05
-"""Share of the time that it must keep the robot up for longer instead, and not less."""
+"""Difference in the share of the time that the robot stays up, beyond which that alone decides."""
 _NOTICED = 1.1
 """A part of the quality from which on an onlooker notices something. Measured: a policy that is wired right and walks
 tilts by 1.04."""
@@ -22,22 +22,22 @@ _SLIGHT = 0.15
 _EQUAL = 0.05
 """Share of the cost by which two runs differ by chance."""
 _TELLING = 0.5
-"""What a change must save of a run in which there is nothing to notice. Measured: published policies that observe no
-velocity still walk and dance so, and the right wiring saves 0.54 and 0.59; a policy that stands well saves 0.23 with
-smaller actions."""
+"""Cost that a change must save in a run in which there is nothing to notice. Measured: published policies that observe
+no velocity still walk and dance that way, and the right wiring saves 0.54 and 0.59; a policy that stands well saves
+0.23 with smaller actions."""
 _WORSENED = 0.05
-"""By which it must make no part of such a run worse: with half of its actions a policy that walks well rocks less, and
-falls short of its velocity."""
+"""Amount by which it must not make any part of such a run worse: with half of its actions a policy that walks well
+rocks less, and falls short of its velocity."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
-    """What became of one hypothesis."""
+    """Result of one hypothesis."""
 
     hypothesis: Hypothesis
     outcomes: tuple[Outcome, ...]
     is_thorough: bool
-    """Whether it was tried at length."""
+    """True if it was tried at length."""
 
     @property
     def time_up(self) -> float:
@@ -90,13 +90,13 @@ class Verdict:
 
 @dataclass
 class Ranking:
-    """What is known so far; it grows while the search goes on."""
+    """Results so far; they grow while the search goes on."""
 
     verdicts: dict[str, Verdict] = field(default_factory=dict)
-    """By the hypothesis's name, the latest of each."""
+    """Latest verdict on each hypothesis, by its name."""
     contradicts: Callable[[PolicyContract], bool] | None = None
-    """Whether the trainer's samples, which agree with the contract as it is, do not with another; None: there are
-    none."""
+    """Function that returns True if the trainer's samples, which agree with the present contract, do not agree with
+    another; None without samples."""
     is_complete: bool = False
     seconds: float = 0.0
     """s of wall time that the search has taken."""

@@ -56,7 +56,7 @@ _SHORTEST = 0.3
 _LEADERS = 12
 """Causes whose best edits are tried in pairs where one change keeps the robot up already."""
 _SPARED = 3
-"""Of the best, those that are tried less one part of what they change."""
+"""Number of the best hypotheses that are tried again without one part of their changes."""
 _MOST_PARTS = 6
 
 _COMMANDS = ((0.5, 0.0, 0.0), (0.5, 0.0, 0.5), (-0.5, 0.0, 0.0))
@@ -65,12 +65,12 @@ _COMMANDS = ((0.5, 0.0, 0.0), (0.5, 0.0, 0.5), (-0.5, 0.0, 0.0))
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """How each hypothesis is tried."""
+    """Trials of each hypothesis, and limits of the search."""
 
     brief: tuple[Trial, ...]
     thorough: tuple[Trial, ...]
     pairs: int
-    """At most so many pairs are tried; 0: none."""
+    """Largest number of pairs to try; 0: none."""
     budget: float | None = None
     """s of wall time in which the search ends; None: when all has been tried."""
 

@@ -33,7 +33,7 @@ _ROBOTS = 64
 _TIMESTEPS = (0.005, 0.0025, 0.002, 0.001, 0.0005)
 """s, longest first. Where damping is stable the longest gives the figures of the shortest, and costs a tenth."""
 _STABLE = 1.5
-"""What the gains may reach at the physics step; see `humanoid_sim.simulation.stability`."""
+"""Limit for the gains at the physics step; see `humanoid_sim.simulation.stability`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,15 +49,15 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of one trial."""
+    """Outcome of one trial."""
 
     time_up: float
-    """s, at most the trial's seconds."""
+    """Time for which the robot stayed up, s; at most `seconds`."""
     seconds: float
-    """The trial's."""
+    """Length of the trial, s."""
     quality: Quality
     lost: str = ""
-    """How the robot was lost; empty: it was not."""
+    """Way in which the robot was lost; empty if it was not."""
 
 
 _NOTHING = Quality({})
@@ -69,9 +69,9 @@ class TrialRunner:
 
     examined: ExaminedPolicy
     _robots: OrderedDict[tuple[object, ...], MujocoRobot] = field(default_factory=OrderedDict)
-    """The latest to be used last."""
+    """Robots in order of use, the latest last."""
     _stable: dict[tuple[object, ...], bool] = field(default_factory=dict)
-    """Of each robot, its gains and a physics step, whether they go together."""
+    """Stability of each robot with its gains and a physics step: True if they go together."""
 
     def run(self, contract: PolicyContract, trial: Trial, until: float = math.inf) -> Outcome | None:
         """Try a contract once. A contract that cannot run is lost at 0 s; the same trial gives the same outcome.

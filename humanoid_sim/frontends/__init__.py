@@ -18,13 +18,13 @@ __all__ = ["FRONT_ENDS", "FrontEnd", "Wanted", "require_packages"]
 
 @dataclass(frozen=True, slots=True)
 class FrontEnd:
-    """What is known of a front end without importing it."""
+    """Facts about a front end that are known without importing it."""
 
     purpose: str
     packages: tuple[str, ...] = ()
-    """That it imports beside those that this package always needs."""
+    """Packages that it imports, other than those that this package always needs."""
     extra: str = ""
-    """Of this package, which installs them."""
+    """Extra of this package that installs them."""
 
 
 FRONT_ENDS: Mapping[str, FrontEnd] = MappingProxyType(
@@ -39,7 +39,7 @@ FRONT_ENDS: Mapping[str, FrontEnd] = MappingProxyType(
         "viewer": FrontEnd("MuJoCo's window"),
     }
 )
-"""By name, which is that of the module and of the verb."""
+"""Front ends by name, which is also that of the module and of the verb."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +47,11 @@ class Wanted:
     """A front end to start with a session."""
 
     name: str
-    """In `FRONT_ENDS`."""
+    """Name in `FRONT_ENDS`."""
     options: tuple[str, ...] = ()
-    """Of its command line; `--session` is added."""
+    """Options of its command line; `--session` is added."""
     label: str = ""
-    """What it is called where it runs twice; else by its name."""
+    """Label of one that runs twice; empty: its name."""
 
 
 def require_packages(name: str) -> None:

@@ -25,11 +25,11 @@ _STATUS_EVERY = 5
 _READY = 30.0
 """s that children get at the start to say that they work; the session begins without those that do not."""
 _ERROR = "error: "
-"""What the line begins with by which a program ends."""
+"""Beginning of the line with which a failed program ends."""
 _GRACE = 2.0
 """s that a child gets to end after SIGTERM."""
 _MOST_BYTES = 4096
-"""That are taken from one child in one look: whatever it prints, this process spends no more on it."""
+"""Bytes taken from one child in one look: whatever it prints, this process spends no more on it."""
 
 
 @dataclass(slots=True)
@@ -75,7 +75,7 @@ class FrontEnds(Sink):
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="front ends", daemon=True)
         self.error: Exception | None = None
-        """Why nobody looks after the children any more; None while all is well."""
+        """Error that ended the supervision of the children; None while all is well."""
 
     @property
     def running(self) -> Mapping[str, int]:

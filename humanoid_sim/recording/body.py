@@ -1,4 +1,4 @@
-"""Where the links of a recorded robot are: from the URDF in the header and a tick's joint positions.
+"""Poses of a recorded robot's links, from the URDF in the header and a tick's joint positions.
 
 Nothing here needs the robot's MJCF, or MuJoCo: a recording carries its body with it.
 """
@@ -37,13 +37,13 @@ class UrdfJoint:
     parent: str
     child: str
     position: FloatArray
-    """Shape (3,), m, of the child in its parent's frame at 0."""
+    """Shape (3,), position of the child in its parent's frame with the joint at 0, m."""
     quaternion: FloatArray
     """Shape (4,), w x y z, likewise."""
     axis: FloatArray
     """Shape (3,), child frame."""
     qpos: int
-    """Where its value begins in `qpos`; -1 for a fixed one."""
+    """Index in `qpos` at which its value begins; -1 for a fixed joint."""
 
 
 class RecordedBody:

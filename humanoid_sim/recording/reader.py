@@ -28,7 +28,7 @@ _Decoder: TypeAlias = Callable[[bytes], Entry]
 
 @dataclass(slots=True)
 class TopicCount:
-    """How much a topic holds."""
+    """Schema of a topic, and the number of its messages."""
 
     schema: str
     messages: int = 0
@@ -49,13 +49,13 @@ class Recording:
         self.is_complete = False
         """The file is sound and ends as a finished one does; known once it has been read to its end."""
         self.damage = ""
-        """What is wrong, and where; empty for a complete file. Known once it has been read to its end."""
+        """Damage to the file, and where it is; empty for a complete file. Known once it has been read to its end."""
         self.is_damaged = False
         """Something in the file cannot be read, other than an end that is missing. Known likewise."""
         self.lost_at_end = 0
         """Ticks that are known to be lost behind the last one that can be read. Known likewise."""
         self.topics: dict[str, TopicCount] = {}
-        """What the file holds by topic; known once it has been read to its end."""
+        """Contents of the file by topic; known once it has been read to its end."""
 
     def entries(self, *, past_damage: bool = False) -> Iterator[Entry]:
         """Ticks and events in file order, to the first chunk that is not whole.

@@ -61,7 +61,7 @@ _QOS = """\
   liveliness_lease_duration: {{sec: 9223372036, nsec: 854775807}}
   avoid_ros_namespace_conventions: false
 """
-"""What `ros2 bag play` offers a topic with, in the numbers of rmw_qos_profile_t: keep last, reliable."""
+"""QoS with which `ros2 bag play` offers a topic, in the numbers of rmw_qos_profile_t: keep last, reliable."""
 
 
 @dataclass(frozen=True, slots=True)

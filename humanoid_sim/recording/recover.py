@@ -17,7 +17,7 @@ from humanoid_sim.ros2.mcap_writer import ChunkedWriter
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """What was saved."""
+    """Result of a recovery."""
 
     output: Path
     messages: int
@@ -26,7 +26,7 @@ class Recovery:
     was_complete: bool
     """Nothing was wrong with the input."""
     damage: str
-    """What is wrong with the input, and where; empty if nothing is."""
+    """Damage to the input, and where it is; empty if there is none."""
     dropped: int
     """Messages known to be lost: counted by the index behind a damaged chunk, or on a channel whose definition is."""
     places: int
@@ -79,7 +79,7 @@ def recover(path: Path, output: Path, *, force: bool = False) -> Recovery:
 
 @dataclass(slots=True)
 class _Copied:
-    """What was copied, and what was seen to be missing."""
+    """Counts of what was copied, and of what was missing."""
 
     messages: int = 0
     undefined: int = 0

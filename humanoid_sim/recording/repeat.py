@@ -25,10 +25,10 @@ _UNSIGNED = {4: np.uint32, 8: np.uint64}
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One value that is not what it was."""
+    """One value that differs from the recorded one."""
 
     field: str
-    """Of `TickOutput`, such as `command.position`."""
+    """Field of `TickOutput`, such as `command.position`."""
     where: str
     """The joint, or the index; empty for a field without parts."""
     recorded: str
@@ -144,10 +144,10 @@ Policy = Callable[[npt.NDArray[np.float32], int], npt.ArrayLike]
 
 
 class ControlStack(Protocol):
-    """What of a `Supervisor` is needed here."""
+    """The methods of a `Supervisor` that are needed here."""
 
     def initial(self, reason: str = STARTED, /) -> Any:
-        """Return the memory before the first tick, or the first after a fresh start; `reason` is what is told of it."""
+        """Return the memory before the first tick, or the first after a fresh start; `reason` explains the start."""
 
     def step(self, memory: Any, tick_input: TickInput, /) -> tuple[Any, TickOutput]:
         """One tick."""
@@ -184,7 +184,7 @@ class RecordedPolicy:
 
 @dataclass(slots=True)
 class InferenceReport:
-    """How a model's answers to the recorded observations compare with the recorded actions."""
+    """Comparison of a model's answers to the recorded observations with the recorded actions."""
 
     tolerance: float = 0.0
     """Largest difference that still counts as the same answer: absolute up to an action of 1, relative beyond."""
@@ -229,7 +229,7 @@ class InferenceReport:
 
 @dataclass(slots=True)
 class RepeatReport:
-    """What repeating a run showed."""
+    """Result of repeating a run."""
 
     ticks: int = 0
     """Ticks repeated and found identical."""

@@ -1,6 +1,6 @@
-"""What a shadow policy leaves in a recording: what it saw, what it answered, and the command it would have given.
+"""Messages of a shadow policy in a recording: what it saw, what it answered, and the command it would have given.
 
-A shadow policy runs beside a robot that somebody else drives; nothing of it reaches a motor, and it is in no tick.
+A shadow policy runs along with a robot that something else drives; nothing of it reaches a motor or appears in a tick.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from humanoid_sim.ros2.messages import encode_mit_command
 from humanoid_sim.strict_json import parse_json
 
 SHADOW_DOCUMENT = "shadow"
-"""Of a header: the shadow policy's file and the terms of its observation."""
+"""Document of a header: the shadow policy's file and the terms of its observation."""
 SHADOW_CONTRACT_DOCUMENT = "shadow_contract"
 _PREFIX = "/humanoid_sim/shadow"
 SHADOW_TOPIC = f"{_PREFIX}/step"
 _MOST = 4096
-"""Values of an answer that are kept: one that is too long is a fault, and its beginning tells why."""
+"""Values of an answer that are kept: one that is too long is a fault, and its beginning shows why."""
 _COMMAND = ("position", "velocity", "effort", "stiffness", "damping")
 
 
@@ -46,11 +46,11 @@ class ShadowStep:
     time: float
     """s, the robot's clock, of that state."""
     step: PolicyStep | None = None
-    """What it saw and answered; None if it came to nothing."""
+    """Observation and answer of the inference; None if there was none."""
     command: MITCommand | None = None
-    """What it would have commanded; None with a fault."""
+    """Command that it would have given; None with a fault."""
     fault: str = ""
-    """Why there is no command; empty where there is one."""
+    """Reason why there is no command; empty if there is one."""
 
 
 def encode_shadow_step(shadow: ShadowStep) -> bytes:

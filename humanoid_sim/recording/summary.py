@@ -1,4 +1,4 @@
-"""What happened in a recorded run, in one pass over the file."""
+"""Summary of a recorded run, made in one pass over the file."""
 
 from __future__ import annotations
 

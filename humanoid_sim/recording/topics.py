@@ -1,4 +1,4 @@
-"""What a recording shows to viewers: the ROS 2 topics of the original stack, at most 50 per second of each.
+"""Topics of a recording for viewers: those of the original ROS 2 stack, at most 50 messages per second of each.
 
 Replay does not need them; everything exact is in the tick messages.
 """
@@ -70,13 +70,13 @@ VIEWER_PERIOD = 0.02
 
 
 class TopicMessage(NamedTuple):
-    """An encoded message, and where it belongs."""
+    """An encoded message, and its topic."""
 
     topic: str
     schema: str
     data: bytes
     source: str = ""
-    """Of a safety status: the latest of each source counts."""
+    """Source of a safety status: the latest of each source counts; empty for other messages."""
 
 
 def topic_prefix(header: SessionHeader) -> str:

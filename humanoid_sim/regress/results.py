@@ -49,7 +49,7 @@ class MetricInfo(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class SuiteInfo(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Which suite was run, and how much of it."""
+    """The suite that was run, and how much of it."""
 
     name: str
     summary: str
@@ -75,7 +75,7 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     duration: float
     """s of simulated time that the episode lasted."""
     failure: str = ""
-    """Why the episode failed, in one line; empty: it did not."""
+    """Reason why the episode failed, in one line; empty if it did not."""
     kind: Literal["", "fault", "lost"] = ""
     """Kind of failure. `fault`: the controller's own refusal (a non-finite or too large action or observation), or a
     simulation that became non-finite. `lost`: the robot fell, or strayed too far from what it should follow."""
@@ -97,9 +97,9 @@ class Margin(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """Amount of one disturbance that a policy bears."""
 
     axis: str
-    """Such as `delay`."""
+    """Name of the disturbance, such as `delay`."""
     unit: str
-    """Such as `ms`."""
+    """Unit of its values, such as `ms`."""
     nominal: float
     """The value without the disturbance."""
     limit: float
@@ -107,7 +107,7 @@ class Margin(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     reached_end: bool
     """It never failed: the margin is at least `limit`, the end of what the suite sweeps."""
     failure: str = ""
-    """Why it failed just beyond the limit; empty where it did not."""
+    """Reason why it failed just beyond the limit; empty if it did not."""
     levels: tuple[float, ...] = ()
     """The values that were tried, nearest to nominal first."""
     failed_share: tuple[float, ...] = ()

@@ -11,7 +11,7 @@ from humanoid_sim.robots.motors import MOTORS, MotorModel
 from humanoid_sim.robots.schema import FollowingGuard, LimitGuard, RobotDescription, SpeedGuard
 
 Bounds = tuple[float | None, ...]
-"""One per joint; none: not watched."""
+"""One bound per joint; None: the joint is not watched."""
 
 
 class _Following(msgspec.Struct, frozen=True):
@@ -33,7 +33,7 @@ class _Speed(msgspec.Struct, frozen=True):
 
 
 class GuardRecord(msgspec.Struct, frozen=True):
-    """Which guards ran, and with which parameters, as a recording's header has it."""
+    """Guards that ran, and their parameters, as in a recording's header."""
 
     following: _Following
     """N·m, s, rad."""
@@ -92,7 +92,7 @@ _CROSSING_TIME = {"fixed": 0.1, "floating": 0.05}
 _SLOWEST_LIMIT = {"fixed": 5.0, "floating": 15.0}
 """rad/s: a joint with a small range may still be this fast."""
 _OF_SCALE = 0.99
-"""Of the largest speed that a motor can report. A Sito's is 3.14 rad/s, of whatever it really does beyond that."""
+"""Share of the largest speed that a motor can report. A Sito reports at most 3.14 rad/s, however fast it really is."""
 
 
 def guards_of(robot: RobotDescription) -> Guards | None:

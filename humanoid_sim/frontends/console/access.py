@@ -14,11 +14,11 @@ from enum import Enum
 from humanoid_sim.errors import InputError
 
 _HTTP_PORT = 80
-"""That browsers leave out."""
+"""Port that browsers leave out of an address."""
 
 
 class Access(Enum):
-    """What an address allows."""
+    """Rights that an address gives."""
 
     CONTROL = "control"
     READ_ONLY = "read-only"

@@ -1,7 +1,7 @@
-"""What pages command beside intents: one joint by sliders in REMOTE, and a velocity. One page at a time has each.
+"""Commands from pages, other than intents: one joint by sliders in REMOTE, and a velocity. One page at a time has each.
 
-A thread of its own sends, so that nothing which the page's server does delays it. It sends only while the page that
-commands is heard: that its socket is open is not enough.
+They are sent on a thread of their own, so that the page's server cannot delay them, and only while messages from the
+commanding page arrive: an open socket is not enough.
 """
 
 from __future__ import annotations

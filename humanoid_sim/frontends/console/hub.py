@@ -1,4 +1,4 @@
-"""Between the session and its pages: what pages are told, and what they ask for."""
+"""The hub between a session and its pages: states for the pages, and requests from them."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ from humanoid_sim.session.intent_socket import MARK
 from humanoid_sim.session.reactivation import REACTIVATE
 
 _PERIOD = 0.1
-"""s between two states that a page is told."""
+"""s between two states that are sent to a page."""
 _EVENTS = 200
-"""That a new page is shown."""
+"""Largest number of events that a new page is shown."""
 _ASKS_PER_SECOND, _ASKS_AT_ONCE = 5.0, 10
-"""Of one page, of everything but DAMP."""
+"""Rate limit of one page's requests, all but DAMP."""
 _PATIENCE = 2.0
 """s that an answer may take."""
 _REACTIVATING = 30.0
 """s that it may take to reactivate: every motor of a bus is asked for its identity. DAMP does not wait behind it."""
 _STATUS_PERIOD = 0.25
-"""s between two looks at the feed's status, which is told twice a second."""
+"""s between two looks at the feed's status, which is written twice a second."""
 _CHOICES_PER_SECOND, _CHOICES_AT_ONCE = 5.0, 20
-"""Of one page, of what it is shown."""
+"""Rate limit of one page's choices of what to show."""
 _WISHES_PER_SECOND, _WISHES_AT_ONCE = 60.0, 60
-"""Of one page, for its heartbeat, and what sliders and keys ask for; a joint to move is asked for as intents are."""
+"""Rate limit of one page's heartbeats, sliders and keys; taking a joint counts as a request, as intents do."""
 _WATCHING = "this address is for watching only"
 _WORDS = frozenset({*(intent.value for intent in Intent), MARK, REACTIVATE})
 

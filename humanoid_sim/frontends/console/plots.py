@@ -1,4 +1,4 @@
-"""What the page can plot: charts of a session's values, and a bounded history of them."""
+"""Plots of a page: charts of a session's values, and a bounded history of them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _PERIOD = 0.02
 _SHADOW_AGE = 0.5
 """s after which a step of a shadow policy is the past."""
 _MOST_SERIES = 20
-"""Of one chart; more are spread over several."""
+"""Largest number of series in one chart; more are spread over several charts."""
 _HEAD = struct.Struct("<3d")
 """A message to a page begins with: number of the chart, of its rows, and 1 if they replace what it has."""
 
@@ -184,7 +184,7 @@ class Plots:
 
 
 class Watch:
-    """What one page plots, and how far it has been told. A page that is slow skips rows that are no longer there."""
+    """Charts that one page plots, and the rows it was sent so far. A slow page skips rows that are no longer there."""
 
     def __init__(self, plots: Plots) -> None:
         """Begin with no chart."""

@@ -24,7 +24,7 @@ from humanoid_sim.simulation.model import joint_addresses
 VISER_PAGE = Path(viser.__file__).parent / "client" / "build" / "index.html"
 """viser's own page, which is one file."""
 _FROM_PAGES = frozenset({"ViewerCameraMessage"})
-"""What viser is told by pages. Among the rest is a request to publish the scene through a server on the internet."""
+"""Messages from pages that reach viser. Others could publish the scene through a server on the internet."""
 
 
 class _Kind(msgspec.Struct):

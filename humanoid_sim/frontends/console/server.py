@@ -27,7 +27,7 @@ __all__ = ["PageHandler", "serving"]
 
 PageHandler = Callable[[ServerConnection, Access], Awaitable[None]]
 _MOST_SOCKETS = 32
-"""At once, of pages and their views."""
+"""Largest number of open sockets, of pages and their views."""
 _LONGEST = 1 << 16
 """Bytes of a page's message."""
 _TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css"}
@@ -42,9 +42,9 @@ _FILES = {
     "plots.js": "plots.js",
     "showing.js": "showing.js",
 }
-"""By path."""
+"""Files by path."""
 _PLOTLY = "plotly.js"
-"""What draws the plots, out of the package plotly: nothing is loaded from elsewhere."""
+"""Script that draws the plots, from the package plotly: nothing is loaded from elsewhere."""
 _OWN_POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self' {socket}; "
     "frame-ancestors 'none'; base-uri 'none'"

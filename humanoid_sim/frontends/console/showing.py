@@ -1,4 +1,4 @@
-"""What pages are shown beside the state: plots, a piano's keys, motors and buses, and figures in the 3D view."""
+"""Views of a page other than the state: plots, a piano's keys, motors and buses, and figures in the 3D view."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:  # viser, which the rest of this module does without
     from humanoid_sim.frontends.console.ghosts import Ghosts
 
 _SHOWN = 0.1
-"""s for which a stroke is shown at least: pages are told ten times a second."""
+"""s for which a stroke is shown at least: pages are updated ten times a second."""
 
 
 class ShownKeys:
-    """Of one session, for all pages."""
+    """Piano keys of one session, for all pages."""
 
     def __init__(self, header: SessionHeader) -> None:
         """Find the goals. Raises `InputError` if the header is damaged."""
@@ -35,7 +35,7 @@ class ShownKeys:
         self._goals = None if loaded is None else loaded.reference.terms.get("target_keys")
         self._reference = ShownReference()
         self._last: FloatArray = np.full(KEY_COUNT, -np.inf)
-        """Shape (88,), s: when each key was down, the last time."""
+        """Shape (88,), time at which each key was last down, s."""
 
     def look(self, record: TickRecord) -> None:
         """Take a tick, of which every one must be seen."""
@@ -62,7 +62,7 @@ class ShownKeys:
 
 
 class Showing:
-    """Of one session, for all pages."""
+    """Views of one session, for all pages."""
 
     def __init__(self, attachment: Attachment, ghosts: Ghosts) -> None:
         """Know what there is. Raises `InputError` if the session's header is damaged."""

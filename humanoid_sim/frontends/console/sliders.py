@@ -30,11 +30,11 @@ _RAMP = 1.0
 _FASTEST = 3.0
 """rad/s that a slider commands at most, however fast the joint may turn; and half of its limit."""
 _GAIN_SHARE = 2.0
-"""Times the largest gain that the description gives a joint."""
+"""Largest gain of a slider, as a multiple of the largest that the description gives a joint."""
 _FURTHEST = 0.3
-"""rad that the commanded position may be away from the joint: raising K_p never pulls at more than that."""
+"""Largest distance of the commanded position from the joint, rad: raising K_p never pulls at more than that."""
 _SPRING_SHARE = 0.5
-"""Of the effort limit that K_p times that distance may be; the following guard trips at 0.8."""
+"""Largest share of the effort limit for K_p times that distance; the following guard trips at 0.8."""
 _SLOWING = 0.25
 """s: a velocity that leads out of the limits is lowered to the rest of the way over this."""
 _LONGEST_STEP = 0.05
@@ -46,7 +46,7 @@ _POSITION, _VELOCITY, _EFFORT, _STIFFNESS, _DAMPING = range(5)
 
 
 class Goals(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where the sliders of the chosen joint stand."""
+    """Positions of the sliders of the chosen joint."""
 
     position: float
     """rad"""
@@ -62,7 +62,7 @@ class Goals(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What the sliders of one joint may ask for, each lowest and highest, in the units of `Goals`."""
+    """Lowest and highest value of each slider of one joint, in the units of `Goals`."""
 
     position: tuple[float, float]
     velocity: tuple[float, float]
@@ -88,20 +88,20 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SliderState:
-    """What is moved, and what was commanded last."""
+    """The joint that is moved, and the latest command."""
 
     joint: int
-    """Which joint is chosen."""
+    """Index of the chosen joint."""
     bounds: Bounds
-    """Its."""
+    """Bounds of its sliders."""
     goals: Goals
-    """Within the bounds."""
+    """Goals within the bounds."""
     held: FloatArray
-    """Shape (n,), rad: where the other joints are held."""
+    """Shape (n,), positions at which the other joints are held, rad."""
     fields: FloatArray
-    """Shape (5, n), as in `COMMAND_FIELDS`: what was commanded last, before it was restrained."""
+    """Shape (5, n), rows as in `COMMAND_FIELDS`: latest command, before it was restrained."""
     command: MITCommand
-    """What leaves."""
+    """Command to send."""
 
     def __post_init__(self) -> None:
         for name in ("held", "fields"):

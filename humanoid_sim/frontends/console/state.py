@@ -1,4 +1,4 @@
-"""What the page is told of a session, as JSON: pure functions of ticks."""
+"""State of a session for its pages, as JSON: pure functions of ticks."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
         SafetyFlag.INVALID_FRAME: "a frame or a value arrived that cannot be right",
     }
 )
-"""For operators."""
+"""Meanings of the flags, for operators."""
 
 
 _AFRESH = "checks and enables the motors afresh; starts at ZERO_TORQUE"
-"""What the page's button says that is not an intent's."""
+"""Note on the page's button REACTIVATE, which is not an intent's."""
 
 
 class _Controllers(msgspec.Struct):

@@ -14,20 +14,20 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.session.sources import VELOCITY_KEYS
 
 _DELIBERATE = 0.1
-"""s for which a change is told as one: of what arrives within one tick only the newest counts."""
+"""s for which a change is sent as deliberate: of what arrives within one tick only the newest counts."""
 _SEEN_WITHIN = 1.0
-"""s that what the page shows may be old."""
+"""Largest age of what the page shows, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """What to send."""
+    """A velocity command to send."""
 
     velocity: tuple[float, float, float]
     """m/s, m/s, rad/s."""
     deliberate: bool
     heard: int
-    """ns, CLOCK_MONOTONIC: when its page was heard last, which is how old it is."""
+    """Time of the latest message from its page, CLOCK_MONOTONIC ns, from which its age counts."""
 
 
 class Steering:

@@ -23,7 +23,7 @@ class SliderTurn:
     def __init__(self, robot: RobotDescription) -> None:
         """Nobody moves anything."""
         self.why_none = ""
-        """Why this robot has no sliders; empty if it has."""
+        """Reason why this robot has no sliders; empty if it has them."""
         self._all: dict[str, Sliders] = {}
         try:
             self._all = {name: Sliders(robot, name) for name in "ab"}

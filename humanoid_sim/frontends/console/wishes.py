@@ -1,4 +1,4 @@
-"""What pages send beside the intents: wishes for the sliders and the velocity, and the page's heartbeat."""
+"""Messages from pages other than intents: wishes for the sliders and the velocity, and the page's heartbeat."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from humanoid_sim.frontends.console.sliders import Goals
 
 
 class _Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do"):
-    """`do` says which one."""
+    """A message from a page; `do` names its kind."""
 
 
 class Take(_Wish, frozen=True, tag="take"):
@@ -30,11 +30,11 @@ class Beat(_Wish, frozen=True, tag="beat"):
     """The page is there and in sight."""
 
     seen: float
-    """s: the newest `sent` that it was told, on the console's clock."""
+    """Newest `sent` that the page has received, s, on the console's clock."""
     number: int = 0
-    """Of the turn that the goals belong to."""
+    """Number of the turn that the goals belong to."""
     goals: Goals | None = None
-    """Where its sliders stand."""
+    """Positions of its sliders."""
 
 
 class Steer(_Wish, frozen=True, tag="steer"):
@@ -50,7 +50,7 @@ class Press(_Wish, frozen=True, tag="press"):
     """A velocity key."""
 
     key: str
-    """In `VELOCITY_KEYS`."""
+    """Name in `VELOCITY_KEYS`."""
 
 
 Wish = Take | Snap | LetGo | Beat | Steer | Press

@@ -28,7 +28,7 @@ from humanoid_sim.session.sources import remote_problem
 _WAIT = 0.005
 """s between two looks at most: by so much a sample may be younger than it is said to be."""
 _STOOD_STILL = 0.05
-"""s between two looks after which the process stood still."""
+"""s between two looks beyond which the process was suspended."""
 _SETTLE = 0.1
 """s for which old samples may come in after that: sockets are emptied, and what got lost is sent again."""
 _REPORT_PERIOD = 1.0
@@ -40,12 +40,12 @@ DEPTH = 64
 
 
 class ArrivalClock:
-    """When samples arrived, in ns of CLOCK_MONOTONIC.
+    """Arrival times of samples, in ns of CLOCK_MONOTONIC.
 
-    What a look finds has come after the look before, and so it is stamped with that. But where the process stood still,
-    what it finds when it goes on has come at any time since, and more of it may follow from the sockets. Such a sample
-    is as much later than its writer's last one before as the writer's clock says, within that time: only how that clock
-    runs counts, not what it shows.
+    A sample arrived after the look before the one that found it, so it is stamped with the time of that earlier look.
+    But if the process was suspended, the samples found afterwards may have arrived at any time meanwhile, and more may
+    follow from the sockets. Such a sample is as much later than its writer's last one before the suspension as the
+    writer's clock says, within that time: only differences of that clock count, not what it shows.
     """
 
     def __init__(self, now: int) -> None:
@@ -130,7 +130,7 @@ class CommandReader:
         self._refused = self._reported = 0
         self._reported_at, self._reason = -math.inf, ""
         self.error: Exception | None = None
-        """Why nothing is read any more; None while all is well."""
+        """Error that ended reading; None while all is well."""
 
     def start(self) -> None:
         """Begin to read."""

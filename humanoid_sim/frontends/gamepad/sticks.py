@@ -16,7 +16,7 @@ SpeedRange = npt.NDArray[np.float64]
 """Shape (3, 2): lowest and highest vx, vy (m/s) and yaw rate (rad/s), zero among them."""
 
 _MODEST = ((-0.3, 0.5), (-0.2, 0.2), (-0.5, 0.5))
-"""Where the policy does not say what it knows."""
+"""Speeds for a policy that does not say which it knows, as in `SpeedRange`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Where the bytes of a MIDI keyboard come from: a device or FIFO with the bytes as they are on the wire, or a port."""
+"""Sources of a MIDI keyboard's bytes: a device or FIFO with the bytes as they are on the wire, or a port."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from humanoid_sim.errors import InputError, reason_of
 
 STANDARD_INPUT = "-"
 _MOST_BYTES = 256
-"""That are taken at once: 80 ms of them on a MIDI cable."""
+"""Bytes that are taken at once: 80 ms of them on a MIDI cable."""
 _MOST_MESSAGES = 64
-"""Likewise, of a port."""
+"""Messages that are taken at once from a port."""
 _ALSA_LOOK = 0.5
-"""s between two looks whether a port is still there: no library tells when it goes."""
+"""s between two checks that a port is still there: no library reports when it goes."""
 _PAUSE = 0.002
 """s between two looks at a port."""
 _SEQUENCER = "/dev/snd/seq"
 _OWN_PORTS = "Midi Through"
-"""Of ALSA itself: no keyboard."""
+"""Ports of ALSA itself, which are not keyboards."""
 _GET_TERMIOS, _SET_TERMIOS = 0x802C542A, 0x402C542B
 _TERMIOS = struct.Struct("<4IB19s2I")
 """Linux's `termios2`: four words of flags, of which the third holds the rate's kind; line and characters; the rates."""

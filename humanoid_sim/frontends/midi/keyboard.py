@@ -115,7 +115,7 @@ class Keyboard:
         self.stamp = monotonic_ns()
         """CLOCK_MONOTONIC ns: all that had come until then is in `pressed`."""
         self._heard: float | None = None
-        """When the latest byte came, of a keyboard that sends active sensing."""
+        """Time of the latest byte, s, of a keyboard that sends active sensing; None until it does."""
         self._is_silent = False
         self._tried = 0.0
 

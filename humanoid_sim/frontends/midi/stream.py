@@ -42,7 +42,7 @@ class MidiStream:
     def __init__(self) -> None:
         """Begin where nothing is known: data bytes count from the first status byte on."""
         self._status = 0
-        """Of the message that data bytes belong to; 0: they belong to none that matters."""
+        """Status byte of the message that data bytes belong to; 0: they belong to none that matters."""
         self._data: tuple[int, ...] = ()
 
     def feed(self, data: bytes) -> Iterator[Message]:

@@ -36,8 +36,8 @@ GAIT_CLOCK: Mapping[str, Any] = MappingProxyType(
         "phase.standing_restarts": False,
     }
 )
-"""What mjlab's term `phase` implies, and Unitree's deployment of it: one clock, which runs on while the robot stands;
-while |(vx, vy, yaw rate)| is below the threshold sine and cosine are both 0."""
+"""Options that mjlab's term `phase` implies, and those of Unitree's deployment of it: one clock, which runs on
+while the robot stands; while |(vx, vy, yaw rate)| is below the threshold sine and cosine are both 0."""
 _SCAN: Mapping[str, Any] = MappingProxyType(
     {"at": BASE, "grid": (1.6, 1.0), "resolution": 0.1, "ray_order": "xy", "offset": 0.0, "range": 5.0, "above": 0.0}
 )

@@ -33,8 +33,8 @@ _SCAN: Mapping[str, Any] = MappingProxyType(
         "above": 20.0,
     }
 )
-"""What Isaac Lab's `height_scan` of the scanner in unitree_rl_lab's scenes comes to (`RayCasterCfg`, `GridPatternCfg`).
-A ray that hits nothing counts as endlessly high ground there, and the term's clip makes a number of it."""
+"""Options equal to Isaac Lab's `height_scan` of the scanner in unitree_rl_lab's scenes (`RayCasterCfg`,
+`GridPatternCfg`). There a ray that hits nothing counts as endlessly high ground, and the term's clip bounds it."""
 _SWITCHES = ("use_gym_history", "scale_first")
 
 
