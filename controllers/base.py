@@ -1,4 +1,4 @@
-"""What a controller is: a frozen configuration with two pure functions, and errors that are values."""
+"""Interface of controllers: a frozen configuration with two pure functions, and errors that are values."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ REMOTE_POLICY = "remote_policy_controller"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Memory:
-    """What a controller carries from one tick to the next, and what it reports beside its command."""
+    """State that a controller carries from one tick to the next, and its report besides the command."""
 
     standby: StandbyState | None = None
     policy_step: PolicyStep | None = None
     """Set only in the tick in which the policy ran."""
     notice: str = ""
-    """What an operator should know of this tick; set only in the tick in which it is news."""
+    """Message to the operator about this tick; set only in the tick in which it is news."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fault:
-    """A controller cannot go on: returned in place of a result, so that its fallback takes over in the same tick."""
+    """Failure of a controller: returned in place of a result, so that its fallback takes over in the same tick."""
 
     message: str
     policy_step: PolicyStep | None = None
-    """What the policy saw and answered, if that is what went wrong."""
+    """Input and output of the policy, if they are what went wrong."""
     policy_error: str | None = None
-    """What the policy raised, if that is what went wrong."""
+    """Error that the policy raised, if that is what went wrong."""
 
 
 class Controller(Protocol):

@@ -1,4 +1,4 @@
-"""What a checkpoint needs to run: one frozen struct, whatever file it came from.
+"""Contract of a checkpoint: all that it needs to run, in one frozen struct, whatever file it came from.
 
 The annotations of its fields are the one table of them: the checks at construction go by it, and so does whatever reads
 a contract from a file, writes it, or shows it. A new field is one line here.
@@ -38,7 +38,7 @@ _OWNER = "PolicyContract"
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """What a field of the contract holds, and who has to say it."""
+    """Form of a field of the contract: the values that it holds, and whether a source has to state it."""
 
     kind: Literal[
         "choice", "names", "text", "flag", "number", "limit", "values", "limits", "pairs", "steps", "axes", "structure"
@@ -49,16 +49,16 @@ class Form:
     joints: str = ""
     """The field that names the joints: of values and pairs those in their order, of names those that may be named."""
     minimum: float = -np.inf
-    """Of values."""
+    """Smallest accepted value."""
     may_be_empty: bool = False
-    """Of names."""
+    """True if a list of names may be empty."""
     choices: tuple[str, ...] = ()
     in_metadata: bool = False
-    """Whether it is one of the thirteen keys of a model's metadata."""
+    """True if it is one of the thirteen keys of a model's metadata."""
     is_required: bool = False
-    """Whether some source has to state it; a kind of observation term may require another field."""
+    """True if some source has to state it; a kind of observation term may require another field."""
     instead: tuple[str | None, ...] = ()
-    """Accepted in the place of such a value."""
+    """Other accepted values."""
 
 
 def _choice(choices: Any, *, in_metadata: bool = False) -> Form:
@@ -107,7 +107,7 @@ class PhaseRule:
     """Shape (p, 2), speeds that are commanded, ascending, and the gait cycles per second, Hz, at each: linear between
     them, constant beyond; None: 1 / period, whatever is commanded."""
     speed: Speed = "command"
-    """What `frequency` goes by: the magnitude of (vx, vy, yaw rate), of (vx, vy), or of vx."""
+    """Speed by which `frequency` is looked up: the magnitude of (vx, vy, yaw rate), of (vx, vy), or of vx."""
 
     def __post_init__(self) -> None:
         owner = "PhaseRule"
@@ -170,7 +170,7 @@ class PolicyContract:
     body_names: Annotated[tuple[str, ...], Form("names", may_be_empty=True, in_metadata=True)]
     """Bodies that the motion reference describes, b of them."""
     dataset_repo_id: Annotated[str, Form("text", in_metadata=True)] = ""
-    """Where the default motion comes from; empty for none."""
+    """Dataset that the default motion comes from; empty for none."""
     lookahead_steps: Annotated[tuple[int, ...], Form("steps", in_metadata=True)] = ()
     """Policy steps ahead of the present one that `target_keys_future` shows (piano)."""
     action_offset: Annotated[FloatArray | None, Form("values", "action_joint_names")] = None
@@ -188,10 +188,10 @@ class PolicyContract:
     """Shape (n,) or scalar, N·m, the torques that the policy was trained with, infinite where it was not limited. A
     robot with lower limits keeps them. None: the robot's."""
     model_joint_damping: Annotated[ModelDamping, _choice(ModelDamping)] = "undecided"
-    """What becomes of the damping that a robot's own model gives its joints, in simulation: it acts beside
+    """Treatment, in simulation, of the damping that a robot's own model gives its joints: it acts in addition to
     `joint_damping`, or it is dropped. Undecided: it stays, and checks ask for a decision."""
     history_layout: Annotated[HistoryLayout, _choice(HistoryLayout)] = "per_term"
-    """Of terms that show more than one step: each term's steps together, or each step's terms together."""
+    """Order of terms that show more than one step: each term's steps together, or each step's terms together."""
     command_ranges: Annotated[FloatArray | None, Form("axes", instead=(None,))] = None
     """Shape (3, 2), the least and greatest vx, vy (m/s) and yaw rate (rad/s) that the policy knows; None: any."""
     phase: Annotated[PhaseRule | None, Form("structure")] = None

@@ -32,19 +32,19 @@ MODES: Mapping[str, Mode] = MappingProxyType(
         REMOTE_POLICY: Mode.REMOTE,
     }
 )
-"""The mode that each controller is."""
+"""Mode of each controller."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """When an intent is granted."""
+    """Conditions under which an intent is granted."""
 
     modes: frozenset[Mode]
-    """From these modes only."""
+    """Modes from which alone it is granted."""
     target: str | None
-    """The controller that it leads to; None: quit."""
+    """Controller that it leads to; None: quit."""
     standby_finished: bool = False
-    """Only once the standby controller has arrived."""
+    """True if it is granted only once the standby controller has arrived."""
 
     @property
     def requirement(self) -> str:
@@ -74,15 +74,15 @@ _ALWAYS_HEARD = frozenset({Intent.DAMP, Intent.QUIT})
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What `transition` decides."""
+    """Decision of `transition`."""
 
     controller: str | None = None
     """The controller to activate; None: the present one stays."""
     quit: bool = False
     message: str = ""
-    """Why control changes."""
+    """Reason for the change of control."""
     refusal: str = ""
-    """Why the intent takes no effect."""
+    """Reason why the intent takes no effect."""
 
 
 def merge_safety(statuses: Sequence[SafetyStatus]) -> SafetyStatus:

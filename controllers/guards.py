@@ -35,21 +35,21 @@ _ROUNDING = 1e-9
 
 
 _FOLLOWING, _LIMIT, _SPEED = range(3)
-"""The guards, in the order in which they are told."""
+"""The guards, in reporting order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GuardMemory:
-    """What the guards carry from tick to tick while something is suspicious; None stands for nothing."""
+    """State that the guards carry from tick to tick while something is suspicious; None while nothing is."""
 
     time: float | FloatArray
     """s, robot's clock at the previous tick; scalar, or shape (...)."""
     held: FloatArray
     """Shape (..., 3, n), s for which the condition of each guard has held; -1: it does not hold."""
     side: FloatArray
-    """Shape (..., n), +1 or -1: which way the following guard saw the joint pulled."""
+    """Shape (..., n), +1 or -1: direction in which the following guard saw the joint pulled."""
     start: FloatArray
-    """Shape (..., n), rad: from where it counts how much nearer the joint has come."""
+    """Shape (..., n), rad: position from which it counts how much nearer the joint has come."""
 
     def __post_init__(self) -> None:
         for name in ("held", "side", "start"):

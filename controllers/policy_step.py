@@ -40,7 +40,7 @@ def action_limit_of(contract: PolicyContract, given: float | None = None) -> flo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PolicyMemory:
-    """What is carried from one policy step to the next."""
+    """State carried from one policy step to the next."""
 
     frame: Frame
     """Shape (...), the reference frame that the next inference shows."""
@@ -52,7 +52,7 @@ class PolicyMemory:
     walked: FloatArray | float = 0.0
     """Shape (...), rad of gait phase since activation, or since standing."""
     alignment: Alignment | None = None
-    """How the reference was laid onto the robot at activation."""
+    """Alignment of the reference with the robot, made at activation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,11 +72,11 @@ class PolicyWiring:
     action_limit: float | None = None
     """Largest magnitude of a raw action; beyond it the policy has failed. None: as `action_limit_of` says."""
     limit: float = field(init=False)
-    """The same as a number."""
+    """`action_limit`, resolved to a number."""
     layout: ObservationLayout = field(init=False, repr=False)
     action_map: ActionMap = field(init=False, repr=False)
     takes_velocity_command: bool = field(init=False, repr=False)
-    """Whether what is observed depends on the velocity command."""
+    """True if the observation depends on the velocity command."""
 
     def __post_init__(self) -> None:
         if isinstance(self.contract.position_clip, str):
@@ -259,7 +259,7 @@ def advance_phase(
 def _advance(
     rule: PhaseRule, command: FloatArray, policy_dt: float
 ) -> tuple[FloatArray | float, npt.NDArray[np.bool_]]:
-    """By how much the clock moves in one policy step, rad, and whether the robot stands, shape (...)."""
+    """Return by how much the clock moves in one policy step, rad, and whether the robot stands, shape (...)."""
     magnitude = np.sqrt(command[..., 0] ** 2 + command[..., 1] ** 2 + command[..., 2] ** 2)
     step: FloatArray | float
     if rule.period is None:

@@ -19,7 +19,7 @@ StaleCommandPolicy = Literal["passive", "hold"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RemoteMemory(Memory):
-    """Which command is in force, and since when."""
+    """The command in force, and its age."""
 
     activation_time: float = 0.0
     """s, robot's clock."""
@@ -33,7 +33,7 @@ class RemoteMemory(Memory):
     """s since it arrived, summed tick by tick: a clock that jumps back makes no command young, and keeps none young."""
     command: MITCommand | None = None
     is_fresh: bool = False
-    """A command that is not stale is in force."""
+    """True while a command that is not stale is in force."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

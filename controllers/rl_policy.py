@@ -35,13 +35,13 @@ def ticks_per_step(policy_dt: float, control_period: float) -> tuple[int, bool]:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RLPolicyMemory(Memory):
-    """Where between two inferences the policy is, and what it remembers."""
+    """Position of the policy between two inferences, and its memory."""
 
     policy: PolicyMemory
     held_ticks: int
     """Ticks since the last inference; at `decimation` the next one is due."""
     command: MITCommand | None = None
-    """Of the last inference."""
+    """Command of the last inference."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -75,9 +75,9 @@ class SignMemory:
     finished_at: float | None = None
     """s, robot's clock, of the first sample after the end of the motion."""
     refusal: str = ""
-    """Why START is refused, empty if it is not."""
+    """Reason why START is refused; empty if it is not."""
     notice: str = ""
-    """Line for an operator."""
+    """Message to the operator, one line."""
 
     @property
     def is_ready(self) -> bool:

@@ -17,7 +17,7 @@ from humanoid_sim.mit import FloatArray, MITCommand, frozen_array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StandbyMemory(Memory):
-    """Where the walk began, and how far it has come."""
+    """Start of the walk through the poses, and its progress."""
 
     start: FloatArray = field(default_factory=lambda: np.empty(0))
     """Shape (n,), rad, the positions captured at activation."""

@@ -33,7 +33,7 @@ from humanoid_sim.mit import MITCommand
 STARTED = "started"
 NOT_DRIVEN = "no motor is driven: reactivate failed"
 _START_REASONS = (STARTED, NOT_DRIVEN)
-"""Why the control stack is at its start: the status message of its first tick, if nothing else is said in that."""
+"""Reasons why the control stack is at its start: status message of its first tick, unless that says something else."""
 
 
 def start_reason(status_message: str) -> str:
@@ -46,22 +46,22 @@ def start_reason(status_message: str) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SupervisorMemory:
-    """Who is in control, what that controller remembers, and the latest word to the operator."""
+    """The controller in control, its memory, and the latest message to the operator."""
 
     controller: str
     controller_memory: Any
-    """None: to be activated in the next tick."""
+    """Memory of that controller; None: it is to be activated in the next tick."""
     status_message: str = ""
     guards: GuardMemory | None = None
-    """What the guards remember. They watch the joints, not a controller, so it outlives a change of controller; DAMPING
-    and ZERO_TORQUE, which push nowhere, end it."""
+    """Memory of the guards. They watch the joints, not a controller, so it outlives a change of controller; DAMPING and
+    ZERO_TORQUE, which push nowhere, end it."""
     signs: SignMemory | None = None
     """Verdicts on the joints' directions in STANDBY; None in any other mode."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Outcome:
-    """Which controller's command leaves, and what failed on the way to it."""
+    """The command that is sent, the controller that gave it, and the failures on the way to it."""
 
     controller: str
     memory: Any
@@ -76,7 +76,7 @@ class _Outcome:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Result:
-    """What one controller gave in this tick, after validation."""
+    """Result of one controller in this tick, after validation."""
 
     memory: Any
     command: MITCommand
@@ -94,7 +94,7 @@ class Supervisor:
     controllers: Mapping[str, Controller]
     """By name; `zero_torque_controller` and `damping_controller` are required, the others are as available."""
     guards: Guards | None = field(default=None, kw_only=True)
-    """What watches the joints in STANDBY, LOCOMOTION and REMOTE; None: nothing does."""
+    """Guards of the joints in STANDBY, LOCOMOTION and REMOTE; None: nothing guards them."""
     signs: Signs | None = field(default=None, kw_only=True)
     """Judge of the efforts in STANDBY, where a live input gives gravity's levers; None for no judgement."""
     missing: Mapping[str, str] = field(default_factory=dict, kw_only=True)

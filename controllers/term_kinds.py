@@ -40,34 +40,34 @@ def _unnamed(_term: Term, _contract: PolicyContract) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class TermKind:
-    """What there is to know of an observation term, whatever it is called."""
+    """Description of a kind of observation term, whatever the term is called."""
 
     name: str
     meaning: str
-    """In words, with its unit."""
+    """Meaning in words, with its unit."""
     resolve: Resolve
     """Width and value, before clip and scale."""
     _: KW_ONLY
     bounds: float | Bounds = 1.0
     """Largest magnitude on any robot, or least and greatest values, before clip and scale."""
     names: tuple[str, ...] = ()
-    """What exporters call it; empty: its own name."""
+    """Names that exporters use for it; empty: its own name."""
     reads: str = ""
     """The field of `MITState`, or the live input, that it is made of; empty: the policy's own memory, or its motion."""
     estimate: str = ""
-    """What of it a simulation knows and a robot has to estimate."""
+    """Part of it that a simulation knows and a robot has to estimate."""
     conventions: tuple[Convention, ...] = ()
-    """What may be turned round: options of `Term` that change the value, or its `sign`."""
+    """Conventions that may be flipped: options of `Term` that change the value, or its `sign`."""
     relative: bool = False
-    """Whether positions are less the default pose where the term does not say."""
+    """True if positions are relative to the default pose unless the term says otherwise."""
     task: Literal["", "tracking", "piano"] = ""
     """The task that a policy with such a term has; empty: any."""
     requires: str = ""
     """Field of the contract without which it means nothing."""
     scales: tuple[float, ...] = (1.0,)
-    """Seen in the wild."""
+    """Scales seen in the wild."""
     silent: str = ""
-    """What it means that values are no numbers; empty: nothing that is known."""
+    """Likely cause of NaN values; empty if none is known."""
     topic: str = ""
     """Topic on which other programs publish it, where the term names none; empty: none does."""
     value_names: Callable[[Term, PolicyContract], tuple[str, ...]] = _unnamed
@@ -142,7 +142,7 @@ def is_known(name: str) -> bool:
 
 
 _ANY_MAGNITUDE = 1e6
-"""Of a declared live input, whose unit nobody knows."""
+"""Largest magnitude of a declared live input, whose unit is not known."""
 
 
 def _live(request: Request) -> tuple[int, Source]:

@@ -1,4 +1,4 @@
-"""What observation terms are made of, and within which bounds: state, last action, motion, clock, live inputs.
+"""Values of observation terms and their bounds, from state, last action, motion, clock and live inputs.
 
 `term_kinds` says which of these functions belong to which kind of term. They take `(..., n)`, one robot or a batch.
 """
@@ -50,18 +50,18 @@ class ObservationContext:
     frame: Frame
     """Shape (...)."""
     alignment: Alignment | None = None
-    """How the reference was laid onto the robot at activation."""
+    """Alignment of the reference with the robot, made at activation."""
     phase: FloatArray = field(default_factory=lambda: np.empty(0))
     """Shape (..., k), rad."""
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A term, and what there is to make it from."""
+    """A term, and the sources from which it can be made."""
 
     term: Term
     kind: TermKind
-    """What the term means under the contract."""
+    """Kind that the term has under the contract."""
     contract: PolicyContract
     robot_joints: tuple[str, ...]
     reference: MotionReference
@@ -75,7 +75,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limits:
-    """What bounds a robot's states and its policy's actions."""
+    """Bounds of a robot's states and its policy's actions."""
 
     lower: FloatArray
     """Shape (n,), rad, the robot's joint order; -inf where there is none."""

@@ -157,7 +157,7 @@ class Term:
     relative: bool | None = None
     """For joint positions (default true) and the motion command (default false): less the default pose."""
     layout: OrientationLayout = "rows"
-    """Of six orientation values: the first two columns row by row, column by column, or the first two rows."""
+    """Layout of six orientation values: the first two columns row by row, column by column, or the first two rows."""
     inverse: bool = False
     """For the anchor orientation: seen from the reference instead of from the robot."""
     quaternion: QuaternionOrder = "wxyz"
@@ -167,7 +167,7 @@ class Term:
     joints: tuple[str, ...] | None = None
     """For joint positions and velocities: the joints shown, in this order; None: all, in the policy's order."""
     width: int | None = None
-    """Of a live input that no kind of term expresses: its number of values; None: the kind says."""
+    """Number of values of a live input that no kind of term expresses; None: the kind's."""
     topic: str | None = None
     """Topic on which other programs publish a live input; None: the kind's."""
     timeout: float | None = None
