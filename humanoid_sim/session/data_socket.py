@@ -84,23 +84,23 @@ _MOST_REFUSALS = 256
 
 
 class Refusals:
-    """Each reason of a producer's is told once until `forget`, and of one producer at most one line per second."""
+    """Reports each reason of a producer once until `forget`, and at most one line per second for one producer."""
 
     def __init__(self, tell: Callable[[str], object]) -> None:
         """Start with none; `tell` takes a line."""
         self._tell = tell
         self._reasons: dict[tuple[str, str], bool] = {}
-        """Whether a producer's reason is still to be told."""
+        """Producers and their reasons; True while a reason is still to be reported."""
         self._told_at: dict[str, float] = {}
         """s, robot's clock, by producer."""
         self.counts: dict[str, int] = {}
-        """Samples of each producer's, since the session began; of those beyond the first so many under `others`."""
+        """Samples refused since the session began, by producer; those beyond the first so many count under `others`."""
         self.latest = ""
-        """The latest, as one line."""
+        """Latest refusal, as one line."""
 
     @property
     def count(self) -> int:
-        """Samples, since the session began."""
+        """Samples refused since the session began."""
         return sum(self.counts.values())
 
     @property
@@ -159,7 +159,7 @@ class _Sample:
 
 
 class _RefusedError(Exception):
-    """Why a sample does not count."""
+    """Refusal of a sample; the message is the reason."""
 
 
 class DataSocket(ExternSource, Sink):
@@ -207,7 +207,7 @@ class DataSocket(ExternSource, Sink):
         self._entered = 0.0
         self._newest_stamp: dict[tuple[int, Producer, str], int] = {}
         self.refusals = Refusals(self._say)
-        """Of samples."""
+        """Refusals of samples."""
         self._reported: dict[Producer, int] = {}
         """Samples that a producer has refused itself, in all."""
         self._shown: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""What a session publishes to other programs on the machine: ticks, events and a status in shared memory.
+"""Feed of a session for other programs on the machine: ticks, events and a status in shared memory.
 
 Written without a lock and without a system call. The memory has no name in any folder, and it is sealed: nobody else
 can write to it, shorten it or remove it, not even a program of the same user, and it is gone with its last process. So
@@ -48,7 +48,7 @@ _PATH_SIZE = 4096
 """Bytes of what says where the header of such a policy is."""
 _PAGE = 4096
 _MFD_NOEXEC_SEAL, _F_SEAL_FUTURE_WRITE = 0x8, 0x10
-"""Of Linux 6.3 and 5.1; Python does not name them. The second forbids all writing but through present mappings."""
+"""Constants of Linux 6.3 and 5.1 that Python does not name. The second forbids writing except by present mappings."""
 
 
 class _Ring:

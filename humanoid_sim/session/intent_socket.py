@@ -64,7 +64,7 @@ def listening(path: Path) -> socket.socket:
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """Who waits for an answer."""
+    """A sender that waits for an answer."""
 
     intent: Intent | None
     """None for `reactivate` and `load`."""

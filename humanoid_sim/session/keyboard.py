@@ -43,13 +43,13 @@ _DAMP_KEYS = frozenset(key for key, intent in KEYS.items() if intent is Intent.D
 _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
 _ESCAPE = "\x1b"
 _SEQUENCE = re.compile(r"\x1b(?:\[([0-9;]*)([A-Za-z~])|O([A-Z]))")
-"""What an arrow key or a function key sends."""
+"""Sequence that an arrow key or a function key sends."""
 _UNFINISHED = re.compile(r"\x1b(\[[0-9;]*|O)?$")
-"""The beginning of that."""
+"""Beginning of such a sequence."""
 
 
 class KeyReader:
-    """From what a terminal sends to keys.
+    """Turns what a terminal sends into keys.
 
     An arrow key sends an escape character and letters: `A` for up must not load pose A. Of what comes in one piece with
     an escape character, beside arrows only DAMP counts, and likewise of a piece that continues an unfinished one.

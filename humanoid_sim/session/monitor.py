@@ -1,4 +1,4 @@
-"""What a run was, condensed while it runs: modes, tick times, faults, tracking; in constant memory."""
+"""Figures of a run, condensed while it runs: modes, tick times, faults, tracking; in constant memory."""
 
 from __future__ import annotations
 

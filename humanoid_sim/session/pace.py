@@ -1,4 +1,4 @@
-"""How a control loop keeps time: its settings, its deadlines and what misses them, and how late it wakes up."""
+"""Timing of a control loop: its settings, its deadlines and what misses them, and how late it wakes up."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class LoopSettings:
-    """How the loop keeps time, and how it ends."""
+    """Settings of the loop: how it keeps time, and how it ends."""
 
     control_period: float
     """s"""
@@ -100,7 +100,7 @@ class Pace:
         self.skipped = 0
         """Deadlines that passed while a tick was still running."""
         self.jitter = DurationHistogram()
-        """How long after its due time each tick began. Empty without real time."""
+        """Delay of each tick's start after its due time. Empty without real time."""
         self._deadline: float | None = None
 
     def begin(self) -> float:

@@ -11,10 +11,10 @@ from humanoid_sim.messages import EventKind, Mode
 from humanoid_sim.robots.robot import Robot
 
 REACTIVATE = "reactivate"
-"""What operators call it, beside the intents: it is none, because the FSM takes no part in it but to begin again."""
+"""Name of the operator's request. It is not an intent, because the FSM takes no part in it except to begin again."""
 
 HOW_TO_REACTIVATE = "press e (or: mode reactivate)"
-"""What an operator is told to do once the cause of a fault is fixed."""
+"""Instruction to the operator once the cause of a fault is fixed."""
 
 REACTIVABLE = (Mode.ZERO_TORQUE, Mode.DAMPING)
 """Modes in which it is granted."""
@@ -22,10 +22,10 @@ REACTIVABLE = (Mode.ZERO_TORQUE, Mode.DAMPING)
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What became of what an operator asked for."""
+    """Outcome of an operator's request."""
 
     granted: bool
-    """Neither refused nor failed."""
+    """True if it was neither refused nor failed."""
     text: str
     """One line."""
 

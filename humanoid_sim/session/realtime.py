@@ -1,4 +1,4 @@
-"""What keeps a control loop punctual on a common Linux: each measure is taken where it is permitted, and reported.
+"""Measures that keep a control loop punctual on a common Linux: each is taken where it is permitted, and reported.
 
 - The garbage collector is frozen: what exists when the loop begins is never traversed again (a full collection of a
   process with MuJoCo and ONNX Runtime loaded takes longer than a tick at 200 Hz). Nor is there a full collection of
@@ -24,7 +24,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 _PRIORITY = 50
-"""Of 1 to 99: before everything ordinary, behind the kernel's own threads for interrupts and timers."""
+"""Priority (1 to 99): before everything ordinary, behind the kernel's own threads for interrupts and timers."""
 _SWITCH_INTERVAL = 0.0005
 """s"""
 _MIDDLE = 5

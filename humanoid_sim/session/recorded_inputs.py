@@ -1,4 +1,4 @@
-"""What a recorded run took in, at the same times again: intents, remote commands, live inputs, safety statuses."""
+"""Inputs of a recorded run, repeated at the same times: intents, remote commands, live inputs, safety statuses."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ class RecordedInputs:
         self._next = self._take()
         self._is_asked = False
         self.velocity: VelocityCommand | None = None
-        """Takes the place of the recorded one once somebody has changed it."""
+        """Velocity that replaces the recorded one once somebody has changed it."""
         self.leaves_velocity = False
-        """Whether another velocity was set from the beginning."""
+        """True if another velocity was set from the beginning."""
 
     def _take(self) -> TickRecord | None:
         for entry in self._entries:

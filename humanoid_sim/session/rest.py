@@ -1,4 +1,4 @@
-"""How a run ends: joints that have come to rest, and damping that needs nothing but the robot."""
+"""End of a run: joints that have come to rest, and damping that needs nothing but the robot."""
 
 from __future__ import annotations
 

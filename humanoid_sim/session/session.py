@@ -45,7 +45,7 @@ _PATIENCE = 0.001
 
 @dataclass(frozen=True, slots=True)
 class SessionResult:
-    """How a run ended."""
+    """Outcome of a run."""
 
     ticks: int
     reason: str
@@ -57,9 +57,9 @@ class SessionResult:
     skipped: int
     """Deadlines that passed while a tick was still running."""
     jitter: DurationHistogram
-    """How long after its due time each tick began; empty without real time."""
+    """Delay of each tick's start after its due time; empty without real time."""
     measures: tuple[str, ...] = ()
-    """What was done for punctuality, a line each."""
+    """Measures taken for timely scheduling, one line each."""
     failures: tuple[str, ...] = ()
     """A robot that is not confirmed to be without torque; sinks that raised on the control thread, and were left out
     from then on, each with its exception."""

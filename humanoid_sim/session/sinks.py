@@ -1,4 +1,4 @@
-"""Where the ticks and events of a run go: what a sink is, several as one, and one that works on a thread of its own."""
+"""Sinks for the ticks and events of a run: their interface, several as one, and one that works on its own thread."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 QUEUE_LIMIT = 4096
 """Ticks and events that may wait (20 s at 200 Hz). Beyond that they are left out and counted."""
 BACKLOG_LIMIT = 2000
-"""Ticks that a sink may lag behind before a run without deadlines waits for it, if it says nothing else."""
+"""Default backlog of a sink, in ticks, beyond which a run without deadlines waits for it."""
 _STUCK_AFTER = 5.0
 """s that a sink may take over one item, or over all that is left when it is closed, before nobody waits for it."""
 

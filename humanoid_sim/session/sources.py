@@ -1,4 +1,4 @@
-"""Where the inputs of a tick come from beside the robot: intents, remote commands, live terms. None may block."""
+"""Non-blocking sources of a tick's inputs other than the robot: intents, remote commands, live terms."""
 
 from __future__ import annotations
 
@@ -195,7 +195,7 @@ _VELOCITY_AXES = (
     ("vy", "m/s", 10.0, "is it in cm/s or km/h?"),
     ("wz", "rad/s", 4.0 * math.pi, "is it in degrees per second?"),
 )
-"""Of a command: name, unit, largest magnitude of a policy that does not say what it knows, and what else it may be."""
+"""Axes of a command: name, unit, largest magnitude where the policy states no range, and the likely wrong unit."""
 
 
 KEYBOARD = "keyboard"
@@ -217,7 +217,7 @@ class VelocityCommand:
             ranges: shape (3, 2), to which changes are clipped; None: to what `parse_velocity` accepts.
         """
         self.owner: object = ""
-        """Who changed it last: a producer, or `KEYBOARD`; falsy where nobody did, or that producer fell silent."""
+        """Owner that changed it last: a producer, or `KEYBOARD`; falsy if nobody did, or that producer fell silent."""
         self.is_observed = True
         """True if the policy takes a command; if not, no tick has one."""
         self.begin(command, ranges)

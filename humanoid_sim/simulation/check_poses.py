@@ -1,4 +1,4 @@
-"""Whether check poses do no harm where the very fault is present that they are to show."""
+"""Safety of check poses: they must do no harm even with the very fault that they are meant to show."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ OFFSET = 0.4
 _MOVED = 1e-3
 """rad from where STANDBY leaves a joint."""
 _SHARES = (0.25, 0.5, 0.75, 1.0)
-"""Of the way from one pose to the next where contacts are looked for."""
+"""Shares of the way from one pose to the next at which contacts are looked for."""
 _TOUCHING = -1e-3
-"""m, of the distance of two surfaces that touch."""
+"""m, distance below which two surfaces touch."""
 
 
 def check_pose_problems(description: RobotDescription) -> Iterator[str]:
@@ -76,7 +76,7 @@ def _true_pose(pose: FloatArray, joint: int, sign: float, offset: float, descrip
 
 
 class _Touching:
-    """Which parts of a robot touch each other in a pose."""
+    """Pairs of a robot's parts that touch each other in a pose."""
 
     def __init__(self, model: mujoco.MjModel, description: RobotDescription) -> None:
         self._model, self._data = model, mujoco.MjData(model)

@@ -14,7 +14,7 @@ LONGEST_DELAY = 10.0
 
 
 class DelayLine(Generic[T]):
-    """What an observer sees of a stream of samples that take `delay` steps to reach it."""
+    """Delayed view of a stream of samples that take `delay` steps to reach the observer."""
 
     def __init__(self, delay: int) -> None:
         self._delay = delay

@@ -30,7 +30,7 @@ _FROM_EDGE = {True: 0.012, False: 0.010}
 _DIRECTION = np.array([0.6, 0.0, -0.8])
 """World frame, from the wrist to the tip: steep, so that a finger touches no neighbour of its key."""
 _TURN, _DRIFT = 0.2, 0.06
-"""How strongly the directions in which the tip stays are used for that, and for coming back to the ready pose."""
+"""Strengths of the pulls to that direction and back to the ready pose, as far as they leave the tip in place."""
 _DAMPING = 0.01
 """m/rad"""
 _ITERATIONS = 100
@@ -84,7 +84,7 @@ class Fingers:
         self._sites = [model.site(name).id for name in self.settings.fingers]
         self._wrists = [int(model.site_bodyid[site]) for site in self._sites]
         self.arms = tuple(self._arm(wrist) for wrist in self._wrists)
-        """Of each hand, the places of its joints in the robot's order."""
+        """Indices of each hand's joints in the robot's order."""
         mujoco.mj_kinematics(model, self._data)
         piano = model.body("piano").id
         self._origin = self._data.xpos[piano].copy()

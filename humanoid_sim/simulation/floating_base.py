@@ -1,4 +1,4 @@
-"""Where a robot starts; and a base that moves freely: the support that holds it, and how it moves."""
+"""Start pose of a robot; and a base that moves freely: the support that holds it, and how it moves."""
 
 from __future__ import annotations
 

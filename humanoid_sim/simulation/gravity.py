@@ -1,4 +1,4 @@
-"""What gravity asks of each joint of a robot that is held, from its readings: the live input `GRAVITY_LEVERS`."""
+"""Load of gravity on each joint of a robot that is held, from its readings: the live input `GRAVITY_LEVERS`."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class HeightScanner:
         """Kind and id of the frame in the middle of the grid."""
         self._scan = scan
         self.model = _ground(model, base, scan)
-        """Of the ground, with one rangefinder per ray."""
+        """Model of the ground, with one rangefinder per ray."""
         self._data = mujoco.MjData(self.model)
 
     def read(self, pose: FloatArray) -> FloatArray:

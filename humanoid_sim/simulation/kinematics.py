@@ -1,4 +1,4 @@
-"""What follows from joint positions alone, by a model of its own: where bodies are, and the torque that holds them."""
+"""Quantities that follow from joint positions alone, by a separate model: poses of bodies, torques that hold them."""
 
 from __future__ import annotations
 

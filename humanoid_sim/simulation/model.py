@@ -24,7 +24,7 @@ _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointAddresses:
-    """Where joints are in MuJoCo's arrays, in the order in which they were asked for."""
+    """Indices of joints in MuJoCo's arrays, in the order in which they were asked for."""
 
     qpos: npt.NDArray[np.intp]
     """Shape (n,), indices into `qpos`."""

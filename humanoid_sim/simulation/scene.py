@@ -24,7 +24,7 @@ CAMERAS = {"front": (30.0, 12.0), "side": (90.0, 8.0), "back": (205.0, 15.0), "t
 _FLOOR_MATERIAL = "scene_floor"
 
 _VISIBLE_GROUPS = (0, 1, 2)
-"""Of geoms, as MuJoCo's viewers show them by default."""
+"""Groups of geoms that MuJoCo's viewers show by default."""
 
 _FIELD_OF_VIEW = 38.0
 """degrees, vertical: long enough a lens that a hand in front does not look bigger than the head."""

@@ -1,4 +1,4 @@
-"""What a simulated robot measures beside its joints: the IMU, and what only a simulation or an estimator knows.
+"""Measurements of a simulated robot besides its joints: the IMU, and what only a simulation or an estimator knows.
 
 All of it is computed from `qpos` and `qvel`: after `mj_step` MuJoCo's `sensordata`, and the poses in `MjData`, are one
 physics step older.
@@ -60,7 +60,7 @@ class Imu:
         body = int(model.site_bodyid[self._id]) if self._object == mujoco.mjtObj.mjOBJ_SITE else self._id
         self._twist = np.empty(6)
         self.constant: ImuSample | None = None
-        """What it always reads where it is fixed to the world; None where it moves."""
+        """Constant reading where it is fixed to the world; None where it moves."""
         if model.body_weldid[body] == 0:  # it feels gravity, for ever
             mujoco.mj_kinematics(model, self._data)
             quaternion, rotation = self._orientation()

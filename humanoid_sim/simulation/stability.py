@@ -1,4 +1,4 @@
-"""Whether damping is stable at a physics step.
+"""Stability of damping at a physics step.
 
 The MIT law's damping is explicit: one Euler step multiplies the joint velocities by `I - dt · M⁻¹ · K_d`. Where an
 eigenvalue of `dt · M⁻¹ · K_d` exceeds 1 the velocity changes sign every step, above 2 it grows until the torque
@@ -53,7 +53,7 @@ class DampingStability:
         self._description = description
         self._timestep = float(model.opt.timestep)
         self.is_implicit = bool(model.opt.integrator != mujoco.mjtIntegrator.mjINT_EULER)
-        """Whether damping is integrated implicitly: it is then stable however large, until a motor is at its limit."""
+        """True if damping is integrated implicitly: it is then stable however large, until a motor is at its limit."""
         poses: list[npt.ArrayLike] = [
             description.initial_position,
             *description.standby_controller_a.pose_segments,
@@ -67,7 +67,7 @@ class DampingStability:
         )
         poses.extend(draw)
         self._inverse_mass = np.empty((len(poses), n, n))
-        """Of each pose the joints' block of M⁻¹; other joints of the model (a base) are free to move."""
+        """The joints' block of M⁻¹ for each pose; other joints of the model (a base) are free to move."""
         addresses = joint_addresses(model, description.joint_names)
         # What hangs together with the joints: the inverse of all else, such as a piano's keys, is a block of its own.
         trees = model.dof_treeid

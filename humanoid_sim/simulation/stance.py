@@ -1,4 +1,4 @@
-"""How a robot stands: the floor under it, and how high its centre of mass is above that."""
+"""Stance of a robot: the floor under it, and the height of its centre of mass above that."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _FLAT = 1e-9
 
 
 class Floor:
-    """What stands still in a model and can be touched: its level under any point. Not thread-safe."""
+    """Static parts of a model that can be touched: their level under any point. Not thread-safe."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        """Find it."""
+        """Find them."""
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         geoms = fixed_geoms(model)
@@ -134,7 +134,7 @@ def _floor_alone(model: mujoco.MjModel, geoms: list[int]) -> mujoco.MjModel:
 
 
 class CentreOfMass:
-    """Where the centre of mass of a robot is at any pose. Keeps its own `MjData`; not thread-safe."""
+    """Centre of mass of a robot in any pose. Keeps its own `MjData`; not thread-safe."""
 
     def __init__(self, model: mujoco.MjModel, body: str) -> None:
         """Find the geoms of `body` and of all that hangs on it."""

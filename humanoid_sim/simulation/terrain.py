@@ -37,7 +37,7 @@ class Terrain:
     kind: TerrainKind
     """`rough`: bumps; `slopes` and `steps`: pyramids and pits; `mixed`: the three in turn."""
     seed: int = 0
-    """Of the bumps."""
+    """Seed of the bumps."""
     levels: int = 4
     """Tiles along x."""
     variants: int = 4

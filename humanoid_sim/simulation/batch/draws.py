@@ -136,7 +136,7 @@ _EPISODE = 32
 
 
 class Draws:
-    """What is drawn for N environments. An episode's numbers are drawn anew; those of the first are the seed's."""
+    """Random numbers for N environments. Each episode's are drawn anew; those of the first are the seed's."""
 
     def __init__(
         self, randomisation: Randomisation, count: int, *, joints: int = 0, bodies: int = 0, carriers: int = 0

@@ -21,7 +21,7 @@ _LONG_AGO = np.iinfo(np.int64).min
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotorDifferences:
-    """How the motors of N robots differ."""
+    """Differences between the motors of N robots."""
 
     delay: IntArray
     """Shape (N,), physics steps from a command to its arrival, without jitter."""

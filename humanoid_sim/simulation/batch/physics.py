@@ -160,7 +160,7 @@ class BatchPhysics:
         # A pool of one thread would only hand its work over.
         self._rollout = rollout.Rollout(nthread=threads if threads > 1 else 0)
         self.is_closed = False
-        """Whether `close` was called: there are no threads any more."""
+        """True once `close` was called: there are no threads any more."""
 
     def set(self, indices: IndexArray, qpos: FloatArray, qvel: FloatArray) -> None:
         """Put some environments into a state at time 0, nothing remembered."""

@@ -1,4 +1,4 @@
-"""How the robots of a batch differ from one another and from their model."""
+"""Differences of a batch's robots from one another and from their model."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _DELAYS = "command_delay", "state_delay"
 
 @dataclass(frozen=True, slots=True)
 class Randomisation:
-    """What is drawn for each environment. As given here nothing differs: every robot is its model, in time and quiet.
+    """Ranges for each environment's draws. By default nothing differs: each robot is its model, without delay or noise.
 
     All is drawn anew for every episode, but noise, jitter and pushes, which are drawn as the episode goes on. It
     depends on the environment's seed, the number of its episode since it was seeded, and the step: not on the batch.

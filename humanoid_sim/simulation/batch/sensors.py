@@ -1,4 +1,4 @@
-"""What the robots of a batch report: their true state, and what noise makes of it."""
+"""Reports of a batch's robots: their true state, and the same with noise."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _ARMATURE = 2.0**60
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorDifferences:
-    """How the sensors of N robots differ."""
+    """Differences between the sensors of N robots."""
 
     delay: npt.NDArray[np.int64]
     """Shape (N,), physics steps from a state to its report."""
@@ -114,7 +114,7 @@ class BatchSensors:
         self._addresses = addresses
         self._draws = draws
         self.differences = SensorDifferences.none(len(physics.time), len(addresses.dof))
-        """Of the N robots."""
+        """Differences of the N robots' sensors."""
         self._physics = physics
         self._is_anchored = bool(anchor_body)
         self._keys = PianoKeys(physics.model) if description.piano is not None else None

@@ -135,7 +135,7 @@ class BatchSimulation:
         push = body_ids(model, [push_body])[0] if push_body else base_body(model, description)
         level = model if terrain is None else build_model(description, scene="floor")
         self.start_pose = StartPose(level, description, self._joints)
-        """Where a robot starts, with its joints anywhere."""
+        """Pose in which a robot starts, for any joint positions."""
         self._base = BaseObserver(model, description) if description.is_floating else None
         self._pool = ModelPool(model, count)
         self.threads = min(usable_processors() if threads is None else threads, count)
