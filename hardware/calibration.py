@@ -50,7 +50,7 @@ class Calibration:
     entries: Mapping[str, CalibrationEntry]
     """By joint, in the file's order; joints that the robot has not (a neck that is not mounted) are kept."""
     warnings: tuple[str, ...] = ()
-    """What in the file disagrees with the robot description, one line each."""
+    """Disagreements of the file with the robot description, one line each."""
 
     def homing_offsets(self, description: RobotDescription) -> dict[str, float]:
         """Return the offset of every joint of the robot, in its order: rad, motor frame.
@@ -176,7 +176,7 @@ _TOUCH = 0.05
 
 
 class Verdict(Enum):
-    """What a sweep tells."""
+    """Verdict on a sweep."""
 
     UNSWEPT = "unswept"
     """Less than the threshold: the joint keeps its previous offset."""
@@ -186,7 +186,7 @@ class Verdict(Enum):
     BEYOND = "beyond"
     """Longer than the joint's range: its stops are farther than its limits, or two motors answer as one."""
     FLIPPED = "flipped"
-    """Where the joint cannot be: its `direction` is wrong in the robot description, or its motor sits elsewhere."""
+    """Range where the joint cannot be: its `direction` is wrong in the description, or its motor sits elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +212,7 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True)
 class SweepResult:
-    """What became of one joint."""
+    """Result of one joint's sweep."""
 
     verdict: Verdict
     width: float

@@ -1,4 +1,4 @@
-"""What was found before anything is enabled: the list that an operator reads, or the reason of a refusal."""
+"""Findings before anything is enabled: the list that an operator reads, or the reason for a refusal."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from humanoid_sim.errors import RobotError
 
 
 class Verdict(Enum):
-    """What a check came to."""
+    """Outcome of a check."""
 
     PASSED = "ok"
     WARNING = "warning"
     QUESTION = "question"
-    """What no document says, so that an operator has to: the robot is not enabled until it was answered."""
+    """Question that no document answers, so that an operator has to: the robot is not enabled until then."""
     PROBLEM = "problem"
     """The robot is not enabled."""
 
@@ -29,7 +29,7 @@ class Check:
     """The joint or the channel."""
     text: str
     about: str = ""
-    """Of a question: what its answer accepts."""
+    """Item that the answer to a question accepts, such as a firmware's version."""
 
     @property
     def passed(self) -> bool:

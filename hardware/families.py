@@ -19,7 +19,7 @@ from humanoid_sim.mit import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Driver:
-    """What drives a family's motors."""
+    """Functions that drive a family's motors."""
 
     link: Callable[[OpenChannels, MotorGroup, SessionTerms], MotorLink]
     encoder: Callable[[MotorGroup], FrameEncoder]

@@ -77,7 +77,7 @@ NEVER = Note(-float("inf"), "")
 
 @dataclass(slots=True)
 class ChannelNotes:
-    """What was heard on one channel that belongs to none of its motors."""
+    """Records of what was received on one channel and belongs to none of its motors."""
 
     intruder: Note = NEVER
     """The latest sign of another host that commands our motors."""
@@ -119,7 +119,7 @@ Rescue = tuple[tuple[Frame, ...], tuple[Frame, ...]]
 
 @dataclass(frozen=True, slots=True)
 class MotorFigures:
-    """What happened between a host and one motor."""
+    """Counts of the traffic between a host and one motor."""
 
     commanded: int
     """Commands that were handed to the channel."""
@@ -132,10 +132,10 @@ class MotorFigures:
 
 @dataclass(frozen=True, slots=True)
 class SessionTerms:
-    """What a session asks of every family's motors."""
+    """Terms that a session sets for the motors of every family."""
 
     host_id: int
-    """Ours on the bus, where the family has such a thing."""
+    """Our id on the bus, where the family has such a thing."""
     can_timeout: float
     """s without a command after which a motor stops by itself, where it can."""
     control_period: float

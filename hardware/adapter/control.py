@@ -32,7 +32,7 @@ _BAD_COMMAND = SafetyStatus(
 
 
 class MotorControl:
-    """What lasts from one activation to the next. Nothing here waits or raises for what happens on a bus."""
+    """Control of the motors from one activation to the next. Nothing here waits or raises for what happens on a bus."""
 
     def __init__(self, settings: AdapterSettings, motors: RobotMotors, turns: FloatArray, guard: MotorGuard) -> None:
         """Begin with motors that were prepared; commands are sent once they are enabled.
@@ -54,7 +54,7 @@ class MotorControl:
         self._bad_command = -math.inf
         self.encoder = CommandEncoder(wiring, len(motors.channels), 2.0 * settings.control_period)
         self.last_command: MITCommand | None = None
-        """The last that was sent."""
+        """Last command that was sent."""
         self.refused = 0
         """Commands that were not sent as they were: not enabled, or not finite."""
         self.faults: Mapping[str, tuple[str, ...]] = {}

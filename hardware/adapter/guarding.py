@@ -46,7 +46,7 @@ class MotorGuard:
         self._damping = damping
         self._guardian: Guardian | None = None
         self.joints = frozenset(wiring.endless if joints is None else set(wiring.endless) & set(joints))
-        """Whose motors need one."""
+        """Joints whose motors need one."""
 
     def start(self, locks: Locks, checks: CheckList, open_bus: OpenBus) -> OpenBus:
         """Start a guardian that watches this process, if one is needed and can share the channels.

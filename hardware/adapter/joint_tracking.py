@@ -1,4 +1,4 @@
-"""From what the motors report to the joints' state: turns, direction, offset, and positions that lost their meaning.
+"""Joint state from the motors' reports: turns, direction, offset, and positions that lost their meaning.
 
 A motor's count of turns starts anew at power-on, and what it reports wraps at the ends of its range: a Robstride's at
 ±4π, a Sito's nowhere that a joint gets to.

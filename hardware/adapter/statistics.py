@@ -1,4 +1,4 @@
-"""What a run over the bus came to, for an operator and for a summary."""
+"""Statistics of a run over the bus, for an operator and for a summary."""
 
 from __future__ import annotations
 

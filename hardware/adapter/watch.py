@@ -1,4 +1,4 @@
-"""From what was heard, and what was not, to one safety status per channel."""
+"""One safety status per channel, from received and missing data."""
 
 from __future__ import annotations
 

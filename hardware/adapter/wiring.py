@@ -1,4 +1,4 @@
-"""What an adapter is told, checked: channels, times, which motor drives which joint, and how frames map to joints."""
+"""Settings of an adapter, checked: channels, times, which motor drives which joint, and how frames map to joints."""
 
 from __future__ import annotations
 

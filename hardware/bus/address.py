@@ -1,4 +1,4 @@
-"""Where a bus is, `can0` or `interface:channel` for any interface of python-can, how it is opened, and its messages.
+"""Address of a bus, `can0` or `interface:channel` for any interface of python-can, how it is opened, and its messages.
 
 Whatever is wrong with a channel is one line that says what to do.
 """
@@ -33,7 +33,7 @@ class BusAddress:
     interface: str
     """python-can's name of the driver: `socketcan`, `virtual`, `udp_multicast`, `slcan`, …"""
     channel: str
-    """What that driver calls the channel: `can0`, `239.74.163.2`, `/dev/ttyACM0`, …"""
+    """Name of the channel for that driver: `can0`, `239.74.163.2`, `/dev/ttyACM0`, …"""
 
     def __str__(self) -> str:
         """As an operator writes it; a safety status names its source by it."""
@@ -81,7 +81,7 @@ _WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "udp_multicast", "socketca
 """Interfaces that either have none or are given theirs elsewhere."""
 _IP_MULTICAST_ALL = 49
 _IPV6_MULTICAST_ALL = 29
-"""Of `linux/in.h` and `linux/in6.h`; Python's socket module does not name them."""
+"""Constants of `linux/in.h` and `linux/in6.h`; Python's socket module does not name them."""
 _NETWORK = Path("/sys/class/net")
 _CAN_HARDWARE = "280"
 """ARPHRD_CAN, the kernel's number for a CAN interface."""

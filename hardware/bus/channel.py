@@ -52,7 +52,7 @@ class _Events:
     """The latest event of each kind: when, s on the robot's clock, and what."""
 
     down: str = ""
-    """Why the channel is down; it stays so until it is opened again."""
+    """Reason why the channel is down; it stays so until it is opened again."""
     latest: dict[BusEvent, tuple[float, str]] = field(default_factory=dict)
 
 

@@ -1,4 +1,4 @@
-"""What goes wrong on a channel: error frames, read by the bits of Linux' `linux/can/error.h`, and counters."""
+"""Errors on a channel: error frames, read by the bits of Linux' `linux/can/error.h`, and counters."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from enum import Enum
 
 
 class BusEvent(Enum):
-    """What an error on the bus means for whoever drives motors over it."""
+    """Meaning of an error on the bus for whoever drives motors over it."""
 
     DOWN = "down"
     """The controller has left the bus, or the interface is gone: nothing is sent or heard."""
@@ -30,9 +30,9 @@ class ErrorReport:
     """One error frame, read."""
 
     event: BusEvent
-    """The heaviest."""
+    """Most severe of the reported events."""
     classes: tuple[str, ...]
-    """What it reports, in words that never change, so that they can be counted by."""
+    """Reported errors, in words that never change, so that they can be counted."""
 
     @property
     def text(self) -> str:
@@ -120,7 +120,7 @@ class BurstDetector:
 
 @dataclass(slots=True)
 class ChannelCounters:
-    """What happened on a channel since it was opened. Each field is written by one thread."""
+    """Counters of a channel since it was opened. Each field is written by one thread."""
 
     sent: int = 0
     received: int = 0
@@ -136,7 +136,7 @@ class ChannelCounters:
     error_frames: int = 0
     """Frames by which the controller reports errors on the bus."""
     error_classes: Counter[str] = field(default_factory=Counter)
-    """What these report; one frame may report several things."""
+    """Errors that these report; one frame may report several."""
     lost_arbitration: int = 0
     """Error frames that report nothing but the bus's normal working."""
     unusable: int = 0

@@ -38,7 +38,7 @@ _ERROR_FRAME_BITS = 23
 """Superposed error flags 12, delimiter 8, space between frames 3."""
 _STUFF_AFTER = 5
 _HEADER_BITS = 39
-"""Of an extended frame: start 1, identifier 29, SRR, IDE, RTR, r1, r0 5, length 4."""
+"""Bits of an extended frame: start 1, identifier 29, SRR, IDE, RTR, r1, r0 5, length 4."""
 
 
 def _crc_table() -> tuple[int, ...]:

@@ -1,4 +1,4 @@
-"""How the kernel has set up a CAN interface, as `ip -details -json link` tells it, compared with what motors need.
+"""Settings of a CAN interface in the kernel, as `ip -details -json link` shows them, compared with what motors need.
 
 Tried on output that others recorded with the drivers gs_usb, mcp251xfd, sun4i_can and usb_8dev; no adapter was there to
 run it on.
@@ -37,7 +37,7 @@ _WRONG_MODES = {
 
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
-    """How an interface should be set up."""
+    """Settings that an interface should have."""
 
     bitrate: int = BITRATE
     """bit/s"""

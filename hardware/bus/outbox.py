@@ -15,7 +15,7 @@ close to the motors' CAN timeout."""
 
 
 class Outbox:
-    """What one thread wants sent and another one sends.
+    """Queue of frames from the thread that wants them sent to the thread that sends them.
 
     Frames leave in order of arrival. A frame with a key (a motor's MIT command) replaces an unsent one with that key
     and takes its place: once the bus is free again the newest command leaves at once, and not behind a queue of old

@@ -37,7 +37,7 @@ class Arrival(NamedTuple):
 
 
 class BusLoad(NamedTuple):
-    """What a bus has carried so far."""
+    """Traffic that a bus has carried so far."""
 
     frames: int
     busy: float
@@ -51,7 +51,7 @@ class _Injected:
     fault: Fault
     motors: list[int]
     is_active: bool = False
-    """Whether it has begun."""
+    """True once it has begun."""
 
 
 class Emulator:

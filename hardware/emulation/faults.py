@@ -15,19 +15,19 @@ from humanoid_sim.robots.description import RobotDescription
 
 @dataclass(frozen=True, slots=True)
 class FaultInfo:
-    """What a kind of fault does."""
+    """Description of a kind of fault."""
 
     scope: Literal["frames", "motor", "bus", "host"]
     """`frames`: what passes between the bus and a motor; `motor`; `bus`: a whole channel; `host`: the computer's end of
     a channel, which only a program in the same process can be given."""
     text: str
     unit: str = ""
-    """Of its value; empty: it has none."""
+    """Unit of its value; empty: it has none."""
     default: float = 0.0
     lowest: float = -math.inf
     highest: float = math.inf
     is_whole: bool = False
-    """Whether the value is a whole number."""
+    """True if the value is a whole number."""
 
 
 FAULTS: Mapping[str, FaultInfo] = MappingProxyType(
@@ -79,7 +79,7 @@ class Fault:
 
     kind: str
     joints: tuple[str, ...] = ()
-    """Whose motors; empty: all. Faults of a bus hit the buses of these motors."""
+    """Joints whose motors it affects; empty: all. Faults of a bus hit the buses of these motors."""
     start: float = 0.0
     """s, on the emulator's clock, which starts with it."""
     duration: float = math.inf

@@ -76,7 +76,7 @@ class EmulatorHost:
         self.send_errors = 0
         """Frames that a channel did not take."""
         self.failure: Exception | None = None
-        """Why the thread has ended; None while it runs."""
+        """Exception that ended the thread; None while it runs."""
         self._thread = threading.Thread(target=self._run, name="emulated motors", daemon=True)
         self._thread.start()
 

@@ -1,4 +1,4 @@
-"""What an emulated motor is to the emulator, whatever its family: a firmware, its state, its sensors and its drive."""
+"""Interface of emulated motors of any family to the emulator: a firmware, its state, its sensors and its drive."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ State = TypeVar("State")
 
 
 class Sensed(NamedTuple):
-    """What a motor's own sensors say at one instant."""
+    """Readings of a motor's own sensors at one instant."""
 
     shaft: float
     """rad, motor frame, the shaft's angle with all its turns."""
@@ -29,13 +29,13 @@ class Sensed(NamedTuple):
 
 
 class Reaction(NamedTuple, Generic[State]):
-    """What an event leads to."""
+    """Reaction of a motor to an event."""
 
     state: State
     frames: tuple[Frame, ...] = ()
-    """In the order in which the motor sends them."""
+    """Frames in the order in which the motor sends them."""
     refusal: str = ""
-    """Why it did not do what it was told, for a person: its answer, if it has one, does not say."""
+    """Reason why it did not obey, for a person: its answer, if it has one, does not say."""
 
 
 class Drive(NamedTuple):

@@ -1,4 +1,4 @@
-"""What an emulated motor is, what it feels, and what it remembers: its state and its parameters."""
+"""Identity, readings and memory of an emulated motor: its state and its parameters."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class MotorIdentity:
     """8 bytes."""
     version: FirmwareVersion
     firmware: Firmware
-    """What this version does differently."""
+    """Differences of this version from others."""
     scale: Scale = Scale.REFERENCE
-    """How it reads and writes signed fields."""
+    """Convention by which it reads and writes signed fields."""
     stall_time: float = 2.0
     """s at the torque limit without motion after which the overload protection trips; infinity: never. The manuals
     name the protection, not its rule."""
@@ -61,7 +61,7 @@ class MotorIdentity:
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """What survives without power."""
+    """Data that survives without power."""
 
     can_id: int
     parameters: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({}))
@@ -84,24 +84,24 @@ class MotorState:
     """rad, the shaft's angle that counts as position 0, turns included."""
     mode: MotorMode = MotorMode.RESET
     command: OperationControl | None = None
-    """In force in operation mode; none: no torque. As decoded, before the firmware's gain factor."""
+    """Command in force in operation mode; None: no torque. As decoded, before the firmware's gain factor."""
     host_id: int = DEFAULT_HOST_ID
-    """To whom it answers. Operation control frames have no room for the host's id, and where the motor takes it from is
-    not documented: here it is the last host that sent any other command."""
+    """Host that it answers. Operation control frames have no room for the host's id, and where the motor takes it from
+    is not documented: here it is the last host that sent any other command."""
     heard: float = -math.inf
-    """When the last frame for this motor came: of any type, which is not documented either."""
+    """Time at which the last frame for this motor came: of any type, which is not documented either."""
     status_faults: StatusFault = NO_STATUS_FAULT
     """Latched until they are cleared."""
     faults: FaultBit = NO_FAULT
     """Latched likewise."""
     warnings: WarningBit = NO_WARNING
-    """Of the present."""
+    """Present warnings."""
     next_report: float = math.inf
-    """When the next active report is due; infinity: they are off."""
+    """Time at which the next active report is due; infinity: they are off."""
     overloaded_since: float = math.inf
-    """When the torque reached its limit without motion; infinity: it has not."""
+    """Time at which the torque reached its limit without motion; infinity: it has not."""
     is_deaf: bool = False
-    """It was set to another protocol or bit rate, and does not understand this bus."""
+    """True once it was set to another protocol or bit rate, and does not understand this bus."""
 
     @property
     def is_running(self) -> bool:

@@ -104,7 +104,7 @@ _CHECK_PERIOD = 0.005
 
 @dataclass(slots=True)
 class Conditions:
-    """What a fault makes of a motor; as long as there is none, its sensors tell the truth."""
+    """Conditions that a fault imposes on a motor; as long as there is none, its sensors are right."""
 
     temperature: float | None = None
     """°C"""

@@ -31,7 +31,7 @@ _HAND_STRENGTH = 40.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlantTruth:
-    """What is really so at one instant: what no motor and no bus has touched."""
+    """True state at one instant, untouched by any motor or bus."""
 
     time: float
     """s, on the clock of whoever publishes it: the emulator's own, or that of its host."""

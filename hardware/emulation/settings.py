@@ -1,4 +1,4 @@
-"""How emulated motors and their buses are set up."""
+"""Settings of emulated motors and their buses."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NEW_FIRMWARE: Mapping[str, FirmwareVersion] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class EmulationSettings:
-    """What is emulated beside the robot description."""
+    """Settings of the emulation that are not in the robot description."""
 
     homing_offset: Mapping[str, float] = field(default_factory=dict)
     """rad, motor frame, by joint: the shaft's angle where the joint is at 0, as the motors are assembled; 0 for joints
@@ -35,7 +35,7 @@ class EmulationSettings:
     reply_delay: float = 50e-6
     """s between a command's end and the moment at which its reply is ready to be sent; no document states it."""
     scale: Scale = Scale.REFERENCE
-    """How the motors read and write signed fields: as the reference has it, or as the manuals print it."""
+    """Convention of the motors' signed fields: as the reference has it, or as the manuals print it."""
     stall_time: float = 2.0
     """s; see `MotorIdentity`."""
     room_temperature: float = 25.0
@@ -45,7 +45,7 @@ class EmulationSettings:
     physics_timestep: float | None = None
     """s, which is also the period of the motors' control loops; None: the description's."""
     support: bool = True
-    """Whether a floating base starts held."""
+    """True if a floating base starts held."""
     base_yaw: float = 0.0
     """rad, of a floating base."""
     base_height: float | None = None
@@ -53,10 +53,10 @@ class EmulationSettings:
     anchor_body: str = ""
     """MJCF body whose pose is part of the truth; empty for none."""
     sito_deaf_until_enabled: bool = False
-    """Whether a Sito motor ignores gains and commands while it is disabled, which is not known: it then starts with
+    """True if a Sito motor ignores gains and commands while it is disabled, which is not known: it then starts with
     those of its last host."""
     seed: int = 0
-    """Of the faults that draw, and of the motors' unique ids."""
+    """Seed of the random faults, and of the motors' unique ids."""
 
     def __post_init__(self) -> None:
         """Check.

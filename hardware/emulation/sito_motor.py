@@ -42,14 +42,14 @@ class SitoState:
     origin: float
     """rad, the shaft's angle that counts as position 0, turns included."""
     is_running: bool = False
-    """Whether it is enabled, in MIT mode."""
+    """True while it is enabled, in MIT mode."""
     gains: Gains | None = None
-    """None: zero, as after power-on."""
+    """Gains in force; None: zero, as after power-on."""
     command: Command | None = None
     intervals: tuple[float, float] = (0.0, 0.0)
     """s between two frames of feedback 1 and 2; 0: none."""
     next_feedback: tuple[float, float] = (math.inf, math.inf)
-    """When the next ones are due."""
+    """Times at which the next ones are due."""
 
 
 class SitoFirmware:

@@ -25,7 +25,7 @@ class Transmission:
     time: float
     """s, when the bus was free again, every receiver having taken the frame."""
     node: int
-    """Who sent it: `HOST`, `OTHER_HOST`, or a motor's index."""
+    """Sender: `HOST`, `OTHER_HOST`, or a motor's index."""
     frame: Frame
 
 

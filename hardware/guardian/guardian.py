@@ -25,7 +25,7 @@ from humanoid_sim.hardware.guardian.process import READY
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 
 SOURCE = "guardian"
-"""What its safety statuses name as their source."""
+"""Source that its safety statuses name."""
 _START = 10.0
 """s that it may take to start, on a busy computer."""
 _DEAF = 0.5
@@ -70,7 +70,7 @@ class Guardian:
         self._looks, self._looked = -1, clock()
         self._has_ended = False
         self.measures = ""
-        """What it got for punctuality."""
+        """Measures for timely scheduling that it was granted."""
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-m", __package__, *map(str, (self._heartbeat.descriptor, *locks))],

@@ -17,7 +17,7 @@ _PHASE, _BEATS, _STAGE, _LOOKS, _SENT = range(5)
 
 
 class Phase(IntEnum):
-    """What the loop is doing. Written by the loop."""
+    """Phase of the loop. Written by the loop."""
 
     IDLE = 0
     """No motor is enabled: nothing has to be protected."""
@@ -34,7 +34,7 @@ class Phase(IntEnum):
 
 
 class Stage(IntEnum):
-    """What the guardian is doing. Written by the guardian."""
+    """Stage of the guardian. Written by the guardian."""
 
     STARTING = 0
     WATCHING = 1

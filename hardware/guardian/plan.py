@@ -1,4 +1,4 @@
-"""What a guardian does when the loop is gone, as data: ready frames for each motor, and when to send them."""
+"""Actions of a guardian once the loop is gone, as data: ready frames for each motor, and when to send them."""
 
 from __future__ import annotations
 

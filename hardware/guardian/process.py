@@ -28,7 +28,7 @@ from humanoid_sim.session.realtime import real_time
 __all__ = ["READY", "Silence", "main"]
 
 READY = "ready"
-"""What it says once it watches."""
+"""Word that it says once it watches."""
 _LOOK = 0.005
 """s between two looks at the heartbeat."""
 _AHEAD = 10

@@ -24,7 +24,7 @@ LABEL_UP = (0.0, 1.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuReading:
-    """What an IMU last felt, in the frame that the robot's description calls its IMU's."""
+    """Latest reading of an IMU, in the frame that the robot's description calls its IMU's."""
 
     quaternion: FloatArray
     """Shape (4,), w x y z, IMU frame in a world frame whose z is up."""

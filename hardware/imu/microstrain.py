@@ -158,7 +158,7 @@ _ERRORS = {1: "unknown command", 2: "wrong checksum", 3: "invalid parameter", 4:
 
 
 class SerialLine(Protocol):
-    """What of a serial port configuring needs."""
+    """Methods of a serial port that configuration needs."""
 
     def write(self, data: bytes, /) -> int | None:
         """Send."""

@@ -1,4 +1,4 @@
-"""What stands in the protocol's frames: the parts of a 29-bit identifier, a motor's mode and fault bits, scaled values.
+"""Contents of the protocol's frames: the parts of a 29-bit identifier, a motor's mode and fault bits, scaled values.
 
 Physical values become 16-bit fields in one of two conventions that are in use. `REFERENCE` (Actuator-Control,
 robstride_dynamics, motorbridge) has 65534 steps: raw 32767 is exactly zero and 65535 is never sent. `MANUAL` (the

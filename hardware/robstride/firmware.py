@@ -1,4 +1,4 @@
-"""What firmware does differently, by model and version, and from where that is known.
+"""Differences between firmware, by model and version, and the documents that state them.
 
 A version has four numbers, `0.2.3.6`, of which the second belongs to the model. What no document mentions is not
 guessed: an operator is asked.
@@ -29,12 +29,12 @@ _MANUAL = "the manual of 2026-04-28, which gives no version"
 
 @dataclass(frozen=True, slots=True)
 class KnownFirmware:
-    """What is written down about the versions of one model."""
+    """Documented facts about the versions of one model."""
 
     newest: FirmwareVersion | None
     """The newest that a document mentions; none: no document mentions any. What is newer, nobody knows."""
     source: str
-    """Which documents."""
+    """Documents that state them."""
     last_old_range: FirmwareVersion = _NEVER
     """The last that counts ±12.5 rad instead of ±4π."""
     first_true_gains: FirmwareVersion = _NEVER
@@ -62,16 +62,16 @@ _UNMENTIONED = KnownFirmware(None, _MANUAL)
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
-    """What a version means for whoever talks to the motor."""
+    """Properties of a version that matter to whoever talks to the motor."""
 
     position_range: float
     """rad, full scale of positions: a host that takes the new range for the old one is 0.5 % off."""
     gain_factor: float
-    """What the motor multiplies a commanded stiffness and damping by, in operation mode."""
+    """Factor by which the motor multiplies a commanded stiffness and damping, in operation mode."""
     has_active_reports: bool
-    """Whether it knows the command of type 24."""
+    """True if it knows the command of type 24."""
     reports_as_status: bool
-    """Whether its active reports come as type 2."""
+    """True if its active reports come as type 2."""
 
     def applied_to(self, model: MotorModel) -> MotorModel:
         """Return the model with this firmware's position range."""

@@ -1,4 +1,4 @@
-"""Who is on the buses: every expected motor once, on its channel, with a firmware that can be driven."""
+"""Identification of motors on the buses: every expected one once, on its channel, with firmware that can be driven."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What hosts and motors say to each other, without the encoding.
+"""Messages between hosts and motors, without the encoding.
 
 `host_id` is the host's own id; 0xFD in every example of the vendor. Motor ids are 1 to 127 (0x7F from the factory).
 """
@@ -36,7 +36,7 @@ class OperationControl:
 
 @dataclass(frozen=True, slots=True)
 class HostCommand:
-    """What every other command says: which motor, and who asks."""
+    """Fields of every other command: the motor, and the host that asks."""
 
     motor_id: int
     host_id: int = field(default=DEFAULT_HOST_ID, kw_only=True)
@@ -197,7 +197,7 @@ class Version:
 
 
 class IgnoredReason(Enum):
-    """Why a frame is not for this receiver."""
+    """Reason why a frame is not for this receiver."""
 
     STANDARD_ID = "standard_id"
     """11-bit: another protocol, or a motor that was switched to one."""

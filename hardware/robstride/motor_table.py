@@ -1,4 +1,4 @@
-"""What was heard of each motor. Receiver threads write, the control thread reads, and neither waits for the other.
+"""Data received from each motor. Receiver threads write, the control thread reads, and neither waits for the other.
 
 Each slot is written by the one receiver thread of its channel and only ever by assigning whole objects, so the control
 thread sees either the old sample or the new one. What may happen between two readings and be gone at the second (a
@@ -36,9 +36,9 @@ _COMMANDS = frozenset(
         FrameType.SET_PROTOCOL,
     }
 )
-"""What another host must not send to our motors."""
+"""Frames that another host must not send to our motors."""
 _QUESTIONS = frozenset({FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER})
-"""What another host may: a scan, a parameter read."""
+"""Frames that another host may send: a scan, a parameter read."""
 
 
 class Sample(NamedTuple):
@@ -51,7 +51,7 @@ class Sample(NamedTuple):
 
 @dataclass(slots=True)
 class MotorSlot:
-    """What was heard of one motor. Written by one receiver thread."""
+    """Data received from one motor. Written by one receiver thread."""
 
     joint: int
     sample: Sample | None = None
@@ -91,9 +91,9 @@ class MotorTable:
         self.inbox: Inbox | None = None
         """Takes answers to requests, on a receiver's thread; none: they are dropped."""
         self.counts_answers = True
-        """Whether a status acknowledges a command; not when something else is asked as well."""
+        """True if a status acknowledges a command; False when something else is asked as well."""
         self.expects_strays = False
-        """Whether statuses to another host may be answers to this one, and so no sign of another master."""
+        """True if statuses to another host may be answers to this one, and so are not a sign of another master."""
         self._host_id = host_id
         self._by_address = {(motors.channel[i], motors.motor_id[i]): slot for i, slot in enumerate(self.slots)}
         self._models = tuple(

@@ -46,10 +46,10 @@ class Parameter:
     unit: str = ""
     is_writable: bool = True
     default: float | None = None
-    """Of a motor as it comes; none where the documents do not say, or models differ (`default_value`)."""
+    """Value of a motor as delivered; None where the documents do not say, or models differ (`default_value`)."""
     meaning: str = ""
     accepted: tuple[float, float] | frozenset[int] | None = None
-    """What the documents allow: lowest and highest value, or the only ones; none where they do not say, or models
+    """Values that the documents allow: lowest and highest, or the only ones; None where they do not say, or models
     differ (`check_value`)."""
 
     def is_same(self, value: float, other: float) -> bool:

@@ -35,7 +35,7 @@ from humanoid_sim.robots.motors import MotorModel
 VERSION_MARK = b"\x00\xc4\x56"
 """First bytes of a version reply. As a status they would mean -12.49 rad."""
 _VERSION_END = len(VERSION_MARK) + 4
-"""Where the version ends: with the frame in the Chinese manuals, a byte before its end in the English ones."""
+"""End of the version: with the frame in the Chinese manuals, a byte before its end in the English ones."""
 _STATUS = struct.Struct(">HHHH")
 _FAULTS = struct.Struct("<II")
 _PARAMETER = struct.Struct("<Hxx4s")

@@ -51,7 +51,7 @@ class Unreadable:
 
     reason: str
     is_silent: bool = False
-    """Whether nothing came back."""
+    """True if nothing came back."""
 
 
 _SILENT = Unreadable("no answer", is_silent=True)

@@ -1,4 +1,4 @@
-"""What a session does with a robot's Robstride motors: prepare, enable, watch and command them."""
+"""Session with a robot's Robstride motors: prepare, enable, watch and command them."""
 
 from __future__ import annotations
 

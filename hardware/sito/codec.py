@@ -34,7 +34,7 @@ class MessageType(IntEnum):
 
 
 FROM_MOTOR = frozenset({MessageType.FEEDBACK_0, MessageType.FEEDBACK_1, MessageType.FEEDBACK_2, MessageType.FEEDBACK_3})
-"""What motors send; everything else is a host's."""
+"""Messages that motors send; all others are a host's."""
 
 
 class Mode(IntEnum):

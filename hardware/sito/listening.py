@@ -1,4 +1,4 @@
-"""Which Sito motors are heard on some channels: those that are enabled, because the protocol has no question."""
+"""Sito motors that are heard on some channels: those that are enabled, because the protocol has no question."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ANY_MODEL = MOTORS["TA40-50"]
 
 @dataclass(slots=True)
 class Heard:
-    """What was heard of one motor."""
+    """Data received from one motor."""
 
     frames: int = 0
     position: float = math.nan

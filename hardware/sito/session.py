@@ -1,7 +1,7 @@
-"""What a session does with a robot's Sito motors: listen, enable, watch and disable them.
+"""Session with a robot's Sito motors: listen, enable, watch and disable them.
 
-The protocol has no question and no answer. A motor says nothing before it is enabled, and then by its own clock;
-whether it took what it was told shows in its feedback only.
+The protocol has no question and no answer. A motor sends nothing before it is enabled, and then by its own clock;
+whether it accepted a command shows in its feedback only.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class _Place(NamedTuple):
 
 @dataclass(slots=True)
 class SitoSlot:
-    """What was heard of one motor. Written by one receiver thread, whole objects at a time."""
+    """Data received from one motor. Written by one receiver thread, whole objects at a time."""
 
     motor: int
     feedback: _Motion | None = None
