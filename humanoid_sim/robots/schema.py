@@ -167,7 +167,7 @@ class FollowingGuard(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """N·m, one per joint, instead of that share; null: not watched. A floating base's robot keeps the shares of its own
     limits here where a policy's contract lowers them."""
     time: Positive | None = None
-    """s; none: 0.15 with a fixed base, 0.4 with a floating one, whose legs carry it and strike the ground."""
+    """s; none: 0.15 with a fixed base, 0.3 with a floating one, whose legs carry it and strike the ground."""
     progress: Positive = 0.02
     """rad by which it must come nearer in that time."""
 
