@@ -88,12 +88,20 @@ def open_ports(robot: Machine, host: Machine, address: str = ROBOT) -> list[int]
 
 
 @contextmanager
-def ended(program: subprocess.Popen[str]) -> Iterator[None]:
+def ended(program: subprocess.Popen[str], is_ours: bool = True) -> Iterator[None]:
+    """Ends a program afterwards, and others' nodes at once: some hang in ending, and would be heard in later tests."""
     try:
         yield
     finally:
-        program.terminate()
-        program.communicate(timeout=20.0)
+        if is_ours:
+            program.terminate()
+        else:
+            program.kill()
+        try:
+            program.communicate(timeout=20.0)
+        except subprocess.TimeoutExpired:
+            program.kill()
+            raise
 
 
 def test_the_services_stay_on_the_machine(robot: Machine, host: Machine, tmp_path: Path) -> None:
@@ -112,7 +120,7 @@ def test_a_node_with_default_settings_does_not(robot: Machine, host: Machine) ->
     packets = Packets(host)
     program = robot.ros("trigger.py", "serve")
     read_until(program, "ready")
-    with ended(program):
+    with ended(program, is_ours=False):
         assert json.loads(host.ask_ros("trigger.py", "list", "1", "10", environment=OUTSIDE)) != []
         assert packets.count() > 0
         assert 7410 in open_ports(robot, host)
