@@ -112,7 +112,7 @@ def test_a_notebook_says_what_it_is_about(path):
     first = cells(path)[0]
     assert first["cell_type"] == "markdown"
     assert source(first).startswith("# ")
-    assert "pip install 'humanoid_sim[notebooks" in source(first)
+    assert "pip install -c constraints.txt -e '.[notebooks" in source(first)
     document = json.loads(path.read_text(encoding="utf-8"))
     assert document["metadata"]["kernelspec"]["name"] == "python3"
 
