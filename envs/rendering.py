@@ -98,7 +98,7 @@ class ShownEnv(CopyableEnv):
             pictures: width and height in pixels, and the camera of the model; None looks at the robot from the front.
 
         Raises:
-            InputError: there is no such mode, or a picture has no such size.
+            InputError: the mode is unknown, or the size of a picture is not possible.
         """
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise InputError(f"render_mode: is {render_mode!r}, expected {', '.join(RENDER_MODES)} or None")

@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any, cast
 
 import numpy as np
 
@@ -20,10 +19,10 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory, start_reason
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import EventKind, Mode, TickRecord
+from humanoid_sim.messages import EventKind, Mode, SafetyStatus, TickRecord
 from humanoid_sim.mit import GRAVITY_LEVERS, VELOCITY_COMMAND, FloatArray, MITCommand, MITState
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.played_robot import PlayedRobot, RobotSetup
+from humanoid_sim.play.played_robot import RobotSetup
 from humanoid_sim.play.policies import parse_branch
 from humanoid_sim.policy.contract_json import encode
 from humanoid_sim.recording.reader import Entry, Recording, open_recording, recorded_settings
@@ -136,7 +135,7 @@ def reach(
     velocity = state.extern.get(VELOCITY_COMMAND)
     value = None if velocity is None else np.array(velocity.value)
     return Branch(
-        replace(setup, robot=cast("PlayedRobot", _Resumed(robot))),
+        replace(setup, robot=_Resumed(robot)),
         kept,
         inputs,
         value,
@@ -316,10 +315,24 @@ class _Resumed:
         self._robot = robot
         self._is_active = False
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._robot, name)
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return self._robot.joints
+
+    @property
+    def is_closed(self) -> bool:
+        return self._robot.is_closed
 
     def activate(self) -> None:
         if self._is_active:
             self._robot.activate()
         self._is_active = True
+
+    def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
+        return self._robot.read()
+
+    def write(self, command: MITCommand) -> None:
+        self._robot.write(command)
+
+    def close(self) -> None:
+        self._robot.close()

@@ -92,7 +92,7 @@ def _progress(standby: StandbyState | None, frame: int | None, frames: int) -> s
 
 
 def _keys(record: TickRecord, told: Told, room: int) -> list[str]:
-    """Return what is possible now with its key; the keys alone where there is no room for the names."""
+    """Return the present intents with their keys; the keys alone where the names do not fit."""
     if not told.has_keys:
         return []
     intents = [i for i in possible(record, told.available) if i is not Intent.DAMP or told.is_driven()]

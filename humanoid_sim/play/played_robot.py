@@ -55,7 +55,7 @@ class BringUp:
 
 
 class Touches:
-    """Hardest touches of a simulated piano's keys, mode by mode; it is told of each new mode."""
+    """Hardest touches of a simulated piano's keys, for each mode; to be called with each new mode."""
 
     def __init__(self, robot: MujocoRobot) -> None:
         self._robot, self._mode = robot, Mode.ZERO_TORQUE

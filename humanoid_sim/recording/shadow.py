@@ -50,7 +50,7 @@ class ShadowStep:
     command: MITCommand | None = None
     """Command that it would have given; None with a fault."""
     fault: str = ""
-    """Reason why there is no command; empty if there is one."""
+    """Reason for a missing command; empty if there is one."""
 
 
 def encode_shadow_step(shadow: ShadowStep) -> bytes:

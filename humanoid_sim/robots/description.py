@@ -159,7 +159,7 @@ def public_mjcf(name: str) -> Path:
         name: with the prefix, as the user gave it.
 
     Raises:
-        InputError: there is no such robot, or it cannot be had now.
+        InputError: the robot is unknown, or cannot be downloaded now.
         MissingPackageError: robot_descriptions is not installed.
     """
     short = name.removeprefix(PREFIX).removesuffix(_MJCF)

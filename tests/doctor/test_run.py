@@ -49,7 +49,7 @@ def test_a_wrong_contract_is_diagnosed_and_what_it_says_to_write_cures_it(
 def test_nothing_is_wrong_with_the_shipped_policies(
     capsys: pytest.CaptureFixture[str], request: pytest.FixtureRequest
 ) -> None:
-    """Whatever they are told to do: at 0.3 m/s half of each action walks more smoothly, and is not a finding.
+    """At any command: at 0.3 m/s half of each action walks more smoothly, which is not a finding.
 
     All of it with `--complete`; else standing, walking slowly, and one motion.
     """

@@ -238,7 +238,7 @@ class RunFolder:
             with whole_file(self._place) as file:
                 file.write(json.dumps(self._run, indent=1).encode())
         self.curriculum_steps: int | None = self._run["curriculum_steps"]
-        """Policy steps after which the curriculum's progress is 1; None: there is no curriculum."""
+        """Policy steps after which the curriculum's progress is 1; None without a curriculum."""
 
     @property
     def start(self) -> Path | None:
