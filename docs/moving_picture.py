@@ -96,8 +96,9 @@ def operate(page: Any, folder: Path) -> None:
 
     def ask(word: str, mode: str) -> None:
         page.wait_for_selector(f'[data-ask="{word}"]:not(.refused)' if word != "damp" else "#damp")
-        page.evaluate("(word) => ask(word)", word)
-        page.wait_for_selector(f'#mode[data-mode="{mode}"]')
+        while page.get_attribute("#mode", "data-mode") != mode:  # a page that is drawn slowly may ask too late
+            page.evaluate("(word) => ask(word)", word)
+            page.wait_for_timeout(1000)
 
     ask("damp", "DAMPING")
     watch(2)

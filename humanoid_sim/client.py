@@ -46,6 +46,7 @@ __all__ = [
     "Decoder",
     "Feed",
     "Intake",
+    "Looks",
     "Sample",
     "SessionError",
     "SessionInfo",
@@ -100,6 +101,8 @@ _LONGEST_WORD, _LONGEST_LOAD = 200, 16_000
 """Characters of what is asked for; of a policy with its files."""
 _LONGEST_REASON = 1000
 """Characters that say why something was refused."""
+STOOD_STILL, _SETTLE = 0.2, 0.5
+"""s between two looks beyond which a program was suspended; s for which what came before that may still turn up."""
 _SEND_TIMEOUT, _POST_TIMEOUT = 0.05, 2.0
 """s that a full socket is waited for: for data, and for intents."""
 _NAMES = count()
@@ -112,6 +115,50 @@ class SessionError(Exception):
 def monotonic_ns() -> int:
     """Return the clock of all stamps, ns: take it where a sample arrives from outside."""
     return time.clock_gettime_ns(time.CLOCK_MONOTONIC)
+
+
+class Looks:
+    """How old what comes to a program is at most, which looks again and again; all in ns of CLOCK_MONOTONIC.
+
+    What a look finds came after the look before. But if the program was suspended, what is found afterwards may have
+    come at any time meanwhile, and more may follow from its sockets: until it has settled, the last look before stands.
+    """
+
+    def __init__(self, stood_still: float = STOOD_STILL, settle: float = _SETTLE, now: int | None = None) -> None:
+        """Begin with a look.
+
+        Args:
+            stood_still: s between two looks beyond which the program was suspended.
+            settle: s after that in which what came before may still turn up.
+            now: ns; None: the present, here and in `look`.
+        """
+        self._stood_still, self._settle = round(1e9 * stood_still), round(1e9 * settle)
+        self.newest = monotonic_ns() if now is None else now
+        self.stamp = self._settled = self.newest
+        """When what the newest look has found can have come first."""
+
+    @property
+    def is_settling(self) -> bool:
+        """Return whether the program was suspended a moment ago."""
+        return self.newest < self._settled
+
+    def look(self, now: int | None = None) -> int:
+        """Begin a look; gives `stamp`."""
+        before, self.newest = self.newest, monotonic_ns() if now is None else now
+        if self.newest - before > self._stood_still:
+            if before >= self._settled:
+                self.stamp = before
+            self._settled = self.newest + self._settle
+        elif not self.is_settling:
+            self.stamp = before
+        return self.stamp
+
+    def called(self) -> int:
+        """Return when a call that has just come, on any thread, can have been made first."""
+        now = monotonic_ns()
+        if now - self.newest > self._stood_still:
+            return self.newest
+        return self.stamp if self.is_settling else now
 
 
 # Sessions.
@@ -563,18 +610,23 @@ class Intake:
                 end.close()
         Path(self._reply).unlink(missing_ok=True)
 
-    def ask(self, word: str, timeout: float = 2.0) -> Answer:
+    def ask(self, word: str, timeout: float = 2.0, *, seen: int | None = None) -> Answer:
         """Ask for something, and wait for what became of it in the session's next tick.
+
+        All but `damp`, `mark` and `safety` is refused if it was meant for what the robot is no more: if what was seen
+        is more than 0.5 s old, or from before the robot last went to DAMPING or ZERO_TORQUE.
 
         Args:
             word: `damp`, `load_a`, `load_b`, `start_locomotion`, `start_remote`, `quit`, `reactivate`, or
                 `mark TEXT`, which puts a text into the recording.
             timeout: s; `reactivate` asks every motor for its identity and takes longer.
+            seen: ns, the stamp of the newest tick that whoever asks had seen (`Sample.stamp`), or the time of the
+                press (`Looks`); None: that of this call, for what a program decides by itself.
 
         Raises:
             SessionError: the session has ended or does not answer.
         """
-        return self.answer(self.post(word), timeout)
+        return self.answer(self.post(word, seen=seen), timeout)
 
     def safety(
         self,
@@ -616,17 +668,18 @@ class Intake:
         }
         return self._post(f"safety {json.dumps(status, ensure_ascii=False)}")
 
-    def post(self, word: str) -> str:
-        """Ask for something without waiting; gives what `answer` takes. Raises `SessionError` as `ask` does."""
+    def post(self, word: str, *, seen: int | None = None) -> str:
+        """Ask for something without waiting; gives what `answer` takes. Arguments and errors as for `ask`."""
         longest = _LONGEST_LOAD if word.startswith(f"{LOAD} ") else _LONGEST_WORD
-        return self._post(" ".join(word.splitlines())[:longest])  # a mark's text is a line
+        return self._post(" ".join(word.splitlines())[:longest], seen)  # a mark's text is a line
 
-    def _post(self, word: str) -> str:
+    def _post(self, word: str, seen: int | None = None) -> str:
         assert self._intents is not None
         token = f"{next(_NAMES)}"
         try:
             self._intents.settimeout(None)  # the socket's own: the kernel lets those who wait in by turns
-            message = "\n".join((word, f"{self.producer} ({self._process})", token)).encode()
+            seen = monotonic_ns() if seen is None else int(seen)
+            message = "\n".join((word, f"{self.producer} ({self._process})", token, str(seen))).encode()
             # Not connected: it takes answers from whatever socket the session sends them by.
             self._intents.sendto(message, self.session.intents)
         except OSError as error:
@@ -768,12 +821,12 @@ def load_request(policy: str, **options: str | None) -> str:
 
 
 def ask_sessions(
-    word: str, process: int | None, *, producer: str, timeout: float = 2.0
+    word: str, process: int | None, *, producer: str, timeout: float = 2.0, seen: int | None = None
 ) -> Iterator[tuple[SessionInfo, Answer | SessionError]]:
     """Ask a session for something; for `damp` and no process id all that run, at once: none waits for another.
 
     Args:
-        word: see `Intake.ask`, as for `timeout`.
+        word: see `Intake.ask`, as for `timeout` and `seen`.
         process: id of the session; None for the only one that runs.
         producer: a name for operators to read.
 
@@ -789,7 +842,7 @@ def ask_sessions(
     def ask(session: SessionInfo) -> tuple[SessionInfo, Answer | SessionError]:
         try:
             with Intake(session, producer) as intake:
-                return session, intake.ask(word, timeout)
+                return session, intake.ask(word, timeout, seen=seen)
         except SessionError as error:
             return session, error
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.client import Intake, SessionError, SessionInfo
+from humanoid_sim.client import Intake, Looks, SessionError, SessionInfo
 from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import require_packages
@@ -96,6 +96,7 @@ class _Server:
         self._last: dict[str, tuple[bytes, int]] = {}
         """Of latched topics: message and time in ns."""
         self._is_late = False
+        self._looks = Looks()
         self._context = foxglove.Context()
         listener = Listener()
         try:
@@ -124,6 +125,7 @@ class _Server:
         newest, looked = feed.latest(), time.monotonic()
         tick = 0 if newest is None else newest.number - 1  # a session that is under way begins with its present
         while True:
+            self._looks.look()
             for sample in feed.since(tick):
                 tick, newest = sample.number, sample
                 if self._attachment.follow():
@@ -184,17 +186,17 @@ class _Server:
         return self._library.Service(
             f"/{word}",
             schema=self._library.ServiceSchema("Trigger", request=schema({}), response=schema(answer)),
-            handler=_asking(self._attachment.session, word),
+            handler=_asking(self._attachment.session, word, self._looks),
         )
 
 
-def _asking(session: SessionInfo, word: str) -> Callable[[Any], bytes]:
+def _asking(session: SessionInfo, word: str, looks: Looks) -> Callable[[Any], bytes]:
     """Return a service's handler. Each call has sockets of its own, so that none waits for another."""
 
     def handle(_: Any) -> bytes:
         try:
             with Intake(session, "foxglove") as intake:
-                answer = intake.ask(word)
+                answer = intake.ask(word, seen=looks.called())
         except SessionError as error:
             return json.dumps({"success": False, "message": str(error)}).encode()
         return json.dumps({"success": answer.granted, "message": answer.text}).encode()

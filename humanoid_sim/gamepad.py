@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.client import Intake, SessionError
+from humanoid_sim.client import Intake, Looks, SessionError
 from humanoid_sim.command_line import parse
 from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
 from humanoid_sim.errors import FieldError
@@ -81,7 +81,7 @@ class Driver:
         self._pad: Pad | None = None
         self._before: dict[int, tuple[bool, ...]] = {}
         self._velocity = np.zeros(3)
-        self._looks = 0
+        self._looks, self._clock = 0, Looks()
 
     def step(self, pads: Sequence[Pad]) -> list[str]:
         """Act on one look at the gamepads; lines for the operator.
@@ -89,6 +89,7 @@ class Driver:
         Raises:
             SessionError: the session has ended.
         """
+        self._clock.look()
         lines = self._choose(pads)
         asked = []
         for pad in pads:
@@ -133,7 +134,7 @@ class Driver:
         return [line for line in lines if line]
 
     def _ask(self, intent: Intent) -> str:
-        token = self._intake.post(intent.name.lower())
+        token = self._intake.post(intent.name.lower(), seen=self._clock.stamp)
         try:
             return self._intake.answer(token, _ANSWER_WITHIN).text
         except SessionError:

@@ -14,13 +14,14 @@ import sys
 import tempfile
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING or __package__:
-    from humanoid_sim.client import SessionError, ask_sessions, find_session, network_on
+    from humanoid_sim.client import Looks, SessionError, ask_sessions, find_session, network_on
 else:
-    from client import SessionError, ask_sessions, find_session, network_on
+    from client import Looks, SessionError, ask_sessions, find_session, network_on
 
 __all__ = ["LOOPBACK", "SERVICES", "ServiceError", "answer", "loopback_environment", "main"]
 
@@ -71,8 +72,10 @@ _ELSEWHERE = (
 
 _DAMPS_AT_ONCE = 4
 """Threads that only a damp ever takes."""
-_LOOK = 0.5
-"""s between two looks at whether the session goes on."""
+_TURN = 0.05
+"""s that the executor waits for at most: a request in whose time this program stood still is told apart."""
+_LOOK = 10
+"""Turns between two looks at whether the session goes on."""
 
 _HELP = """\
 Serve the modes of a running session as ROS 2 services of the type std_srvs/srv/Trigger:
@@ -114,15 +117,16 @@ def loopback_environment(middleware: str, profiles: Path) -> Mapping[str, str | 
     )
 
 
-def answer(word: str, process: int | None) -> tuple[bool, str]:
+def answer(word: str, process: int | None, seen: int | None = None) -> tuple[bool, str]:
     """Return what a session makes of an intent: whether it is granted, and the text that says so, or why not.
 
     Args:
         word: the intent.
         process: id of the session; None for the only one that runs, and all of them for `damp`.
+        seen: ns, since when it may have been asked for; None: now.
     """
     try:
-        answers = list(ask_sessions(word, process, producer="ROS 2 service"))
+        answers = list(ask_sessions(word, process, producer="ROS 2 service", seen=seen))
     except SessionError as error:
         return False, str(error)
     if len(answers) == 1 and not isinstance(answers[0][1], SessionError):
@@ -173,29 +177,33 @@ def _serve(process: int | None, profiles: Path) -> None:
         raise ServiceError(f"ROS 2 does not start: {str(error).splitlines()[0]}") from None
     try:
         # Five services that run one at a time each, and damps, which wait for none of them.
+        looks = Looks()
         executor = MultiThreadedExecutor(num_threads=len(SERVICES) - 1 + _DAMPS_AT_ONCE)
         try:
             with network_on(LOOPBACK):
                 node = rclpy.create_node("mode_services", start_parameter_services=False)
-                _advertise(node, Trigger, process)
+                _advertise(node, Trigger, process, looks)
         except OSError as error:
             raise ServiceError(f"the sockets of ROS 2 cannot be bound to the device {LOOPBACK}: {error}") from None
         executor.add_node(node)
         print(f"services {', '.join(SERVICES)} on this machine, domain {node.context.get_domain_id()}", flush=True)
         try:
-            while rclpy.ok() and (process is None or find_session(process)):
-                executor.spin_once(timeout_sec=_LOOK)
+            for turn in count():
+                if not rclpy.ok() or not (process is None or turn % _LOOK or find_session(process)):
+                    break
+                looks.look()
+                executor.spin_once(timeout_sec=_TURN)
         except (KeyboardInterrupt, ExternalShutdownException, SessionError):
             pass
     finally:
         rclpy.try_shutdown()
 
 
-def _advertise(node: Any, kind: Any, process: int | None) -> None:
+def _advertise(node: Any, kind: Any, process: int | None, looks: Looks) -> None:
     from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup  # noqa: PLC0415
 
     def respond(word: str, response: Any) -> Any:
-        response.success, response.message = answer(word, process)
+        response.success, response.message = answer(word, process, looks.called())
         return response
 
     for name, word in SERVICES.items():

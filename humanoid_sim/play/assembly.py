@@ -235,7 +235,7 @@ def assemble(plan: Plan, console: Console) -> Run:
     )
     shadow = None if plan.shadow is None else _shadow(plan, plan.shadow, header, shown, recorder, ends)
     try:
-        keyboard = _keyboard(plan, reactivation, shown)
+        keyboard = _keyboard(plan, reactivation, shown, lambda text: session.event(text))  # noqa: PLW0108
     except InputError:
         ends.close()
         raise
@@ -394,12 +394,19 @@ def _header(plan: Plan) -> SessionHeader:
     return replace(header, documents={**header.documents, **beside})
 
 
-def _keyboard(plan: Plan, reactivation: Reactivation, shown: ConsoleSink) -> Keyboard | None:
+def _keyboard(
+    plan: Plan, reactivation: Reactivation, shown: ConsoleSink, record: Callable[[str], None]
+) -> Keyboard | None:
     """Return the keyboard, if somebody sits at it. Raises `InputError` if it cannot be taken over."""
     if not has_keys(plan.config):
         return None
     velocity = plan.velocity if plan.policy.walks else None
-    return Keyboard(velocity, reactivation=reactivation, tell=lambda text: shown.event(Event(plan.clock(), text)))
+    return Keyboard(
+        velocity,
+        reactivation=reactivation,
+        tell=lambda text: shown.event(Event(plan.clock(), text)),
+        record=record,
+    )
 
 
 def _drive(

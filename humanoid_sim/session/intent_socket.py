@@ -2,6 +2,7 @@
 
 It carries intents, `reactivate`, `load`, safety statuses and marks, and nothing else, so no flood of data can keep a
 DAMP waiting. It is drained completely in every tick before anything else comes in, and everything in it is answered.
+What was asked for too long ago is refused there, before the supervisor sees it: see `sources.Freshness`.
 `humanoid_sim.client.Intake.ask` is the other end.
 """
 
@@ -9,7 +10,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from humanoid_sim.client import LOAD
@@ -20,7 +21,7 @@ from humanoid_sim.session.loading import Loading
 from humanoid_sim.session.outside_safety import OutsideSafety
 from humanoid_sim.session.reactivation import REACTIVATE, Answer, Reactivation
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.session.sources import IntentSource
+from humanoid_sim.session.sources import Freshness, IntentSource
 from humanoid_sim.session.telling import BoundedTelling
 
 __all__ = ["MARK", "IntentSocket", "listening", "queue_length"]
@@ -29,6 +30,8 @@ MARK = "mark"
 """Followed by a text, puts that text into the recording."""
 SAFETY = "safety"
 """Followed by a status as JSON, says how another program is."""
+_FRESH = frozenset({*(intent.value for intent in Intent), REACTIVATE, LOAD}) - {Intent.DAMP.value}
+"""Words that count only if they were meant for the robot as it is."""
 _LONGEST = 1 << 14
 """Bytes; no message is longer: a policy that is to be loaded comes with the paths of its files."""
 _MOST_ANSWERS = 64
@@ -108,31 +111,50 @@ class IntentSocket(IntentSource, Sink):
         self._loading = loading
         self._awaiting_load: list[_Asked] = []
         self._mode = Mode.ZERO_TORQUE
+        self._freshness = Freshness()
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """All intents since the last call: whatever was in the socket when this call began, and a bounded rest."""
         self._time = time
         self._mode = Mode.ZERO_TORQUE if output is None else output.control_mode.mode
+        self._freshness.follow(output)
         intents: list[Intent] = []
         asking: dict[str, None] = {}
+        refused: list[tuple[_Asked, Answer]] = []
         for _ in range(self._most):
             try:
                 message, sender = self._socket.recvfrom(_LONGEST)
             except OSError:  # nothing more
                 break
             word, _, rest = message.decode(errors="replace").partition("\n")
-            who, _, token = rest.partition("\n")
-            intent = self._understood(word, who, token, sender if isinstance(sender, str) else "")
+            who, token, seen = (*rest.split("\n"), "", "", "")[:3]
+            asked = _Asked(None, token, sender if isinstance(sender, str) else "")
+            if problem := self._staleness(word, seen):
+                refused.append((asked, Answer(False, problem)))
+                asking[f"{problem}; requested by {who[:80] or 'somebody'}"] = None
+                continue
+            intent = self._understood(word, who, asked)
             if intent is not None:
                 intents.append(intent)
                 asking[f"{intent.name} requested by {who[:80] or 'somebody'}"] = None
         for text in list(asking)[:4]:
             self._tell(text)
+        self._send(refused)
         return intents
 
-    def _understood(self, word: str, who: str, token: str, sender: str) -> Intent | None:
+    def _staleness(self, word: str, seen: str) -> str:
+        """Refuse what its sender meant for a robot that is not like that any more: all that could move it."""
+        name = word.partition(" ")[0]
+        if name not in _FRESH:
+            return ""
+        if seen.isascii() and seen.isdecimal():
+            problem = self._freshness.problem(int(seen))
+        else:
+            problem = "it does not say what its sender had seen; update the sender's client.py to this session's"
+        return f"{name.upper()} refused: {problem}" if problem else ""
+
+    def _understood(self, word: str, who: str, asked: _Asked) -> Intent | None:
         """Return the intent in a message; what is none is dealt with."""
-        asked = _Asked(None, token, sender)
         if word == REACTIVATE and self._reactivation is not None:
             self._reactivation.request()
             self._reactivating.append(asked)
@@ -150,7 +172,7 @@ class IntentSocket(IntentSource, Sink):
                 known = ", ".join([*(intent.value for intent in Intent), REACTIVATE, LOAD, SAFETY, MARK])
                 self._answer([asked], Answer(False, f"'{word[:40]}' means nothing, expected one of {known}"))
             else:
-                self._waiting.append(_Asked(intent, token, sender))
+                self._waiting.append(replace(asked, intent=intent))
                 return intent
         return None
 
@@ -207,12 +229,16 @@ class IntentSocket(IntentSource, Sink):
         self._path.unlink(missing_ok=True)
 
     def _answer(self, waiting: Sequence[_Asked], answer: Answer) -> None:
-        if not waiting:
+        self._send([(asked, answer) for asked in waiting])
+
+    @staticmethod
+    def _send(answers: Sequence[tuple[_Asked, Answer]]) -> None:
+        if not answers:
             return
         # From a socket of their own: answers that nobody takes would fill that of the intents, and nobody else would
         # get any.
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as end:
-            for asked in waiting[:_MOST_ANSWERS]:
+            for asked, answer in answers[:_MOST_ANSWERS]:
                 try:
                     end.sendto(f"{answer.granted:d}{asked.token}\n{answer.text}".encode(), asked.sender)
                 except OSError:  # the sender did not wait, or has no name

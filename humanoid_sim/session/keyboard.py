@@ -14,6 +14,7 @@ from time import monotonic
 from types import MappingProxyType
 from typing import Any
 
+from humanoid_sim.client import monotonic_ns
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, TickOutput
 from humanoid_sim.session.reactivation import Reactivation
@@ -117,6 +118,7 @@ class Keyboard(IntentSource):
         *,
         reactivation: Reactivation | None = None,
         tell: Callable[[str], None] = lambda _: None,
+        record: Callable[[str], None] = lambda _: None,
     ) -> None:
         """Take over the terminal.
 
@@ -124,11 +126,12 @@ class Keyboard(IntentSource):
             velocity: the command that the velocity keys change, if the robot walks.
             reactivation: what the key for it asks for.
             tell: shows the operator a line; called on the reading thread. Must not wait.
+            record: records a line, and shows it; called on the loop's thread.
 
         Raises:
             InputError: if standard input is not a terminal.
         """
-        self._queue = IntentQueue()
+        self._queue = IntentQueue(tell=record)
         self._reader = KeyReader()
         self.velocity = velocity
         """Command that the velocity keys change; None where the robot does not walk."""
@@ -217,7 +220,7 @@ class Keyboard(IntentSource):
     def _press(self, key: str) -> bool:
         """Do what a key means; whether it means anything."""
         if key in KEYS:
-            self._queue.put(KEYS[key])
+            self._queue.put(KEYS[key], monotonic_ns())
         elif key in HELP_KEYS:
             for line in self._help():
                 self._tell(line)

@@ -10,9 +10,10 @@ from typing import Protocol
 
 import numpy as np
 
+from humanoid_sim.client import monotonic_ns
 from humanoid_sim.controllers.parameters import command_problem
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.messages import Intent, RemoteCommand, TickOutput
+from humanoid_sim.messages import Intent, Mode, RemoteCommand, TickOutput
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand
 
 
@@ -47,20 +48,74 @@ class ExternSource(Protocol):
         """Return the latest value of every term that was ever heard."""
 
 
+class Freshness:
+    """Decides whether what somebody asks for still counts, who had seen the robot as it was some time ago.
+
+    For one source of intents, on the loop's thread. Ages are those of CLOCK_MONOTONIC, whatever the robot's clock does.
+    DAMP counts always.
+    """
+
+    OLDEST = 0.5
+    """s"""
+
+    def __init__(self, clock: Callable[[], int] = monotonic_ns) -> None:
+        """Know of no mode yet; `clock` gives ns."""
+        self._clock = clock
+        self._polled = self._entered = 0
+        self._mode = Mode.ZERO_TORQUE
+
+    def follow(self, output: TickOutput | None) -> None:
+        """Take the mode of the previous tick into account: to be called in every poll, before anything is judged."""
+        mode, now = Mode.ZERO_TORQUE if output is None else output.control_mode.mode, self._clock()
+        if mode is not self._mode and mode in (Mode.DAMPING, Mode.ZERO_TORQUE):
+            # The tick that entered it polled before it was published; a fresh start is no tick's.
+            self._entered = now if output is None else self._polled
+        self._mode, self._polled = mode, now
+
+    def problem(self, seen: int) -> str:
+        """Return why what was asked for does not count; empty if it does.
+
+        Args:
+            seen: ns, when what its sender had seen was so.
+        """
+        age = 1e-9 * (self._clock() - seen)
+        if age > self.OLDEST:
+            return f"what its sender had seen was {age:.2f} s old, at most {self.OLDEST:g} s; look, and ask anew"
+        if seen < self._entered:
+            return f"its sender had not seen yet that the mode is {self._mode.name}; look, and ask anew"
+        return ""
+
+
 class IntentQueue(IntentSource):
     """Intents from other threads (a service, a user interface), handed over at the next tick."""
 
-    def __init__(self) -> None:
-        self._pending: deque[Intent] = deque()
+    def __init__(self, tell: Callable[[str], None] = lambda _: None) -> None:
+        """Queue nothing; `tell` records why an intent is left out."""
+        self._pending: deque[tuple[Intent, int | None]] = deque()
+        self._freshness = Freshness()
+        self._tell = tell
 
-    def put(self, intent: Intent) -> None:
-        """Queue an intent; may be called from any thread."""
-        self._pending.append(intent)
+    def put(self, intent: Intent, seen: int | None = None) -> None:
+        """Queue an intent; may be called from any thread.
+
+        Args:
+            intent: what is asked for.
+            seen: ns of CLOCK_MONOTONIC: see `Freshness`; None for what never grows old.
+        """
+        self._pending.append((intent, seen))
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """All queued intents."""
+        """All queued intents that count."""
+        self._freshness.follow(output)
+        intents = []
         # Only this side removes, and a deque's ends are atomic: no intent is lost between the two threads.
-        return [self._pending.popleft() for _ in range(len(self._pending))]
+        for intent, seen in [self._pending.popleft() for _ in range(len(self._pending))]:
+            problem = "" if seen is None or intent is Intent.DAMP else self._freshness.problem(seen)
+            if problem:
+                self._tell(f"{intent.name} refused: {problem}")
+            else:
+                intents.append(intent)
+        return intents
 
 
 class RemoteInbox:

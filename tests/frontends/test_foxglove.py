@@ -1,12 +1,13 @@
 """Foxglove's server, by a client that speaks its protocol (WebSocket, subprotocol foxglove.sdk.v1)."""
 
 import json
+import signal
 import socket
 import struct
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -94,14 +95,38 @@ class Client:
 
         self.until(is_served)
 
-    def call(self, name: str) -> dict[str, Any]:
+    def call(self, name: str, meanwhile: Callable[[], None] = lambda: None) -> dict[str, Any]:
         self.until(lambda: name in self.services)
         self._socket.send(b"\x02" + struct.pack("<III", self.services[name], 5, 4) + b"json{}")
+        meanwhile()
         self.until(lambda: 5 in self.answers)
         return self.answers.pop(5)
 
     def close(self) -> None:
         self._socket.close()
+
+
+def test_a_button_pressed_while_it_stood_still_moves_nothing_and_damp_damps(local: LocalSession, page: Any) -> None:
+    with served("--control") as (port, process), ticking(local) as records:
+        foxglove = page(port)
+
+        def go_on() -> None:
+            time.sleep(0.7)
+            process.send_signal(signal.SIGCONT)
+
+        def pressed(name: str) -> dict[str, Any]:
+            foxglove.until(lambda: name in foxglove.services)
+            process.send_signal(signal.SIGSTOP)
+            return foxglove.call(name, go_on)
+
+        assert foxglove.call("/damp")["success"]
+        answer = pressed("/load_a")
+        assert not answer["success"]
+        assert "LOAD_A refused: what its sender had seen was" in answer["message"]
+        assert records[-1].output.control_mode.mode is Mode.DAMPING
+        assert pressed("/damp")["success"]
+        time.sleep(0.7)
+        assert foxglove.call("/load_a")["success"]
 
 
 @pytest.fixture

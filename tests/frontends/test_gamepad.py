@@ -1,6 +1,7 @@
 """The gamepad's driver on gamepads that SDL makes, against a session without a loop."""
 
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -100,6 +101,33 @@ def test_a_combination_that_is_held_acts_once_and_in_any_order(
     pad.press("A")
     desk.look()
     assert desk.mode is Mode.STANDBY
+
+
+def test_what_was_pressed_while_the_program_stood_still_moves_nothing_but_damps(
+    local: LocalSession, pads: Pads, pad: VirtualPad
+) -> None:
+    desk = Desk(local, pads)
+    desk.look()
+    desk.press(pad, "X")
+    pad.press("L1", "A")
+    time.sleep(0.6)
+    desk.look()
+    assert "what its sender had seen was" in local.told[-1]
+    assert desk.mode is Mode.DAMPING
+    pad.release("A")
+    desk.look()
+    pad.press("A")
+    desk.look()
+    assert desk.mode is Mode.DAMPING, "it may have been pressed before, and be heard only now"
+    pad.release("A")
+    time.sleep(0.6)
+    desk.look()
+    local.tick(Intent.DAMP)
+    local.tick(Intent.LOAD_A)
+    pad.press("X")
+    time.sleep(0.6)
+    desk.look()
+    assert desk.mode is Mode.DAMPING
 
 
 def test_damp_wins_over_whatever_else_is_pressed_at_once(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:

@@ -40,6 +40,7 @@ DAMP = 0
 def test_a_damp_sent_during_a_flood_of_10_khz_acts_in_the_next_tick(run: Callable[..., Result], quick: str) -> None:
     late: list[int] = []
     rates: list[int] = []
+    refusals: list[str] = []
 
     def operate() -> None:
         while not (sessions := running_sessions()):
@@ -48,6 +49,7 @@ def test_a_damp_sent_during_a_flood_of_10_khz_acts_in_the_next_tick(run: Callabl
             while not feed.newest():
                 time.sleep(0.01)
             command = [sys.executable, "-c", FLOOD, str(os.getpid())]
+            before = feed.latest().stamp
             with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as flood:
                 flood.stdout.readline()
                 for _ in range(10):
@@ -57,6 +59,8 @@ def test_a_damp_sent_during_a_flood_of_10_khz_acts_in_the_next_tick(run: Callabl
                     assert operator.answer(token, 5.0).granted
                     acted = [n.number for n in feed.since(sent - 1) if DAMP in feed.decode(n)["intents"]]
                     late.append(acted[0] - sent)
+                stale = operator.ask("load_a", 5.0, seen=before)
+                refusals.append(stale.text)
                 operator.ask("quit")
                 rates.append(int(flood.stdout.readline()))
 
@@ -68,3 +72,4 @@ def test_a_damp_sent_during_a_flood_of_10_khz_acts_in_the_next_tick(run: Callabl
     assert rates[0] > 10_000
     assert len(late) == 10
     assert max(late) <= 2
+    assert refusals[0].startswith("LOAD_A refused: what its sender had seen was ")

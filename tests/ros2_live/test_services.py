@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
+import threading
 import time
 from typing import Any
 
@@ -70,6 +72,13 @@ def test_all_six_drive_the_fsm_with_its_own_answers(robot: Machine, services: su
     assert not granted
     assert "QUIT refused: requires ZERO_TORQUE or DAMPING, mode is REMOTE" in message
     assert call("damp")[0] is True
+    later = threading.Timer(1.0, services.send_signal, (signal.SIGCONT,))
+    services.send_signal(signal.SIGSTOP)
+    later.start()
+    granted, message = call("load_a")
+    assert not granted
+    assert message.startswith("LOAD_A refused: what its sender had seen was ")
+    time.sleep(1.0)
     assert call("quit")[0] is True
     assert session.wait(30.0) == 0
     assert services.poll() is None

@@ -12,7 +12,7 @@ import numpy as np
 import rig
 
 from humanoid_sim.client import Intake, SessionInfo, find_session
-from humanoid_sim.messages import Intent, Mode, SafetyStatus, SessionHeader, TickInput, TickRecord
+from humanoid_sim.messages import Intent, Mode, SafetyStatus, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import Extern
 from humanoid_sim.session.data_socket import DataSocket
 from humanoid_sim.session.feed import FeedWriter
@@ -45,6 +45,7 @@ class LocalSession:
 
     def __post_init__(self) -> None:
         self.run = rig.Run(rig.supervisor())
+        self.output: TickOutput | None = None
         self.reactivation = Reactivation()
         self.registration = Registration()
         self.stack.callback(self.registration.close)
@@ -78,11 +79,12 @@ class LocalSession:
     def tick(self, *more: Intent) -> TickRecord:
         """One turn of the loop: intents, data, the stack, the sinks."""
         self.time += rig.PERIOD
-        intents = (*more, *self.intents.poll(self.time, None))
+        intents = (*more, *self.intents.poll(self.time, self.output))
         live = {**self.makes, **self.data.latest(), **self.velocity.latest()}
         state = rig.state(self.time, extern=live)
         tick_input = TickInput(state, self.outside(self.safety), tuple(intents), self.inbox.latest())
         self.run.memory, output = self.run.supervisor.step(self.run.memory, tick_input)
+        self.output = output
         record = TickRecord(self.index, tick_input, output, 1e-4, False, None)
         self.index += 1
         for sink in (self.feed, self.intents, self.data):

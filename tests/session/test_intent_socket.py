@@ -1,4 +1,5 @@
 import os
+import re
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -7,9 +8,9 @@ import pytest
 from fakes import FakeRobot
 from local_session import LocalSession, datagram
 
-from humanoid_sim.client import Answer, SessionError
+from humanoid_sim.client import Answer, Feed, SessionError, monotonic_ns
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Intent, Mode
+from humanoid_sim.messages import Intent, Mode, SafetyLevel, SafetyStatus
 from humanoid_sim.session.intent_socket import IntentSocket, queue_length
 
 
@@ -37,6 +38,77 @@ def test_damp_is_granted_whatever_else_is_refused_in_its_tick(local: LocalSessio
 def test_of_two_intents_the_first_is_granted_and_the_other_told_so(local: LocalSession) -> None:
     local.tick(Intent.DAMP)
     assert [answer.granted for answer in asked(local, "load_b", "load_a")] == [True, False]
+
+
+def seen_then(local: LocalSession) -> int:
+    """The stamp of the newest tick, as a reader of the feed has it."""
+    with Feed(local.info) as feed:
+        sample = feed.latest()
+    assert sample is not None
+    return sample.stamp
+
+
+WORDS = ("load_a", "load_b", "start_locomotion", "start_remote", "quit", "reactivate", 'load {"policy": "p.onnx"}')
+
+
+@pytest.mark.parametrize("word", WORDS)
+def test_what_was_meant_for_a_robot_of_long_ago_is_refused(local: LocalSession, word: str) -> None:
+    """A page whose bytes were held, a program that stood still: only DAMP is never too late."""
+    local.tick(Intent.DAMP)
+    late, stopped = local.intake("late"), local.intake("stopped")
+    long_ago = monotonic_ns() - 600_000_000
+    tokens = late.post(word, seen=long_ago), stopped.post("damp", seen=long_ago)
+    assert local.tick().input.intents == (Intent.DAMP,)
+    assert not local.reactivation.is_asked
+    answer = late.answer(tokens[0], 1.0)
+    name = word.partition(" ")[0].upper()
+    assert not answer.granted
+    assert re.fullmatch(rf"{name} refused: what its sender had seen was 0\.\d\d s old, at most 0.5 s.*", answer.text)
+    assert f"{answer.text}; requested by late ({os.getpid()})" in local.told
+    assert stopped.answer(tokens[1], 1.0).granted
+
+
+@pytest.mark.parametrize("passive", [Mode.DAMPING, Mode.ZERO_TORQUE])
+def test_what_was_meant_for_the_mode_before_is_refused_however_young(local: LocalSession, passive: Mode) -> None:
+    """Whatever made the robot passive: an operator, a safety status, a fresh start."""
+    local.tick(Intent.DAMP)
+    local.tick(Intent.LOAD_A)
+    standing = seen_then(local)
+    if passive is Mode.DAMPING:
+        local.safety = (SafetyStatus(SafetyLevel.FAULT, source="imu"),)
+        local.tick()
+        local.safety = ()
+    else:
+        local.run.memory, local.output = local.run.supervisor.initial(), None
+        local.tick()
+    operator = local.intake("operator")
+    token = operator.post("load_b", seen=standing)
+    assert local.tick().input.intents == ()
+    answer = operator.answer(token, 1.0)
+    assert (
+        answer.text
+        == f"LOAD_B refused: its sender had not seen yet that the mode is {passive.name}; look, and ask anew"
+    )
+    token = operator.post("damp" if passive is Mode.ZERO_TORQUE else "load_b", seen=seen_then(local))
+    local.tick()
+    assert operator.answer(token, 1.0).granted
+
+
+def test_whoever_saw_the_tick_that_damped_may_ask_at_once(local: LocalSession) -> None:
+    local.tick(Intent.DAMP)
+    operator = local.intake("operator")
+    token = operator.post("load_a", seen=seen_then(local))
+    local.tick()
+    assert operator.answer(token, 1.0) == Answer(True, "STANDBY (standby_controller_a): LOAD_A requested")
+
+
+@pytest.mark.parametrize("end", [b"", b"\n", b"\nsoon", b"\n-1", "\n²".encode()])
+def test_a_client_of_an_older_version_is_told_to_update(local: LocalSession, end: bytes) -> None:
+    local.tick(Intent.DAMP)
+    datagram(local.registration.intents, b"load_a\nold (1)\n7" + end)
+    datagram(local.registration.intents, b"damp\nold (1)\n8" + end)
+    assert local.tick().input.intents == (Intent.DAMP,)
+    assert any("update the sender's client.py" in line and "old (1)" in line for line in local.told)
 
 
 def test_a_mark_is_recorded_and_what_means_nothing_is_said(local: LocalSession) -> None:
@@ -82,7 +154,7 @@ def test_everything_in_the_socket_is_taken_in_one_tick_and_a_flood_costs_a_bound
     sent = 0
     with suppress(BlockingIOError):
         while sent < 10_000:
-            datagram(local.registration.intents, b"load_b")
+            datagram(local.registration.intents, f"load_b\n\n\n{monotonic_ns()}".encode())
             sent += 1
     assert 1 < sent < 10_000
     stop = threading.Event()

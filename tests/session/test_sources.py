@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import rig
 
+from humanoid_sim.client import monotonic_ns
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import VELOCITY_COMMAND
@@ -18,6 +19,17 @@ def test_an_intent_queue_gives_everything_once_and_in_order() -> None:
     assert list(queue.poll(0.0, None)) == [Intent.LOAD_A, Intent.DAMP, Intent.DAMP]
     assert list(queue.poll(0.0, None)) == []
     assert not queue.finished
+
+
+def test_an_intent_that_waited_for_the_loop_too_long_is_left_out_unless_it_damps() -> None:
+    told: list[str] = []
+    queue = IntentQueue(told.append)
+    long_ago = monotonic_ns() - 600_000_000
+    for intent in (Intent.LOAD_A, Intent.DAMP, Intent.QUIT):
+        queue.put(intent, long_ago)
+    queue.put(Intent.LOAD_B, monotonic_ns())
+    assert list(queue.poll(0.0, None)) == [Intent.DAMP, Intent.LOAD_B]
+    assert [line.split(":")[0] for line in told] == ["LOAD_A refused", "QUIT refused"]
 
 
 def test_an_intent_queue_loses_nothing_between_threads() -> None:

@@ -17,7 +17,16 @@ from typing import Any
 
 from websockets.asyncio.server import ServerConnection
 
-from humanoid_sim.client import LOAD_OPTIONS, LOAD_TIMEOUT, Answer, Intake, SessionError, load_request, monotonic_ns
+from humanoid_sim.client import (
+    LOAD,
+    LOAD_OPTIONS,
+    LOAD_TIMEOUT,
+    Answer,
+    Intake,
+    SessionError,
+    load_request,
+    monotonic_ns,
+)
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.frontends.console.access import Access, RateLimit
@@ -145,14 +154,14 @@ class Hub:
                     answers += [_answer(False, refusal)] if refusal else []
                     continue
                 if "load" in asked:
-                    self._start(tasks, self._load(asked["load"], access, limit, answers))
+                    self._start(tasks, self._load(asked, access, limit, answers))
                     continue
                 word = _word(asked)
-                answer = self._at_once(word, access, limit)
+                answer = self._at_once(word, access, limit) or _blind(asked, word)
                 if answer is not None:
                     answers.append(answer)
                     continue
-                self._start(tasks, self._ask(word, answers))
+                self._start(tasks, self._ask(word, _seen(asked), answers))
         finally:
             self._commanding.leave(number)
             self._pages.discard(connection)
@@ -188,6 +197,7 @@ class Hub:
             if self._record is not None:
                 told = state(self._record, self._available)
                 told["age"] = 1e-9 * (monotonic_ns() - self._stamp)
+                told["stamp"] = 1e-9 * self._stamp
                 told["owners"] = self._status.get("owners", {})
                 told |= self._showing.told(self._record) | self._commanding.told(self._record)
                 told["events"] = [event for event in self._events if event[0] > shown]
@@ -241,19 +251,22 @@ class Hub:
             return _answer(False, f"{word} left out: more than {_ASKS_PER_SECOND:g} requests a second")
         return None
 
-    async def _ask(self, word: str, answers: deque[dict[str, Any]]) -> None:
+    async def _ask(self, word: str, seen: int | None, answers: deque[dict[str, Any]]) -> None:
         if word == MARK:
             self._marks += 1
             word = f"{MARK} moment {self._marks}"
         try:
-            asking = partial(self._wait, word, self._damps)
+            asking = partial(self._wait, word, self._damps, seen)
             answer = await asyncio.get_running_loop().run_in_executor(self._asking, asking)
         except SessionError as error:
             answers.append(_answer(False, str(error)))
         else:
             answers.append(_answer(answer.granted, answer.text))
 
-    async def _load(self, options: object, access: Access, limit: RateLimit, answers: deque[dict[str, Any]]) -> None:
+    async def _load(
+        self, asked: dict[str, Any], access: Access, limit: RateLimit, answers: deque[dict[str, Any]]
+    ) -> None:
+        options, blind = asked["load"], _blind(asked, LOAD)
         if access is not Access.CONTROL:
             answers.append(_answer(False, _WATCHING))
         elif not limit.admits(time.monotonic()):
@@ -262,15 +275,17 @@ class Hub:
             name in LOAD_OPTIONS and isinstance(text, str) for name, text in options.items()
         ):
             answers.append(_answer(False, f"load not understood, expected texts of {', '.join(LOAD_OPTIONS)}"))
+        elif blind is not None:
+            answers.append(blind)
         else:
             try:
-                answer = await asyncio.to_thread(self._wait_for_load, options)
+                answer = await asyncio.to_thread(self._wait_for_load, options, _seen(asked))
             except SessionError as error:
                 answers.append(_answer(False, str(error)))
             else:
                 answers.append(_answer(answer.granted, answer.text))
 
-    def _wait_for_load(self, options: dict[str, str]) -> Answer:
+    def _wait_for_load(self, options: dict[str, str], seen: int | None) -> Answer:
         """Ask for a policy, on a thread of its own: nothing else waits behind it."""
         folder = self._attachment.session.folder
         given = {name: text.strip() for name, text in options.items() if text.strip()}
@@ -281,7 +296,7 @@ class Hub:
         }
         deadline = time.monotonic() + LOAD_TIMEOUT
         with Intake(self._attachment.session, "console") as intake:
-            token = intake.post(load_request(**{"policy": "", **given, **files}))
+            token = intake.post(load_request(**{"policy": "", **given, **files}), seen=seen)
             while True:
                 try:
                     return intake.answer(token, 1.0)
@@ -289,13 +304,13 @@ class Hub:
                     if not self._attachment.feed.is_running() or time.monotonic() > deadline:
                         raise
 
-    def _wait(self, word: str, damps: int) -> Answer:
+    def _wait(self, word: str, damps: int, seen: int | None) -> Answer:
         """Ask, on a thread of its own. What waited for its turn while a DAMP came would move the robot after it."""
         intake = self._attachment.intake
         with self._posting:
             if self._damps != damps:
                 return Answer(False, f"{word} left out: DAMP was requested after it")
-            token = intake.post(word)
+            token = intake.post(word, seen=seen)
         return intake.answer(token, _REACTIVATING if word == REACTIVATE else _PATIENCE)
 
 
@@ -310,6 +325,20 @@ def _asked(message: object) -> dict[str, Any]:
     except (ValueError, RecursionError):
         return {}
     return asked if isinstance(asked, dict) else {}
+
+
+def _seen(asked: dict[str, Any]) -> int | None:
+    """Return the stamp of the newest tick that a page had shown when it asked, ns; None if it does not say."""
+    seen = asked.get("seen")
+    is_number = isinstance(seen, int | float) and not isinstance(seen, bool)
+    return round(1e9 * seen) if is_number and 0.0 <= seen < 1e9 else None
+
+
+def _blind(asked: dict[str, Any], word: str) -> dict[str, Any] | None:
+    """Return the refusal of a page that does not say what it had seen, and asks for more than a mark."""
+    if word == MARK or _seen(asked) is not None:
+        return None
+    return _answer(False, f"{word} refused: the page does not say what it had seen; reload it")
 
 
 def _word(asked: dict[str, Any]) -> str:

@@ -9,6 +9,7 @@ const get = (id) => document.getElementById(id);
 let socket = null;
 let heard = -Infinity;
 let age = 0;
+let seen = null; // s on the console's clock, when the newest tick that is shown was so
 let ended = false;
 let jointNames = [];
 let marking = false; // an answer to a mark is awaited
@@ -24,7 +25,7 @@ function tell(message) {
 function ask(word) {
   marking = marking || word === "mark";
   if (word === "mark") get("mark-answer").textContent = "marking …";
-  if (!tell({ ask: word })) showAnswer({ granted: false, text: `${word}: not sent, there is no connection` });
+  if (!tell({ ask: word, seen })) showAnswer({ granted: false, text: `${word}: not sent, there is no connection` });
 }
 
 function connect() {
@@ -57,6 +58,7 @@ function show(told) {
   }
   if (told.mode === undefined) return;
   age = told.age;
+  seen = told.stamp;
   get("mode").textContent = told.mode;
   get("mode").dataset.mode = told.mode;
   get("reason").textContent = told.reason || told.controller;
@@ -202,7 +204,7 @@ document.addEventListener("click", (event) => {
 });
 get("policy-load").addEventListener("submit", (event) => {
   event.preventDefault();
-  loading = tell({ load: Object.fromEntries(new FormData(event.target)) });
+  loading = tell({ load: Object.fromEntries(new FormData(event.target)), seen });
   get("policy-answer").textContent = loading ? "checking, and loading …" : "not sent, there is no connection";
 });
 setInterval(cover, 100);

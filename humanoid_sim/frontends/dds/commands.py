@@ -13,7 +13,7 @@ from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 
-from humanoid_sim.client import Intake, SessionError, SessionInfo, monotonic_ns
+from humanoid_sim.client import Intake, Looks, SessionError, SessionInfo, monotonic_ns
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.dds.live import LiveForwarder, Wanted
 from humanoid_sim.frontends.dds.safety import StatusForwarder
@@ -42,25 +42,19 @@ DEPTH = 64
 class ArrivalClock:
     """Arrival times of samples, in ns of CLOCK_MONOTONIC.
 
-    A sample arrived after the look before the one that found it, so it is stamped with the time of that earlier look.
-    But if the process was suspended, the samples found afterwards may have arrived at any time meanwhile, and more may
-    follow from the sockets. Such a sample is as much later than its writer's last one before the suspension as the
-    writer's clock says, within that time: only differences of that clock count, not what it shows.
+    A sample is stamped with the time of the look before the one that found it, as `Looks` says. One that is found after
+    a suspension is as much later than its writer's last one before it as the writer's clock says, within that time:
+    only differences of that clock count, not what it shows.
     """
 
     def __init__(self, now: int) -> None:
         """Start; `now` in ns, as all here."""
-        self._looked = self._stamp = now
-        self._stopped = self._settled = 0
+        self._looks = Looks(_STOOD_STILL, _SETTLE, now)
         self._last: OrderedDict[int, tuple[int, int]] = OrderedDict()
 
     def look(self, now: int) -> None:
         """Begin a look."""
-        self._stamp, self._looked = self._looked, now
-        if now - self._stamp > 1e9 * _STOOD_STILL:
-            if self._stamp >= self._settled:
-                self._stopped = self._stamp
-            self._settled = now + round(1e9 * _SETTLE)
+        self._looks.look(now)
 
     def stamp(self, writer: int, source: int) -> int:
         """Return when a sample that this look has found arrived, the latest that is certain.
@@ -69,14 +63,15 @@ class ArrivalClock:
             writer: who wrote it.
             source: ns, when, by the writer's own clock.
         """
-        if self._looked < self._settled:
-            last_source, last = self._last.get(writer, (source, self._stopped))
-            return min(max(last + source - last_source, self._stopped), self._looked)
-        self._last[writer] = source, self._stamp
+        first = self._looks.stamp
+        if self._looks.is_settling:
+            last_source, last = self._last.get(writer, (source, first))
+            return min(max(last + source - last_source, first), self._looks.newest)
+        self._last[writer] = source, first
         self._last.move_to_end(writer)
         if len(self._last) > _MOST_WRITERS:
             self._last.popitem(last=False)
-        return self._stamp
+        return first
 
 
 def read_command(message: bytes, joints: tuple[str, ...]) -> MITCommand:

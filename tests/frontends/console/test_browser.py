@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from page_buttons import in_mode, press
 
 pytestmark = pytest.mark.slow
 
@@ -21,10 +22,6 @@ def page(browser: Any, played: Any) -> Iterator[Any]:
     page.close()
 
 
-def in_mode(page: Any, mode: str) -> None:
-    page.wait_for_selector(f'#mode[data-mode="{mode}"]', timeout=20_000)
-
-
 def test_an_operator_clicks_through_the_modes(page: Any, browser: Any, played: Any) -> None:
     watching = browser.new_page(viewport={"width": 390, "height": 800})  # a phone
     watching.goto(played.read_only)
@@ -36,12 +33,10 @@ def test_an_operator_clicks_through_the_modes(page: Any, browser: Any, played: A
     refused.click()
     page.wait_for_selector("#answer.refused")
     assert "START_REMOTE refused" in page.inner_text("#answer")
-    page.click('[data-ask="load_a"]')
-    in_mode(page, "STANDBY")
+    press(page, "load_a", "STANDBY")
     page.wait_for_selector('[data-ask="start_locomotion"]:not(.refused)', timeout=20_000)
     assert page.inner_text("#standby-text") == "pose reached"
-    page.click('[data-ask="start_locomotion"]')
-    in_mode(page, "LOCOMOTION")
+    press(page, "start_locomotion", "LOCOMOTION")
     in_mode(watching, "LOCOMOTION")
     times = page.eval_on_selector_all("#events li", "lines => lines.map(line => Number(line.dataset.time))")
     assert len(times) > 3
@@ -67,8 +62,7 @@ def test_the_space_bar_damps_wherever_the_focus_is(page: Any) -> None:
     view = page.frame_locator("#view")
     view.locator("canvas").first.wait_for(timeout=30_000)
     for focus in ("quit", "view"):
-        page.click('[data-ask="load_a"]')
-        in_mode(page, "STANDBY")
+        press(page, "load_a", "STANDBY")
         if focus == "view":
             box = page.locator("#view").bounding_box()
             page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from lost_keyboard import piano_options, plugged_in
+from page_buttons import in_mode, press
 from play_fixtures import quick_robot
 
 pytestmark = pytest.mark.slow
@@ -13,10 +14,6 @@ pytestmark = pytest.mark.slow
 
 def lit(page: Any, key: int, state: str) -> None:
     page.wait_for_selector(f'#keys-row [data-key="{key}"][data-state="{state}"]', timeout=20_000)
-
-
-def in_mode(page: Any, mode: str) -> None:
-    page.wait_for_selector(f'#mode[data-mode="{mode}"]', timeout=20_000)
 
 
 def test_keys_are_lit_as_they_are_pressed_beside_what_the_song_asks_for(
@@ -40,9 +37,8 @@ def test_keys_are_lit_as_they_are_pressed_beside_what_the_song_asks_for(
         lit(page, 39, "")
         page.click("#damp")
         in_mode(page, "DAMPING")
-        page.click('[data-ask="load_a"]')
-        page.wait_for_selector('[data-ask="start_locomotion"]:not(.refused)', timeout=20_000)
-        page.click('[data-ask="start_locomotion"]')
+        press(page, "load_a", "STANDBY")
+        press(page, "start_locomotion", "LOCOMOTION")
         lit(page, 43, "wanted")
         keyboard.press(60, 71)
         lit(page, 39, "hit")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from page_buttons import in_mode, press
 from PIL import Image
 from waiting import until
 
@@ -32,10 +33,6 @@ def opened(browser: Any, address: str, size: dict[str, int] | None = None) -> It
     yield page
     assert page.errors == []
     page.close()
-
-
-def in_mode(page: Any, mode: str) -> None:
-    page.wait_for_selector(f'#mode[data-mode="{mode}"]', timeout=20_000)
 
 
 def test_plots_are_drawn_go_on_after_a_reconnection_and_are_kept_by_the_tab(browser: Any, played: Any) -> None:
@@ -64,8 +61,7 @@ def test_a_page_that_reconnects_shows_the_present_and_each_event_once(browser: A
         page.context.set_offline(True)
         page.evaluate("socket.close()")
         page.wait_for_selector("#cover", state="visible")
-        other.click('[data-ask="load_b"]')
-        in_mode(other, "STANDBY")
+        press(other, "load_b", "STANDBY")
         other.click("#mark")
         other.wait_for_selector("#events >> text=moment")
         page.context.set_offline(False)
@@ -121,14 +117,13 @@ def orange(page: Any) -> int:
 
 
 def test_the_commanded_pose_is_seen_over_the_robot(browser: Any, played: Any) -> None:
-    """Where software draws the view, clicks wait for it: the page is told what to ask for."""
     page = browser.new_page(viewport={"width": 900, "height": 500})
     page.set_default_timeout(120_000)
     page.goto(played.control)
     page.wait_for_selector("#cover", state="hidden")
-    for word, mode in (("damp", "DAMPING"), ("load_a", "STANDBY")):
-        page.evaluate("(word) => ask(word)", word)
-        page.wait_for_selector(f'#mode[data-mode="{mode}"]')
+    page.evaluate("ask('damp')")
+    in_mode(page, "DAMPING")
+    press(page, "load_a", "STANDBY")
     page.wait_for_selector('[data-ask="start_locomotion"]:not(.refused)')
     counts = [0, 1]
     until(lambda: counts.append(orange(page)) or counts[-1] == counts[-2] > 20)  # the robot is there, and stands still

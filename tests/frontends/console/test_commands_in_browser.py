@@ -14,6 +14,7 @@ import numpy as np
 import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
+from page_buttons import press
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.client import Feed, Intake, find_session
@@ -108,9 +109,8 @@ def to_remote(page: Any) -> None:
         return
     page.keyboard.press("Space")
     page.wait_for_selector('#mode[data-mode="DAMPING"]')
-    page.click('[data-ask="load_a"]')
-    page.click('[data-ask="start_remote"]:not(.refused)')
-    page.wait_for_selector('#mode[data-mode="REMOTE"]')
+    press(page, "load_a", "STANDBY")
+    press(page, "start_remote", "REMOTE")
 
 
 def take(page: Any, session: Session, joint: str = "left_elbow_pitch") -> None:
@@ -306,9 +306,8 @@ def test_sliders_and_keys_command_a_velocity(browser: Any, walked: Any, monkeypa
     page.wait_for_selector('#mode[data-mode="DAMPING"]')
     page.keyboard.press("w")
     page.wait_for_selector("text=velocity refused: requires LOCOMOTION, mode is DAMPING")
-    page.click('[data-ask="load_a"]')
-    page.click('[data-ask="start_locomotion"]:not(.refused)')
-    page.wait_for_selector('#mode[data-mode="LOCOMOTION"]')
+    press(page, "load_a", "STANDBY")
+    press(page, "start_locomotion", "LOCOMOTION")
     page.wait_for_selector("text=0.00 m/s, 0.00 m/s, 0.00 rad/s")
     steered(
         page, lambda: page.keyboard.press("w"), r"^0\.\d0 m/s, 0\.00 m/s, 0\.00 rad/s by console \(\d+\), this page$"

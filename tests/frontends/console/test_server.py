@@ -1,8 +1,12 @@
 """The console as strangers and pages meet it, over real connections."""
 
+import contextlib
 import http.client
 import json
 import os
+import signal
+import socket as sockets
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -52,7 +56,7 @@ def until(page: Any, is_it: Callable[[dict[str, Any]], object]) -> dict[str, Any
 
 
 def ask(page: Any, word: str) -> dict[str, Any]:
-    page.send(json.dumps({"ask": word}))
+    page.send(json.dumps({"ask": word, "seen": time.monotonic()}))
     answers: list[dict[str, Any]] = until(page, lambda told: told.get("answers"))["answers"]
     return answers[-1]
 
@@ -89,7 +93,7 @@ def test_viser_is_not_reachable_beside_it(played: Any) -> None:
     status += [line.split() for line in Path("/proc/net/tcp6").read_text().splitlines()[1:]]
     listening = {fields[9]: int(fields[1].rpartition(":")[2], 16) for fields in status if fields[3] == "0A"}
     processes = [played.process.pid, *played.children]
-    ports = [listening[inode] for process in processes for inode in sockets(process) if inode in listening]
+    ports = [listening[inode] for process in processes for inode in open_sockets(process) if inode in listening]
     assert len(processes) == 2
     assert ports == [int(played.authority.rpartition(":")[2])]
     (viser,) = played.runtime.rglob("*.viser")
@@ -97,7 +101,7 @@ def test_viser_is_not_reachable_beside_it(played: Any) -> None:
     assert viser.parent.stat().st_mode & 0o077 == 0
 
 
-def sockets(process: int) -> list[str]:
+def open_sockets(process: int) -> list[str]:
     found = []
     for entry in Path(f"/proc/{process}/fd").iterdir():
         try:
@@ -165,14 +169,79 @@ def test_a_page_that_floods_is_bounded_and_its_damp_is_not(played: Any) -> None:
         assert ask(page, "load_a")["granted"] is True
         until(page, lambda told: told.get("mode") == "STANDBY")
         for _ in range(500):
-            page.send(json.dumps({"ask": "load_a"}))
+            page.send(json.dumps({"ask": "load_a", "seen": time.monotonic()}))
         page.send(json.dumps({"ask": "damp"}))
         until(page, lambda told: told.get("mode") == "DAMPING")
         for _ in range(50):
-            page.send(json.dumps({"ask": "start_remote"}))  # refused in DAMPING, as far as it is asked for at all
+            page.send(
+                json.dumps({"ask": "start_remote", "seen": time.monotonic()})
+            )  # refused in DAMPING, as far as it is asked for at all
         left_out = "start_remote left out: more than 5 requests a second"
         told = until(page, lambda told: any(answer["text"] == left_out for answer in told.get("answers", ())))
         assert told["mode"] == "DAMPING"
+
+
+def held_bytes(played: Any) -> tuple[Any, Callable[[], None], Callable[[], None]]:
+    """A page behind a proxy that holds what it sends; what begins that and what ends it."""
+    passing = threading.Event()
+    passing.set()
+    host, port = played.authority.split(":")
+    listener = sockets.create_server(("127.0.0.1", 0))
+
+    def forward(source: Any, target: Any, gate: threading.Event | None) -> None:
+        with contextlib.suppress(OSError), source:
+            while data := source.recv(65536):
+                if gate is not None:
+                    gate.wait()
+                target.sendall(data)
+            target.shutdown(sockets.SHUT_RDWR)
+
+    near = sockets.create_connection(listener.getsockname())
+    inner, _ = listener.accept()
+    listener.close()
+    far = sockets.create_connection((host, int(port)))
+    threading.Thread(target=forward, args=(inner, far, passing), daemon=True).start()
+    threading.Thread(target=forward, args=(far, inner, None), daemon=True).start()
+    return socket(played.control, sock=near), passing.clear, passing.set
+
+
+@pytest.mark.parametrize("way", ["a console that stood still", "a proxy that holds the page's bytes"])
+def test_a_press_that_comes_late_moves_nothing(played: Any, way: str) -> None:
+    (console,) = played.children
+    if way.startswith("a proxy"):
+        page, stop, go_on = held_bytes(played)
+    else:
+        page = socket(played.control)
+        stop, go_on = (lambda number=number: os.kill(console, number) for number in (signal.SIGSTOP, signal.SIGCONT))
+    with page:
+        ask(page, "damp")
+        seen = until(page, lambda told: told.get("mode") == "DAMPING")["stamp"]
+        stop()
+        try:
+            page.send(json.dumps({"ask": "load_a", "seen": seen}))
+            time.sleep(1.0)
+        finally:
+            go_on()
+        events: list[str] = []
+
+        def is_answered(told: dict[str, Any]) -> bool:
+            events.extend(event[2] for event in told.get("events", ()))
+            return bool(told.get("answers"))
+
+        told = until(page, is_answered)
+        (answer,) = told["answers"]
+        assert not answer["granted"]
+        assert answer["text"].startswith("LOAD_A refused: what its sender had seen was ")
+        assert told["mode"] == "DAMPING"
+        assert any(event.startswith(f"{answer['text']}; requested by console") for event in events)
+
+
+def test_a_page_that_does_not_say_what_it_saw_is_told_to_reload(played: Any) -> None:
+    with socket(played.control) as page:
+        ask(page, "damp")
+        for seen in ({}, {"seen": None}, {"seen": "now"}, {"seen": -1.0}, {"seen": True}):
+            told = answers_to(page, json.dumps({"ask": "load_a", **seen}))
+            assert told == "load_a refused: the page does not say what it had seen; reload it"
 
 
 @pytest.mark.parametrize("message", ["", "{", "[]", '{"ask": 1}', '{"ask": "fly"}', "[" * 5000, b"\x00\x01"])
@@ -293,7 +362,7 @@ def test_the_figures_in_the_view_are_switched_for_all_pages_by_an_operator_alone
 def test_a_page_loads_a_policy_and_every_page_begins_anew_with_it(played: Any) -> None:
     """From here on the session has another motion."""
     with socket(played.control) as page, socket(played.read_only) as other:
-        page.send(json.dumps({"load": {"policy": "nothing.onnx"}}))
+        page.send(json.dumps({"load": {"policy": "nothing.onnx"}, "seen": time.monotonic()}))
         refused = until(page, lambda told: told.get("answers"))["answers"][-1]
         assert not refused["granted"]
         assert refused["text"].startswith("load refused: ")
@@ -306,7 +375,8 @@ def test_a_page_loads_a_policy_and_every_page_begins_anew_with_it(played: Any) -
             answers_to(other, json.dumps({"load": {"policy": "lite_tracking"}})) == "this address is for watching only"
         )
         ask(page, "damp")
-        page.send(json.dumps({"load": {"policy": "lite_tracking", "motion": "circle", "command": ""}}))
+        chosen = {"policy": "lite_tracking", "motion": "circle", "command": ""}
+        page.send(json.dumps({"load": chosen, "seen": time.monotonic()}))
         told: dict[str, Any] = {}
         deadline = time.monotonic() + 120.0
         while not told.get("answers") or "page" not in told:
