@@ -330,8 +330,9 @@ def _asked(message: object) -> dict[str, Any]:
 def _seen(asked: dict[str, Any]) -> int | None:
     """Return the stamp of the newest tick that a page had shown when it asked, ns; None if it does not say."""
     seen = asked.get("seen")
-    is_number = isinstance(seen, int | float) and not isinstance(seen, bool)
-    return round(1e9 * seen) if is_number and 0.0 <= seen < 1e9 else None
+    if not isinstance(seen, int | float) or isinstance(seen, bool):
+        return None
+    return round(1e9 * seen) if 0.0 <= seen < 1e9 else None
 
 
 def _blind(asked: dict[str, Any], word: str) -> dict[str, Any] | None:

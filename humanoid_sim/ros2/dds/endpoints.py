@@ -6,6 +6,7 @@ layer below it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -76,6 +77,15 @@ def _qos(kind: Topic, *, depth: int | None = None, any_writer: bool = False) -> 
     )
 
 
+def _count(matched: Callable[[], list[int]]) -> int:
+    """Count who is matched. Where somebody joins meanwhile, the library reads beyond the end of its list."""
+    while True:
+        try:
+            return len(matched())
+        except IndexError:
+            continue
+
+
 class Writer:
     """Publishes on a topic."""
 
@@ -101,7 +111,7 @@ class Writer:
     @property
     def readers(self) -> int:
         """Return how many subscribe."""
-        return len(self._writer.get_matched_subscriptions())
+        return _count(self._writer.get_matched_subscriptions)
 
 
 class Reader:
@@ -154,4 +164,4 @@ class Reader:
     @property
     def writers(self) -> int:
         """Return how many publish."""
-        return len(self._reader.get_matched_publications())
+        return _count(self._reader.get_matched_publications)
