@@ -83,10 +83,11 @@ def _hardware_loop(repetitions: int) -> list[Row]:  # noqa: ARG001 - the signatu
 def _minute() -> dict[str, Any]:
     """Return the summary of a run in a process and a folder of its own."""
     with tempfile.TemporaryDirectory() as folder:
-        options = ("--hardware", "virtual:bench", "--allow-script", "--script", _SCRIPT, "--duration", f"{_SECONDS:g}")
+        options = ("--hardware", "virtual:bench", "--policy", "lite_tracking", "--duration", f"{_SECONDS:g}")
+        script = ("--allow-script", "--script", _SCRIPT)
         outputs = ("--viewer", "none", "--record", "r.mcap", "--summary", "s.json")
         subprocess.run(
-            [sys.executable, "-m", "humanoid_sim.play", *options, *outputs],
+            [sys.executable, "-m", "humanoid_sim.play", *options, *script, *outputs],
             check=True,
             cwd=folder,
             stdout=subprocess.DEVNULL,
