@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -15,7 +15,6 @@ import tyro
 from humanoid_sim.errors import InputError
 
 if TYPE_CHECKING:
-    from humanoid_sim.messages import TickRecord
     from humanoid_sim.recording.body import RecordedBody
     from humanoid_sim.recording.reader import Recording
     from humanoid_sim.robots.description import RobotDescription
@@ -83,44 +82,20 @@ def _urdf(recording: Recording, path: Path, options: Export) -> str:
 
 def _csv(recording: Recording, path: Path, options: Export) -> str:
     from humanoid_sim.files import whole_file  # noqa: PLC0415
+    from humanoid_sim.recording.columns import column_names, rows  # noqa: PLC0415
 
     del options
-    joints, action = recording.header.joint_names, _action_names(recording)
-    names = ["time_s", "mode", "controller"]
-    for quantity in ("position", "velocity", "effort"):
-        names += [f"{quantity}/{joint}" for joint in joints]
-    for quantity in ("position", "velocity", "effort", "stiffness", "damping"):
-        names += [f"command_{quantity}/{joint}" for joint in joints]
-    names += [f"imu_quaternion/{part}" for part in "wxyz"]
-    names += [f"{name}/{part}" for name in ("imu_angular_velocity", "imu_linear_acceleration") for part in "xyz"]
-    names += ["policy_frame", *(f"action/{name}" for name in action)]
-    rows = 0
+    count = 0
     with whole_file(path) as file:
         text = io.TextIOWrapper(file, encoding="utf-8", newline="")
         table = csv.writer(text, lineterminator="\n")
-        table.writerow(names)
-        for tick in recording.ticks():
-            table.writerow(_row(tick, len(action)))
-            rows += 1
+        table.writerow(column_names(recording))
+        for row in rows(recording):
+            table.writerow(row)
+            count += 1
         text.flush()
         text.detach()
-    return f"{rows} ticks"
-
-
-def _row(tick: TickRecord, actions: int) -> Iterator[object]:
-    state, command, step = tick.input.state, tick.output.command, tick.output.policy_step
-    yield float(state.time)
-    yield tick.output.control_mode.mode.name
-    yield tick.output.control_mode.controller_name
-    for values in (state.joint_position, state.joint_velocity, state.joint_effort):
-        yield from values.tolist()
-    for values in (command.position, command.velocity, command.effort, command.stiffness, command.damping):
-        yield from values.tolist()
-    for values in (state.imu_quaternion, state.imu_angular_velocity, state.imu_linear_acceleration):
-        yield from values.tolist()
-    yield "" if step is None else step.frame
-    answer = [] if step is None else step.action.reshape(-1).tolist()[:actions]
-    yield from answer + [""] * (actions - len(answer))
+    return f"{count} ticks"
 
 
 def _mp4(recording: Recording, path: Path, options: Export) -> str:
@@ -157,6 +132,7 @@ def _mp4(recording: Recording, path: Path, options: Export) -> str:
 def _rerun(recording: Recording, path: Path, options: Export) -> str:
     import tempfile  # noqa: PLC0415
 
+    from humanoid_sim.recording.columns import action_names  # noqa: PLC0415
     from humanoid_sim.rendering.rerun_log import RerunLog, rerun_module  # noqa: PLC0415
 
     library = rerun_module("record export --rerun")
@@ -165,21 +141,13 @@ def _rerun(recording: Recording, path: Path, options: Export) -> str:
         made = Path(folder, "run.rrd")
         stream = library.RecordingStream("humanoid_sim")
         stream.save(str(made))
-        log = RerunLog(library, stream, recording.header, body, _action_names(recording))
+        log = RerunLog(library, stream, recording.header, body, action_names(recording))
         for tick in recording.ticks():
             log.tick(tick)
         stream.flush()
         stream.disconnect()
         made.replace(path)
     return f"{log.count} poses"
-
-
-def _action_names(recording: Recording) -> tuple[str, ...]:
-    """Return the joints that the recorded policy drives."""
-    from humanoid_sim.stack import recorded_contract  # noqa: PLC0415
-
-    contract = recorded_contract(recording.header)
-    return () if contract is None else contract.action_joint_names
 
 
 def _body(recording: Recording, options: Export) -> RecordedBody:

@@ -15,6 +15,7 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import regular_file
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
+from humanoid_sim.recording import columns
 from humanoid_sim.recording.codec import decode_event, decode_tick
 from humanoid_sim.recording.header import DOCUMENTS, SESSION, HeaderError, parse_header
 from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
@@ -137,6 +138,18 @@ class Recording:
         if event.header is None:
             raise InputError(f"{self.path}: the policy that was loaded at {event.time:g} s cannot be read: damaged")
         return event.header
+
+    def arrays(self) -> dict[str, Any]:
+        """Return everything as arrays, a row per tick: see `columns.arrays`."""
+        return columns.arrays(self)
+
+    def frame(self) -> Any:
+        """Return a pandas frame, a row per tick: see `columns.frame`."""
+        return columns.frame(self)
+
+    def figure(self, *joints: str) -> Any:
+        """Draw positions and commands of joints as a Matplotlib figure: see `columns.figure`."""
+        return columns.figure(self, joints)
 
     def _decode(self, topic: str, message: Message) -> Entry:
         try:
