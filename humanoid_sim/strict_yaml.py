@@ -186,14 +186,14 @@ _LONGEST_VALUE = 60
 
 
 def schema_problem(
-    error: msgspec.ValidationError, document: Any, struct: type[msgspec.Struct], *, hidden: str = ""
+    error: msgspec.ValidationError, document: Any, struct: type[Any], *, hidden: str = ""
 ) -> str:
     """Return what msgspec has found wrong with a document, such as `joints[3].upper: is 'x', expected a number`.
 
     Args:
         error: of `msgspec.convert`.
         document: that was to be converted.
-        struct: to which.
+        struct: to which, a struct or a dataclass.
         hidden: a field of it that no file has.
     """
     problem, _, place = str(error).partition(" - at `$")
@@ -242,7 +242,7 @@ def value_at(document: Any, place: str) -> Any:
     return document
 
 
-def type_at(struct: type[msgspec.Struct], place: str) -> Any:
+def type_at(struct: type[Any], place: str) -> Any:
     """Return what a schema expects at a place: of several types a struct before others."""
     kind: Any = struct
     for key in _keys(place):

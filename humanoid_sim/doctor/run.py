@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import math
 import time
+from dataclasses import dataclass
+from typing import Any
 
 from rich.console import Console
 
 from humanoid_sim.cli import ExitStatus
+from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy, load_examined, robot_facts
-from humanoid_sim.doctor.overrides import pasting_for
+from humanoid_sim.doctor.overrides import Pasting, pasting_for
 from humanoid_sim.doctor.progress import SearchProgress
 from humanoid_sim.doctor.ranking import Ranking
 from humanoid_sim.doctor.report import print_ranking, ranking_document
@@ -23,11 +26,45 @@ from humanoid_sim.robots.description import load_robot, with_imu
 from humanoid_sim.session.sources import parse_velocity
 
 
+@dataclass(frozen=True)
+class Examination:
+    """Outcome of a search."""
+
+    ranking: Ranking
+    contract: PolicyContract
+    pasting: Pasting
+    """Where a change is to be written."""
+    is_interrupted: bool
+    """Ctrl-C ended it."""
+
+    def document(self) -> dict[str, Any]:
+        """Return the whole ranking, for JSON."""
+        return ranking_document(self.ranking, self.contract, self.pasting)
+
+    def print(self, console: Console, top: int) -> None:
+        """Print the first rows of the ranking, the conclusion, and what to change."""
+        print_ranking(console, self.ranking, self.contract, top, self.pasting)
+
+
 def doctor(config: DoctorConfig) -> int:
     """Search and print.
 
     Returns:
         0 if the contract as it is does best and keeps the robot up, 1 if not, 130 after Ctrl-C.
+
+    Raises:
+        InputError: as `examine`.
+    """
+    found = examine(config, Console(stderr=True))
+    if config.json:
+        print(json.dumps(found.document(), indent=2))
+    else:
+        found.print(make_console(), config.top)
+    return ExitStatus.INTERRUPTED if found.is_interrupted else ExitStatus.of(found.ranking.is_healthy)
+
+
+def examine(config: DoctorConfig, console: Console) -> Examination:
+    """Search, and show on a console how far it is.
 
     Raises:
         InputError: an option, the checkpoint or the motion is not accepted.
@@ -55,18 +92,12 @@ def doctor(config: DoctorConfig) -> int:
     pasting = pasting_for(config.checkpoint, config.contract or find_contract(config.checkpoint))
     ranking = Ranking(contradicts=examined.contradicts)
     interrupted = False
-    with SearchProgress(Console(stderr=True), ranking, plan) as progress:
+    with SearchProgress(console, ranking, plan) as progress:
         try:
             search(examined, robot_facts(examined.description, examined.motion), plan, ranking, progress)
         except KeyboardInterrupt:
             interrupted = True
-    if config.json:
-        print(json.dumps(ranking_document(ranking, examined.contract, pasting), indent=2))
-    else:
-        print_ranking(make_console(), ranking, examined.contract, config.top, pasting)
-    if interrupted:
-        return ExitStatus.INTERRUPTED
-    return ExitStatus.of(ranking.is_healthy)
+    return Examination(ranking, examined.contract, pasting, interrupted)
 
 
 def _check(config: DoctorConfig) -> None:

@@ -167,9 +167,9 @@ _REDRAW = 0.1
 class PlayConsole(Console):
     """Standard output; a reader that leaves (`| head -1`) neither ends nor fails a run."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, quiet: bool = False) -> None:
         # The channel `virtual:b` and the colon after its name are no emoji.
-        super().__init__(highlight=False, emoji=False, soft_wrap=not sys.stdout.isatty())
+        super().__init__(highlight=False, emoji=False, soft_wrap=not sys.stdout.isatty(), quiet=quiet)
         self.is_unread = False
         """Its reader has left."""
 

@@ -6,7 +6,10 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -28,16 +31,35 @@ from humanoid_sim.session.script import Script
 from humanoid_sim.session.session import SessionResult
 
 
-def play(config: PlayConfig) -> int:
-    """Run, report, and return the exit status.
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a run."""
 
-    0 for a run that ended as asked; 1 if a controller failed, a safety status was not OK, the robot fell or a file
-    could not be written; 128 plus the signal's number if a signal ended it.
+    status: int
+    """Exit status of `play`."""
+    summary: dict[str, Any]
+    """The final table, as `--summary` writes it; empty after a dry run."""
+    problems: tuple[str, ...]
+    """Parts of the run that failed while it went on, a line each."""
+    recording: Path | None
+    """File that was written."""
+
+
+def play(config: PlayConfig) -> int:
+    """Run, report, and return the exit status. Raises `InputError` before anything moves."""
+    return played(config, PlayConsole()).status
+
+
+def played(config: PlayConfig, console: PlayConsole) -> Outcome:
+    """Run, and report on a console.
+
+    The status is 0 for a run that ended as asked; 1 if a controller failed, a safety status was not OK, the robot fell
+    or a file could not be written; 128 plus the signal's number if a signal ended it.
 
     Raises:
         InputError: before anything moves.
     """
-    output, console = sys.stdout, PlayConsole()
+    output = sys.stdout
     refuse_beside_branch(config)
     config = with_recorded_options(config)
     plan = make_plan(config)
@@ -47,7 +69,7 @@ def play(config: PlayConfig) -> int:
         if plan.setup.bring_up is not None:
             left.callback(plan.setup.robot.close)
             if not bring_up(plan.setup.bring_up, config, console):
-                return 0
+                return Outcome(0, {}, (), None)
         run = assemble(plan, console)
         try:
             with _handled_signals(run) as received:
@@ -74,11 +96,10 @@ def play(config: PlayConfig) -> int:
             console.print(f"[bold red]failed:[/] {escape(problem)}")
         else:
             complain(f"failed: {problem}")
-    if received:
-        return 128 + received[0]
     fell = summary["base"] is not None and summary["base"]["fall"] is not None
     went_wrong = fell or ((run.monitor.faults or run.monitor.safety) and not config.inject)
-    return ExitStatus.of(not (problems or went_wrong))
+    status = 128 + received[0] if received else int(ExitStatus.of(not (problems or went_wrong)))
+    return Outcome(status, summary, tuple(problems), run.plan.outputs.record)
 
 
 def _introduce(console: Console, plan: Plan) -> None:

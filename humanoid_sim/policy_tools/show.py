@@ -73,17 +73,15 @@ def show(options: Show) -> int:
         layout = contract_layout(contract, checkpoint.observation_width)
     except FieldError as error:
         raise InputError(f"{options.checkpoint}: {error}") from None
-    golden, problem = _golden(checkpoint)
+    golden, problem = golden_verdict(checkpoint)
     if options.json:
-        print(json.dumps(_document(checkpoint, layout, golden, problem), indent=2, allow_nan=False))
+        print(json.dumps(policy_document(checkpoint, layout, golden, problem), indent=2, allow_nan=False))
         return ExitStatus.of(not problem)
     console = make_console()
     if note:
         console.print(f"[yellow]{escape(note)}[/yellow]", soft_wrap=True)
-    console.print(_overview(checkpoint, layout, golden, problem))
-    console.print(_joints(contract))
-    console.print(_observation(contract, layout))
-    console.print(_field_table("where it came from", field_lines(contract)))
+    for table in policy_tables(checkpoint, layout, golden, problem):
+        console.print(table)
     for finding in (
         ()
         if description is None
@@ -151,12 +149,28 @@ def make_console() -> Console:
     return Console(highlight=False, width=wide)
 
 
-def _golden(checkpoint: Checkpoint) -> tuple[str, str]:
+def golden_verdict(checkpoint: Checkpoint) -> tuple[str, str]:
     """Return what the golden vectors are worth, and what is wrong with them."""
     try:
         return verify_golden(checkpoint), ""
     except InputError as error:
         return "", str(error).removeprefix(f"{checkpoint.source}: ")
+
+
+def policy_tables(
+    checkpoint: Checkpoint, layout: ObservationLayout, golden: str, problem: str
+) -> tuple[Table, Table, Table, Table]:
+    """Return what is known of a checkpoint: overview, joints, observation, and where each field came from.
+
+    Args:
+        checkpoint: with its contract.
+        layout: of its observation.
+        golden: what its golden vectors are worth, from `golden_verdict`.
+        problem: what is wrong with them, likewise.
+    """
+    contract = checkpoint.contract
+    sources = _field_table("where it came from", field_lines(contract))
+    return _overview(checkpoint, layout, golden, problem), _joints(contract), _observation(contract, layout), sources
 
 
 def _overview(checkpoint: Checkpoint, layout: ObservationLayout, golden: str, problem: str) -> Table:
@@ -267,7 +281,8 @@ def _field_table(title: str, lines: list[FieldLine]) -> Table:
     return table
 
 
-def _document(checkpoint: Checkpoint, layout: ObservationLayout, golden: str, problem: str) -> dict[str, Any]:
+def policy_document(checkpoint: Checkpoint, layout: ObservationLayout, golden: str, problem: str) -> dict[str, Any]:
+    """Return what is known of a checkpoint, for JSON; arguments as for `policy_tables`."""
     policy, motion = checkpoint.policy, checkpoint.motion
     tensors = _model_document(policy.model) if isinstance(policy, OnnxPolicy) else {}
     return {

@@ -38,7 +38,12 @@ _RECORDINGS = Path("runs")
 
 
 def regress(config: RegressConfig) -> int:
-    """Run policies over a suite; the exit status is 1 if one is worse than the baseline.
+    """Run policies over a suite; the exit status is 1 if one is worse than the baseline. Raises as `tested` does."""
+    return ExitStatus.of(tested(config, Console(emoji=False)).passed)
+
+
+def tested(config: RegressConfig, verdicts: Console) -> Results:
+    """Run policies over a suite, write the files that were asked for, and print the verdicts on a console.
 
     Raises:
         InputError: if what was given cannot be used.
@@ -73,9 +78,8 @@ def regress(config: RegressConfig) -> int:
             executor = stack.enter_context(closing(RayExecutor(config.ray, processors))).run
         results, seconds = _run(config, prepared, baseline, policies, executor, console)
     if config.episode is None:
-        plain = Console(emoji=False)
         for candidate in results.candidates:
-            show_verdict(plain, results, candidate)
+            show_verdict(verdicts, results, candidate)
             if results.baseline is not None and candidate.worse:
                 say(console, _which_joints(config, candidate, results.baseline))
     documents: dict[Path | None, Callable[[], bytes]] = {
@@ -91,8 +95,8 @@ def regress(config: RegressConfig) -> int:
         documents[config.report] = lambda: report_page(results, pictures).encode()
     _write(documents)
     if config.record_failures is not None or config.episode is not None:
-        _record(config, prepared, policies, results)
-    return ExitStatus.of(results.passed)
+        _record(config, prepared, policies, results, verdicts)
+    return results
 
 
 def _which_joints(config: RegressConfig, candidate: Candidate, baseline: PolicyRun) -> str:
@@ -204,9 +208,15 @@ def run_policy(
     )
 
 
-def _record(config: RegressConfig, prepared: PreparedSuite, policies: Sequence[TestedPolicy], results: Results) -> None:
+def _record(
+    config: RegressConfig,
+    prepared: PreparedSuite,
+    policies: Sequence[TestedPolicy],
+    results: Results,
+    console: Console,
+) -> None:
     """Record failing episodes, or the one that was asked for."""
-    console, folder = Console(emoji=False), config.record_failures or _RECORDINGS
+    folder = config.record_failures or _RECORDINGS
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
