@@ -1,7 +1,23 @@
 """Run, test and deploy humanoid policies: one control stack in MuJoCo, on emulated motors and on the robot."""
 
 import sys
+from importlib import import_module
 from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from humanoid_sim.python_api import (
+        Diagnosis,
+        Policy,
+        Recording,
+        Simulation,
+        SuiteRun,
+        diagnose,
+        load_robot,
+        open_recording,
+        run_suite,
+        simulate,
+    )
 
 
 def _told_in_a_line(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
@@ -26,3 +42,27 @@ from humanoid_sim.envs.registration import register_with_gymnasium  # noqa: E402
 __version__ = "0.1.0"
 
 register_with_gymnasium()
+
+__all__ = [
+    "Diagnosis",
+    "Policy",
+    "Recording",
+    "Simulation",
+    "SuiteRun",
+    "diagnose",
+    "load_robot",
+    "open_recording",
+    "run_suite",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load the functions for notebooks and scripts when they are used first."""
+    if name in __all__:
+        return getattr(import_module("humanoid_sim.python_api"), name)
+    raise AttributeError(f"module 'humanoid_sim' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -72,8 +72,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
 _PATIENCE = 2.0
 """s that threads get to end after a test."""
 
-_CACHES = ("mesa_shader_cache", "fontconfig", "/dev/", "/proc/", "/sys/")
-"""Opened once by graphics drivers and left open for good."""
+_CACHES = ("mesa_shader_cache", "fontconfig", "mpl-data/fonts", "/dev/", "/proc/", "/sys/")
+"""Opened once by graphics drivers and Matplotlib, and left open for good."""
 
 
 def _open_files() -> dict[int, str]:

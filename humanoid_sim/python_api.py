@@ -1,0 +1,366 @@
+"""The programs as functions, for notebooks and scripts: options are keywords, results are objects.
+
+`humanoid_sim` offers them under its own name and loads them when they are used first. A result is shown as the program
+prints it, in a notebook as tables; it holds arrays, and becomes a pandas frame or a Matplotlib figure on request. Bad
+input raises `humanoid_sim.errors.InputError` with the line that the program would print.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
+from types import MappingProxyType
+from typing import Any, TypeAlias, TypeVar
+from weakref import finalize
+
+import msgspec
+from rich.console import Console
+
+from humanoid_sim.assets import policy_path
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.doctor import DoctorConfig
+from humanoid_sim.errors import InputError, MissingPackageError, known_names
+from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.describe import field_lines
+from humanoid_sim.policy.loaded_policy import contract_layout
+from humanoid_sim.policy_tools.show import golden_verdict, policy_document, policy_tables
+from humanoid_sim.recording.reader import Recording, open_recording
+from humanoid_sim.regress.options import RegressConfig, with_files
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.strict_yaml import schema_problem
+
+__all__ = [
+    "Diagnosis",
+    "Policy",
+    "Recording",
+    "Simulation",
+    "SuiteRun",
+    "diagnose",
+    "load_robot",
+    "open_recording",
+    "run_suite",
+    "simulate",
+]
+
+_Config = TypeVar("_Config", PlayConfig, DoctorConfig, RegressConfig)
+_WIDTH = 120
+"""Columns of what is printed into a text or a notebook."""
+_PAGE = '<pre style="line-height: 1.2; font-family: monospace">{code}</pre>'
+
+
+class _Shown:
+    """A result that is shown as its program prints it."""
+
+    def _print(self, console: Console) -> None:
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        console = self._printed()
+        return console.export_text()
+
+    def _repr_html_(self) -> str:
+        return self._printed().export_html(inline_styles=True, code_format=_PAGE)
+
+    def _printed(self) -> Console:
+        # Whatever it runs in, a terminal or a notebook, whose own way of showing things rich would take.
+        console = Console(
+            file=io.StringIO(), width=_WIDTH, highlight=False, emoji=False, record=True, force_jupyter=False
+        )
+        self._print(console)
+        return console
+
+
+@dataclass(frozen=True, repr=False)
+class Policy(_Shown):
+    """A checkpoint with its contract, shown as `policy show` does."""
+
+    name: str
+    """The file, or the name of a policy that ships, as it was given."""
+    checkpoint: Checkpoint
+    golden: str
+    """What its golden vectors are worth; empty without any."""
+    problem: str
+    """What its golden vectors say is wrong with it; empty for nothing."""
+
+    @classmethod
+    def load(cls, path: str | Path, *, contract: str | Path | None = None, robot: str | None = None) -> Policy:
+        """Load a checkpoint without running it on a robot.
+
+        Args:
+            path: ONNX file, or the name of a policy that ships with the package.
+            contract: a contract.yaml with what the checkpoint does not say; None: the one beside it.
+            robot: whose joints they are, where the contract names them by their places.
+
+        Raises:
+            InputError: the file cannot be used, or its contract lacks fields.
+        """
+        joints = None if robot is None else load_robot(robot).joint_names
+        file = None if contract is None else Path(contract)
+        checkpoint = load_checkpoint(policy_path(path, "Policy.load"), file, joints, verify=False)
+        return cls(str(path), checkpoint, *golden_verdict(checkpoint))
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return Path(self.checkpoint.source)
+
+    @property
+    def contract(self) -> PolicyContract:
+        """Joints, observation, action, rates."""
+        return self.checkpoint.contract
+
+    @property
+    def provenance(self) -> Mapping[str, str]:
+        """Source of each field of the contract, by its name."""
+        return MappingProxyType({line.name: line.source for line in field_lines(self.contract)})
+
+    def document(self) -> dict[str, Any]:
+        """Return everything as plain values, as `policy show --json` prints it."""
+        return policy_document(self.checkpoint, self._layout, self.golden, self.problem)
+
+    def __repr__(self) -> str:
+        joints, terms = len(self.contract.joint_names), len(self.contract.terms)
+        return f"Policy('{self.path}': {self.contract.task_type}, {joints} joints, {terms} observation terms)"
+
+    @cached_property
+    def _layout(self) -> Any:
+        return contract_layout(self.contract, self.checkpoint.observation_width)
+
+    def _print(self, console: Console) -> None:
+        for table in policy_tables(self.checkpoint, self._layout, self.golden, self.problem):
+            console.print(table)
+
+
+Given: TypeAlias = str | Path | Policy
+"""A policy: the name of one that ships, a file, or one that was loaded."""
+
+
+@dataclass(frozen=True, repr=False)
+class Simulation(_Shown):
+    """A run that has ended, shown as `play` reports it."""
+
+    passed: bool
+    """It ended as asked: no controller failed, the robot did not fall, every file was written."""
+    summary: Mapping[str, Any]
+    """The final table, as `play --summary` writes it, SI units and radians."""
+    problems: tuple[str, ...]
+    """Parts of the run that failed while it went on, a line each."""
+    recording: Recording
+
+    def arrays(self) -> dict[str, Any]:
+        """Return every tick as arrays by name: see `humanoid_sim.recording.columns.arrays`."""
+        return self.recording.arrays()
+
+    def frame(self) -> Any:
+        """Return a pandas frame with a row per tick. Raises `MissingPackageError` without pandas."""
+        return self.recording.frame()
+
+    def figure(self, *joints: str) -> Any:
+        """Draw joints' positions and commands. Raises as `humanoid_sim.recording.columns.figure`."""
+        return self.recording.figure(*joints)
+
+    def __repr__(self) -> str:
+        verdict = "passed" if self.passed else "failed"
+        return f"Simulation({self.summary['robot']}, {self.summary['policy']}: {verdict}, {self.summary['reason']})"
+
+    def _print(self, console: Console) -> None:
+        from humanoid_sim.play.report import print_report  # noqa: PLC0415 - heavy
+
+        print_report(console, dict(self.summary))
+        for problem in self.problems:
+            console.print(f"failed: {problem}", markup=False)
+
+
+def simulate(policy: Given | None = None, *, record: str | Path | None = None, **options: Any) -> Simulation:
+    """Run a policy on a simulated robot through the five modes, as fast as possible, and record every tick.
+
+    Call it from the main thread; Ctrl-C ends the run through DAMPING.
+
+    Args:
+        policy: what runs; None: the robot's sample policy.
+        record: the recording to write (.mcap); None: one that goes with the result.
+        options: those of `play`, such as `robot="lite_biped"`, `command="0.3,0,0"`, `policy_seconds=5`,
+            `script="damp; load_a"`; without `hardware`.
+
+    Raises:
+        InputError: an option, the policy or the robot is not accepted; nothing has moved then.
+        MissingPackageError: an optional package is not installed.
+    """
+    from humanoid_sim.play.console import PlayConsole  # noqa: PLC0415 - MuJoCo, and all that runs a robot
+    from humanoid_sim.play.early import refuse_early  # noqa: PLC0415
+    from humanoid_sim.play.run import played  # noqa: PLC0415
+    from humanoid_sim.rendering.backend import check_environment  # noqa: PLC0415
+
+    if options.get("hardware") is not None:
+        raise InputError(f"simulate: hardware is '{options['hardware']}', expected none; play --hardware drives motors")
+    folder = mkdtemp(prefix="humanoid_sim-") if record is None else None
+    path = Path(str(record)) if folder is None else Path(folder, "run.mcap")
+    given = {"viewer": "none", "video": "none", **options, **_of_policy(policy), "record": str(path)}
+    config = _config("simulate", PlayConfig, given)
+    refuse_early(config)
+    check_environment()
+    outcome = played(config, PlayConsole(quiet=True))
+    if outcome.status > 128:
+        raise KeyboardInterrupt
+    recording = open_recording(path)
+    if folder is not None:
+        finalize(recording, rmtree, folder, ignore_errors=True)
+    return Simulation(outcome.status == 0, outcome.summary, outcome.problems, recording)
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis(_Shown):
+    """What `policy doctor` has found, shown as it prints it."""
+
+    is_healthy: bool
+    """The contract as it is does best, and keeps the robot up."""
+    conclusion: str
+    ranking: tuple[Mapping[str, Any], ...]
+    """The changes that were tried, the best first, as `policy doctor --json` lists them."""
+    _examined: Any
+
+    def frame(self) -> Any:
+        """Return the ranking as a pandas frame. Raises `MissingPackageError` without pandas."""
+        return _frame({name: row[name] for name in _RANKED} for row in self.ranking)
+
+    def __repr__(self) -> str:
+        return f"Diagnosis({self.conclusion})"
+
+    def _print(self, console: Console) -> None:
+        self._examined.print(console, 10)
+
+
+_RANKED = ("rank", "hypothesis", "explanation", "stays_up", "time_up", "quality")
+
+
+def diagnose(policy: Given, robot: str, **options: Any) -> Diagnosis:
+    """Find out what is wired wrongly in a policy that does not behave; takes minutes, and shows how far it is.
+
+    Args:
+        policy: which.
+        robot: a shipped robot, `robot_descriptions:NAME`, a YAML file or an MJCF.
+        options: those of `policy doctor`, such as `motion`, `command`, `budget=60`.
+
+    Raises:
+        InputError: an option, the policy or the motion is not accepted.
+    """
+    from humanoid_sim.doctor.run import examine  # noqa: PLC0415 - MuJoCo, and all that runs a robot
+
+    chosen = _of_policy(policy)
+    checkpoint = policy_path(chosen.pop("policy"), "diagnose")
+    given = {**options, **chosen, "checkpoint": checkpoint, "robot": robot}
+    found = examine(_config("diagnose", DoctorConfig, given), Console(stderr=True))
+    if found.is_interrupted:
+        raise KeyboardInterrupt
+    document = found.document()
+    return Diagnosis(document["healthy"], document["conclusion"], tuple(document["ranking"]), found)
+
+
+@dataclass(frozen=True, repr=False)
+class SuiteRun(_Shown):
+    """What `regress` has found, shown as it prints it."""
+
+    passed: bool
+    """No policy is worse than the baseline by more than the suite tolerates."""
+    results: Any
+    """Everything, as `regress --json` writes it: a `humanoid_sim.regress.results.Results`."""
+
+    def document(self) -> dict[str, Any]:
+        """Return everything as plain values."""
+        document: dict[str, Any] = msgspec.to_builtins(self.results)
+        return document
+
+    def frame(self) -> Any:
+        """Return a pandas frame with a row per episode, the baseline's first. Raises `MissingPackageError`."""
+        baseline = () if self.results.baseline is None else (self.results.baseline,)
+        runs = (*baseline, *(candidate.run for candidate in self.results.candidates))
+        return _frame(
+            {
+                "policy": run.name,
+                "case": episode.case,
+                "seed": episode.seed,
+                "failure": episode.failure,
+                "duration": episode.duration,
+                **episode.metrics,
+            }
+            for run in runs
+            for episode in run.episodes
+        )
+
+    def __repr__(self) -> str:
+        names = ", ".join(candidate.run.name for candidate in self.results.candidates)
+        return f"SuiteRun({names} on {self.results.suite.name}: {'passed' if self.passed else 'failed'})"
+
+    def _print(self, console: Console) -> None:
+        from humanoid_sim.regress.show import show_candidate, show_detectable, show_run, show_verdict  # noqa: PLC0415
+
+        show_detectable(console, self.results)
+        for candidate in self.results.candidates:
+            if self.results.baseline is None:
+                show_run(console, self.results, candidate.run)
+            else:
+                show_candidate(console, self.results, candidate)
+            show_verdict(console, self.results, candidate)
+
+
+def run_suite(policies: Given | Iterable[Given], baseline: Given | None = None, **options: Any) -> SuiteRun:
+    """Run policies over a suite and compare them with a baseline; shows how far it is.
+
+    Args:
+        policies: one or several.
+        baseline: what to compare with: a policy, or a file of figures that `regress --write-baseline` wrote.
+        options: those of `regress`, such as `suite="lite_biped"`, `seeds=8`, `report="report.html"`.
+
+    Raises:
+        InputError: what was given cannot be used.
+    """
+    from humanoid_sim.regress.options import check_outputs  # noqa: PLC0415
+    from humanoid_sim.regress.run import tested  # noqa: PLC0415 - MuJoCo, and all that runs a robot
+
+    several = [policies] if isinstance(policies, str | Path | Policy) else list(policies)
+    given = {**options, "policies": [str(_path_of(policy)) for policy in several]}
+    if baseline is not None:
+        given["baseline"] = str(_path_of(baseline))
+    config = with_files(_config("run_suite", RegressConfig, {"quiet": True, **given}))
+    check_outputs(config)
+    results = tested(config, Console(quiet=True))
+    return SuiteRun(results.passed, results)
+
+
+def _path_of(policy: Given) -> str | Path:
+    return policy.name if isinstance(policy, Policy) else policy
+
+
+def _of_policy(policy: Given | None) -> dict[str, Any]:
+    """Return the options that name a policy; one that was loaded brings its contract's file."""
+    if policy is None:
+        return {}
+    file = policy.checkpoint.contract_file if isinstance(policy, Policy) else None
+    return {"policy": str(_path_of(policy)), **({} if file is None else {"contract": str(file)})}
+
+
+def _config(function: str, kind: type[_Config], given: Mapping[str, Any]) -> _Config:
+    """Return a program's options from keywords. Raises `InputError` for one that does not exist or is no such value."""
+    names = [item.name for item in fields(kind)]
+    for name in given:
+        if name not in names:
+            raise InputError(f"{function}: {known_names('option', name, names, listed=False)}")
+    plain = {name: str(value) if isinstance(value, Path) else value for name, value in given.items()}
+    try:
+        return msgspec.convert(plain, kind, dec_hook=lambda wanted, value: wanted(value))
+    except msgspec.ValidationError as error:
+        raise InputError(f"{function}: {schema_problem(error, plain, kind)}") from None
+
+
+def _frame(rows: Iterable[Mapping[str, Any]]) -> Any:
+    try:
+        import pandas as pd  # noqa: PLC0415 - an optional package
+    except ImportError:
+        raise MissingPackageError("pandas", "report", "a frame") from None
+    return pd.DataFrame(list(rows))

@@ -1,0 +1,155 @@
+"""What the programs do, as functions of `humanoid_sim`."""
+
+import gc
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import humanoid_sim
+from humanoid_sim import Policy, Simulation, diagnose, open_recording, run_suite, simulate
+from humanoid_sim.errors import InputError
+from humanoid_sim.messages import Mode
+from humanoid_sim.policy_tools import main as policy_program
+from humanoid_sim.record import main as record_program
+
+ORDERS = (
+    "import humanoid_sim.play, humanoid_sim.regress, humanoid_sim.policy; from humanoid_sim import {names}",
+    "from humanoid_sim import {names}; import humanoid_sim.play, humanoid_sim.regress, humanoid_sim.policy",
+)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_no_name_hides_a_module_whichever_is_imported_first(order: str) -> None:
+    code = order.format(names=", ".join(humanoid_sim.__all__))
+    told = "import humanoid_sim as h, types; print(*(isinstance(getattr(h, n), types.ModuleType) for n in h.__all__))"
+    ran = subprocess.run([sys.executable, "-c", f"{code}; {told}"], capture_output=True, text=True, check=True)
+    assert set(ran.stdout.split()) == {"False"}
+
+
+def test_importing_the_package_loads_none_of_it() -> None:
+    code = "import humanoid_sim, sys; print('mujoco' in sys.modules, 'onnxruntime' in sys.modules, *dir(humanoid_sim))"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    mujoco, onnxruntime, *names = ran.stdout.split()
+    assert (mujoco, onnxruntime) == ("False", "False")
+    assert {"simulate", "Policy", "__version__"} <= set(names)
+    with pytest.raises(AttributeError, match="has no attribute 'simulat'"):
+        humanoid_sim.simulat  # noqa: B018
+
+
+@pytest.fixture(scope="module")
+def run() -> Simulation:
+    return simulate("lite_tracking", motion="wave", policy_seconds=0.5)
+
+
+def test_a_run_has_what_play_reports_and_every_tick_as_arrays(run: Simulation) -> None:
+    assert run.passed
+    assert run.problems == ()
+    assert repr(run).startswith("Simulation(lite, ")
+    assert "LOCOMOTION" in str(run)
+    assert "START_LOCOMOTION requested" in run._repr_html_()
+    arrays = run.arrays()
+    ticks = list(run.recording.ticks())
+    assert arrays["position"].shape == (len(ticks), 14)
+    drives = arrays["mode"] == Mode.LOCOMOTION
+    for name, values in (
+        ("time", [tick.input.state.time for tick in ticks]),
+        ("command_stiffness", [tick.output.command.stiffness for tick in ticks]),
+        ("imu_quaternion", [tick.input.state.imu_quaternion for tick in ticks]),
+    ):
+        np.testing.assert_array_equal(arrays[name], values)
+    assert not np.isnan(arrays["action"][drives]).all(axis=1).all()
+    assert np.isnan(arrays["action"][~drives]).all()
+
+
+def test_a_frame_is_the_table_that_record_export_writes(run: Simulation, tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    file = tmp_path / "run.csv"
+    assert record_program(["export", str(run.recording.path), "--csv", str(file)]) == 0
+    pandas.testing.assert_frame_equal(run.frame(), pandas.read_csv(file), check_dtype=False, rtol=1e-12)
+
+
+def test_a_figure_shows_the_joints_that_are_named(run: Simulation) -> None:
+    drawn = run.figure("left_elbow_pitch", "right_elbow_pitch")
+    top, bottom = drawn.axes
+    assert "left_elbow_pitch" in top.get_ylabel()
+    command, position = bottom.lines
+    joint = run.recording.header.joint_names.index("right_elbow_pitch")
+    np.testing.assert_array_equal(position.get_ydata(), run.arrays()["position"][:, joint])
+    assert np.isnan(command.get_ydata()[0]), "nothing holds the robot in ZERO_TORQUE"
+    assert drawn._repr_png_().startswith(b"\x89PNG")
+    with pytest.raises(InputError, match=r"unknown joint 'elbow'"):
+        run.figure("elbow")
+
+
+def test_a_recording_that_was_named_stays(tmp_path: Path) -> None:
+    file = tmp_path / "kept.mcap"
+    made = simulate("placeholder", record=file, script="damp; hold 0.1; damp")
+    assert made.recording.path == file
+    assert open_recording(file).arrays()["time"].shape == made.arrays()["time"].shape
+
+
+def test_a_recording_that_was_not_named_goes_with_its_last_reader() -> None:
+    recording = simulate("placeholder", script="damp; hold 0.1; damp").recording
+    folder = recording.path.parent
+    assert len(recording.arrays()["time"]) > 10
+    del recording
+    gc.collect()
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        ({"polcy_seconds": 1}, r"simulate: unknown option 'polcy_seconds' \(did you mean 'policy_seconds'\?\)"),
+        ({"actuation": "afine"}, "simulate: actuation: is 'afine', expected one of qfrc_applied, affine, implicit"),
+        ({"duration": "long"}, "simulate: duration: is 'long', expected a number"),
+        ({"hardware": "can0"}, "simulate: hardware is 'can0', expected none"),
+        ({"robot": "lite_bipet"}, "unknown robot 'lite_bipet'"),
+    ],
+)
+def test_a_wrong_option_is_one_line(options: dict[str, object], line: str) -> None:
+    with pytest.raises(InputError, match=line) as raised:
+        simulate(**options)  # type: ignore[arg-type]
+    assert "\n" not in str(raised.value)
+
+
+def test_a_policy_is_what_policy_show_prints(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
+    policy = Policy.load("lite_tracking")
+    assert policy_program(["show", "lite_tracking"]) == 0
+    assert capsys.readouterr().out == str(policy)
+    assert policy_program(["show", "lite_tracking", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(policy.document()))
+    assert policy.provenance["joint_names"] == "metadata"
+    assert repr(policy).endswith("tracking, 14 joints, 5 observation terms)")
+    assert simulate(policy, script="damp; hold 0.1; damp").summary["policy"] == str(policy.path)
+
+
+def test_a_suite_is_run_and_its_episodes_are_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pandas")
+    found = run_suite("lite_tracking", "lite_tracking", only="wave", seeds=2)
+    assert found.passed
+    assert capsys.readouterr().out == ""
+    assert "PASS lite_tracking" in str(found)
+    frame = found.frame()
+    assert len(frame) == 4
+    assert set(frame["seed"]) == {0, 1}
+    assert frame["body_position_error"].notna().all()
+    assert found.document()["candidates"][0]["passed"] is True
+
+
+@pytest.mark.slow
+def test_a_diagnosis_ranks_changes(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pandas")
+    found = diagnose("lite_tracking", "lite", motion="wave", seconds=0.3, pairs=0, budget=20)
+    assert capsys.readouterr().out == ""
+    assert found.ranking[0]["rank"] == 1
+    assert list(found.frame()["rank"]) == [row["rank"] for row in found.ranking]
+    assert found.conclusion.split(".")[0] in " ".join(str(found).split())
