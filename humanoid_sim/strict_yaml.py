@@ -185,9 +185,7 @@ _LONGEST_VALUE = 60
 """Characters of a value that is shown in a message."""
 
 
-def schema_problem(
-    error: msgspec.ValidationError, document: Any, struct: type[Any], *, hidden: str = ""
-) -> str:
+def schema_problem(error: msgspec.ValidationError, document: Any, struct: type[Any], *, hidden: str = "") -> str:
     """Return what msgspec has found wrong with a document, such as `joints[3].upper: is 'x', expected a number`.
 
     Args:
