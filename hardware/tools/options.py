@@ -5,15 +5,20 @@ from __future__ import annotations
 import inspect
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
 
 import tyro
 
 from humanoid_sim.command_line import Commands
+from humanoid_sim.robots.motors import FAMILIES
 
 _Channel = Annotated[str, tyro.conf.Positional]
 """`can0`, or `interface:channel` for any interface of python-can."""
 _MotorId = Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="MOTOR_ID")]
+if TYPE_CHECKING:
+    _Family: TypeAlias = str
+else:
+    _Family = Literal[tuple(FAMILIES)]
 ParameterKind = Literal["u8", "i8", "u16", "i16", "u32", "i32", "f32"]
 
 
@@ -57,7 +62,7 @@ class Ping:
     """1 to 127."""
     count: int = 10
     """Times to ask."""
-    family: Literal["robstride", "sito"] = "robstride"
+    family: _Family = "robstride"
     """Whose protocol the motor speaks."""
     read_status: bool = False
     """Enable the motor for a moment, without torque, for its position, velocity, effort, temperature and faults."""
