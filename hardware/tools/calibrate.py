@@ -52,7 +52,7 @@ _SILENT = 1.0
 
 @dataclass(slots=True)
 class JointTrack:
-    """What was seen of one joint."""
+    """Positions seen of one joint."""
 
     angle: float = math.nan
     """rad, `direction · motor`, without an offset."""

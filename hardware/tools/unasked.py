@@ -115,7 +115,7 @@ def limp_motors(channels: RobstrideLink, joints: Sequence[int], guard: MotorGuar
 
 
 class Place(NamedTuple):
-    """Where a motor is."""
+    """Feedback of a motor that is moved."""
 
     position: float
     """rad, motor frame."""

@@ -52,7 +52,7 @@ class MotorModel:
     position: float = POSITION_RANGE
     """rad; old firmware has another one."""
     family: str = ""
-    """Whose protocol it speaks: a key of `FAMILIES`, whose row says so."""
+    """Key of `FAMILIES`, set by the family's row."""
 
     @property
     def stiffness_step(self) -> float:
