@@ -30,6 +30,8 @@ LOOKS_AGAIN = (
     "tests/test_cli.py::test_every_verb_is_a_program_with_help_and_one_line_for_bad_input",
     "tests/test_cli.py::test_the_list_of_verbs",
     "tests/test_contributing.py",
+    "tests/test_extras.py",
+    "tests/training/ppo/test_options.py::test_help_names_every_task_and_algorithm",
 )
 """Tests that list what there is."""
 

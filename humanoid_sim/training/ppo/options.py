@@ -18,9 +18,9 @@ class TrainConfig:
     """
 
     task: str = "auto"
-    """tracking (arms follow the bodies of a motion), motion (a whole body follows a motion), velocity, walking
-    (velocity, with a gait on the contract's clock), piano (a song is played), balance, or auto: the one that the
-    contract was made for. Or a class of your own: FILE.py:CLASS or MODULE:CLASS, as examples/own_task.py:HoldTask."""
+    """{humanoid_sim.envs.tasks.TASKS}, or auto: the one that the contract was made for. In tracking, arms follow the
+    bodies of a motion; in motion, a whole body does; walking is velocity with a gait on the contract's clock. Or a
+    class of your own: FILE.py:CLASS or MODULE:CLASS, as examples/own_task.py:HoldTask."""
     robot: str = "lite"
     """A shipped robot ({robots}), the path of a robot's YAML file or of an MJCF."""
     contract: str | None = None
