@@ -13,7 +13,7 @@ ROWS = re.findall(r"^\| ([^|]+\?) \| (`[^|]+) \|$", PAGE, re.MULTILINE)
 
 
 def test_every_question_has_an_answer() -> None:
-    assert len(ROWS) == PAGE.count("? |") > 16
+    assert 16 < len(ROWS) == PAGE.count("? |") <= 30, "only what names cannot say"
 
 
 @pytest.mark.parametrize(("question", "answer"), ROWS, ids=[question for question, _ in ROWS])
