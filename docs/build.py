@@ -33,12 +33,12 @@ LINK = re.compile(r"\[([^\]]*)\]\((?!https?:|mailto:|#)([^)#\s]+)(#[^)\s]*)?\)")
 STRUCTS = re.compile(r"^<!-- structs: ([\w.]+), (\w+) first(?:, without (\w+))? -->$", re.MULTILINE)
 """In whose place a page gets the fields of all structs of a module: which one comes first, which field is none."""
 PICTURES = {"image/png": "png", "image/webp": "webp"}
-"""What a notebook can show as a picture, and how files of it end."""
+"""Pictures that a notebook can show, and their files' suffixes."""
 TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
 
 
 class SiteError(Exception):
-    """What is wrong with the site, a line each."""
+    """Problems of the site, a line each."""
 
 
 def page_of(path: PurePosixPath) -> PurePosixPath | None:
@@ -137,7 +137,7 @@ def stage(folder: Path) -> None:
 
 @dataclass
 class Page(HTMLParser):
-    """What a built page says of itself: where it can be linked to, where it leads, what it loads."""
+    """A built page's own data: where it can be linked to, where it leads, what it loads."""
 
     text: str
     anchors: set[str] = field(default_factory=set)

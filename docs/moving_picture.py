@@ -38,7 +38,7 @@ SIZE = 640, 360
 FRAME = 80
 """ms that a frame of a video is shown: 12.5 frames a second."""
 SONG, SONG_STEP = "ode_to_joy", 0.02
-"""What the hands play, and s between two rows of it."""
+"""Notes that the hands play, and s between two rows of them."""
 VIDEOS = (
     ("arms", ("--motion", "wave"), 5.2, 9.6),
     ("biped", ("--robot", "lite_biped", "--command", "0.5,0,0"), 5.2, 9.6),

@@ -33,7 +33,7 @@ class Options:
     """effort: gravity's torque itself, no stiffness, a little damping; pd: a position offset that makes the spring of
     the robot's own gains carry the weight."""
     robot: str = "lite"
-    """Whose model this program uses: a shipped robot ({robots}), the path of a robot's YAML file, or of an MJCF."""
+    """Robot of the model to use: a shipped robot ({robots}), the path of a robot's YAML file, or of an MJCF."""
     damping: float = 1.0
     """N·m·s/rad, of the effort form."""
 

@@ -29,7 +29,7 @@ PERIOD = 0.005
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwayMemory(Memory):
-    """Where it began."""
+    """Position at the start."""
 
     time: float = 0.0
     """s"""

@@ -1,6 +1,7 @@
-"""The families of motors that can be driven: what talks to them. A new one is a folder beside `robstride/`, and a line.
+"""The families of motors that can be driven: what talks to them. A new one is a folder beside `sito/`, and a row here.
 
-What a family's protocol has and has not is in `humanoid_sim.robots.motors`, in its row of `FAMILIES`.
+What a family's protocol has and has not is in `humanoid_sim.robots.motors`, in its row of `FAMILIES`. CONTRIBUTING.md
+has an example.
 """
 
 from __future__ import annotations
@@ -8,13 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
+from humanoid_sim.hardware.emulated_motor import Firmware
 from humanoid_sim.hardware.motors import FrameEncoder, MotorGroup, MotorLink, Rescue, SessionTerms
 from humanoid_sim.hardware.robstride.session import RobstrideEncoder, RobstrideSession
+from humanoid_sim.hardware.sito.emulated import SitoFirmware
 from humanoid_sim.hardware.sito.frames import SitoEncoder, rescue_frames
 from humanoid_sim.hardware.sito.session import SitoSession
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.motors import MotorModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,12 +31,15 @@ class Driver:
     rescue: Callable[[MotorGroup, FloatArray], Sequence[Rescue]] | None = None
     """For a family without a timeout, what a guardian sends to each motor; the array is the damping of each, shape
     (motors,), N·m·s/rad."""
+    emulated: Callable[[MotorModel, int, bool], Firmware[Any]] | None = None
+    """An emulated motor, from its model, its id and whether it ignores commands until it is enabled; None: emulation
+    has its own, whose motors differ one by one."""
 
 
 DRIVERS: Mapping[str, Driver] = MappingProxyType(
     {
         # In the order in which they are asked whether a frame is theirs: Robstride's identifiers have no mark.
-        "sito": Driver(SitoSession, SitoEncoder, rescue_frames),
+        "sito": Driver(SitoSession, SitoEncoder, rescue_frames, SitoFirmware),
         "robstride": Driver(RobstrideSession, RobstrideEncoder),
     }
 )

@@ -1,6 +1,6 @@
 """Motors of any family, as a host knows them: where they are, what is heard of them, and what a session does with them.
 
-A family's folder (`robstride`, `sito`) has a `MotorLink` and a `FrameEncoder`; `families` says which.
+A family's folder has a `MotorLink` and a `FrameEncoder`; `families` says which.
 """
 
 from __future__ import annotations
@@ -51,6 +51,11 @@ class MotorGroup:
     def of_family(self, family: str) -> tuple[int, ...]:
         """Return indices of the motors of a family."""
         return tuple(i for i, model in enumerate(self.model) if model.family == family)
+
+    @property
+    def unasked(self) -> tuple[int, ...]:
+        """Indices of the motors that cannot be asked who and where they are."""
+        return tuple(i for i, model in enumerate(self.model) if not FAMILIES[model.family].has_questions)
 
     def select(self, indices: Sequence[int]) -> MotorGroup:
         """Return some of these motors as a group of their own, in this order."""

@@ -8,11 +8,70 @@ import importlib
 import io
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
+from types import MappingProxyType
 
 from humanoid_sim.errors import InputError, RobotError, known_names, missing_system, was_interrupted
+
+
+@dataclass(frozen=True, slots=True)
+class FrontEnd:
+    """Facts about a front end that are known without importing it."""
+
+    help: str
+    """Its line in the list of verbs."""
+    purpose: str
+    """Noun for messages."""
+    option: str = ""
+    """Option of `play` that starts it; empty: it is started by its name alone."""
+    packages: tuple[str, ...] = ()
+    """Packages that it imports, other than those that this package always needs."""
+    extra: str = ""
+    """Extra of this package that installs them."""
+
+
+FRONT_ENDS: Mapping[str, FrontEnd] = MappingProxyType(
+    {
+        "gamepad": FrontEnd("drive a running session with a gamepad", "a gamepad", "--gamepad", ("pygame",), "gamepad"),
+        "midi": FrontEnd(
+            "tell a running session which keys of a MIDI keyboard are down",
+            "a MIDI keyboard",
+            "--midi",
+            ("rtmidi",),
+            "midi",
+        ),
+        "gravity": FrontEnd(
+            "compensate gravity in REMOTE, on a running session", "gravity compensation, for REMOTE", "--remote"
+        ),
+        "console": FrontEnd(
+            "serve a page for the operator, on a running session",
+            "the browser console",
+            "--console",
+            ("viser", "mjviser", "plotly", "websockets"),
+            "console",
+        ),
+        "viewer": FrontEnd(
+            "watch a running session in a window, or move a robot's joints by sliders", "MuJoCo's window", "--viewer"
+        ),
+        "dds": FrontEnd(
+            "serve a running session to ROS 2 and DDS, and take commands for REMOTE",
+            "the DDS bridge",
+            "--dds",
+            ("cyclonedds",),
+            "dds",
+        ),
+        "foxglove": FrontEnd(
+            "serve a running session to Foxglove", "a server for Foxglove", "--foxglove", ("foxglove",), "foxglove"
+        ),
+        "rerun": FrontEnd(
+            "watch a running session in rerun's viewer", "rerun's viewer", "--viewer", ("rerun", "rerun_cli"), "rerun"
+        ),
+    }
+)
+"""Front ends by name, which is also that of the module `humanoid_sim/<name>.py` and of the verb."""
 
 VERBS = {
     "play": "run a policy on a robot, simulated by default",
@@ -29,15 +88,8 @@ VERBS = {
     "regress": "compare policies over a suite, with confidence intervals; exit 1 on a regression",
     "hardware": "find, test and calibrate motors on a CAN bus, or emulate them",
     "training": "train a policy for any task",
-    "gamepad": "drive a running session with a gamepad",
-    "midi": "tell a running session which keys of a MIDI keyboard are down",
-    "gravity": "compensate gravity in REMOTE, on a running session",
-    "console": "serve a page for the operator, on a running session",
-    "viewer": "watch a running session in a window, or move a robot's joints by sliders",
-    "dds": "serve a running session to ROS 2 and DDS, and take commands for REMOTE",
-    "foxglove": "serve a running session to Foxglove",
+    **{name: front_end.help for name, front_end in FRONT_ENDS.items()},
     "ros2_services": "serve the modes of a running session as ROS 2 services, with ROS 2's Python",
-    "rerun": "watch a running session in rerun's viewer",
 }
 _MODULES = {"policy": "policy_tools"}
 """Verbs whose program lies beside the library that they are named after."""

@@ -71,7 +71,7 @@ class PolicyRun:
 
 @dataclass(frozen=True, slots=True)
 class Distance:
-    """How far one run is from the reference: root mean square over all frames and joints, and the largest."""
+    """Distance of one run from the reference: root mean square over all frames and joints, and the largest."""
 
     name: str
     frames: int
@@ -83,7 +83,7 @@ class Distance:
     position_max: float
     """rad"""
     worst_joint: str
-    """Where the largest is."""
+    """Place of the largest."""
     velocity_rms: float
     """rad/s"""
     action_rms: float

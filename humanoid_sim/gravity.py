@@ -80,7 +80,7 @@ class GravityConfig:
     session: int | None = None
     """Process id of the session. Default: the only one that runs."""
     form: GravityForm = "effort"
-    """How it commands: as feed-forward effort, or as a PD position offset."""
+    """Form of the command: feed-forward effort, or a PD position offset."""
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--form pd", "the arms keep their pose"),)
 

@@ -95,7 +95,7 @@ OK = SafetyStatus()
 
 @dataclass(frozen=True, slots=True)
 class ControlMode:
-    """Who is in control, and the latest thing an operator should know about it."""
+    """Mode and controller in force, and the latest thing an operator should know about them."""
 
     mode: Mode
     controller_name: str

@@ -32,7 +32,7 @@ class ModeOptions:
     """
 
     intent: Intent
-    """What to ask for: damp, load_a, load_b, start_locomotion, start_remote, quit or reactivate."""
+    """Intent to ask for: damp, load_a, load_b, start_locomotion, start_remote, quit or reactivate."""
     session: int | None = None
     """Process id of the session. Default: the only one that runs."""
 

@@ -44,11 +44,11 @@ class PlantsConfig:
     robot: str = "lite"
     """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF."""
     motion: str | None = None
-    """What the policy follows: a sample motion or a file. Default: wave for the sample policy, else its own."""
+    """Motion that the policy follows: a sample motion or a file. Default: wave for the sample policy, else its own."""
     command: str = "0.3,0,0"
     """Velocity command vx,vy,wz in m/s, m/s and rad/s, of a policy that walks."""
     seconds: float = 8.0
-    """How much of the motion."""
+    """Length of the part of the motion that is played."""
     step: tuple[float, ...] = _STEPS
     """Physics steps of the implicit plant, s; those that do not divide the policy's period are left out."""
     json: bool = False

@@ -41,7 +41,7 @@ class RecordDataset:
     repo_id: str | None = None
     """Its id, should it go to a hub, user/name. Default: local/<name of the folder>."""
     task: str | None = None
-    """What the robot does, in words. Default: made from the motion's or the policy's name."""
+    """The robot's task, in words. Default: made from the motion's or the policy's name."""
     modes: tuple[Literal["locomotion", "remote"], ...] = ("locomotion", "remote")
     """Modes from which to take episodes."""
     fps: int | None = None

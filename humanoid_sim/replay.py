@@ -24,7 +24,7 @@ from humanoid_sim.recording.repeat import InferenceReport, RepeatReport, StackBu
 
 _PLACEHOLDER = "placeholder"
 _TOLERANCE = 1e-4
-"""Of an action: above what float32 sums in another order differ by, far below what any joint shows."""
+"""Difference of an action: above what float32 sums in another order differ by, far below what any joint shows."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class ReplayConfig:
     """ONNX checkpoint, or a shipped policy ({policies}), for --infer, which it implies. Default: the file that
     the recording names."""
     tolerance: float | None = None
-    """Of --infer: largest difference of an action (a share of it beyond 1) that is still the same answer. Default:
+    """With --infer: largest difference of an action (a share of it beyond 1) that is still the same answer. Default:
     1e-4, which another processor or build of ONNX Runtime stays below; 0: bit for bit."""
     json: bool = False
     """Print the result as JSON."""

@@ -129,9 +129,9 @@ class _Viewer:
 
     process: subprocess.Popen[bytes]
     source: str
-    """Where it takes what it shows."""
+    """Address at which it takes data."""
     told: str
-    """What to tell an operator."""
+    """Line for an operator."""
     output: IO[bytes]
 
     def complaint(self) -> str:
@@ -148,7 +148,7 @@ class _Teller:
     library: Any
     stream: Any
     keeps_up: bool = True
-    """Whether the viewer has taken all that was sent."""
+    """True once the viewer has taken all that was sent."""
 
     def tell(self, text: str) -> None:
         """Send the status, if the viewer has taken what was sent before."""

@@ -57,13 +57,13 @@ class Convert:
     source: tyro.conf.Positional[Path]
     """A URDF, whose meshes are looked for beside it, or a ROS 2 parameter file (.yaml)."""
     base: Literal["floating", "fixed"] | None = None
-    """Of a URDF: whether the root link floats, as a walking robot's does, or is fixed to the world."""
+    """For a URDF: the root link floats, as a walking robot's does, or is fixed to the world."""
     robot: str | None = None
-    """Of a parameter file: the robot, a shipped one, its YAML file, or an MJCF."""
+    """For a parameter file: the robot, a shipped one, its YAML file, or an MJCF."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """File to write. Default, of a URDF: beside it, with .xml for .urdf."""
     imu: str | None = None
-    """Of a URDF: the link that the IMU is fixed to."""
+    """For a URDF: the link that the IMU is fixed to."""
     overwrite: bool = False
     """Replace the output if it exists."""
 

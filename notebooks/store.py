@@ -20,7 +20,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "notebooks"
 KEY = "humanoid_sim"
-"""Of the notebook's metadata, where `fingerprint` is kept."""
+"""Key of the notebook's metadata where `fingerprint` is kept."""
 LIMIT = 300
 """s that a cell may take; `--limit` gives another."""
 _FOLDERS = {"IPYTHONDIR": "ipython", "JUPYTER_RUNTIME_DIR": "runtime", "TMPDIR": "tmp", "MPLCONFIGDIR": "mpl"}

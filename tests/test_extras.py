@@ -33,7 +33,6 @@ NOT_IMPORTED = {
     "mermaidx": "the site's pictures",
     "mkdocstrings-python": "the site's reference",
     "zensical": "the site",
-    "import-linter": "a program",
     "mypy": "a program",
     "pytest-timeout": "a plugin",
     "pytest-xdist": "a plugin",

@@ -1,1 +1,1 @@
-"""What makes and measures the package, and is not installed with it: `python -m tools.samples`, `tools.bench`."""
+"""Programs that make and measure the package, not installed with it: `python -m tools.samples`, `tools.bench`."""

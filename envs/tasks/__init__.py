@@ -4,7 +4,7 @@ Single, vector and `dm_env` environments, training and regression all judge a po
 package. Everything takes and returns arrays `(..., n)`; nothing simulates and nothing is random but the numbers that a
 caller hands in.
 
-A new task is a class in a file of its own, and an entry in `TASKS`.
+A new task is a class in a file of its own, and an entry in `TASKS`: CONTRIBUTING.md has an example.
 """
 
 from __future__ import annotations
@@ -40,9 +40,6 @@ TASKS: Mapping[str, type[Task]] = MappingProxyType(
 TASK_OPTIONS = ("weights", "episode_seconds", "joint_noise", "velocity_noise", "rewards")
 """Options of any task; the rest comes from the robot."""
 
-_NEEDS = {"tracking": "motion_body_pos_b", "motion": "reference_joint_pos", "piano": "target_keys"}
-"""Term of the reference that a task reads."""
-
 
 def make_task(
     task: str | type[Task],
@@ -65,10 +62,11 @@ def make_task(
     name = task
     if name == "auto":
         walks = description.is_floating and contract.task_type == "locomotion"
-        followed = (task for task, term in _NEEDS.items() if term in reference.terms)
+        followed = (name for name, kind in TASKS.items() if kind.REFERENCE in reference.terms)
         name = next(followed, "velocity" if walks else "balance")
     if name not in TASKS:
         raise InputError(f"task: {known_names('task', name, ('auto', *TASKS))}")
-    if name in _NEEDS and _NEEDS[name] not in reference.terms:
-        raise InputError(f"task: {name} needs a motion with {_NEEDS[name]}, and the policy's has none")
-    return TASKS[name](description, contract, reference, **options)
+    kind = TASKS[name]
+    if kind.REFERENCE and kind.REFERENCE not in reference.terms:
+        raise InputError(f"task: {name} needs a motion with {kind.REFERENCE}, and the policy's has none")
+    return kind(description, contract, reference, **options)

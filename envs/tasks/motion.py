@@ -43,6 +43,7 @@ class MotionTask(Task):
     """
 
     FOLLOWS_MOTION = True
+    REFERENCE = "reference_joint_pos"
     WEIGHTS: ClassVar[Mapping[str, float]] = MappingProxyType(
         {"joint_position": 1.0, "anchor_position": 0.5, "anchor_orientation": 0.5, **Task.WEIGHTS}
     )

@@ -43,6 +43,7 @@ class PianoTask(Task):
     """
 
     FOLLOWS_MOTION = True
+    REFERENCE = "target_keys"
     WEIGHTS: ClassVar[Mapping[str, float]] = MappingProxyType(
         {"keys_hit": 0.5, "no_wrong_key": 0.5, "reach": 0.25, "energy": -0.0005, "low_wrist": -5.0, **Task.WEIGHTS}
     )

@@ -93,6 +93,8 @@ class Task(ABC):
     """1/s per unit of each term."""
     FOLLOWS_MOTION: ClassVar[bool] = False
     """True of a task that ends with its motion, not after a time."""
+    REFERENCE: ClassVar[str] = ""
+    """Term of the reference without which it means nothing; `auto` takes the first task whose term is there."""
 
     bodies: tuple[str, ...] = ()
     """Bodies, with a site of the same name each, whose poses and velocities the task looks at beside the motion's."""

@@ -38,6 +38,7 @@ class TrackingTask(Task):
     """
 
     FOLLOWS_MOTION = True
+    REFERENCE = "motion_body_pos_b"
     WEIGHTS: ClassVar[Mapping[str, float]] = MappingProxyType(
         {"body_position": 1.0, "body_orientation": 0.5, **Task.WEIGHTS}
     )

@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.emulation.interface import Reaction, Sensed
+from humanoid_sim.hardware.emulated_motor import Reaction, Sensed
 from humanoid_sim.hardware.emulation.motor_state import (
     NO_FAULT,
     NO_STATUS_FAULT,

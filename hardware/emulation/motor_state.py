@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from humanoid_sim.hardware.emulation.interface import Sensed
+from humanoid_sim.hardware.emulated_motor import Sensed
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, Scale, StatusFault, WarningBit
 from humanoid_sim.hardware.robstride.firmware import Firmware, FirmwareVersion
 from humanoid_sim.hardware.robstride.messages import DEFAULT_HOST_ID, BaudRate, OperationControl, Protocol

@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.emulated_motor import Drive, Firmware, Reaction, Sensed
 from humanoid_sim.hardware.emulation.firmware import wrapped
-from humanoid_sim.hardware.emulation.interface import Drive, Firmware, Reaction, Sensed
 from humanoid_sim.hardware.emulation.plant import MotorPlant
 from humanoid_sim.hardware.emulation.robstride_motor import RobstrideFirmware
 from humanoid_sim.hardware.emulation.settings import EmulationSettings, motor_identities
-from humanoid_sim.hardware.emulation.sito_motor import SitoFirmware
+from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.mit import FloatArray, mit_torque
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MotorModel, motor_model
@@ -331,8 +331,9 @@ def _make_firmwares(description: RobotDescription, settings: EmulationSettings) 
         if motor is None:
             continue
         model = motor_model(motor.model)
-        if model.family == "sito":
-            made.append(SitoFirmware(model, motor.can_id, is_deaf=settings.sito_deaf_until_enabled))
-        else:
+        emulated = DRIVERS[model.family].emulated
+        if emulated is None:
             made.append(RobstrideFirmware(next(identities), motor.can_id))
+        else:
+            made.append(emulated(model, motor.can_id, settings.deaf_until_enabled))
     return tuple(made)

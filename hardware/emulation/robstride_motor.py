@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.emulated_motor import Drive, Reaction, Sensed
 from humanoid_sim.hardware.emulation import firmware
-from humanoid_sim.hardware.emulation.interface import Drive, Reaction, Sensed
 from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState, Stored
 from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names

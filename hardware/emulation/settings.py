@@ -52,9 +52,9 @@ class EmulationSettings:
     """m, of a floating base; None: the description's."""
     anchor_body: str = ""
     """MJCF body whose pose is part of the truth; empty for none."""
-    sito_deaf_until_enabled: bool = False
-    """True if a Sito motor ignores gains and commands while it is disabled, which is not known: it then starts with
-    those of its last host."""
+    deaf_until_enabled: bool = False
+    """True if a motor without a timeout, such as a Sito, ignores gains and commands while it is disabled, which is not
+    known: it then starts with those of its last host."""
     seed: int = 0
     """Seed of the random faults, and of the motors' unique ids."""
 

@@ -39,9 +39,9 @@ __all__ = [
 ]
 
 _ANY_MODEL = MOTORS["rs-00"]
-"""Of motors whose model is not known: it scales only the values of statuses, which are then not shown."""
+"""Model of motors that are not known: it scales only the values of statuses, which are then not shown."""
 _TROUBLE = (BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.UNREADABLE)
-"""What explains that nothing comes back, the most telling first."""
+"""Events that explain silence, the most telling first."""
 _EMULATED = frozenset({"virtual", "udp_multicast"})
 """Interfaces on which no real motor can be."""
 

@@ -22,7 +22,7 @@ _RULES = Path("udev/rules.d/70-humanoid-can.rules")
 """Before udev's own 80-net-setup-link.rules, which name what has no name yet."""
 _HIGHEST_PORT = 15
 _PLACEHOLDER = "SERIAL"
-"""What help and pages write for a serial number."""
+"""Placeholder for a serial number in help and pages."""
 _NOT_TRIED = "No real adapter was there to try this on: look at what --check says, and at your adapter's own manual."
 _HEADING = """\
 # CAN interfaces of a robot. Written by `python -m humanoid_sim.hardware bring-up`.
@@ -35,7 +35,7 @@ class Adapter:
 
     serial: str
     port: int | None = None
-    """Of an adapter with several channels, from 0."""
+    """Number of the port of an adapter with several, from 0."""
 
 
 def bring_up(config: BringUp) -> int:

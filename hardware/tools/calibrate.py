@@ -32,14 +32,15 @@ from humanoid_sim.hardware.calibration import (
     load_calibration,
     save_calibration,
 )
+from humanoid_sim.hardware.motors import MotorLink
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.sito.session import SitoSession
 from humanoid_sim.hardware.tools.bench import nobody, open_bench, require_up, silence
 from humanoid_sim.hardware.tools.options import Calibrate
-from humanoid_sim.hardware.tools.sito_bench import limp_sito
 from humanoid_sim.hardware.tools.terminal import confirm, make_console, make_table
+from humanoid_sim.hardware.tools.unasked import limp_motors
 from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.motors import FAMILIES
 
 _ANSWER_TIME = 0.1
 """s that a poll waits for the slowest motor; as a rule all have answered within a few ms."""
@@ -51,7 +52,7 @@ _SILENT = 1.0
 
 @dataclass(slots=True)
 class JointTrack:
-    """What was seen of one joint."""
+    """Positions seen of one joint."""
 
     angle: float = math.nan
     """rad, `direction · motor`, without an offset."""
@@ -149,7 +150,7 @@ def calibrate(config: Calibrate) -> int:
     _check_options(config)
     addresses = parse_addresses(config.channels)
     wiring = make_wiring(description, len(addresses))
-    limp = [i for i in wiring.of_family("sito") if i in chosen]
+    limp = [i for i in wiring.unasked if i in chosen]
     if limp:
         names = ", ".join(wiring.names[i] for i in limp)
         print(f"{names}: say nothing before they are enabled, and are enabled without gains and current for the sweep")
@@ -223,10 +224,12 @@ def _sweep(
     console = make_console()
     print(f"{description.name}: move each joint by hand from stop to stop; {_how_to_end(config)}")
     with contextlib.ExitStack() as shown:
-        limp = [i for i in wiring.of_family("sito") if i in chosen]
-        session = shown.enter_context(limp_sito(channels, limp)) if limp else None
+        places: dict[int, Callable[[], float]] = {}
+        for family in FAMILIES:
+            if limp := [i for i in wiring.of_family(family) if i in wiring.unasked and i in chosen]:
+                session = shown.enter_context(limp_motors(channels, limp))
+                places |= {i: partial(_place, session, k) for k, i in enumerate(limp)}
         begin = next_table = time.monotonic()
-        places = {} if session is None else {i: partial(_place, session, k) for k, i in enumerate(limp)}
         tracks = JointTracks(wiring, channels, chosen, begin, places)
         live = shown.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
         while True:
@@ -246,11 +249,11 @@ def _sweep(
     return tracks.by_joint
 
 
-def _place(session: SitoSession, motor: int) -> float:
+def _place(session: MotorLink, motor: int) -> float:
     """rad, motor frame; NaN once it has been silent for a while."""
-    slot = session.slots[motor]
-    is_silent = time.monotonic() - slot.heard > _LATE
-    return math.nan if is_silent or slot.position is None else slot.position.value.position
+    readings = session.readings()
+    is_silent = time.monotonic() - readings.time[motor] > _LATE
+    return math.nan if is_silent else float(readings.position[motor])
 
 
 def _how_to_end(config: Calibrate) -> str:

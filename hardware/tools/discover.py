@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from rich.markup import escape
 
@@ -15,11 +15,12 @@ from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
 from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.hardware.sito.listening import LISTENING, NO_QUESTION, SitoEar
 from humanoid_sim.hardware.tools.bench import advice_for_silence, channel_trouble, open_bench, require_up, some_motors
 from humanoid_sim.hardware.tools.options import Discover
 from humanoid_sim.hardware.tools.terminal import make_console, make_table
+from humanoid_sim.hardware.tools.unasked import LISTENING, Ear, Heard, no_question, title
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.motors import FAMILIES
 
 _LATE = 0.1
 """s to wait for late answers at the end."""
@@ -44,9 +45,8 @@ def discover(config: Discover) -> int:
     if config.robot is not None:
         description = load_robot(config.robot)
         wiring = make_wiring(description, len(addresses))
-    ear = SitoEar()
     with open_bench(addresses, config.host_id, some_motors([], [])) as channels:
-        channels.line.listeners.insert(0, ear.receive)
+        ears = {name: Ear(name, channels) for name, family in FAMILIES.items() if not family.has_questions}
         end = time.monotonic() + LISTENING
         found: dict[tuple[int, int], set[bytes]] = {}
         for channel, reply in channels.requests.scan(range(config.first, config.last + 1), _LATE, config.wait):
@@ -56,17 +56,20 @@ def discover(config: Discover) -> int:
         found = dict(sorted(found.items()))
         firmware = _firmware(channels, found) if config.firmware else None
         troubles = {i: channel_trouble(channels, i) for i in range(len(addresses))}
-    joints = {} if wiring is None else _joints(wiring, "robstride")
+        heard = {name: ear.heard() for name, ear in ears.items()}
+    joints = {} if wiring is None else _joints(wiring, [name for name in FAMILIES if name not in heard])
     if found:
         _print(addresses, found, firmware, joints if wiring is not None else None)
-    _print_sito(addresses, ear, wiring)
+    for family, motors in heard.items():
+        _print_heard(addresses, family, motors, wiring)
+    speaking = {*found, *(place for motors in heard.values() for place in motors)}
     for i, address in enumerate(addresses):
-        if not any(channel == i for channel, _ in (*found, *ear.motors)):
+        if not any(channel == i for channel, _ in speaking):
             trouble = f" ({troubles[i]})" if troubles[i] else ""
             complain(f"no motor answers on {address}{trouble}: ids {config.first} to {config.last} were asked")
             for line in advice_for_silence(str(address)):
                 complain(f"  {line}")
-    if not found and not ear.motors:
+    if not speaking:
         return ExitStatus.NO_ANSWER
     missing = [
         f"{name} (motor {motor_id} on {addresses[channel]})"
@@ -89,25 +92,28 @@ def _firmware(channels: RobstrideLink, found: _Found) -> dict[tuple[int, int], s
     return texts
 
 
-def _joints(wiring: Wiring, family: str) -> dict[tuple[int, int], str]:
-    return {(wiring.channel[i], wiring.motor_id[i]): wiring.names[i] for i in wiring.of_family(family)}
+def _joints(wiring: Wiring, families: Sequence[str]) -> dict[tuple[int, int], str]:
+    motors = [i for family in families for i in wiring.of_family(family)]
+    return {(wiring.channel[i], wiring.motor_id[i]): wiring.names[i] for i in sorted(motors)}
 
 
-def _print_sito(addresses: tuple[BusAddress, ...], ear: SitoEar, wiring: Wiring | None) -> None:
-    """Print which Sito motors were heard, and that the others may be there all the same."""
-    joints = {} if wiring is None else _joints(wiring, "sito")
-    for (channel, device_id), heard in sorted(ear.motors.items()):
+def _print_heard(
+    addresses: tuple[BusAddress, ...], family: str, heard: Mapping[tuple[int, int], Heard], wiring: Wiring | None
+) -> None:
+    """Print which motors of a family without questions were heard, and that the others may be there all the same."""
+    joints = {} if wiring is None else _joints(wiring, [family])
+    for (channel, device_id), motor in heard.items():
         joint = joints.get((channel, device_id), "" if wiring is None else "none of this robot's")
         name = f" ({joint})" if joint else ""
-        where = f"Sito motor {device_id} on {addresses[channel]}{name}"
-        print(f"{where} sends feedback, so it is enabled: {heard.frames} frames")
+        where = f"{title(family)} motor {device_id} on {addresses[channel]}{name}"
+        print(f"{where} sends feedback, so it is enabled: {motor.frames} frames")
     silent = [
         f"{name} (motor {device_id} on {addresses[channel]})"
         for (channel, device_id), name in joints.items()
-        if (channel, device_id) not in ear.motors
+        if (channel, device_id) not in heard
     ]
     if silent:
-        print(f"not heard: {', '.join(silent)}; that proves nothing: {NO_QUESTION}")
+        print(f"not heard: {', '.join(silent)}; that proves nothing: {no_question(family)}")
 
 
 def _print(

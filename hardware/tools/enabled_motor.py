@@ -52,7 +52,7 @@ class EnabledMotor:
         self._who = channels.motors.names[motor]
         self._old: dict[str, float | None] = {}
         self.warnings: tuple[str, ...] = ()
-        """What was found that did not keep it from being enabled, one line each."""
+        """Findings that did not keep it from being enabled, one line each."""
         self.status: Status | None = None
         """The latest."""
 

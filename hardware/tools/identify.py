@@ -21,8 +21,8 @@ from humanoid_sim.hardware.robstride.requests import Unreadable
 from humanoid_sim.hardware.tools.bench import open_bench, read_device_id
 from humanoid_sim.hardware.tools.enabled_motor import EnabledMotor
 from humanoid_sim.hardware.tools.options import Identify
-from humanoid_sim.hardware.tools.sito_bench import MovedSito, limp_sito
 from humanoid_sim.hardware.tools.terminal import confirm
+from humanoid_sim.hardware.tools.unasked import MovedMotor, limp_motors
 from humanoid_sim.robots.description import load_robot
 
 _PERIOD = 0.01
@@ -74,11 +74,11 @@ def identify(config: Identify) -> int:
     if joint in wiring.endless:
         guard = MotorGuard(wiring, addresses, np.full(wiring.count, _GUARDIANS_DAMPING), [joint])
     with open_bench(addresses, config.host_id, wiring, guard=guard) as channels:
-        if wiring.model[joint].family != "sito":
+        if joint not in wiring.unasked:
             read_device_id(channels, joint)
         _confirm(config, wiring, joint, channels)
         before = _positions(channels)
-        with _enabled(config, joint, channels, guard) as motor:
+        with _enabled(config, wiring, joint, channels, guard) as motor:
             start, after = _move(config, wiring, joint, channels, motor)
         before.setdefault(joint, start)
     return _report(config, wiring, joint, before, after)
@@ -102,12 +102,12 @@ def _positions(channels: RobstrideLink) -> dict[int, float]:
 
 @contextlib.contextmanager
 def _enabled(
-    config: Identify, joint: int, channels: RobstrideLink, guard: MotorGuard | None
-) -> Iterator[EnabledMotor | MovedSito]:
+    config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink, guard: MotorGuard | None
+) -> Iterator[EnabledMotor | MovedMotor]:
     """Provide the joint's motor, enabled for a moment, and held to the torque."""
-    if guard is not None:
-        with limp_sito(channels, [joint], guard) as session:
-            yield MovedSito(channels, session, config.torque, guard)
+    if joint in wiring.unasked:
+        with limp_motors(channels, [joint], guard) as session:
+            yield MovedMotor(channels, session, config.torque, guard)
         return
     with EnabledMotor(
         channels, joint, torque=config.torque, period=_PERIOD, accepted_firmware=config.accept_firmware
@@ -116,7 +116,7 @@ def _enabled(
 
 
 def _move(
-    config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink, motor: EnabledMotor | MovedSito
+    config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink, motor: EnabledMotor | MovedMotor
 ) -> tuple[float, dict[int, float]]:
     """Move there and back; where the motor began, and every motor's position where the joint was there."""
     step = float(wiring.direction[joint]) * config.angle
@@ -143,7 +143,7 @@ def _move(
     follow(0.0, 1.0, _RAMP)
     follow(1.0, 1.0, _HOLD)
     there = _positions(channels)
-    if isinstance(motor, MovedSito):
+    if isinstance(motor, MovedMotor):
         there[joint] = motor.position
     follow(1.0, 0.0, _RAMP)
     return start, there

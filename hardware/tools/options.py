@@ -5,15 +5,20 @@ from __future__ import annotations
 import inspect
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
 
 import tyro
 
 from humanoid_sim.command_line import Commands
+from humanoid_sim.robots.motors import FAMILIES
 
 _Channel = Annotated[str, tyro.conf.Positional]
 """`can0`, or `interface:channel` for any interface of python-can."""
 _MotorId = Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="MOTOR_ID")]
+if TYPE_CHECKING:
+    _Family: TypeAlias = str
+else:
+    _Family = Literal[tuple(FAMILIES)]
 ParameterKind = Literal["u8", "i8", "u16", "i16", "u32", "i32", "f32"]
 
 
@@ -21,7 +26,7 @@ ParameterKind = Literal["u8", "i8", "u16", "i16", "u32", "i32", "f32"]
 class Discover:
     """Ask every id on a channel who is there. Reads only. Exit status 3 if nothing answers.
 
-    Sito motors cannot be asked: their feedback is listened for meanwhile, which only an enabled one sends.
+    Motors that cannot be asked, such as Sito's, are listened for meanwhile; only an enabled one sends feedback.
 
     With --robot, exit status 1 if one of its motors is missing.
     """
@@ -48,7 +53,7 @@ class Discover:
 class Ping:
     """Ask one motor who it is and how long it takes to answer. Reads only, but for --read-status.
 
-    Exit status 3 if it does not answer. A Sito motor cannot be asked: its feedback is listened for.
+    Exit status 3 if it does not answer. A motor that cannot be asked, such as a Sito, is listened for.
     """
 
     channel: _Channel
@@ -57,8 +62,8 @@ class Ping:
     """1 to 127."""
     count: int = 10
     """Times to ask."""
-    family: Literal["robstride", "sito"] = "robstride"
-    """Whose protocol the motor speaks."""
+    family: _Family = "robstride"
+    """Family of the motor, which is its protocol."""
     read_status: bool = False
     """Enable the motor for a moment, without torque, for its position, velocity, effort, temperature and faults."""
     model: str | None = None
@@ -124,7 +129,7 @@ class Save:
 
 @dataclass(frozen=True)
 class Param:
-    """Read, write or save the parameters of one Robstride motor; a Sito's protocol has none.
+    """Read, write or save the parameters of one motor, where its protocol has them, as Robstride's has.
 
     Exit status 3 if it does not answer.
     """
@@ -136,8 +141,8 @@ class Param:
 class Calibrate:
     """Find homing offsets by moving every joint by hand from stop to stop.
 
-    No motor is enabled at any time, but for Sito motors, which say nothing before: these are enabled limp, after a
-    confirmation. Joints that are not swept keep what the file has for them. Enter ends the sweep and writes the file,
+    No motor is enabled at any time, but for those that say nothing before, such as Sito's: they are enabled limp, after
+    a confirmation. Joints that are not swept keep what the file has for them. Enter ends the sweep and writes the file,
     Ctrl-C ends it and writes nothing. Exit status 1 if a swept joint could not be used, 3 if a motor does not answer.
     """
 
@@ -158,7 +163,7 @@ class Calibrate:
     duration: float | None = None
     """s after which the sweep ends by itself."""
     yes: bool = False
-    """Do not ask before Sito motors are enabled."""
+    """Do not ask before motors are enabled for the sweep."""
     host_id: int = 0xFD
     """Our own id on the bus."""
 
@@ -249,7 +254,7 @@ class Emulate:
     duration: float | None = None
     """s after which to end; none: never."""
     seed: int = 0
-    """Of the faults that happen by chance."""
+    """Seed of the faults that happen by chance."""
     quiet: bool = False
     """Do not print what happens to the motors."""
 

@@ -14,7 +14,6 @@ from humanoid_sim.hardware.robstride.identification import read_versions
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, fault_word
-from humanoid_sim.hardware.sito.listening import NO_QUESTION, SitoEar
 from humanoid_sim.hardware.tools.bench import (
     SilentMotorError,
     motor_bench,
@@ -27,7 +26,8 @@ from humanoid_sim.hardware.tools.bench import (
 from humanoid_sim.hardware.tools.enabled_motor import EnabledMotor
 from humanoid_sim.hardware.tools.options import Ping
 from humanoid_sim.hardware.tools.terminal import shown
-from humanoid_sim.robots.motors import motor_model
+from humanoid_sim.hardware.tools.unasked import Ear, no_question, title
+from humanoid_sim.robots.motors import FAMILIES, motor_model
 
 _ANSWER_TIME = 0.2
 """s; it takes a millisecond, and a busy computer may take longer to notice."""
@@ -48,7 +48,7 @@ def ping(config: Ping) -> int:
         raise InputError(f"--count: is {config.count}, expected 1 to 10000")
     if config.model is not None:
         motor_model(config.model)
-    if config.family == "sito":
+    if not FAMILIES[config.family].has_questions:
         return _listen(config)
     with motor_bench(config.channel, config.motor_id, config.host_id) as channels:
         uid = read_device_id(channels).uid
@@ -62,20 +62,21 @@ def ping(config: Ping) -> int:
 
 
 def _listen(config: Ping) -> int:
-    """Return a Sito motor: the protocol has no question."""
+    """Listen for a motor that cannot be asked."""
+    name, address = title(config.family), parse_address(config.channel)
     if config.read_status:
-        raise InputError("--read-status: would enable a Sito motor, which only identify and calibrate do")
-    ear, address = SitoEar(), parse_address(config.channel)
+        raise InputError(f"--read-status: would enable a {name} motor, which only identify and calibrate do")
     with open_bench([address], config.host_id, some_motors([], [])) as channels:
-        channels.line.listeners.insert(0, ear.receive)
+        ear = Ear(config.family, channels)
         time.sleep(_LISTENING)
         require_up(channels)
-    heard = ear.motors.get((0, config.motor_id))
+        heard = ear.heard().get((0, config.motor_id))
     if heard is None:
         raise SilentMotorError(
-            f"Sito motor {config.motor_id} sends no feedback on {address} within {_LISTENING:g} s: {NO_QUESTION}"
+            f"{name} motor {config.motor_id} sends no feedback on {address} within {_LISTENING:g} s: "
+            f"{no_question(config.family)}"
         )
-    print(f"Sito motor {config.motor_id} on {address} sends feedback: it is enabled. Nothing was sent")
+    print(f"{name} motor {config.motor_id} on {address} sends feedback: it is enabled. Nothing was sent")
     print(f"  frames        {heard.frames} in {_LISTENING:g} s")
     print(f"  position      {heard.position:.4f} rad")
     print(f"  velocity      {heard.velocity:.4f} rad/s")

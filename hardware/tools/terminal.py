@@ -1,4 +1,4 @@
-"""What the bench tools ask an operator, and how they show figures."""
+"""Questions to an operator and tables of figures, for the bench tools."""
 
 from __future__ import annotations
 

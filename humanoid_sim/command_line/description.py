@@ -8,7 +8,9 @@ from __future__ import annotations
 import argparse
 import ast
 import dataclasses
+import importlib.util
 import inspect
+import re
 import sys
 import textwrap
 import types
@@ -27,6 +29,7 @@ STATUS_LINE = "exit status: 0 fine, 1 failed or worse, 2 bad input, 3 no answer,
 """`humanoid_sim.cli.ExitStatus` in a line; docs/exit-statuses.md explains it."""
 _SHIPPED = ("robots", "suites", "motions", "songs", "policies")
 """Kinds of names that a help text may hold, as `{robots}`."""
+_TABLE = re.compile(r"\{([\w.]+)\.([A-Z_]+)\}")
 _METAVARS = {int: "N", float: "X", Path: "FILE"}
 """Placeholders for values by type; for any other type it is the last word of the option's name."""
 _Option: TypeAlias = tuple[list[str], dict[str, Any]]
@@ -239,12 +242,28 @@ def _shown(default: Any) -> str:
 
 
 def filled(text: str) -> str:
-    """Return a help text on one line, with the names that ship with the package in place of `{robots}` and so on."""
-    text = " ".join(text.split())
+    """Return a help text on one line, with the names that ship with the package in place of `{robots}` and so on.
+
+    A table's name, as `{humanoid_sim.envs.tasks.TASKS}`, becomes the names in it.
+    """
+    text = _TABLE.sub(lambda found: ", ".join(_keys(found[1], found[2])), " ".join(text.split()))
     for kind in _SHIPPED:
         if f"{{{kind}}}" in text:
             text = text.replace(f"{{{kind}}}", ", ".join(shipped(kind)))
     return text
+
+
+def _keys(module: str, table: str) -> list[str]:
+    """Return the keys of a module's table. The module is read and not imported: help must be quick."""
+    spec = importlib.util.find_spec(module)
+    assert spec is not None, module
+    (row,) = (
+        node
+        for node in _tree(str(spec.origin)).body
+        if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == table
+    )
+    keys = [key for node in ast.walk(row) if isinstance(node, ast.Dict) for key in node.keys]
+    return [key.value for key in keys if isinstance(key, ast.Constant) and isinstance(key.value, str)]
 
 
 def field_texts(owner: type[Any]) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""What a front end of this package begins with: a session's feed as the package's own types, and its intake."""
+"""Attachment of a front end to a session: the feed as the package's own types, and the intake."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ class PrepareOptions:
     length_unit: Literal["m", "cm", "mm", "in"] | None = None
     """Unit of the motion's lengths. Default: m; a base far above the robot's height is then questioned."""
     velocities: Literal["source", "positions"] = "source"
-    """Where joint velocities come from: the motion's source, or the differences of its joint positions."""
+    """Source of joint velocities: the motion's own, or differences of its joint positions."""
     resample: bool = False
     """Interpolate a motion whose frame rate is not the policy's."""
     tolerance: float = 0.01

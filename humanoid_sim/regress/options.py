@@ -28,7 +28,7 @@ class RegressConfig:
     suite: str = "lite_tracking"
     """A shipped suite ({suites}), or the path of a suite's YAML file."""
     baseline: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
-    """What to compare with: an ONNX checkpoint or a shipped policy, which is run too, or a file of --write-baseline.
+    """Policy to compare with: an ONNX checkpoint or a shipped policy, which is run too, or a file of --write-baseline.
     Default: nothing."""
     robot: str | None = None
     """Instead of the suite's: a shipped robot ({robots}), robot_descriptions:NAME, or the path of a robot's
@@ -36,7 +36,7 @@ class RegressConfig:
     contract: Annotated[str | None, tyro.conf.arg(metavar="FILE.yaml")] = None
     """A contract.yaml for all the checkpoints. Default: the one beside each."""
     actuation: Literal["affine", "implicit"] | None = None
-    """How the motors are simulated. Default: as the suite says, which is affine unless it says otherwise."""
+    """Simulation of the motors. Default: as the suite says, which is affine unless it says otherwise."""
     baseline_actuation: Literal["affine", "implicit"] | None = None
     """The same for a --baseline that is run. Give a policy as its own baseline to see what a plant changes. Default:
     as for the others."""

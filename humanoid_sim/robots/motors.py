@@ -1,4 +1,4 @@
-"""Every motor model, in one table: its ratings, and the ranges that its MIT frames can encode. A new model is one row.
+"""Every motor model: its ratings, and the ranges that its MIT frames can encode. A new model is one row of its family.
 
 Sources: ratings from the data sheets; ranges from Actuator-Control, `src/protocol/robstride.rs` and `sito.rs` (T-K-233
 and Berkeley-Humanoids, commit d74dd3f). Robstride's K_p and K_d go out as `u16 = trunc(clamp(v, 0, limit) / limit ·
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from humanoid_sim.errors import InputError, known_names
@@ -18,72 +18,6 @@ _FULL_SCALE = 65535
 POSITION_RANGE = 4.0 * math.pi
 """rad, full scale of a Robstride motor's positions: the manuals' tables and the reference. The manuals' sample code
 writes 12.57, firmware before `humanoid_sim.hardware.robstride.firmware`'s table used 12.5."""
-
-
-@dataclass(frozen=True, slots=True)
-class MotorFamily:
-    """Common traits of all motors of one protocol."""
-
-    name: str
-    """As robot descriptions have it."""
-    ids: range
-    """Ids that its frames can address."""
-    last_bytes: frozenset[int] = frozenset()
-    """Last bytes of the identifiers of a host's frames, where that is not a motor's id: a motor of a family that is
-    addressed by this byte must not have one of these ids, in case it looks at no other."""
-    has_timeout: bool = True
-    """True where its motors stop by themselves when their host falls silent."""
-    has_torque_limit: bool = True
-    """True where a motor can be told a limit for its torque and its current."""
-    has_reports: bool = True
-    """True where its motors can send their state by themselves, beside the answers to commands."""
-    gains_apart: bool = False
-    """True where K_p and K_d come in a frame of their own, so that a command may meet gains that are not its own."""
-    stiffness_doubt: float = 1.0
-    """Largest ratio of a motor's K_p to what it was told, where sources disagree: torque is bounded for that."""
-    damping_doubt: float = 1.0
-    """Likewise K_d."""
-
-    @property
-    def period_frames(self) -> int:
-        """Frames in a control period to a motor, at most, and as many from it."""
-        return 2 if self.gains_apart else 1
-
-
-_HOST_IDS = range(128, 256)
-"""Robstride's frames name their host in the byte where Sito's name the motor."""
-FAMILIES: Mapping[str, MotorFamily] = MappingProxyType(
-    {
-        "robstride": MotorFamily("robstride", range(1, 128)),
-        # Last bytes: reset, select mode, command, gains. Doubts: where the library of the protocol divides gains by 500
-        # and 0.5 (`humanoid_sim.hardware.sito.codec`), its authors' page on the Prime robot has 688.58 and 1.125.
-        "sito": MotorFamily(
-            "sito",
-            range(1, 256),
-            frozenset({0x00, 0x01, 0x09, 0x45}),
-            has_timeout=False,
-            has_torque_limit=False,
-            has_reports=False,
-            gains_apart=True,
-            stiffness_doubt=688.58 / 500.0,
-            damping_doubt=1.125 / 0.5,
-        ),
-    }
-)
-"""By name."""
-
-
-def id_problem(family: MotorFamily, motor_id: int, families: Collection[str]) -> str:
-    """Return why a motor must not have this id on a robot with motors of these families; empty when it may."""
-    if motor_id not in family.ids:
-        return f"is {motor_id}, expected {family.ids[0]} to {family.ids[-1]}"
-    others = [FAMILIES[name] for name in families if name != family.name]
-    for other in others:
-        if motor_id in other.last_bytes:
-            return f"is {motor_id}, which frames to {other.name} motors of this robot could address; expected another"
-    if others and motor_id in _HOST_IDS:
-        return f"is {motor_id}, expected 1 to 127 beside motors of another family, whose frames have hosts' ids there"
-    return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,8 +51,8 @@ class MotorModel:
     """°C at which the motor warns, in a fault report only."""
     position: float = POSITION_RANGE
     """rad; old firmware has another one."""
-    family: str = "robstride"
-    """Whose protocol it speaks: a key of `FAMILIES`."""
+    family: str = ""
+    """Key of `FAMILIES`, set by the family's row."""
 
     @property
     def stiffness_step(self) -> float:
@@ -131,7 +65,7 @@ class MotorModel:
         return self.damping / _FULL_SCALE
 
 
-_ROWS = (
+_ROBSTRIDE = (
     # full scale of K_p, K_d, velocity, effort; rated and peak torque, peak current, no-load velocity; fault, warning °C
     MotorModel("rs-00", 500.0, 5.0, 33.0, 14.0, 5.0, 14.0, 15.5, 33.0, 145.0, 135.0),
     MotorModel("rs-01", 500.0, 5.0, 44.0, 17.0, 6.0, 17.0, 23.0, 33.0, 103.0, 93.0),
@@ -154,14 +88,83 @@ def _sito(name: str, gear: int) -> MotorModel:
     largest, unknown = 2**15 - 1, math.inf
     velocity, effort = largest / SITO_COUNTS_PER_RAD, largest * 0.00009 * gear
     ratings = unknown, effort, largest / 1000.0, unknown, unknown, unknown
-    return MotorModel(
-        name, 500.0, 5.0, velocity, effort, *ratings, position=(2**31 - 1) / SITO_COUNTS_PER_RAD, family="sito"
-    )
+    return MotorModel(name, 500.0, 5.0, velocity, effort, *ratings, position=(2**31 - 1) / SITO_COUNTS_PER_RAD)
 
 
-_SITO = (_sito("TA40-50", 51), _sito("TA40-100", 101))
-MOTORS: Mapping[str, MotorModel] = MappingProxyType({model.name: model for model in (*_ROWS, *_SITO)})
+@dataclass(frozen=True, slots=True)
+class MotorFamily:
+    """Common traits of all motors of one protocol."""
+
+    name: str
+    """As robot descriptions have it."""
+    models: tuple[MotorModel, ...]
+    """One row each."""
+    ids: range
+    """Ids that its frames can address."""
+    last_bytes: frozenset[int] = frozenset()
+    """Last bytes of the identifiers of a host's frames, where that is not a motor's id: a motor of a family that is
+    addressed by this byte must not have one of these ids, in case it looks at no other."""
+    has_timeout: bool = True
+    """True where its motors stop by themselves when their host falls silent."""
+    has_torque_limit: bool = True
+    """True where a motor can be told a limit for its torque and its current."""
+    has_reports: bool = True
+    """True where its motors can send their state by themselves, beside the answers to commands."""
+    has_questions: bool = False
+    """True where the bench tools can ask its motors who and where they are. Others are listened to, and enabled limp
+    where that is not enough."""
+    gains_apart: bool = False
+    """True where K_p and K_d come in a frame of their own, so that a command may meet gains that are not its own."""
+    stiffness_doubt: float = 1.0
+    """Largest ratio of a motor's K_p to what it was told, where sources disagree: torque is bounded for that."""
+    damping_doubt: float = 1.0
+    """Likewise K_d."""
+
+    @property
+    def period_frames(self) -> int:
+        """Frames in a control period to a motor, at most, and as many from it."""
+        return 2 if self.gains_apart else 1
+
+
+_HOST_IDS = range(128, 256)
+"""Robstride's frames name their host in the byte where Sito's name the motor."""
+FAMILIES: Mapping[str, MotorFamily] = MappingProxyType(
+    {
+        "robstride": MotorFamily("robstride", _ROBSTRIDE, range(1, 128), has_questions=True),
+        # Last bytes: reset, select mode, command, gains. Doubts: where the library of the protocol divides gains by 500
+        # and 0.5 (`humanoid_sim.hardware.sito.codec`), its authors' page on the Prime robot has 688.58 and 1.125.
+        "sito": MotorFamily(
+            "sito",
+            (_sito("TA40-50", 51), _sito("TA40-100", 101)),
+            range(1, 256),
+            frozenset({0x00, 0x01, 0x09, 0x45}),
+            has_timeout=False,
+            has_torque_limit=False,
+            has_reports=False,
+            gains_apart=True,
+            stiffness_doubt=688.58 / 500.0,
+            damping_doubt=1.125 / 0.5,
+        ),
+    }
+)
+"""By name."""
+MOTORS: Mapping[str, MotorModel] = MappingProxyType(
+    {model.name: replace(model, family=family.name) for family in FAMILIES.values() for model in family.models}
+)
 """By the model's name in robot descriptions."""
+
+
+def id_problem(family: MotorFamily, motor_id: int, families: Collection[str]) -> str:
+    """Return why a motor must not have this id on a robot with motors of these families; empty when it may."""
+    if motor_id not in family.ids:
+        return f"is {motor_id}, expected {family.ids[0]} to {family.ids[-1]}"
+    others = [FAMILIES[name] for name in families if name != family.name]
+    for other in others:
+        if motor_id in other.last_bytes:
+            return f"is {motor_id}, which frames to {other.name} motors of this robot could address; expected another"
+    if others and motor_id in _HOST_IDS:
+        return f"is {motor_id}, expected 1 to 127 beside motors of another family, whose frames have hosts' ids there"
+    return ""
 
 
 def motor_model(name: str) -> MotorModel:

@@ -188,7 +188,7 @@ class Link:
     axis: FloatArray
     """Shape (3,), of the joint, link frame."""
     body: int
-    """Whose geoms it shows, in the model; -1 between the joints of a body."""
+    """Body of the model whose geoms it shows; -1 between the joints of a body."""
     shift: FloatArray
     """Shape (3,), m: the link's origin in its body's frame."""
     joint_id: int

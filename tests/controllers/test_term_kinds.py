@@ -121,7 +121,7 @@ def loaded(kind: TermKind) -> LoadedPolicy:
 
 
 def test_a_name_means_one_thing() -> None:
-    assert len(TERM_NAMES) == sum(len(kind.names) or 1 for kind in TERM_KINDS.values()) == 37
+    assert len(TERM_NAMES) == sum(len(kind.names) or 1 for kind in TERM_KINDS.values())
     assert {term_kind(name).name for name in (*TERM_KINDS, *TERM_NAMES)} == set(TERM_KINDS)
     assert term_kind("wind").meaning == "live input"
 

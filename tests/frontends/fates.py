@@ -27,9 +27,8 @@ from play_fixtures import quick_robot
 from waiting import until
 
 from humanoid_sim import replay
-from humanoid_sim.cli import run_program
+from humanoid_sim.cli import FRONT_ENDS, run_program
 from humanoid_sim.client import Feed, Intake, SessionError, SessionInfo, find_session
-from humanoid_sim.frontends import FRONT_ENDS
 from humanoid_sim.messages import Event, Mode, TickRecord
 from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.robots.description import load_robot
@@ -63,7 +62,7 @@ ROWS = {
     "rerun": Row(("--viewer", "rerun"), instead=True),
     "viewer": Row(("--viewer", "native"), window=True),
 }
-"""Each row of `FRONT_ENDS`: what is not here has no proof."""
+"""Each front end that `play` starts: what is not here has no proof."""
 
 BLOWS = {"stopped": signal.SIGSTOP, "killed": signal.SIGKILL}
 

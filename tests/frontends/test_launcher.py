@@ -10,10 +10,10 @@ import pytest
 from local_session import HEADER, LocalSession
 from waiting import until
 
-from humanoid_sim.cli import VERBS
+from humanoid_sim.cli import FRONT_ENDS, FrontEnd
 from humanoid_sim.client import Feed
 from humanoid_sim.errors import InputError, MissingPackageError
-from humanoid_sim.frontends import FRONT_ENDS, FrontEnd, Wanted, launcher, require_packages
+from humanoid_sim.frontends import Wanted, launcher, require_packages
 from humanoid_sim.frontends.launcher import FrontEnds
 
 POPEN = subprocess.Popen
@@ -152,12 +152,8 @@ def test_what_cannot_be_started_is_one_line_and_leaves_nothing(launch: Launch, m
 
 
 def test_packages_that_are_missing_are_named_with_their_extra(monkeypatch: Any) -> None:
-    fakes = {**FRONT_ENDS, "fake": FrontEnd("a fake", ("json", "no_such_package"), "fake")}
+    fakes = {**FRONT_ENDS, "fake": FrontEnd("", "a fake", packages=("json", "no_such_package"), extra="fake")}
     monkeypatch.setattr("humanoid_sim.frontends.FRONT_ENDS", fakes)
     with pytest.raises(MissingPackageError, match=r"a fake needs the package 'no_such_package'.*humanoid_sim\[fake\]"):
         require_packages("fake")
     require_packages("gravity")
-
-
-def test_every_front_end_is_a_verb() -> None:
-    assert set(FRONT_ENDS) <= set(VERBS)

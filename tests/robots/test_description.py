@@ -14,6 +14,7 @@ import yaml
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots
+from humanoid_sim.robots.motors import FAMILIES
 
 Document = dict[str, Any]
 LITE: Document = yaml.safe_load(asset_path("robots", "lite.yaml").read_text())
@@ -132,7 +133,7 @@ def test_a_joint_given_twice_is_named(tmp_path: Path, document: Document) -> Non
 SITO = {"family": "sito", "bus": 0, "can_id": 17, "model": "TA40-50", "direction": -1}
 FAMILY_PROBLEMS = [
     ({"family": "sito"}, "joints[6].motor.family: is sito, but a rs-05 is of robstride"),
-    ({"family": "etob"}, "joints[6].motor.family: unknown family 'etob'; known: robstride, sito"),
+    ({"family": "etob"}, f"joints[6].motor.family: unknown family 'etob'; known: {', '.join(FAMILIES)}"),
     ({"torque_limit": None}, "joints[6].motor: misses 'torque_limit'"),
     (SITO | {"family": "robstride"}, "joints[6].motor.family: is robstride, but a TA40-50 is of sito"),
     (

@@ -20,7 +20,7 @@ class BenchOptions:
     """
 
     repetitions: int = 15
-    """How many times to take each figure."""
+    """Number of times to take each figure."""
     only: str | None = None
     """Measure only the rows whose name contains this text."""
     json: bool = False

@@ -38,7 +38,7 @@ _SOME = 64
 _VECTOR_STEPS = 2
 """Vector steps that are timed together."""
 _SPREAD = 0.1
-"""Of the actions, as a share of the action space."""
+"""Noise of the actions, as a share of the action space."""
 _EPISODES = 1024
 _EPISODE_STEPS = 5
 """Policy steps of each: 0.1 s, 200 physics steps."""

@@ -22,7 +22,7 @@ _STEPS = 2
 _SPREAD = 0.1
 """Magnitude of the raw actions: small, so that nothing falls meanwhile."""
 _SECONDS = 2.0
-"""Of the motion whose error is measured."""
+"""Length of the motion whose error is measured."""
 
 
 def implicit_plant(repetitions: int) -> list[Row]:

@@ -1,4 +1,4 @@
-"""How figures are measured: medians over repetitions, ratios pair by pair."""
+"""Measurement of figures: medians over repetitions, ratios pair by pair."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Row:
     high: float
     """Greatest of the repetitions."""
     target: float | None = None
-    """What the project wants to stay at or below, or above; None: for information."""
+    """Goal of the project, not to be exceeded, or to be reached; None: for information."""
     detail: str = ""
     at_least: bool = False
     """The target is a least value: of a speed, not of a cost."""

@@ -49,7 +49,7 @@ class TrainSampleConfig:
     output: str = "lite_tracking.onnx"
     """The checkpoint; written under a temporary name and renamed at the end."""
     seed: int = 0
-    """Of everything random."""
+    """Seed of everything random."""
     motions: int = 800
     """Random arm motions of 8 s each to train on."""
     poses: int = 250_000
@@ -61,7 +61,7 @@ class TrainSampleConfig:
     arms: int = 512
     """Arms simulated at once in the second part."""
     threads: int = 1
-    """Of PyTorch. More are little faster, and sum in another order: the same seed then gives another policy."""
+    """Threads of PyTorch. More are little faster, and sum in another order: the same seed then gives another policy."""
     quick: bool = False
     """A few updates on little data: shows that everything runs, the policy is no good."""
 
@@ -77,7 +77,7 @@ class EvaluateConfig:
     random: int = 0
     """Random motions to measure as well, of the kind that the policy was trained on, but others."""
     seed: int = 0
-    """Of the random motions."""
+    """Seed of the random motions."""
     command_delay: float = 0.0
     """s from a command to the motors' obeying it; a multiple of the physics step."""
     bus: bool = False
@@ -93,11 +93,11 @@ class TrainPianoConfig:
     output: str = "lite_piano.onnx"
     """The checkpoint; written under a temporary name and renamed at the end."""
     seed: int = 0
-    """Of everything random."""
+    """Seed of everything random."""
     songs: int = 140
     """Generated songs of 14 s each to train on."""
     rounds: int = 3
-    """How often the network plays them all, so that it learns from its own mistakes."""
+    """Number of times that the network plays them all, so that it learns from its own mistakes."""
     epochs: int = 4
     """Over all that was seen so far, in each round."""
 
@@ -133,9 +133,9 @@ class TrainWalkingConfig:
     resume: bool = False
     """Go on from the latest checkpoint in the folder."""
     seed: int = 0
-    """Of everything random. The same seed gives the same figures, not the same bits: threads share the physics."""
+    """Seed of everything random. The same seed gives the same figures, not the same bits: threads share the physics."""
     threads: int = 1
-    """Of PyTorch. Physics takes all processors; the networks are too small to gain from more than one."""
+    """Threads of PyTorch. Physics takes all processors; the networks are too small to gain from more than one."""
     quick: bool = False
     """A few updates of each stage: shows that everything runs, the policy is no good."""
 

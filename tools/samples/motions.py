@@ -41,7 +41,7 @@ POLICY_DT = 0.02
 """s between two frames."""
 
 SAMPLE_DATASET = "local/lite_sample_motions"
-"""What the sample policy gives as its data set: no hub has it, the motions ship with the package."""
+"""Data set that the sample policy names: no hub has it, the motions ship with the package."""
 
 _HANDS = ("left_hand", "right_hand")
 

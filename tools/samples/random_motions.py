@@ -28,7 +28,7 @@ PERIOD = 0.01
 _FASTEST_JOINT = 8.0
 """rad/s"""
 _EFFORT_SHARE = 0.7
-"""Of the effort limit: what following the motion may take. The rest is for correcting."""
+"""Share of the effort limit that following the motion may take. The rest is for correcting."""
 _LIMIT_ROOM = 0.005
 """rad"""
 _LEAST_SPEED = 0.5

@@ -1,4 +1,4 @@
-"""What training knows and the policy does not: the command that follows a motion exactly, by inverse dynamics.
+"""Knowledge that the policy does not have: the command that follows a motion exactly, by inverse dynamics.
 
 Under the MIT law with position commands only, `K_p (u - q) - K_d qd = M qdd + bias + friction`. The joints follow a
 motion q(t) exactly if

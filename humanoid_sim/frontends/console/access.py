@@ -1,4 +1,4 @@
-"""Who may open the console's page: its tokens, the address it was printed with, and how much a page may ask for.
+"""Access to the console's page: its tokens, the address it was printed with, and how much a page may ask for.
 
 A token is the first part of a path. Without one there is neither page nor socket. `Host` and `Origin` are compared with
 the printed address, not with each other: a name that somebody else lets point to this machine passes for neither.

@@ -80,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 class _Refusals:
-    """What the session has refused of late, as it says in its status: a client elsewhere sees no console."""
+    """Lines for what the session has refused of late, from its status: a client elsewhere sees no console."""
 
     def __init__(self, attachment: Attachment) -> None:
         self._feed = attachment.feed

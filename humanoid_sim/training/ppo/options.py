@@ -18,16 +18,16 @@ class TrainConfig:
     """
 
     task: str = "auto"
-    """tracking (arms follow the bodies of a motion), motion (a whole body follows a motion), velocity, walking
-    (velocity, with a gait on the contract's clock), piano (a song is played), balance, or auto: the one that the
-    contract was made for. Or a class of your own: FILE.py:CLASS or MODULE:CLASS, as examples/own_task.py:HoldTask."""
+    """{humanoid_sim.envs.tasks.TASKS}, or auto: the one that the contract was made for. In tracking, arms follow the
+    bodies of a motion; in motion, a whole body does; walking is velocity with a gait on the contract's clock. Or a
+    class of your own: FILE.py:CLASS or MODULE:CLASS, as examples/own_task.py:HoldTask."""
     robot: str = "lite"
     """A shipped robot ({robots}), the path of a robot's YAML file or of an MJCF."""
     contract: str | None = None
-    """What the policy observes and commands: a contract.yaml, a checkpoint (.onnx) whose contract is taken, or a
+    """Contract of the policy: a contract.yaml, a checkpoint (.onnx) whose contract is taken, or a
     shipped name. Default: that of the environment for the robot, LiteTracking-v0, BipedVelocity-v0 or LitePiano-v0."""
     motion: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """What a policy that follows a motion follows: a sample motion ({motions}), or a file (.mcap); for the
+    """Motion for a policy that follows one: a sample motion ({motions}), or a file (.mcap); for the
     piano a sample song or a MIDI file. Given several times, each episode has one of them. Default: that of the
     environment for the contract, wave or ode_to_joy."""
     reference_start: float = 0.0
@@ -43,18 +43,18 @@ class TrainConfig:
     randomisation: str | None = None
     """A YAML file of fields of the environments' randomisation, such as `mass: [0.9, 1.1]`. Default: none."""
     terrain: str = "flat"
-    """What a floating base walks on: flat, rough, slopes, steps, mixed, or a YAML file of a terrain's fields, such as
+    """Ground under a floating base: flat, rough, slopes, steps, mixed, or a YAML file of a terrain's fields, such as
     `kind: steps`."""
     curriculum: str | None = None
-    """How much of the commands, the terrain and the randomisation counts as the training goes on: a YAML file such as
+    """Shares of the commands, the terrain and the randomisation over the training: a YAML file such as
     `push: [[0.5, 0], [1, 1]]` (nothing until half of it is done, then more and more), or a function of the progress,
     FILE.py:FUNCTION or MODULE:FUNCTION, as examples/growing_harder.py:harder. Default: all from the beginning."""
     curriculum_steps: int | None = None
     """Policy steps after which the curriculum's progress is 1. Default: --steps of the run's beginning."""
     privileged: tuple[str, ...] = ()
-    """What the critic sees beside the observation, such as base_linear_velocity; with ppo-rsl_rl."""
+    """Terms that the critic sees as well as the observation, such as base_linear_velocity; with ppo-rsl_rl."""
     actuation: Literal["implicit", "affine"] = "implicit"
-    """How the motors are simulated: implicit is several times as fast, affine agrees with the reference."""
+    """Simulation of the motors: implicit is several times as fast, affine agrees with the reference."""
     physics_timestep: float | None = None
     """s. Default: what suits robot and plant; 2.5 ms for implicit."""
     folder: str | None = None
@@ -75,7 +75,7 @@ class TrainConfig:
     seed: int = 0
     """Random seed. Resumed or time-limited trainings are not bit-identical to an uninterrupted one."""
     threads: int = 1
-    """Of PyTorch. Physics takes all processors; the networks are too small to gain from more than one."""
+    """Threads of PyTorch. Physics takes all processors; the networks are too small to gain from more than one."""
 
     GROUPS: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "most used": ("task", "robot", "contract", "motion", "steps", "minutes", "folder", "output", "resume"),

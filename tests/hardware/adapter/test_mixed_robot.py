@@ -160,7 +160,7 @@ def test_zero_gains_and_zero_current_come_before_enabling_and_in_the_first_frame
 
         motors.call(change)
 
-    with rig(EmulationSettings(sito_deaf_until_enabled=True), leave_stiff) as (robot, motors, _):
+    with rig(EmulationSettings(deaf_until_enabled=True), leave_stiff) as (robot, motors, _):
         with can.Bus(interface="virtual", channel=motors.addresses[0].channel) as listener:
             robot.activate()
             heard = [decode(frame_of(message), TA50) for message in iter(lambda: listener.recv(0.0), None)]

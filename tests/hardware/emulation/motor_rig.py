@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field
 
+from humanoid_sim.hardware.emulated_motor import Sensed
 from humanoid_sim.hardware.emulation import firmware
-from humanoid_sim.hardware.emulation.interface import Sensed
 from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState, Stored
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.commands import encode_command

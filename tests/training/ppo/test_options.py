@@ -18,11 +18,11 @@ from humanoid_sim.training.ppo.run import seed_of
     [
         (
             ["--task", "trackin"],
-            "--task: unknown task 'trackin' (did you mean 'tracking'?); known: auto, tracking, motion, piano, ",
+            "--task: unknown task 'trackin' (did you mean 'tracking'?); known: auto, tracking, ",
         ),
         (
             ["--task", "dance"],
-            "--task: unknown task 'dance'; known: auto, tracking, motion, piano, velocity, walking, balance; or a "
+            f"--task: unknown task 'dance'; known: auto, {', '.join(TASKS)}; or a "
             "class of your own, FILE.py:NAME or MODULE:NAME\n",
         ),
         (

@@ -1,1 +1,1 @@
-"""How the sample policy for the piano is made: what a network learns is which hand takes which note, and when."""
+"""The sample policy for the piano: a network learns which hand takes which note, and when."""

@@ -1,4 +1,4 @@
-"""What the hands of the piano policy can do, and the rule for what each does next.
+"""Abilities of the piano policy's hands, and the rule for what each does next.
 
 A hand is over a key, on its bottom, or on a course between two such places, which it always ends: a stroke of the
 open-loop player's, or one of the `Ways`. Each has the player's leads and takes as long as the motors need, so that the

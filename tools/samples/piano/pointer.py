@@ -1,4 +1,4 @@
-"""What the network sees of a song and of the hands, and the network: it points each hand at a key, or at none.
+"""The network and its view of a song and of the hands: it points each hand at a key, or at none.
 
 Of each key that the next second asks for it sees when it begins and ends, how far it is from each hand, how soon that
 is free, and whether the key is down; what it makes of all of them is pooled, so that it sees each among the others. The

@@ -35,9 +35,9 @@ _READY = 0.2
 _BESIDE = 0.3
 """s after its last note for which a hand is in the other's way."""
 _IMPOSSIBLE, _CROSSED, _LATE = 1e5, 1e3, 200.0
-"""What it costs, in semitones of way, that a hand cannot reach a key, is beyond the other, is late by a second."""
+"""Costs, in semitones of way, where a hand cannot reach a key, is beyond the other, is late by a second."""
 _PRACTICE = Motion(sounds=7, stops=2)
-"""How hands move in training: a step sooner than the exported policy's, so that they learn to be early."""
+"""Motion of the hands in training: a step sooner than the exported policy's, so that they learn to be early."""
 _CUT = 12
 """Steps by which a note ends sooner at most, for its hand to be in time for the next."""
 

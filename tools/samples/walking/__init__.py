@@ -1,1 +1,1 @@
-"""How the walking policy of the legs is made: what it is given to begin with, its stages, its export, its figures."""
+"""The walking policy of the legs: the gait that it begins with, its stages, its export, its figures."""

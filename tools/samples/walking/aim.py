@@ -1,4 +1,4 @@
-"""What the trained network has to be told, so that the robot goes as fast as it is asked to.
+"""Commands for the trained network with which the robot goes as fast as it is asked to.
 
 Training ends with a network that follows a command in proportion, but not exactly; sideways steps turn it. That is
 measured, and the inverse goes into the exported graph before network and gait. What they are told stays within
@@ -33,7 +33,7 @@ _ASKED = np.array(
 _SETTLE, _MEASURED = 96, 192
 """Policy steps: three gait cycles, then six."""
 _MOST = 2.0
-"""Of a gain, and of what turning and stepping aside add to each other."""
+"""Largest value of a gain, and of what turning and stepping aside add to each other."""
 
 
 _FAST = 0.6
@@ -44,7 +44,7 @@ SPEEDS = np.array([0.15, 0.3, 0.45, 0.6, 0.8])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aim:
-    """What is told for what is asked."""
+    """Command for the network, from the one that was asked for."""
 
     ahead: FloatArray
     """Shape (5,), m/s, what is told for the forward commands `SPEEDS`; in proportion between 0 and these."""

@@ -1,4 +1,4 @@
-"""How well a policy walks: commands held, pushes, friction and mass, on the affine plant at the robot's own step.
+"""Figures of walking policies: commands held, pushes, friction and mass, on the affine plant at the robot's own step.
 
 The affine plant agrees with the reference to 1e-9 per step; nothing here was seen in training at that step.
 """
@@ -88,12 +88,12 @@ CASES = (
     WalkingCase("mass -10 %, forward 0.4", (0.4, 0.0, 0.0), mass=0.9),
     WalkingCase("mass +10 %, forward 0.4", (0.4, 0.0, 0.0), mass=1.1),
 )
-"""What the shipped policy is measured by."""
+"""Cases by which the shipped policy is measured."""
 
 
 @dataclass(frozen=True, slots=True)
 class CaseResult:
-    """Of all seeds of a case; errors and the gait of those that stayed up."""
+    """Figures over all seeds of a case; errors and the gait of those that stayed up."""
 
     name: str
     seeds: int
@@ -118,7 +118,7 @@ class CaseResult:
 
 @dataclass(slots=True)
 class _Record:
-    """Of every policy step, shape (T, N, …)."""
+    """One value for every policy step, shape (T, N, …)."""
 
     velocity: list[FloatArray] = field(default_factory=list)
     torque: list[FloatArray] = field(default_factory=list)

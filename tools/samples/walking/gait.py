@@ -1,4 +1,4 @@
-"""What training gives the walking policy to begin with: a gait on the contract's clock, and left-right symmetry.
+"""The start of the walking policy's training: a gait on the contract's clock, and left-right symmetry.
 
 The network answers what is added to the gait. It only ever sees a left leg that swings: while the right one does, what
 is observed is mirrored, and the answer mirrored back. So the policy is exactly symmetric, and learns from each step
@@ -50,10 +50,10 @@ ACTIONS = 14
 _SWAP = np.concatenate([np.arange(7, 14), np.arange(7)])
 
 ACTION_MIRROR = (_SWAP, np.concatenate([_LEG, _LEG]).astype(np.float32))
-"""Where each of the 14 values of the mirror image comes from, and its sign."""
+"""Source of each of the 14 values of the mirror image, and its sign."""
 
 PHASE = 51
-"""Where in the observation the sine of the phase is; its cosine follows."""
+"""Index of the sine of the phase in the observation; its cosine follows."""
 OBSERVATIONS = 53
 
 
@@ -74,9 +74,9 @@ OBSERVATION_MIRROR = _observation_mirror()
 """Likewise of the 53 values of the observation."""
 
 RATE_SCALE = 0.25
-"""Of the observed angular velocity, of the contract."""
+"""Scale of the observed angular velocity, the contract's."""
 COMMAND = 6
-"""Where in the observation the velocity command begins: forward, left, m/s, and yaw rate, rad/s."""
+"""Index of the velocity command in the observation: forward, left, m/s, and yaw rate, rad/s."""
 MOST = 5.0
 """Magnitude of an action that the network adds to the gait."""
 _SCALE = 0.25
@@ -104,22 +104,22 @@ AHEAD = _actions((-0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (-0.1, 0.0, 0.0, 0.0, 0.0
 ANSWERS = ACTIONS + 4
 """Values of the network: what is added to the actions, then to the gait's size, forward, sideways and turning step."""
 ANSWER_SCALES = np.array([2.0, 1.0, 1.0, 1.0], dtype=np.float32)
-"""Of those four: 1, m/s, m/s, rad/s."""
+"""Scales of those four: 1, m/s, m/s, rad/s."""
 BIGGEST = 1.5
-"""Of the gait's size, which is 1 while the robot walks undisturbed."""
+"""Largest value of the gait's size, which is 1 while the robot walks undisturbed."""
 
 INPUTS = OBSERVATIONS + 2
 """Values that the network sees: the observation, and the velocity that `sensed` finds in it."""
 VELOCITY_SCALE = 2.0
-"""Of that velocity, 1/(m/s)."""
+"""Gain of that velocity, 1/(m/s)."""
 _THIGH, _SHANK, _LEG_LENGTH = 0.33, 0.34, 0.7
 """m, from hip to knee, from knee to ankle, and from hip to ankle roll of a leg that is a little bent."""
 _JOINT_RATE_SCALE = 0.05
-"""Of the observed joint velocities, of the contract."""
+"""Scale of the observed joint velocities, the contract's."""
 RATES = 23
-"""Where in the observation they begin."""
+"""Index of the first of them in the observation."""
 SWAP = 0.4
-"""Of 1 - cos(phase), up to which the foot that is about to swing still bears some of the weight."""
+"""Value of 1 - cos(phase) up to which the foot that is about to swing still bears some of the weight."""
 
 
 def _sensing() -> Float32Array:

@@ -57,7 +57,7 @@ class Stage:
     mean_of: tuple[str, ...] = ()
     """Stages whose networks' mean it begins with; none: the stage before."""
     weights: Mapping[str, float] = field(default_factory=lambda: {"alive": 3.0})
-    """Of reward terms, 1/s, beside the task's own."""
+    """Weights of reward terms, 1/s, beside the task's own."""
 
 
 _SHARP = {"alive": 3.0, "linear_velocity": 8.0, "yaw_rate": 3.0}
@@ -88,7 +88,7 @@ STAGES = (
     ),
     Stage("mean", 0, mean_of=("settle", "be pushed", "be pushed harder")),
 )
-"""What the shipped policy was trained in; the first ones need no speed, they learn not to fall."""
+"""Stages in which the shipped policy was trained; the first ones need no speed, they learn not to fall."""
 
 QUICK = tuple(replace(stage, steps=2 * 8 * 4, robots=8, steps_per_update=4, batch=16, epochs=1) for stage in STAGES)
 """The same with two updates each."""

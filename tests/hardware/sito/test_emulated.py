@@ -5,9 +5,9 @@ import math
 import pytest
 
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.emulation.interface import Sensed
-from humanoid_sim.hardware.emulation.sito_motor import SitoFirmware, SitoState
+from humanoid_sim.hardware.emulated_motor import Sensed
 from humanoid_sim.hardware.sito import codec
+from humanoid_sim.hardware.sito.emulated import SitoFirmware, SitoState
 from humanoid_sim.robots.motors import MOTORS
 
 MODEL = MOTORS["TA40-50"]

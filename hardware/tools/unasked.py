@@ -1,4 +1,4 @@
-"""Sito motors on a bench: enabled limp for as long as a tool needs them, because they say nothing before."""
+"""Motors on a bench that cannot be asked: listened to, or enabled limp for as long as a tool needs them."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ import numpy as np
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.motors import SessionTerms
+from humanoid_sim.hardware.families import DRIVERS
+from humanoid_sim.hardware.motors import MotorLink, SessionTerms
 from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.hardware.sito.frames import SitoEncoder
-from humanoid_sim.hardware.sito.session import SitoSession
-from humanoid_sim.hardware.tools.bench import silence
+from humanoid_sim.hardware.tools.bench import silence, some_motors
 from humanoid_sim.robots.motors import FAMILIES
 
-__all__ = ["MovedSito", "limp_sito"]
+__all__ = ["LISTENING", "Ear", "MovedMotor", "limp_motors", "no_question", "title"]
 
+LISTENING = 0.3
+"""s in which a motor that sends feedback is heard: a Sito's comes every 255 ms at the latest."""
 _PERIOD = 0.02
 """s between two frames of feedback."""
 _ANSWER_TIME = 0.3
@@ -30,13 +31,56 @@ _POLL = 0.001
 """s"""
 
 
+def title(family: str) -> str:
+    """Return a family's name as it begins a sentence."""
+    return family.capitalize()
+
+
+def no_question(family: str) -> str:
+    """Return why a motor of this family is not found."""
+    return (
+        f"the {title(family)} protocol has no question, so a motor that is not enabled stays silent and cannot be found"
+    )
+
+
+class Heard(NamedTuple):
+    """Data received from one motor."""
+
+    frames: int
+    position: float
+    """rad, motor frame."""
+    velocity: float
+    """rad/s"""
+
+
+class Ear:
+    """Listens on all channels for the motors of a family, whatever their ids, and sends nothing."""
+
+    def __init__(self, family: str, channels: RobstrideLink) -> None:
+        traits = FAMILIES[family]
+        self._places = [(channel, number) for channel in range(len(channels.sources)) for number in traits.ids]
+        motors = some_motors(self._places, channels.sources, traits.models[0])
+        self._link = DRIVERS[family].link(channels.line, motors, SessionTerms(channels.host_id, 0.0, _PERIOD))
+        channels.line.listeners.insert(0, self._link.receive)
+
+    def heard(self) -> dict[tuple[int, int], Heard]:
+        """Return what was heard of the motors that sent something, by channel and id."""
+        readings = self._link.readings()
+        frames = [self._link.figures(i).reports for i in range(len(self._places))]
+        return {
+            place: Heard(frames[i], float(readings.position[i]), float(readings.velocity[i]))
+            for i, place in enumerate(self._places)
+            if frames[i]
+        }
+
+
 @contextlib.contextmanager
-def limp_sito(channels: RobstrideLink, joints: Sequence[int], guard: MotorGuard | None = None) -> Iterator[SitoSession]:
+def limp_motors(channels: RobstrideLink, joints: Sequence[int], guard: MotorGuard | None = None) -> Iterator[MotorLink]:
     """Enable these motors with zero gains and zero current, after all that a session checks; disabled at the end.
 
     Args:
         channels: open.
-        joints: whose motors.
+        joints: whose motors, of one family.
         guard: of these motors, started; None where they stay limp.
 
     Raises:
@@ -44,7 +88,7 @@ def limp_sito(channels: RobstrideLink, joints: Sequence[int], guard: MotorGuard 
             disabled.
     """
     motors = channels.motors.select(joints)
-    session = SitoSession(channels.line, motors, SessionTerms(channels.host_id, 0.0, _PERIOD))
+    session = DRIVERS[motors.model[0].family].link(channels.line, motors, SessionTerms(channels.host_id, 0.0, _PERIOD))
     channels.line.listeners.insert(0, session.receive)
     checks = CheckList()
     try:
@@ -71,31 +115,32 @@ def limp_sito(channels: RobstrideLink, joints: Sequence[int], guard: MotorGuard 
 
 
 class Place(NamedTuple):
-    """Where a motor is."""
+    """Feedback of a motor that is moved."""
 
     position: float
     """rad, motor frame."""
 
 
-class MovedSito:
+class MovedMotor:
     """Commands for one motor that is enabled."""
 
     warnings: tuple[str, ...] = ()
 
-    def __init__(self, channels: RobstrideLink, session: SitoSession, torque: float, guard: MotorGuard) -> None:
+    def __init__(self, channels: RobstrideLink, session: MotorLink, torque: float, guard: MotorGuard | None) -> None:
         """Nothing is sent yet.
 
         Args:
             channels: open.
             session: of this motor alone, enabled.
             torque: N·m that the commanded position may ask for.
-            guard: of this motor, started.
+            guard: of this motor, started; None where it has a timeout.
         """
         self._guard = guard
         self._channels = channels
         self._session = session
         self._torque = torque
-        self._encoder = SitoEncoder(session.motors)
+        self._doubt = FAMILIES[session.motors.model[0].family].stiffness_doubt
+        self._encoder = DRIVERS[session.motors.model[0].family].encoder(session.motors)
 
     @property
     def position(self) -> float:
@@ -112,17 +157,18 @@ class MovedSito:
             SilentMotorError: none follows.
             RobotError: another host commands it too, or its channel is down.
         """
-        reach = self._torque / (stiffness * FAMILIES["sito"].stiffness_doubt) if stiffness > 0.0 else math.inf
+        reach = self._torque / (stiffness * self._doubt) if stiffness > 0.0 else math.inf
         here = self.position
         bounded = min(max(position, here - reach), here + reach)
         values = np.array([[bounded], [velocity], [0.0], [stiffness], [damping]])
-        motors, slot = self._session.motors, self._session.slots[0]
+        motors = self._session.motors
         channel = self._channels.channels[motors.channel[0]]
-        before = slot.position
+        before = self._session.readings().time[0]
         channel.send([((motors.names[0], kind), frame) for _, kind, frame in self._encoder.encode(values).frames])
-        self._guard.beat()
+        if self._guard is not None:
+            self._guard.beat()
         end = time.monotonic() + _ANSWER_TIME
-        while slot.position is before:
+        while self._session.readings().time[0] <= before:
             if time.monotonic() > end:
                 raise silence(self._channels, self._channels.motors.names.index(motors.names[0]), motors.names[0])
             time.sleep(_POLL)

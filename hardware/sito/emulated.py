@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass, replace
 
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.emulation.interface import Drive, Reaction, Sensed
+from humanoid_sim.hardware.emulated_motor import Drive, Reaction, Sensed
 from humanoid_sim.hardware.sito.codec import (
     Command,
     Feedback,
@@ -55,7 +55,7 @@ class SitoState:
 class SitoFirmware:
     """See `Firmware`."""
 
-    def __init__(self, model: MotorModel, device_id: int, *, is_deaf: bool = False) -> None:
+    def __init__(self, model: MotorModel, device_id: int, is_deaf: bool = False) -> None:
         """Make a motor with its id."""
         self.model = model
         self._device_id = device_id
