@@ -163,12 +163,12 @@ class MovedMotor:
         values = np.array([[bounded], [velocity], [0.0], [stiffness], [damping]])
         motors = self._session.motors
         channel = self._channels.channels[motors.channel[0]]
-        before = self._session.readings().time[0]
+        before = np.nan_to_num(self._session.readings().time[0], nan=-math.inf)
         channel.send([((motors.names[0], kind), frame) for _, kind, frame in self._encoder.encode(values).frames])
         if self._guard is not None:
             self._guard.beat()
         end = time.monotonic() + _ANSWER_TIME
-        while self._session.readings().time[0] <= before:
+        while not self._session.readings().time[0] > before:  # NaN: nothing was heard yet
             if time.monotonic() > end:
                 raise silence(self._channels, self._channels.motors.names.index(motors.names[0]), motors.names[0])
             time.sleep(_POLL)
