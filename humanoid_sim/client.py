@@ -60,9 +60,9 @@ __all__ = [
 ]
 
 SUFFIX = ".session"
-"""Of the file that a running session holds locked; its name is the process id."""
+"""Suffix of the file that a running session holds locked; its name is the process id."""
 REPLY_SUFFIX = ".reply"
-"""Of the socket that a client gets its answers by; its name begins with the process id."""
+"""Suffix of the socket that a client gets its answers by; its name begins with the process id."""
 _LONGEST_FOLDER = (107 if sys.platform == "linux" else 103) - len(f"/4194304-9999{REPLY_SUFFIX}")
 """Bytes; the paths of AF_UNIX sockets are that short (unix(7)), and the longest here is that of a client's answers."""
 FEED_MAGIC = b"hsfeed01"
@@ -77,7 +77,7 @@ SLOT_HEAD = struct.Struct("<QQII")
 Sample `n` of a ring is in slot `n` modulo the number of its slots, until the ring has gone round.
 """
 SLOT_SUM = struct.Struct("<QQI")
-"""What the checksum begins with."""
+"""The first bytes that the checksum covers."""
 
 DATA_MAGIC = b"hsdat1"
 DATA_HEAD = struct.Struct("<6sBBHHIQ")
@@ -118,7 +118,7 @@ def monotonic_ns() -> int:
 
 
 class Looks:
-    """How old what comes to a program is at most, which looks again and again; all in ns of CLOCK_MONOTONIC.
+    """The greatest age of what comes to a program that looks again and again; all in ns of CLOCK_MONOTONIC.
 
     What a look finds came after the look before. But if the program was suspended, what is found afterwards may have
     come at any time meanwhile, and more may follow from its sockets: until it has settled, the last look before stands.
@@ -135,7 +135,7 @@ class Looks:
         self._stood_still, self._settle = round(1e9 * stood_still), round(1e9 * settle)
         self.newest = monotonic_ns() if now is None else now
         self.stamp = self._settled = self.newest
-        """When what the newest look has found can have come first."""
+        """Earliest time at which what the newest look has found can have come."""
 
     @property
     def is_settling(self) -> bool:
@@ -166,13 +166,13 @@ class Looks:
 
 @dataclass(frozen=True)
 class SessionInfo:
-    """What a running session says of itself."""
+    """A running session, as it describes itself."""
 
     process: int
     robot: str
     policy: str
     folder: str
-    """Where it was started."""
+    """Folder in which it was started."""
     hardware: str
     """CAN channels; empty in simulation."""
     feed: str
@@ -290,7 +290,7 @@ class Sample:
 
 
 class Feed:
-    """What a session publishes: ticks, events, a status, and once what interprets them. A context manager."""
+    """A session's ticks, events and status, and what it takes to interpret them. A context manager."""
 
     def __init__(self, session: SessionInfo) -> None:
         """Map the feed of a session, read-only.
@@ -550,7 +550,7 @@ class _Cursor:
 
 @dataclass(frozen=True)
 class Answer:
-    """What became of what was asked for."""
+    """A session's answer to what was asked for."""
 
     granted: bool
     """Neither refused nor failed."""
@@ -559,7 +559,7 @@ class Answer:
 
 
 class Intake:
-    """What a program tells a session. A context manager; use one from one thread.
+    """The way by which a program tells a session something. A context manager; use one from one thread.
 
     Of the data (`remote`, `velocity`, `live`, `heartbeat`) only the newest of each producer counts, and at most a few
     reach the session in one tick: send once per tick of the feed, or at a fixed rate that is not far above.

@@ -94,7 +94,7 @@ class _Server:
         self._topics = ViewerTopics(self._header)
         self._channels: dict[str, Any] = {}
         self._last: dict[str, tuple[bytes, int]] = {}
-        """Of latched topics: message and time in ns."""
+        """Message of each latched topic, and its time in ns."""
         self._is_late = False
         self._looks = Looks()
         self._context = foxglove.Context()

@@ -49,7 +49,7 @@ class DoctorConfig:
     base_height: float | None = None
     """Height in m at which the base starts. Default: the robot stands on the floor."""
     actuation: Literal["affine", "implicit"] = "affine"
-    """How the motors are simulated: implicit takes longer steps, for policies that were trained and published so."""
+    """Plant that simulates the motors: implicit takes longer steps, for policies that were trained and published so."""
     json: bool = False
     """Print the whole ranking as JSON."""
 
