@@ -84,9 +84,9 @@ class Policy(_Shown):
     """The file, or the name of a policy that ships, as it was given."""
     checkpoint: Checkpoint
     golden: str
-    """What its golden vectors are worth; empty without any."""
+    """Worth of its golden vectors; empty without any."""
     problem: str
-    """What its golden vectors say is wrong with it; empty for nothing."""
+    """Fault that its golden vectors show; empty for none."""
 
     @classmethod
     def load(cls, path: str | Path, *, contract: str | Path | None = None, robot: str | None = None) -> Policy:
@@ -216,7 +216,7 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(_Shown):
-    """What `policy doctor` has found, shown as it prints it."""
+    """Findings of `policy doctor`, shown as it prints them."""
 
     is_healthy: bool
     """The contract as it is does best, and keeps the robot up."""
@@ -264,7 +264,7 @@ def diagnose(policy: Given, robot: str, **options: Any) -> Diagnosis:
 
 @dataclass(frozen=True, repr=False)
 class SuiteRun(_Shown):
-    """What `regress` has found, shown as it prints it."""
+    """Findings of `regress`, shown as it prints them."""
 
     passed: bool
     """No policy is worse than the baseline by more than the suite tolerates."""

@@ -33,7 +33,7 @@ class Examination:
     ranking: Ranking
     contract: PolicyContract
     pasting: Pasting
-    """Where a change is to be written."""
+    """Place where a change is to be written."""
     is_interrupted: bool
     """Ctrl-C ended it."""
 

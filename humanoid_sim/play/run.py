@@ -33,7 +33,7 @@ from humanoid_sim.session.session import SessionResult
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a run."""
+    """A run that has ended, as `play` reports it."""
 
     status: int
     """Exit status of `play`."""
