@@ -143,17 +143,16 @@ def make_plan(config: PlayConfig) -> Plan:
         warnings = () if contract is None else setup.check_policy(contract)
         pads = look_for_gamepad(config)
         branch = None if point is None or contract is None else reach(point, setup, supervisor, contract, clock)
-        setup = setup if branch is None else branch.setup
         if steps is None and not config.manual and config.hardware is None and branch is None:
             steps = parse_script(_automatic_script(config, policy.motion))
         ranges = None if contract is None else contract.command_ranges
         command = parse_velocity(config.command, ranges)
-        if branch is not None:
-            command = branch.take_velocity(command, is_given=config.command != PlayConfig.command)
+        if branch is not None and branch.velocity is not None and not config.is_given("command"):
+            command = branch.velocity
         velocity = VelocityCommand(command, ranges)
         velocity.is_observed = policy.walks
         if branch is not None:
-            branch.inputs.velocity = velocity
+            branch.inputs.velocity, branch.inputs.leaves_velocity = velocity, config.is_given("command")
         drivers = (*_who_drives(config, steps, walks=policy.walks), *_who_feeds(config, steps, taken, contract))
         drivers = drivers if branch is None or config.manual else ()
         texts = (
