@@ -30,12 +30,11 @@ from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.recording.shadow import ShadowStep, ShadowTopics, encode_shadow_step, shadow_documents, shadow_width
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.session.data_socket import DataSocket
-from humanoid_sim.session.device_watch import DeviceWatch
 from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
 from humanoid_sim.session.intent_socket import IntentSocket
-from humanoid_sim.session.interruption import Interruption
 from humanoid_sim.session.keyboard import Keyboard
 from humanoid_sim.session.loading import Loading
+from humanoid_sim.session.losses import DeviceWatch, Interruption
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.outside_safety import OutsideSafety, parse_watchdogs
 from humanoid_sim.session.pace import LoopSettings

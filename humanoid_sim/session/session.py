@@ -30,8 +30,8 @@ from humanoid_sim.messages import (
 )
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.robot import Robot
-from humanoid_sim.session.interruption import Interruption
 from humanoid_sim.session.loading import Loading
+from humanoid_sim.session.losses import Interruption
 from humanoid_sim.session.pace import DurationHistogram, LoopSettings, Pace
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.realtime import punctual_threads, real_time
