@@ -19,11 +19,10 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory, start_reason
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import EventKind, TickRecord
+from humanoid_sim.messages import EventKind, Mode, TickRecord
 from humanoid_sim.mit import GRAVITY_LEVERS, VELOCITY_COMMAND, FloatArray
-from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.play.options import PlayConfig, parse_branch
 from humanoid_sim.play.played_robot import RobotSetup
-from humanoid_sim.play.policies import parse_branch
 from humanoid_sim.policy.contract_json import encode
 from humanoid_sim.recording.reader import Entry, Recording, open_recording, recorded_settings
 from humanoid_sim.recording.repeat import RecordedPolicy, first_difference, state_difference
@@ -122,9 +121,8 @@ def reach(
 
 def _check_measured(recorded: PolicyContract | None, contract: PolicyContract) -> None:
     """Check that the simulated robot measures what the recorded policy needed."""
-    anchor, points, scan = "", (), None
-    if recorded is not None:
-        anchor, points, scan = recorded.anchor_body, recorded.velocity_points, recorded.height_scan
+    anchor = "" if recorded is None else recorded.anchor_body
+    points = () if recorded is None else recorded.velocity_points
     if contract.anchor_body and contract.anchor_body != anchor:
         raise InputError(
             f"--branch: the policy needs the pose of '{contract.anchor_body}', "
@@ -134,7 +132,7 @@ def _check_measured(recorded: PolicyContract | None, contract: PolicyContract) -
         raise InputError(
             f"--branch: the policy needs the velocity of {', '.join(missing)}, which the recorded run did not measure"
         )
-    if contract.height_scan not in (None, scan):
+    if contract.height_scan not in (None, None if recorded is None else recorded.height_scan):
         raise InputError("--branch: the policy needs a height scan that the recorded run did not make")
 
 
@@ -151,7 +149,8 @@ def _repeated(
     policy, entries = RecordedPolicy(), point.recording.entries()
     contract, stack = recorded_contract(header), rebuild_supervisor(header, policy)
     setup.measure(contract)()
-    memory, mode, record = stack.initial(), None, None
+    memory, record = stack.initial(), None
+    mode: Mode | None = None
     following, is_fresh = 0, False
     for entry in entries:
         if not isinstance(entry, TickRecord):

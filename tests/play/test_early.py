@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.play.early import refuse_early
+from humanoid_sim.play.conflicts import refuse_early
 from humanoid_sim.play.options import PlayConfig
 
 PROGRAM = """
