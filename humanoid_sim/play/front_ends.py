@@ -44,28 +44,23 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     Raises:
         InputError: the packages of one are not installed, or the network interface of one is not there.
     """
-    wanted = []
-    layout = _pad_layout(config)
-    if config.remote == "gravity":
-        wanted.append(Wanted("gravity", ("--form", config.gravity_form)))
-    if config.console:
-        wanted.append(Wanted("console"))
-    if config.gamepad is not None:
-        wanted.append(Wanted("gamepad", layout))
-    if config.dds or config.dds_interface is not None:
-        wanted.append(Wanted("dds"))
-    if config.dds_interface is not None:
-        check_network_interface("--dds-interface", config.dds_interface)
-        taken = ("--safety",) if config.dds_safety else ()
-        wanted.append(Wanted("dds", ("--interface", config.dds_interface, *taken), f"dds {config.dds_interface}"))
-    if config.midi is not None:
-        wanted.append(Wanted("midi", _keyboard_options(config)))
-    if config.foxglove or config.foxglove_control:
-        wanted.append(Wanted("foxglove", ("--control",) if config.foxglove_control else ()))
-    if shows_window(config):
-        wanted.append(Wanted("viewer"))
-    if config.viewer == "rerun":
-        wanted.append(Wanted("rerun"))
+    layout, interface = _pad_layout(config), config.dds_interface
+    if interface is not None:
+        check_network_interface("--dds-interface", interface)
+    taken = ("--safety",) if config.dds_safety else ()
+    known = (
+        (config.remote == "gravity", Wanted("gravity", ("--form", config.gravity_form))),
+        (config.console, Wanted("console")),
+        (config.gamepad is not None, Wanted("gamepad", layout)),
+        (config.dds or interface is not None, Wanted("dds")),
+        (interface is not None, Wanted("dds", ("--interface", interface or "", *taken), f"dds {interface}")),
+        (config.midi is not None, Wanted("midi", _keyboard_options(config))),
+        (config.foxglove_control, Wanted("foxglove", ("--control",))),
+        (config.foxglove and not config.foxglove_control, Wanted("foxglove")),
+        (shows_window(config), Wanted("viewer")),
+        (config.viewer == "rerun", Wanted("rerun")),
+    )
+    wanted = [front_end for is_wanted, front_end in known if is_wanted]
     for front_end in wanted:
         if front_end.options[:1] != ("--device",):  # bytes need no library
             require_packages(front_end.name)
