@@ -180,10 +180,8 @@ class Run:
             )
         self.monitor = RunMonitor(
             JointUse(description.joint_names, description.effort_limit, description.lower, description.upper),
-            judged.tracking,
-            anchor=judged.anchor,
+            judged,
             base=setup.base,
-            keys=judged.keys,
             tell=self._tell,
         )
         self.video: VideoSink | None = None
@@ -193,7 +191,7 @@ class Run:
     def follow(self, policy: PolicyChoice, config: PlayConfig, judged: JudgedPolicy) -> None:
         """Have what watches the run watch another policy; between two ticks, on the control thread."""
         self.policy, self.config, self.judged = policy, config, judged
-        self.monitor.follow(judged.tracking, judged.anchor, judged.keys)
+        self.monitor.follow(judged)
         self.console.follow(
             replace(
                 self.console.told,

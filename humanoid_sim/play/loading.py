@@ -28,7 +28,7 @@ from humanoid_sim.evaluation.piano_score import PlayedKeys
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors, errors_of_run
 from humanoid_sim.frontends.launcher import ordinary_scheduling
 from humanoid_sim.messages import SessionHeader
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.conflicts import refuse_both, refuse_early, refuse_without_effect
 from humanoid_sim.play.hardware_robot import check_policy
 from humanoid_sim.play.options import PlayConfig
@@ -237,6 +237,16 @@ class JudgedPolicy:
         keys = None if goals is None else PlayedKeys(goals, loaded.contract.policy_dt)
         ghost = ReferenceGhost.of(description, loaded.contract, loaded.reference) if is_drawn else None
         return cls(tracking, anchor, goals, keys, ghost)
+
+    def update(self, frame: int, state: MITState) -> None:
+        """Compare the state of a policy step with the frame that the policy was shown."""
+        if self.tracking is not None:
+            self.tracking.update(frame, state.joint_position)
+        if self.anchor is not None:
+            self.anchor.update(frame, state)
+        live = state.extern.get(KEY_PRESSED)
+        if self.keys is not None and live is not None:
+            self.keys.update(frame, live.value)
 
 
 class PolicyLoader:
