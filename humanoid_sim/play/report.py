@@ -87,14 +87,9 @@ def write_summary(path: Path, summary: dict[str, Any]) -> None:
 def print_report(console: Console, summary: dict[str, Any]) -> None:
     """Print the tables."""
     console.print(_modes(summary))
-    if summary["tracking"]:
-        console.print(_tracking(summary["tracking"]))
-    if summary["anchor"]:
-        console.print(_anchor(summary["anchor"]))
-    if summary["base"]:
-        console.print(_base(summary["base"]))
-    if summary["piano"]:
-        console.print(_piano(summary["piano"]))
+    for name, table in (("tracking", _tracking), ("anchor", _anchor), ("base", _base), ("piano", _piano)):
+        if summary[name]:
+            console.print(table(summary[name]))
     if summary["key_force"]:
         force = summary["key_force"]
         where = f" ({force['key']} at {force['time']:.3f} s)" if force["key"] else ""
