@@ -60,10 +60,7 @@ class Branch:
 
 
 def open_branch(config: PlayConfig) -> BranchPoint:
-    """Find the run, and the robot that it ran on.
-
-    Args:
-        config: the options, with the recorded ones in the place of defaults.
+    """Find the run, and the robot that it ran on; the options have the recorded ones in the place of defaults.
 
     Raises:
         InputError: it is not a run of `play`, or a branch itself.
@@ -83,14 +80,9 @@ def open_branch(config: PlayConfig) -> BranchPoint:
 def reach(
     point: BranchPoint, setup: RobotSetup, supervisor: Supervisor, contract: PolicyContract, clock: Callable[[], float]
 ) -> Branch:
-    """Advance a simulated robot and the control stack to the instant.
+    """Advance a simulated robot, just built, and the control stack to the instant.
 
-    Args:
-        point: the instant.
-        setup: the robot, just built.
-        supervisor: the control stack that goes on.
-        contract: of the policy that goes on.
-        clock: the robot's clock in the run that begins, s.
+    The supervisor, the policy's contract and the robot's clock, s, are those of the run that goes on.
 
     Raises:
         InputError: the recording has no such instant, or cannot be simulated again.

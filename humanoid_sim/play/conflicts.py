@@ -177,9 +177,7 @@ def refuse_without_effect(config: PlayConfig, contract: PolicyContract | None, d
 def refuse_unheard_keys(config: PlayConfig, taken: Container[str], reported: Container[str]) -> None:
     """Refuse a MIDI keyboard whose keys the run does not take.
 
-    Args:
-        taken: names of the live inputs that come from other programs.
-        reported: names of those that the robot reports itself.
+    `taken` are the live inputs that come from other programs, `reported` those that the robot reports itself.
     """
     if config.midi is not None and KEY_PRESSED not in taken:
         knows = KEY_PRESSED in reported
@@ -203,9 +201,7 @@ _SUFFIXES = {"record": ".mcap", "video": ".mp4", "snapshot": ".png", "summary": 
 def choose_outputs(config: PlayConfig, motion: Path | None = None) -> Outputs:
     """Resolve `auto` and `none`; refuse to replace files that the user named, and at all those that the run reads.
 
-    Args:
-        config: the options.
-        motion: the file that the motion is read from.
+    `motion` is the file that the motion is read from.
     """
     branched = None if config.branch is None else parse_branch(config.branch)[0]
     read = (config.checkpoint, config.contract, config.again, branched, config.robot, config.calibration)

@@ -153,18 +153,11 @@ def look_for_gamepad(config: PlayConfig) -> tuple[str, ...]:
 
 
 def operator_notices(
-    config: PlayConfig,
-    steps: Sequence[ScriptStep] | None,
-    contract: PolicyContract | None,
-    taken: Iterable[str],
+    config: PlayConfig, steps: Sequence[ScriptStep] | None, contract: PolicyContract | None, taken: Iterable[str]
 ) -> tuple[str, ...]:
     """Say who drives the robot, and what has to come from programs that this run does not start, one line each.
 
-    Args:
-        config: the options.
-        steps: of the script that drives; None without one.
-        contract: of the policy.
-        taken: names of the live inputs that come from other programs.
+    `steps` are those of a script that drives, `taken` the names of the live inputs that come from other programs.
     """
     if config.branch is not None and not config.manual:
         return ()

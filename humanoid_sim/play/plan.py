@@ -179,13 +179,10 @@ def _cost_of_plant(config: PlayConfig, policy: PolicyChoice, description: RobotD
 
 
 def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: float | None) -> tuple[float, str]:
-    """Return the control period, and what to tell the user if it is not the robot's own.
+    """Return the control period in s, and what to tell the user if it is not the robot's own, or ''.
 
     Where the policy's period is not a multiple of the control period, the control rate moves to the nearest that is. On
     hardware there is no physics step to divide it.
-
-    Returns:
-        Control period in s, and a notice or ''.
 
     Raises:
         InputError: if the physics step does not divide the control period, or the policy's period has too many ticks.
