@@ -19,11 +19,10 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory, start_reason
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import EventKind, Mode, SafetyStatus, TickRecord
-from humanoid_sim.mit import GRAVITY_LEVERS, VELOCITY_COMMAND, FloatArray, MITCommand, MITState
-from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.messages import EventKind, Mode, TickRecord
+from humanoid_sim.mit import GRAVITY_LEVERS, VELOCITY_COMMAND, FloatArray
+from humanoid_sim.play.options import PlayConfig, parse_branch
 from humanoid_sim.play.played_robot import RobotSetup
-from humanoid_sim.play.policies import parse_branch
 from humanoid_sim.policy.contract_json import encode
 from humanoid_sim.recording.reader import Entry, Recording, open_recording, recorded_settings
 from humanoid_sim.recording.repeat import RecordedPolicy, first_difference, state_difference
@@ -44,8 +43,6 @@ class BranchPoint:
     time: float
     """s, robot's clock, as asked for."""
     description: RobotDescription
-    contract: PolicyContract | None
-    """Contract of the policy that the run began with; None where it began without."""
     is_simulated: bool
 
 
@@ -53,8 +50,6 @@ class BranchPoint:
 class Branch:
     """A recorded instant that was reached."""
 
-    setup: RobotSetup
-    """With the robot as it was then."""
     memory: SupervisorMemory
     """Memory of the control stack, for the policy that goes on."""
     inputs: RecordedInputs
@@ -63,19 +58,9 @@ class Branch:
     """Shape (3,), the velocity command of that instant, if there was one."""
     notices: tuple[str, ...]
 
-    def take_velocity(self, command: FloatArray, *, is_given: bool) -> FloatArray:
-        """Return the velocity command, shape (3,), to begin with: the given one, or else the recorded one."""
-        if is_given:
-            self.inputs.leaves_velocity = True
-            return command
-        return command if self.velocity is None else self.velocity
-
 
 def open_branch(config: PlayConfig) -> BranchPoint:
-    """Find the run, and the robot that it ran on.
-
-    Args:
-        config: the options, with the recorded ones in the place of defaults.
+    """Find the run, and the robot that it ran on; the options have the recorded ones in the place of defaults.
 
     Raises:
         InputError: it is not a run of `play`, or a branch itself.
@@ -88,23 +73,16 @@ def open_branch(config: PlayConfig) -> BranchPoint:
     settings = recorded_settings(path, header)
     if not str(settings.get("program", "")).startswith("humanoid_sim.play"):
         raise InputError(f"--branch: '{path}' is not of play, expected a recording of play")
-    folder = load_robot(config.robot).folder
-    description = RobotDescription.from_json(header.documents.get("robot", ""), folder)
-    return BranchPoint(
-        recording, time, description, recorded_contract(header), settings["options"].get("hardware") is None
-    )
+    description = RobotDescription.from_json(header.documents.get("robot", ""), load_robot(config.robot).folder)
+    return BranchPoint(recording, time, description, settings["options"].get("hardware") is None)
 
 
 def reach(
     point: BranchPoint, setup: RobotSetup, supervisor: Supervisor, contract: PolicyContract, clock: Callable[[], float]
 ) -> Branch:
-    """Bring a simulated robot, and a control stack, to the instant.
+    """Advance a simulated robot, just built, and the control stack to the instant.
 
-    Args:
-        setup: the robot, just built.
-        supervisor: the control stack that goes on.
-        contract: of the policy that goes on.
-        clock: the robot's clock in the run that begins, s.
+    The supervisor, the policy's contract and the robot's clock, s, are those of the run that goes on.
 
     Raises:
         InputError: the recording has no such instant, or cannot be simulated again.
@@ -112,18 +90,15 @@ def reach(
     robot = setup.robot
     if not isinstance(robot, MujocoRobot):
         raise TypeError("only a simulation can branch")
-    _measure(robot, point.contract)
-    memory, stack, recorded, record, entries = _repeated(point, robot if point.is_simulated else None)
+    memory, stack, recorded, record, entries = _repeated(point, setup, robot if point.is_simulated else None)
     _check_measured(recorded, contract)
-    if not point.is_simulated:
-        _measure(robot, recorded)
     state = record.input.state
     mode = memory.controller.removesuffix("_controller")
     notices = [f"branches at {float(state.time):g} s from {point.recording.path.name}, in {mode}"]
     if point.is_simulated:
         _compare(point, record, robot)
     else:
-        notices += _as_measured(point, robot, state, memory)
+        notices.append(_as_measured(point, robot, record, memory))
     kept, notice = _for_policy(memory, stack, supervisor, record)
     inputs = RecordedInputs(
         chain([record], entries),
@@ -133,34 +108,19 @@ def reach(
         repeats_safety=point.is_simulated,
     )
     velocity = state.extern.get(VELOCITY_COMMAND)
-    value = None if velocity is None else np.array(velocity.value)
-    return Branch(
-        replace(setup, robot=_Resumed(robot)),
-        kept,
-        inputs,
-        value,
-        tuple(text for text in (*notices, notice) if text),
-    )
-
-
-def _measure(robot: MujocoRobot, contract: PolicyContract | None) -> None:
-    """Have the robot measure what a policy observes."""
-    if contract is None:
-        robot.measuring("", ())()
-    else:
-        robot.measuring(contract.anchor_body, contract.velocity_points, contract.height_scan)()
+    return Branch(kept, inputs, None if velocity is None else np.array(velocity.value), (*notices, notice))
 
 
 def _check_measured(recorded: PolicyContract | None, contract: PolicyContract) -> None:
     """Check that the simulated robot measures what the recorded policy needed."""
-    anchor, points = ("", ()) if recorded is None else (recorded.anchor_body, recorded.velocity_points)
+    anchor = "" if recorded is None else recorded.anchor_body
+    points = () if recorded is None else recorded.velocity_points
     if contract.anchor_body and contract.anchor_body != anchor:
         raise InputError(
             f"--branch: the policy needs the pose of '{contract.anchor_body}', "
             f"the recorded run measured {repr(anchor) if anchor else 'none'}"
         )
-    missing = [point for point in contract.velocity_points if point not in points]
-    if missing:
+    if missing := [name for name in contract.velocity_points if name not in points]:
         raise InputError(
             f"--branch: the policy needs the velocity of {', '.join(missing)}, which the recorded run did not measure"
         )
@@ -169,36 +129,41 @@ def _check_measured(recorded: PolicyContract | None, contract: PolicyContract) -
 
 
 def _repeated(
-    point: BranchPoint, robot: MujocoRobot | None
+    point: BranchPoint, setup: RobotSetup, robot: MujocoRobot | None
 ) -> tuple[SupervisorMemory, Supervisor, PolicyContract | None, TickRecord, Iterator[Entry]]:
-    """Repeat the run up to the instant.
+    """Repeat the run up to the instant, and simulate it where there is a robot.
 
     Returns:
         The stack's memory before its tick, the stack, the contract of its policy, that tick, and what follows it.
     """
     path, header = point.recording.path, point.recording.header
-    contract, policy = point.contract, RecordedPolicy()
-    stack = rebuild_supervisor(header, policy)
-    entries = point.recording.entries()
-    memory, mode = stack.initial(), None
-    following, record, is_fresh = 0, None, False
+    tolerance = 0.5 * header.control_period
+    policy, entries = RecordedPolicy(), point.recording.entries()
+    contract, stack = recorded_contract(header), rebuild_supervisor(header, policy)
+    setup.measure(contract)()
+    memory, record = stack.initial(), None
+    mode: Mode | None = None
+    following, is_fresh = 0, False
     for entry in entries:
         if not isinstance(entry, TickRecord):
             if entry.kind is EventKind.FRESH_START:
                 is_fresh = True
-                if robot is not None:
-                    robot.activate()
+                setup.robot.activate()
             elif entry.kind is EventKind.POLICY:
                 header = point.recording.loaded(entry)
                 contract, stack = recorded_contract(header), rebuild_supervisor(header, policy)
-                if robot is not None:
-                    _measure(robot, contract)
+                setup.measure(contract)()
             continue
         record = entry
         if is_fresh:
             memory, is_fresh = stack.initial(start_reason(record.output.control_mode.status_message)), False
-        _check_place(point, record, following)
-        if float(record.input.state.time) > point.time - 0.5 * point.recording.header.control_period:
+        if record.index != following:
+            missing = record.index - following
+            raise InputError(f"--branch: '{path}' lacks {missing} ticks before tick {record.index}")
+        time = float(record.input.state.time)
+        if following == 0 and point.time < time - tolerance:
+            raise InputError(f"--branch: {point.time:g} s is before the recording's begin, {time:g} s")
+        if time > point.time - tolerance:
             return memory, stack, contract, record, entries
         following += 1
         if robot is not None:
@@ -208,28 +173,13 @@ def _repeated(
         difference = first_difference(header, record.output, output)
         if difference is not None:
             raise InputError(f"--branch: '{path}' cannot be repeated: tick {record.index}: {difference}")
-        if robot is not None:
-            mode = _write(robot, record.output.command, mode, record.output.control_mode.mode)
+        if robot is not None:  # as the loop did: the support first
+            before, mode = mode, record.output.control_mode.mode
+            if mode is not before and robot.description.is_floating:
+                support_in_mode(robot, mode)
+            robot.write(record.output.command)
     end = "no ticks" if record is None else f"up to {float(record.input.state.time):g} s"
     raise InputError(f"--branch: {point.time:g} s is behind the end of '{path}', which has {end}")
-
-
-def _check_place(point: BranchPoint, record: TickRecord, following: int) -> None:
-    """Check that the tick is the one that follows, and that the instant is not before the first."""
-    if record.index != following:
-        missing = record.index - following
-        raise InputError(f"--branch: '{point.recording.path}' lacks {missing} ticks before tick {record.index}")
-    time = float(record.input.state.time)
-    if following == 0 and point.time < time - 0.5 * point.recording.header.control_period:
-        raise InputError(f"--branch: {point.time:g} s is before the recording's begin, {time:g} s")
-
-
-def _write(robot: MujocoRobot, command: MITCommand, before: Mode | None, mode: Mode) -> Mode:
-    """As the loop did: the support first."""
-    if mode is not before and robot.description.is_floating:
-        support_in_mode(robot, mode)
-    robot.write(command)
-    return mode
 
 
 def _compare(point: BranchPoint, record: TickRecord, robot: MujocoRobot) -> None:
@@ -243,24 +193,23 @@ def _compare(point: BranchPoint, record: TickRecord, robot: MujocoRobot) -> None
         )
 
 
-def _as_measured(point: BranchPoint, robot: MujocoRobot, state: MITState, memory: SupervisorMemory) -> tuple[str, ...]:
+def _as_measured(point: BranchPoint, robot: MujocoRobot, record: TickRecord, memory: SupervisorMemory) -> str:
     """Put the simulated robot where the real one was measured; names what nobody measured."""
-    names = point.recording.header.joint_names
+    names, state = point.recording.header.joint_names, record.input.state
     for what, values in (("position", state.joint_position), ("velocity", state.joint_velocity)):
         silent = [name for name, value in zip(names, values, strict=True) if not math.isfinite(value)]
         if silent:
             raise InputError(f"--branch: the {what} of {', '.join(silent)} was not known at {float(state.time):g} s")
-    quaternion = state.imu_quaternion
-    has_imu = bool(np.isfinite(quaternion).all())
-    upright = np.array([1.0, 0.0, 0.0, 0.0])
-    robot.begin_at(float(state.time), state.joint_position, state.joint_velocity, quaternion if has_imu else upright)
+    has_imu = bool(np.isfinite(state.imu_quaternion).all())
+    quaternion = state.imu_quaternion if has_imu else np.array([1.0, 0.0, 0.0, 0.0])
+    robot.begin_at(float(state.time), state.joint_position, state.joint_velocity, quaternion)
     unknown = ["contacts", "forces from outside", "what the motors were about to do"]
     if robot.description.is_floating:
         unknown.insert(0, "place and motion of the base")
         if memory.controller in (RL_POLICY, REMOTE_POLICY):
             robot.set_support(False)
     return (
-        f"joints as measured on the robot; unknown: {', '.join(unknown)}, so it goes on differently than the robot did",
+        f"joints as measured on the robot; unknown: {', '.join(unknown)}, so it goes on differently than the robot did"
     )
 
 
@@ -274,10 +223,9 @@ def _for_policy(
         return memory, ""
     if not isinstance(after, RLPolicyController):
         raise TypeError("LOCOMOTION is not a policy's")
-    same = _remembered(before) == _remembered(after)
     held = own.held_ticks if before.decimation == after.decimation else after.decimation
     policy, notice = own.policy, ""
-    if not same:
+    if _remembered(before) != _remembered(after):
         frame = after.reference.clamp(own.policy.frame)
         policy = replace(after.wiring.activate(record.input.state), frame=frame)
         notice = (
@@ -290,49 +238,12 @@ def _for_policy(
 
 
 _REMEMBERED = (
-    "observation",
-    "history_layout",
-    "joint_names",
-    "action_joint_names",
-    "command_names",
-    "align_reference",
-    "anchor_body",
-    "phase",
+    *("observation", "history_layout", "joint_names", "action_joint_names"),
+    *("command_names", "align_reference", "anchor_body", "phase"),
 )
-"""Fields of a contract that say what a policy's memory means."""
+"""Fields of a contract that say what a policy's memory means: with the same of these it fits another policy."""
 
 
 def _remembered(controller: RLPolicyController) -> tuple[object, ...]:
-    """Return what the memory of a policy means: with the same of these it fits another one."""
     document, layout = parse_json(encode(controller.contract)), controller.wiring.layout
     return layout.step_width, layout.history, *(document[name] for name in _REMEMBERED)
-
-
-class _Resumed:
-    """A simulated robot whose first activation leaves it as it is."""
-
-    def __init__(self, robot: MujocoRobot) -> None:
-        self._robot = robot
-        self._is_active = False
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        return self._robot.joints
-
-    @property
-    def is_closed(self) -> bool:
-        return self._robot.is_closed
-
-    def activate(self) -> None:
-        if self._is_active:
-            self._robot.activate()
-        self._is_active = True
-
-    def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
-        return self._robot.read()
-
-    def write(self, command: MITCommand) -> None:
-        self._robot.write(command)
-
-    def close(self) -> None:
-        self._robot.close()

@@ -1,59 +1,140 @@
-"""Reject conflicting options of `play`, and files that exist, before anything is made: the error names the option."""
+"""Reject options of `play` that conflict, and files that do not or already exist, before anything is made.
+
+The error names the option. Nothing here imports MuJoCo or compiles a model, which takes seconds.
+"""
 
 from __future__ import annotations
 
 import math
 import os
 import time
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
+from humanoid_sim.assets import motion_path, policy_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import output_file
+from humanoid_sim.files import is_file, output_file, regular_file
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.front_ends import has_keys, operated_by, shows_window
-from humanoid_sim.play.options import NO_POLICY, SIMULATED, PlayConfig
+from humanoid_sim.play.options import NO_POLICY, SIMULATED, PlayConfig, parse_branch
+from humanoid_sim.policy.checkpoint import PLACEHOLDER
+from humanoid_sim.policy.onnx_policy import check_file
 from humanoid_sim.rendering.backend import has_display
-from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.inject import Injection
 from humanoid_sim.session.outside_safety import parse_watchdogs
 from humanoid_sim.session.script import parse_script
+from humanoid_sim.session.sources import velocity_numbers
+
+if TYPE_CHECKING:
+    from humanoid_sim.robots.description import RobotDescription
 
 _RUNS = Path("runs")
+_BRANCH_KEEPS = ("robot", "check_poses", "control_frequency", *SIMULATED)
+"""Options of the simulated robot, which goes on as it was."""
+_OF_BRANCH = ("again", "hardware", "policy_seconds", "shadow", *_BRANCH_KEEPS)
+_DECIDES = ("policy_seconds",), ", which decides how long a policy runs"
+
+_MEANINGLESS: tuple[tuple[Literal["with", "without"], str, tuple[str, ...], str], ...] = (
+    ("without", "dds_interface", ("dds_safety",), "; on this machine statuses always count"),
+    ("without", "hardware", (*PlayConfig.GROUPS["a real robot"], "no_gamepad"), ""),
+    ("with", "hardware", (*SIMULATED, "push"), ""),
+    ("with", "shadow", ("policy", "branch", "remote"), ", whose robot stays in DAMPING and STANDBY"),
+    *(("with", name, *_DECIDES) for name in ("manual", "script", "hardware", "remote")),
+)
+"""With, or without, which option which others mean nothing, and what more there is to say of that."""
+
+_EITHER = {
+    ("gamepad", "no_gamepad"): "expected at most one of them",
+    ("motion", "song"): "both are given, expected one of them",
+    ("manual", "script"): "both drive the FSM, expected at most one of them",
+    ("policy_seconds", "duration"): "give either --policy-seconds or --duration, not both",
+}
+"""Options of which at most one may be given, and what to say."""
+
+_POSITIVE = ("duration", "policy_seconds", "control_frequency", "action_limit")
+_HIGHEST_DROP = 1.0
+"""m; --base-height takes more."""
+
+
+def refuse_early(config: PlayConfig) -> None:
+    """Refuse files that do not exist, and a velocity that is none."""
+    path = checkpoint_path(config)
+    if path is not None:
+        check_file(path)
+    if config.contract is not None:
+        regular_file(config.contract, "a YAML file")
+    if config.motion is not None:
+        motion_path(str(config.motion))
+    velocity_numbers(config.command)
+
+
+def checkpoint_path(config: PlayConfig) -> Path | None:
+    """Return the file of the checkpoint that the options name; None for the sample policy, the placeholder and none."""
+    if config.checkpoint in (None, PLACEHOLDER, NO_POLICY):
+        return None
+    option = "--policy" if config.shadow is None else "--shadow"
+    return policy_path(config.checkpoint or "", option, also=(PLACEHOLDER, NO_POLICY))
 
 
 def refuse_conflicts(config: PlayConfig, injections: Sequence[Injection]) -> None:
     """Refuse options that exclude each other, and values out of range; `injections` are those of --inject."""
     parse_watchdogs(config.watchdog)
-    if config.dds_safety and config.dds_interface is None:
-        raise InputError("--dds-safety: means nothing without --dds-interface; on this machine statuses always count")
-    if config.gamepad is not None and config.no_gamepad:
-        raise InputError("--gamepad and --no-gamepad: expected at most one of them")
-    _refuse_hardware_conflicts(config)
-    _refuse_beside_shadow(config, injections)
+    for one, other in _EITHER:
+        refuse_both(one, other, config.is_given)
+    for word, of, names, more in _MEANINGLESS:
+        if config.is_given(of) == (word == "with"):
+            _refuse(config, names, f"means nothing {word} {_option(of)}{more}")
+    if config.hardware is not None and config.pace == "fast":
+        raise InputError("--pace: is fast, but the time of a real robot is real")
+    if config.hardware is not None and config.script is not None and not config.allow_script:
+        raise InputError("--script: would move a real robot with nobody at the keys; add --allow-script if it may")
+    if config.shadow is not None:
+        _refuse_to_drive(config, injections)
     if config.motion_topic is not None and config.motion is None:
         raise InputError(f"--motion-topic: is {config.motion_topic}, which means nothing without --motion")
     if not config.has_policy:
         why = "without a policy" if config.policy is not None else "without --policy: on hardware none runs by default"
-        _refuse(config, _OF_POLICY, f"means nothing {why}")
-    if config.motion is not None and config.song is not None:
-        raise InputError("--motion and --song: both are given, expected one of them")
-    if config.manual and config.script is not None:
-        raise InputError("--manual and --script: both drive the FSM, expected at most one of them")
+        _refuse(config, ("contract", "motion", "song", "command", "policy_seconds"), f"means nothing {why}")
     if config.viewer == "native" and not has_display():
         raise InputError("--viewer native: there is no display here; use --video out.mp4 instead")
     _refuse_out_of_range(config)
-    if config.policy_seconds is not None:
-        _refuse_policy_seconds(config)
     if config.manual and not has_keys(config) and not operated_by(config):
         raise InputError(
             "--manual: standard input is not a terminal, expected one to read keys from, or --console or --gamepad"
         )
     if config.remote == "none" and any(injection.kind == "silent_remote" for injection in injections):
         raise InputError("--inject: silent_remote needs a source of commands to silence: use --remote gravity")
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
+def refuse_both(one: str, other: str, is_given: Callable[[str], bool]) -> None:
+    """Refuse two options of which at most one may be given."""
+    if is_given(one) and is_given(other):
+        raise InputError(f"{_option(one)} and {_option(other)}: {_EITHER[one, other]}")
+
+
+def _refuse(config: PlayConfig, names: Iterable[str], why: str) -> None:
+    """Refuse any of these options that is given."""
+    for name in names:
+        if config.is_given(name):
+            raise InputError(f"{_option(name)}: {why}")
+
+
+def _refuse_to_drive(config: PlayConfig, injections: Sequence[Injection]) -> None:
+    """Refuse what would take the robot out of the modes in which a shadow policy runs, or what it does not have."""
+    if any(injection.kind == "nan_policy" for injection in injections):
+        raise InputError("--inject: nan_policy means nothing with --shadow: it is for a policy that drives")
+    for step in () if config.script is None else parse_script(config.script):
+        if step.kind == "motion" or step.intent in (Intent.START_LOCOMOTION, Intent.START_REMOTE):
+            word = step.kind if step.intent is None else step.intent.value
+            raise InputError(f"--script: has {word}, but with --shadow the robot stays in DAMPING and STANDBY")
 
 
 def _refuse_out_of_range(config: PlayConfig) -> None:
@@ -70,61 +151,12 @@ def _refuse_out_of_range(config: PlayConfig) -> None:
             raise InputError(f"{_option(name)}: is {value}, expected a finite number > 0")
 
 
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
-
-
-def _refuse(config: PlayConfig, names: Iterable[str], why: str) -> None:
-    """Refuse any of these options that is given."""
-    for name in names:
-        if config.is_given(name):
-            raise InputError(f"{_option(name)}: {why}")
-
-
-def _refuse_hardware_conflicts(config: PlayConfig) -> None:
-    """Refuse options that mean nothing with, or without, real motors, and a motion that nobody there has asked for."""
-    if config.hardware is None:
-        _refuse(config, _HARDWARE_ONLY, "means nothing without --hardware")
-        return
-    _refuse(config, (*SIMULATED, "push"), "means nothing with --hardware")
-    if config.pace == "fast":
-        raise InputError("--pace: is fast, but the time of a real robot is real")
-    if config.script is not None and not config.allow_script:
-        raise InputError("--script: would move a real robot with nobody at the keys; add --allow-script if it may")
-
-
-def _refuse_beside_shadow(config: PlayConfig, injections: Sequence[Injection]) -> None:
-    """Refuse what would take the robot out of the modes in which a shadow policy runs, or what it does not have."""
-    if config.shadow is None:
-        return
-    why = "means nothing with --shadow, whose robot stays in DAMPING and STANDBY"
-    _refuse(config, ("policy", "branch", "remote"), why)
-    if any(injection.kind == "nan_policy" for injection in injections):
-        raise InputError("--inject: nan_policy means nothing with --shadow: it is for a policy that drives")
-    for step in () if config.script is None else parse_script(config.script):
-        if step.kind == "motion" or step.intent in (Intent.START_LOCOMOTION, Intent.START_REMOTE):
-            word = step.kind if step.intent is None else step.intent.value
-            raise InputError(f"--script: has {word}, but with --shadow the robot stays in DAMPING and STANDBY")
-
-
-def _refuse_policy_seconds(config: PlayConfig) -> None:
-    """Refuse it where something else decides how long the policy runs."""
-    if config.duration is not None:
-        raise InputError("--policy-seconds and --duration: give either --policy-seconds or --duration, not both")
-    for name in ("manual", "script", "hardware", "remote"):
-        if config.is_given(name):
-            why = f"means nothing with {_option(name)}, which decides how long a policy runs"
-            raise InputError(f"--policy-seconds: {why}")
-
-
 def refuse_beside_branch(config: PlayConfig) -> None:
     """Refuse options that contradict the run in which a branch begins; called before its options are taken over."""
-    if config.branch is None:
-        return
-    if config.policy == NO_POLICY:
-        raise InputError("--policy: is none, but --branch goes on with a policy")
-    contradicting = ("again", "hardware", "policy_seconds", "shadow", *_BRANCH_KEEPS)
-    _refuse(config, contradicting, "means nothing with --branch, which goes on as recorded")
+    if config.branch is not None:
+        if config.policy == NO_POLICY:
+            raise InputError("--policy: is none, but --branch goes on with a policy")
+        _refuse(config, _OF_BRANCH, "means nothing with --branch, which goes on as recorded")
 
 
 def refuse_without_effect(config: PlayConfig, contract: PolicyContract | None, description: RobotDescription) -> None:
@@ -145,23 +177,12 @@ def refuse_without_effect(config: PlayConfig, contract: PolicyContract | None, d
 def refuse_unheard_keys(config: PlayConfig, taken: Container[str], reported: Container[str]) -> None:
     """Refuse a MIDI keyboard whose keys the run does not take.
 
-    Args:
-        taken: names of the live inputs that come from other programs.
-        reported: names of those that the robot reports itself.
+    `taken` are the live inputs that come from other programs, `reported` those that the robot reports itself.
     """
     if config.midi is not None and KEY_PRESSED not in taken:
         knows = KEY_PRESSED in reported
         why = "this robot, which has a piano and knows its keys" if knows else "this policy, which plays no piano"
         raise InputError(f"--midi: means nothing for {why}")
-
-
-_HIGHEST_DROP = 1.0
-"""m; --base-height takes more."""
-_POSITIVE = ("duration", "policy_seconds", "control_frequency", "action_limit")
-_OF_POLICY = ("contract", "motion", "song", "command", "policy_seconds")
-_HARDWARE_ONLY = (*PlayConfig.GROUPS["a real robot"], "no_gamepad")
-_BRANCH_KEEPS = ("robot", "check_poses", "control_frequency", *SIMULATED)
-"""Options of the simulated robot, which goes on as it was."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,8 +198,14 @@ class Outputs:
 _SUFFIXES = {"record": ".mcap", "video": ".mp4", "snapshot": ".png", "summary": ".json"}
 
 
-def choose_outputs(config: PlayConfig, inputs: Sequence[Path] = ()) -> Outputs:
-    """Resolve `auto` and `none`; refuse to replace files that the user named, and at all those that the run reads."""
+def choose_outputs(config: PlayConfig, motion: Path | None = None) -> Outputs:
+    """Resolve `auto` and `none`; refuse to replace files that the user named, and at all those that the run reads.
+
+    `motion` is the file that the motion is read from.
+    """
+    branched = None if config.branch is None else parse_branch(config.branch)[0]
+    read = (config.checkpoint, config.contract, config.again, branched, config.robot, config.calibration)
+    inputs = [*(Path(name) for name in read if name is not None and is_file(name)), *([motion] if motion else [])]
     stem = f"{time.strftime('play-%Y%m%d-%H%M%S')}-{os.getpid()}"  # two runs may start in one second
     is_drawn = config.hardware is None and config.viewer == "auto" and not shows_window(config)
     named: dict[str, Path] = {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -38,8 +39,8 @@ CALIBRATION = "calibration.yaml"
 """File of a robot's calibration, unless an option names another."""
 
 
-def real_robot(config: PlayConfig, description: RobotDescription, control_period: float) -> RobotSetup:
-    """Return a robot on the channels of `--hardware`. Opens nothing, but for emulated motors, which are then running.
+def real_robot(config: PlayConfig, description: RobotDescription, control_period: float, left: ExitStack) -> RobotSetup:
+    """Return a robot on the channels of `--hardware`. Opens nothing, but for emulated motors, which run until `left`.
 
     On channels of the interface `virtual`, which exist in this process only, the motors are emulated, assembled as the
     calibration says. Everywhere else they are somebody else's: real ones, or those of `humanoid_sim.hardware emulate`.
@@ -52,55 +53,50 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
     if any(is_virtual) and not all(is_virtual):
         raise InputError(f"--hardware: is '{config.hardware}', expected virtual channels only, or none")
     offsets, notices = _homing_offsets(config, description, addresses)
-    motors = _emulated(description, addresses, offsets) if all(is_virtual) else None
+    motors: VirtualMotors | None = None
     keyboard: MidiKeyboard | None = None
-
-    def release() -> None:
-        if keyboard is not None:
-            keyboard.close()
-        if motors is not None:
-            motors.close()
-
-    try:
-        if motors is not None and config.midi == (EMULATED_KEYBOARD,):
-            keyboard = _emulated_keyboard(description, motors)
-        imu = make_imu(config.imu, config.imu_mounting, lambda: robot.time)
-        if imu is None and motors is not None:
-            imu = SimulatedImu(lambda: motors.truth.imu)
-        robot = HardwareRobot(
-            description,
-            addresses,
-            calibration=offsets,
-            control_period=control_period,
-            imu=imu,
-            allow_no_timeout=config.allow_no_timeout,
-            dry_run=config.dry_run,
-            host_id=config.host_id,
-            can_timeout=config.can_timeout,
-            accepted_firmware=config.accept_firmware,
-            open_bus=open_bus if motors is None else motors.open_bus,
-        )
-        levers, unjudged = gravity_levers(description, has_imu=imu is not None)
-        return RobotSetup(
-            robot,
-            live={},
-            levers=levers,
-            qpos=MeasuredPose(description),
-            model=lambda: build_model(description),
-            simulated=False,
-            check_policy=lambda contract: check_policy(contract, description, has_imu=imu is not None),
-            mode_listener=partial(support_in_mode, motors) if motors is not None and description.is_floating else None,
-            notices=(*notices, *unjudged),
-            bring_up=_bring_up(robot, description, addresses, emulated=motors is not None),
-            figures=lambda: _figures(robot, motors),
-            is_driven=lambda: robot.is_enabled,
-            failure=lambda: "" if motors is None or motors.failure is None else f"emulated motors: {motors.failure!r}",
-            keyboard="" if keyboard is None else str(keyboard.path),
-            release=release,
-        )
-    except BaseException:
-        release()
-        raise
+    if all(is_virtual):
+        with punctual_threads(behind=10):  # real motors are not held up by whatever else runs on this computer
+            motors = VirtualMotors(description, addresses, settings=EmulationSettings(homing_offset=offsets))
+        left.callback(motors.close)
+    if motors is not None and config.midi == (EMULATED_KEYBOARD,):
+        keyboard = _emulated_keyboard(description, motors)
+        left.callback(keyboard.close)
+    imu = make_imu(config.imu, config.imu_mounting, lambda: robot.time)
+    if imu is None and motors is not None:
+        imu = SimulatedImu(lambda: motors.truth.imu)
+    robot = HardwareRobot(
+        description,
+        addresses,
+        calibration=offsets,
+        control_period=control_period,
+        imu=imu,
+        allow_no_timeout=config.allow_no_timeout,
+        dry_run=config.dry_run,
+        host_id=config.host_id,
+        can_timeout=config.can_timeout,
+        accepted_firmware=config.accept_firmware,
+        open_bus=open_bus if motors is None else motors.open_bus,
+    )
+    channels = ", ".join(map(str, addresses))
+    question = f"Enable the motors of {description.name} on {channels}, without torque?"
+    levers, unjudged = gravity_levers(description, has_imu=imu is not None)
+    return RobotSetup(
+        robot,
+        live={},
+        levers=levers,
+        qpos=MeasuredPose(description),
+        model=lambda: build_model(description),
+        simulated=False,
+        check_policy=lambda contract: check_policy(contract, description, has_imu=imu is not None),
+        mode_listener=partial(support_in_mode, motors) if motors is not None and description.is_floating else None,
+        notices=(*notices, *unjudged),
+        bring_up=_bring_up(robot, "" if motors is not None else question),
+        figures=lambda: _figures(robot, motors),
+        is_driven=lambda: robot.is_enabled,
+        failure=lambda: "" if motors is None or motors.failure is None else f"emulated motors: {motors.failure!r}",
+        keyboard="" if keyboard is None else str(keyboard.path),
+    )
 
 
 def _homing_offsets(
@@ -125,14 +121,6 @@ def _homing_offsets(
     return calibration.homing_offsets(description), (f"calibration {path}", *calibration.warnings)
 
 
-def _emulated(
-    description: RobotDescription, addresses: Sequence[BusAddress], offsets: Mapping[str, float]
-) -> VirtualMotors:
-    # Real motors are not held up by whatever else runs on this computer.
-    with punctual_threads(behind=10):
-        return VirtualMotors(description, addresses, settings=EmulationSettings(homing_offset=offsets))
-
-
 def _emulated_keyboard(description: RobotDescription, motors: VirtualMotors) -> MidiKeyboard:
     """Return the keys of the emulated piano, as the bytes of a keyboard on a FIFO of this process."""
     if description.piano is None:
@@ -155,12 +143,9 @@ def check_policy(contract: PolicyContract, description: RobotDescription, *, has
     return tuple(f"{finding.severity}: {finding}" for finding in findings)
 
 
-def _bring_up(
-    robot: HardwareRobot, description: RobotDescription, addresses: Sequence[BusAddress], *, emulated: bool
-) -> BringUp:
-    channels = ", ".join(map(str, addresses))
+def _bring_up(robot: HardwareRobot, question: str) -> BringUp:
     return BringUp(
-        "" if emulated else f"Enable the motors of {description.name} on {channels}, without torque?",
+        question,
         prepare=robot.prepare,
         checks=lambda: [(check.verdict.value, check.subject, check.text) for check in robot.checks],
         unanswered=lambda: sorted({check.about for check in robot.checks if check.verdict is Verdict.QUESTION}),

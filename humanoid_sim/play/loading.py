@@ -21,21 +21,19 @@ import numpy.typing as npt
 
 from humanoid_sim.assets import shipped
 from humanoid_sim.client import LOAD_OPTIONS
-from humanoid_sim.controllers.policy_step import Policy, resolve_action
+from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.rl_policy import ticks_per_step
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.piano_score import PlayedKeys
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors, errors_of_run
 from humanoid_sim.frontends.launcher import ordinary_scheduling
 from humanoid_sim.messages import SessionHeader
-from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND, FloatArray
-from humanoid_sim.play.conflicts import refuse_without_effect
-from humanoid_sim.play.early import refuse_early
+from humanoid_sim.mit import KEY_PRESSED, FloatArray, MITState
+from humanoid_sim.play.conflicts import refuse_both, refuse_early, refuse_without_effect
 from humanoid_sim.play.hardware_robot import check_policy
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.plan import Plan, policy_notices
 from humanoid_sim.play.played_robot import simulated_robot
-from humanoid_sim.play.policies import PolicyChoice, choose_policy
+from humanoid_sim.play.policies import PolicyChoice, choose_policy, policy_notices, require_joints
 from humanoid_sim.policy.checkpoint import PLACEHOLDER, Checkpoint, file_digest, zero_policy
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, has_onnxruntime
@@ -56,14 +54,6 @@ _NICENESS = 10
 _PROGRAM = "from humanoid_sim.play.loading import main; main()"
 _SHIPPED = {"policy": "policies", "motion": "motions", "song": "songs"}
 """Options that take the names of what ships, and of which kind that is."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Job:
-    config: PlayConfig
-    """Options of the session, with the policy's."""
-    header: SessionHeader
-    """Header of the run so far."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,8 +97,7 @@ def parse_options(text: str, config: PlayConfig) -> PlayConfig:
         if name != "command" and not (is_name or os.path.isabs(value) or (name == "song" and is_generated(value))):
             known = "" if kind is None else f", or one of {', '.join(shipped(kind))}"
             raise InputError(f"--{name}: is '{value}', expected an absolute path{known}")
-    if "motion" in options and "song" in options:
-        raise InputError("--motion and --song: both are given, expected one of them")
+    refuse_both("motion", "song", options.__contains__)
     fresh = {name: PlayConfig.__dataclass_fields__[name].default for name in LOAD_OPTIONS}
     return replace(config, motion_topic=None, **{**fresh, **options})
 
@@ -124,6 +113,10 @@ class Prover:
     def prove(self, config: PlayConfig, header: SessionHeader) -> Proof:
         """Check a policy, run it for the first time, and compute its golden vectors again.
 
+        Args:
+            config: options of the session, with the policy's.
+            header: of the run so far.
+
         Raises:
             InputError: the session cannot take it, and why.
         """
@@ -138,7 +131,7 @@ class Prover:
                 start_new_session=True,  # the terminal's Ctrl-C is for the run
             )
         try:
-            answer, _ = process.communicate(pickle.dumps(_Job(config, header)), _LONGEST)
+            answer, _ = process.communicate(pickle.dumps((config, header)), _LONGEST)
         except subprocess.TimeoutExpired:
             raise InputError(f"{config.policy}: could not be checked within {_LONGEST:g} s") from None
         finally:
@@ -164,14 +157,14 @@ class Prover:
 
 
 def main() -> None:
-    """Answer standard input, a `_Job`, with a `Proof`, or with the text of a refusal."""
+    """Answer standard input, what `Prover.prove` is asked, with a `Proof`, or with the text of a refusal."""
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a library prints is not an answer
     os.nice(_NICENESS)
-    job: _Job = pickle.load(sys.stdin.buffer)
+    config, header = pickle.load(sys.stdin.buffer)
     result: Proof | str
     try:
-        result = _proved(job)
+        result = _proved(config, header)
     except InputError as error:
         result = str(error)
     except Exception as error:  # a bug, or a checkpoint that a library stumbles over: refused all the same
@@ -180,8 +173,7 @@ def main() -> None:
         pickle.dump(result, output)
 
 
-def _proved(job: _Job) -> Proof:
-    config, header = job.config, job.header
+def _proved(config: PlayConfig, header: SessionHeader) -> Proof:
     period = header.control_period
     refuse_early(config)
     description = RobotDescription.from_json(header.documents["robot"], load_robot(config.robot).folder)
@@ -189,10 +181,7 @@ def _proved(job: _Job) -> Proof:
     if policy.loaded is None or policy.checkpoint is None:
         raise InputError(f"--policy: is {config.policy}, expected one that runs")
     contract = policy.loaded.contract
-    try:
-        resolve_action(contract, description.joint_names)
-    except FieldError as error:
-        raise InputError(f"policy on robot '{description.name}': {error}") from None
+    require_joints(contract, description)
     if not ticks_per_step(contract.policy_dt, period)[1]:
         raise InputError(
             f"{policy.source}: its policy_dt is {contract.policy_dt:g} s, expected a multiple of this session's "
@@ -210,8 +199,7 @@ def _proved(job: _Job) -> Proof:
     else:
         has_imu = config.imu != "none" or config.hardware.startswith("virtual")
         notices += check_policy(contract, description, has_imu=has_imu)
-    taken = policy.loaded.taken(live)
-    live = {**taken, **live, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
+    taken, live = policy.live_inputs(live)
     policy_controller(description, period, policy.loaded, live=live, action_limit=config.action_limit)
     settings, limit = {"options": asdict(config), **policy.settings}, config.action_limit
     return Proof(
@@ -250,20 +238,26 @@ class JudgedPolicy:
         ghost = ReferenceGhost.of(description, loaded.contract, loaded.reference) if is_drawn else None
         return cls(tracking, anchor, goals, keys, ghost)
 
+    def update(self, frame: int, state: MITState) -> None:
+        """Compare the state of a policy step with the frame that the policy was shown."""
+        if self.tracking is not None:
+            self.tracking.update(frame, state.joint_position)
+        if self.anchor is not None:
+            self.anchor.update(frame, state)
+        live = state.extern.get(KEY_PRESSED)
+        if self.keys is not None and live is not None:
+            self.keys.update(frame, live.value)
+
 
 class PolicyLoader:
     """Prepares policies for `Loading`; of what it gives, only `follow` runs on the control thread."""
 
-    def __init__(self, plan: Plan, header: SessionHeader) -> None:
-        self._plan, self._header = plan, header
+    def __init__(self, run: Run, header: SessionHeader) -> None:
+        self._run, self._header = run, header
+        """The run whose parts follow the policy, and its header."""
         self._prover = Prover()
+        self.cancel = self._prover.cancel
         has_onnxruntime()  # imported now: later the import would stop the loop for 30 ms
-        self.run: Run | None = None
-        """Run whose parts follow the policy; set once it is put together."""
-
-    def cancel(self) -> None:
-        """End the process that proves a policy."""
-        self._prover.cancel()
 
     def prepare(self, options: str) -> PreparedPolicy:
         """Check, prove and build a policy.
@@ -274,11 +268,10 @@ class PolicyLoader:
         Raises:
             InputError: the session cannot take it, and why.
         """
-        run, plan = self.run, self._plan
-        assert run is not None  # requests come by ticks
+        run, plan = self._run, self._run.plan
         proof = self._prover.prove(parse_options(options, plan.config), self._header)
         with considerate():
-            policy = _policy_of(proof, plan)
+            policy = _policy_of(proof, plan.config)
             assert policy.loaded is not None
             contract = policy.loaded.contract
             controller = policy_controller(
@@ -290,29 +283,28 @@ class PolicyLoader:
             )
             judged = JudgedPolicy.of(plan.description, policy, is_drawn=run.video is not None)
             measure = plan.setup.measure(contract)
-            described = run.ends.feed.prepare(proof.header, proof.taken)
+            described = run.feed.prepare(proof.header, proof.taken)
 
         def follow() -> None:
             self._header = proof.header
             measure()
             plan.velocity.begin(proof.command, contract.command_ranges, is_observed=policy.walks)
-            run.ends.data.follow(plan.velocity if policy.walks else None, proof.taken, contract.live_timeouts)
-            run.ends.feed.follow(described)
+            run.data.follow(plan.velocity if policy.walks else None, proof.taken, contract.live_timeouts)
+            run.feed.follow(described)
             run.follow(policy, proof.config, judged)
 
-        motion = "" if policy.motion_file is None else f", motion {policy.motion_file.name}"
-        text = "; ".join((f"policy loaded: {policy.source}{motion}", *filter(None, proof.notices)))
+        text = "; ".join((f"policy loaded: {policy}", *filter(None, proof.notices)))
         return PreparedPolicy(
             controller,
             proof.header,
             text,
             follow,
-            announce=lambda: run.ends.rename_policy(policy.source),
+            announce=lambda: run.rename_policy(policy.source),
             discard=lambda: os.close(described),
         )
 
 
-def _policy_of(proof: Proof, plan: Plan) -> PolicyChoice:
+def _policy_of(proof: Proof, config: PlayConfig) -> PolicyChoice:
     """Return the policy that was proved, in this process: its network anew, everything else as it will be recorded."""
     contract, motion = recorded_contract(proof.header), recorded_motion(proof.header)
     assert contract is not None
@@ -320,8 +312,8 @@ def _policy_of(proof: Proof, plan: Plan) -> PolicyChoice:
     if proof.sha256:
         path = Path(proof.source)
         model = OnnxModel(path)
-        if plan.config.hardware is not None:  # a fault, and so DAMPING, while the motors still listen
-            model.time_limit = 0.5 * plan.config.can_timeout
+        if config.hardware is not None:  # a fault, and so DAMPING, while the motors still listen
+            model.time_limit = 0.5 * config.can_timeout
         network = policy = OnnxPolicy(model, contract.tensors)
         policy(np.zeros(policy.observation_width, dtype=np.float32), 0)
         if file_digest(path) != proof.sha256:

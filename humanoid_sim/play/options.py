@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Annotated, ClassVar, Literal
@@ -9,6 +10,7 @@ from typing import Annotated, ClassVar, Literal
 import tyro
 
 from humanoid_sim.controllers.joy import JoyBindings
+from humanoid_sim.errors import InputError
 from humanoid_sim.simulation import DROP
 
 DEFAULT_ROBOT = "lite"
@@ -221,3 +223,15 @@ SIMULATED = tuple(
     sorted({*PlayConfig.GROUPS["simulation"]} - {"branch", "control_frequency", "inject", "pace", "push"})
 )
 """Options of the simulated robot."""
+
+
+def parse_branch(text: str) -> tuple[str, float]:
+    """Return the file, and s on the robot's clock, of FILE@SECONDS."""
+    path, _, seconds = text.rpartition("@")
+    try:
+        time = float(seconds)
+    except ValueError:
+        time = math.nan
+    if not path or not math.isfinite(time):
+        raise InputError(f"--branch: is '{text}', expected FILE@SECONDS, such as run.mcap@12.5")
+    return path, time

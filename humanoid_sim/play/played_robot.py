@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, Protocol
 
@@ -16,6 +16,7 @@ from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.robot_check import effort_findings, model_damping_findings
+from humanoid_sim.policy.song import key_name
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.imu import imu_line
 from humanoid_sim.robots.mjcf import bare_model, own_joint_damping, prefix_line
@@ -38,6 +39,13 @@ class PlayedRobot(Robot, Protocol):
         """Return whether `close` was called."""
 
 
+def measuring(robot: MujocoRobot, contract: PolicyContract | None) -> Callable[[], None]:
+    """Prepare a robot to measure what a policy observes, or nothing; the result, between two ticks, begins it."""
+    if contract is None:
+        return robot.measuring("", ())
+    return robot.measuring(contract.anchor_body, contract.velocity_points, contract.height_scan)
+
+
 @dataclass(frozen=True, slots=True)
 class BringUp:
     """Checks and questions for an operator before a real robot is enabled."""
@@ -55,27 +63,37 @@ class BringUp:
 
 
 class Touches:
-    """Hardest touches of a simulated piano's keys, for each mode; to be called with each new mode."""
+    """Hardest touch of a simulated piano's key, against the robot's limit; to be called with each new mode.
 
-    def __init__(self, robot: MujocoRobot) -> None:
-        self._robot, self._mode = robot, Mode.ZERO_TORQUE
-        self._hardest: dict[Mode, Touch] = {}
+    The limit is for a robot that is driven. In DAMPING and ZERO_TORQUE arms sink onto the keys by their weight.
+    """
+
+    def __init__(self, robot: MujocoRobot, limit: float) -> None:
+        self._robot, self._limit, self._is_limp = robot, limit, True
+        self._driven: Touch | None = None
+        self._sunk = 0.0
 
     def __call__(self, mode: Mode) -> str:
         """Take in that a mode begins; it says nothing."""
         self._note()
-        self._mode = mode
+        self._is_limp = mode in (Mode.ZERO_TORQUE, Mode.DAMPING)
         return ""
 
-    def hardest(self) -> Mapping[Mode, Touch]:
-        """Return the hardest touch in each mode in which there was one."""
+    def figures(self) -> dict[str, Any]:
+        """Return force in N, time in s and name of the key of the hardest touch, the limit, and the force when limp."""
         self._note()
-        return dict(self._hardest)
+        touch = self._driven
+        at = (
+            {"force": 0.0, "key": None, "time": None} if touch is None else asdict(touch) | {"key": key_name(touch.key)}
+        )
+        return at | {"limit": self._limit, "sunk": self._sunk}
 
     def _note(self) -> None:
-        touch, before = self._robot.hardest_touch, self._hardest.get(self._mode)
-        if touch is not None and (before is None or touch.force > before.force):
-            self._hardest[self._mode] = touch
+        touch = self._robot.hardest_touch
+        if touch is not None and self._is_limp:
+            self._sunk = max(self._sunk, touch.force)
+        elif touch is not None and (self._driven is None or touch.force > self._driven.force):
+            self._driven = touch
         self._robot.forget_touches()
 
 
@@ -97,14 +115,14 @@ class RobotSetup:
     `InputError` if it cannot be driven with it."""
     levers: GravityLevers | None = None
     """Levers of gravity on its joints while it is held; None where they are unknown."""
-    measure: Callable[[PolicyContract], Callable[[], None]] = lambda _: lambda: None
-    """Function that prepares to measure what another policy observes; its result, called between two ticks, does so."""
+    measure: Callable[[PolicyContract | None], Callable[[], None]] = lambda _: lambda: None
+    """Prepares to measure what another policy, or none, observes; its result, called between two ticks, does so."""
     base: BaseObserver | None = None
     """Sees its floating base, from the thread of one who watches; None where it has none, or nobody can tell."""
     mode_listener: Callable[[Mode], str] | None = None
     """Told of each new mode; see `Session`."""
-    touches: Touches | None = None
-    """Touches of a simulated piano's keys."""
+    key_force: Callable[[], Mapping[str, Any] | None] = lambda: None
+    """Hardest touch of a simulated piano's keys; None without one."""
     notices: tuple[str, ...] = ()
     """Notices for an operator, one line each."""
     bring_up: BringUp | None = None
@@ -117,8 +135,6 @@ class RobotSetup:
     """True if commands reach its motors."""
     failure: Callable[[], str] = lambda: ""
     """Reason why what the robot needs beside itself has failed; empty while it works."""
-    release: Callable[[], None] = lambda: None
-    """Lets go of what the robot needs beside itself, after it was closed. May be called twice."""
 
 
 def simulated_robot(
@@ -145,13 +161,10 @@ def simulated_robot(
         base_yaw=config.yaw,
         base_height=config.base_height,
         drop=config.drop,
-        anchor_body="" if contract is None else contract.anchor_body,
-        velocity_at=() if contract is None else contract.velocity_points,
-        height_scan=None if contract is None else contract.height_scan,
         pushes=pushes,
     )
-
-    touches = None if description.piano is None else Touches(robot)
+    measuring(robot, contract)()
+    touches = None if description.piano is None else Touches(robot, description.piano.key_force_limit)
     bare = bare_model(description)
     imu = (f"IMU: {imu_line(bare, description)}; --imu-site takes another",) if description.is_floating else ()
 
@@ -166,12 +179,12 @@ def simulated_robot(
         robot,
         live=robot.extern,
         levers=levers,
-        touches=touches,
+        key_force=(lambda: None) if touches is None else touches.figures,
         qpos=lambda _: robot.qpos,
         model=lambda: build_model(description),
         simulated=True,
         check_policy=check_policy,
-        measure=lambda contract: robot.measuring(contract.anchor_body, contract.velocity_points, contract.height_scan),
+        measure=partial(measuring, robot),
         base=BaseObserver(robot.model, description) if description.is_floating else None,
         mode_listener=partial(support_in_mode, robot) if description.is_floating else touches,
         notices=(

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_SONG, motion_path, sample_policy, song_path
+from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_SONG, motion_path, sample_policy, shipped, song_path
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.policy_step import Policy
-from humanoid_sim.errors import InputError
+from humanoid_sim.controllers.policy_step import Policy, resolve_action
+from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import SessionHeader
-from humanoid_sim.play.early import checkpoint_path
-from humanoid_sim.play.options import NO_POLICY, SIMULATED, PlayConfig
+from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
+from humanoid_sim.play.conflicts import checkpoint_path
+from humanoid_sim.play.options import DEFAULT_ROBOT, NO_POLICY, SIMULATED, PlayConfig, parse_branch
 from humanoid_sim.policy.checkpoint import (
     PLACEHOLDER,
     Checkpoint,
@@ -27,9 +28,11 @@ from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
 from humanoid_sim.policy.random_songs import choose_song, is_generated
+from humanoid_sim.policy.readers.complete import UnnamedJointsError
+from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.policy.song import key_name, left_out, song_motion
 from humanoid_sim.recording.reader import open_recording, recorded_settings
-from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.description import RobotDescription, with_contract, with_contract_physics
 from humanoid_sim.simulation.push import parse_pushes
 
 
@@ -51,6 +54,10 @@ class PolicyChoice:
         """Contract of the policy; None without one."""
         return None if self.loaded is None else self.loaded.contract
 
+    def __str__(self) -> str:
+        """For operators: the policy, and the motion that it follows."""
+        return self.source if self.motion_file is None else f"{self.source}, motion {self.motion_file.name}"
+
     @property
     def source(self) -> str:
         """Name for operators: its file, or `none`."""
@@ -69,6 +76,11 @@ class PolicyChoice:
     def motion_frames(self) -> int:
         """Length of the motion in policy steps; 0 for none."""
         return 0 if self.motion is None else len(self.motion.frames)
+
+    def live_inputs(self, reported: Mapping[str, int]) -> tuple[Mapping[str, int], Mapping[str, int]]:
+        """Return name and width of the live inputs from other programs, and of all; the robot reports some itself."""
+        taken = {} if self.loaded is None else self.loaded.taken(reported)
+        return taken, {**taken, **reported, VELOCITY_COMMAND: EXTERN_WIDTHS[VELOCITY_COMMAND]}
 
     @property
     def walks(self) -> bool:
@@ -116,20 +128,96 @@ def choose_policy(
     return PolicyChoice(loaded, checkpoint, motion, file, warning, notices)
 
 
-def _is_sample(config: PlayConfig) -> bool:
-    """Return whether the policy is one that ships: taken by default, or given by its name."""
-    path = checkpoint_path(config)
-    return config.checkpoint is None or (path is not None and str(path) != config.checkpoint)
+def choose_for_robot(
+    config: PlayConfig, description: RobotDescription, wrap: Callable[[Policy], Policy]
+) -> tuple[PolicyChoice, RobotDescription]:
+    """Return the policy, chosen by `choose_policy`, and the robot with what it takes from the policy's contract."""
+    is_default = config.robot == DEFAULT_ROBOT and config.checkpoint is not None
+    hint = f"--robot: the default, '{DEFAULT_ROBOT}', is used, and this policy is for another robot: "
+    own = [name for name in shipped("robots") if sample_policy(name) == checkpoint_path(config)]
+    hint += f"add --robot {own[0]}; " if own else "name its MJCF or YAML file; "
+    try:
+        policy = choose_policy(config, description, wrap)
+    except InputError as error:
+        count = _count_of_places(config) if is_default else None
+        if count is None:
+            raise
+        has = f"; the policy has {count} joints, the default robot '{DEFAULT_ROBOT}' {description.joint_count}"
+        raise InputError(f"{hint}{error}{f'{has}: give --robot' if count else ''}") from None
+    contract = policy.contract
+    if (contract is None or config.shadow is not None) and description.has_no_gains:
+        option = "--policy none" if contract is None else "--shadow"
+        raise InputError(f"{option}: '{description.name}' has no gains of its own to stand by, expected a robot's YAML")
+    if contract is None:
+        return policy, description
+    require_joints(contract, description, hint if is_default else "")
+    if config.shadow is not None:
+        return policy, description  # as it is without the policy
+    change = with_contract if description.has_no_gains else with_contract_physics
+    return policy, change(description, contract)
+
+
+def require_joints(contract: PolicyContract, description: RobotDescription, hint: str = "") -> None:
+    """Refuse a policy whose joints the robot does not have; `hint` begins the message."""
+    try:
+        resolve_action(contract, description.joint_names)
+    except FieldError as error:
+        raise InputError(f"{hint}policy on robot '{description.name}': {error}") from None
+
+
+def _count_of_places(config: PlayConfig) -> int | None:
+    """Return the joints of a policy that gives them by their places on its robot, 0 where their number is not known.
+
+    None for any other policy: one by places any other robot cannot but refuse.
+    """
+    try:
+        read_contract(checkpoint_path(config) or Path(), None if config.contract is None else Path(config.contract))
+    except UnnamedJointsError as error:
+        return error.count
+    except InputError:
+        return None
+    return None
+
+
+def policy_notices(policy: PolicyChoice) -> tuple[str, ...]:
+    """List what to know about a policy, whatever robot it drives, one line each."""
+    if policy.checkpoint is None:
+        return ()
+    golden = policy.checkpoint.golden
+    return (
+        *assumptions(policy.checkpoint.contract),
+        *policy.notices,
+        *((f"golden vectors: {golden}",) if golden else ()),
+    )
 
 
 def _chosen_motion(
     config: PlayConfig, checkpoint: Checkpoint, description: RobotDescription
 ) -> tuple[Motion | None, Path | None, tuple[str, ...]]:
     """Return the motion, the file that it is from, and what to tell about it."""
-    if not _plays_song(config, checkpoint):
-        file = _motion_file(config, checkpoint)
-        return (checkpoint.motion if file is None else read_motion(file, config.motion_topic)), file, ()
-    name = config.song or SAMPLE_SONG
+    contract, source = checkpoint.contract, checkpoint.source
+    task, path = contract.task_type, checkpoint_path(config)
+    ships = config.checkpoint is None or (path is not None and str(path) != config.checkpoint)
+    if config.song is not None and task != "piano":
+        raise InputError(f"--song: is '{config.song}', but {source} is a {task} policy")
+    if config.motion is not None and task == "locomotion":
+        raise InputError(f"--motion: is '{config.motion}', but {source} follows no motion")
+    if task == "piano" and config.motion is None:
+        if config.song is None and not ships:
+            raise InputError(f"--song: is missing; {source} is a piano policy")
+        return _song(config.song or SAMPLE_SONG, contract.policy_dt, description)
+    if config.motion is None and (task == "locomotion" or checkpoint.motion is not None):
+        return checkpoint.motion, None, ()
+    if config.motion is None and not ships:
+        dataset = contract.dataset_repo_id
+        hint = f"; its default is the dataset '{dataset}', to be converted to an .mcap motion first" if dataset else ""
+        raise InputError(f"--motion: is missing; {source} is a {task} policy and follows a motion{hint}")
+    file = motion_path(config.motion or SAMPLE_MOTION)
+    return read_motion(file, config.motion_topic), file, ()
+
+
+def _song(name: str, policy_dt: float, description: RobotDescription) -> tuple[Motion, Path, tuple[str, ...]]:
+    """Return a song as `_chosen_motion` returns a motion."""
     song, dropped = choose_song(name, description)
     if not song.notes:
         assert description.piano is not None  # nothing else leaves notes out
@@ -138,51 +226,10 @@ def _chosen_motion(
             f"--song: none of the notes of {name} is between {low} and {high}, where '{description.name}' reaches; "
             "prepare --song --transpose moves it"
         )
-    motion = song_motion(song, checkpoint.contract.policy_dt, description)
     why = "left out of the song, beyond reach or more notes at a time than fingers"
     file = Path(name) if is_generated(name) else song_path(name)
-    return motion, file, (f"{why}: {left_out(dropped)}",) if dropped else ()
-
-
-def _plays_song(config: PlayConfig, checkpoint: Checkpoint) -> bool:
-    """Return whether the motion is a song that is yet to be prepared."""
-    task = checkpoint.contract.task_type
-    if task != "piano":
-        if config.song is not None:
-            raise InputError(f"--song: is '{config.song}', but {checkpoint.source} is a {task} policy")
-        return False
-    if config.song is None and config.motion is None and not _is_sample(config):
-        raise InputError(f"--song: is missing; {checkpoint.source} is a piano policy")
-    return config.motion is None
-
-
-def _motion_file(config: PlayConfig, checkpoint: Checkpoint) -> Path | None:
-    task = checkpoint.contract.task_type
-    if task == "locomotion":
-        if config.motion is not None:
-            raise InputError(f"--motion: is '{config.motion}', but {checkpoint.source} follows no motion")
-        return None
-    if config.motion is not None:
-        return motion_path(config.motion)
-    if checkpoint.motion is not None:
-        return None
-    if _is_sample(config):
-        return motion_path(SAMPLE_MOTION)
-    dataset = checkpoint.contract.dataset_repo_id
-    hint = f"; its default is the dataset '{dataset}', to be converted to an .mcap motion first" if dataset else ""
-    raise InputError(f"--motion: is missing; {checkpoint.source} is a {task} policy and follows a motion{hint}")
-
-
-def parse_branch(text: str) -> tuple[str, float]:
-    """Return the file, and s on the robot's clock, of FILE@SECONDS."""
-    path, _, seconds = text.rpartition("@")
-    try:
-        time = float(seconds)
-    except ValueError:
-        time = math.nan
-    if not path or not math.isfinite(time):
-        raise InputError(f"--branch: is '{text}', expected FILE@SECONDS, such as run.mcap@12.5")
-    return path, time
+    told = (f"{why}: {left_out(dropped)}",) if dropped else ()
+    return song_motion(song, policy_dt, description), file, told
 
 
 _REPEATED = ("policy", "contract", "robot", "command", "action_limit", "control_frequency", *SIMULATED)
@@ -199,14 +246,11 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
     """
     if config.again is None and config.branch is None:
         return config
-    option, path = (
-        ("--again", config.again) if config.again is not None else ("--branch", parse_branch(config.branch or "")[0])
-    )
-    recording = open_recording(path)
-    begin = math.inf
+    option, path, begin = "--again", config.again or "", math.inf
     if config.branch is not None:
-        begin = parse_branch(config.branch)[1] - 0.5 * recording.header.control_period
-    header = recording.of_last_policy(begin).header
+        option, (path, begin) = "--branch", parse_branch(config.branch)
+    recording = open_recording(path)
+    header = recording.of_last_policy(begin - 0.5 * recording.header.control_period).header
     recorded = _options(option, path, header)
     had_none = "contract" not in header.documents and recorded.get("policy") in (None, NO_POLICY)
     if had_none and recorded.get("shadow") is None:
@@ -224,7 +268,7 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
         recorded.pop("contract", None)  # it is for the recorded policy
     if config.branch is not None:
         recorded.pop("command", None)  # the velocity goes on as recorded
-        config = replace(config, push=(*_recorded_pushes(path, recorded), *_later_pushes(config)))
+        config = replace(config, push=_pushes(path, recorded.get("push", []), config.push, begin))
     values = {name: recorded[name] for name in _REPEATED if name in recorded and not config.is_given(name)}
     if config.motion is None and config.song is None and MOTION_ATTACHMENT in header.attachments:
         last = recording.of_last_policy().header.attachments.get(MOTION_ATTACHMENT)
@@ -234,21 +278,14 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
     return replace(config, **values)
 
 
-def _recorded_pushes(path: str, recorded: dict[str, Any]) -> tuple[str, ...]:
-    """Those of the recorded run: what it went through comes again."""
-    texts = recorded.get("push", [])
-    if not (isinstance(texts, list) and all(isinstance(text, str) for text in texts)):
-        raise InputError(f"--branch: '{path}' was made with push {texts!r}, which is no such option")
-    return tuple(texts)
-
-
-def _later_pushes(config: PlayConfig) -> tuple[str, ...]:
-    """Those that the options add."""
-    begin = parse_branch(config.branch or "")[1]
-    for text, push in zip(config.push, parse_pushes(config.push), strict=True):
+def _pushes(path: str, recorded: Any, added: tuple[str, ...], begin: float) -> tuple[str, ...]:
+    """Return the pushes of the recorded run, for what it went through comes again, and those that options add."""
+    if not (isinstance(recorded, list) and all(isinstance(text, str) for text in recorded)):
+        raise InputError(f"--branch: '{path}' was made with push {recorded!r}, which is no such option")
+    for text, push in zip(added, parse_pushes(added), strict=True):
         if push.time < begin:
             raise InputError(f"--push: is '{text}', expected at {begin:g} s, where the branch begins, or later")
-    return config.push
+    return (*recorded, *added)
 
 
 def _options(option: str, path: str, header: SessionHeader) -> dict[str, Any]:

@@ -19,17 +19,14 @@ from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.evaluation.joint_use import describe_effort
 from humanoid_sim.evaluation.tracking import AnchorErrors
 from humanoid_sim.files import whole_file
-from humanoid_sim.messages import Mode
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.console import MODE_STYLES
 from humanoid_sim.play.options import NO_POLICY, PlayConfig
-from humanoid_sim.policy.song import key_name
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.session import SessionResult
 from humanoid_sim.strict_json import finite
 
-_LIMP = (Mode.ZERO_TORQUE, Mode.DAMPING)
 _SHOWN = 10
 """Faults, and safety statuses, that are printed; the summary has them all."""
 
@@ -47,13 +44,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "reason": result.reason,
         "duration": result.duration,
         "modes": [
-            {
-                "mode": span.mode.name,
-                "controller": span.controller,
-                "start": span.start,
-                "end": span.end,
-                "reason": span.reason,
-            }
+            {"mode": span.mode.name, **{name: getattr(span, name) for name in ("controller", "start", "end", "reason")}}
             for span in monitor.spans
         ],
         "faults": [{"time": time, "message": message} for time, message in monitor.faults],
@@ -66,7 +57,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "anchor": _figures(judged.anchor),
         "base": _figures(run.monitor.base),
         "piano": None if performance is None else asdict(performance.score()),
-        "key_force": key_force(run),
+        "key_force": plan.setup.key_force(),
         "doctor": _doctor(run.config),
         "definitions": dict(DEFINITIONS),
         "hardware": plan.setup.figures(),
@@ -96,14 +87,9 @@ def write_summary(path: Path, summary: dict[str, Any]) -> None:
 def print_report(console: Console, summary: dict[str, Any]) -> None:
     """Print the tables."""
     console.print(_modes(summary))
-    if summary["tracking"]:
-        console.print(_tracking(summary["tracking"]))
-    if summary["anchor"]:
-        console.print(_anchor(summary["anchor"]))
-    if summary["base"]:
-        console.print(_base(summary["base"]))
-    if summary["piano"]:
-        console.print(_piano(summary["piano"]))
+    for name, table in (("tracking", _tracking), ("anchor", _anchor), ("base", _base), ("piano", _piano)):
+        if summary[name]:
+            console.print(table(summary[name]))
     if summary["key_force"]:
         force = summary["key_force"]
         where = f" ({force['key']} at {force['time']:.3f} s)" if force["key"] else ""
@@ -146,22 +132,6 @@ def _modes(summary: dict[str, Any]) -> Table:
 def _figures(part: AnchorErrors | BaseMotion | None) -> dict[str, Any] | None:
     summary = None if part is None else part.summary()
     return None if summary is None else asdict(summary)
-
-
-def key_force(run: Run) -> dict[str, Any] | None:
-    """Return how hard a key of a simulated piano was touched at most, against the robot's limit; None without a piano.
-
-    The limit is for a robot that is driven. In DAMPING and ZERO_TORQUE arms sink onto the keys by their weight.
-    """
-    piano, touches = run.plan.description.piano, run.plan.setup.touches
-    if piano is None or touches is None:
-        return None
-    hardest = touches.hardest()
-    driven = [touch for mode, touch in hardest.items() if mode not in _LIMP]
-    limp = max((touch.force for mode, touch in hardest.items() if mode in _LIMP), default=0.0)
-    touch = max(driven, key=lambda touch: touch.force, default=None)
-    at = {"force": 0.0, "key": None, "time": None} if touch is None else {**asdict(touch), "key": key_name(touch.key)}
-    return {**at, "limit": piano.key_force_limit, "sunk": limp}
 
 
 def _tracking(tracking: dict[str, Any]) -> Table:

@@ -7,7 +7,6 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -17,15 +16,15 @@ from rich.text import Text
 
 from humanoid_sim.cli import ExitStatus, complain, mute_output
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.play.assembly import Run, assemble
+from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.conflicts import refuse_beside_branch
 from humanoid_sim.play.console import PlayConsole
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.plan import Plan, make_plan
+from humanoid_sim.play.plan import Plan
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import with_recorded_options
-from humanoid_sim.play.report import key_force, print_report, summarise, write_summary
-from humanoid_sim.rendering.video import VideoSink, finish_video, save_snapshot
+from humanoid_sim.play.report import print_report, summarise, write_summary
+from humanoid_sim.rendering.video import finish_video, save_snapshot
 from humanoid_sim.session.reactivation import flattened
 from humanoid_sim.session.script import Script
 from humanoid_sim.session.session import SessionResult
@@ -41,8 +40,6 @@ class Outcome:
     """The final table, as `--summary` writes it; empty after a dry run."""
     problems: tuple[str, ...]
     """Parts of the run that failed while it went on, a line each."""
-    recording: Path | None
-    """File that was written."""
 
 
 def play(config: PlayConfig) -> int:
@@ -62,15 +59,14 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
     output = sys.stdout
     refuse_beside_branch(config)
     config = with_recorded_options(config)
-    plan = make_plan(config)
     with ExitStack() as left:
-        left.callback(plan.setup.release)
+        plan = Plan(config, left)
         _introduce(console, plan)
         if plan.setup.bring_up is not None:
             left.callback(plan.setup.robot.close)
             if not bring_up(plan.setup.bring_up, config, console):
-                return Outcome(0, {}, (), None)
-        run = assemble(plan, console)
+                return Outcome(0, {}, ())
+        run = Run(plan, console)
         try:
             with _handled_signals(run) as received:
                 result = run.session.run()
@@ -82,7 +78,7 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
                 run.recorder.discard_if_empty()
             if run.console.error is not None or run.console.is_alive:
                 mute_output()  # what is printed from here on would fail as well, or wait as that thread does
-                console = PlayConsole()  # that thread may hold the lock of the other one
+                console = PlayConsole(quiet=console.quiet)  # that thread may hold the lock of the other one
         problems = _problems(run, result)
         summary = summarise(run, result)
     if run.plan.outputs.summary is not None:  # before anything is printed: whoever reads that may leave early
@@ -99,15 +95,14 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
     fell = summary["base"] is not None and summary["base"]["fall"] is not None
     went_wrong = fell or ((run.monitor.faults or run.monitor.safety) and not config.inject)
     status = 128 + received[0] if received else int(ExitStatus.of(not (problems or went_wrong)))
-    return Outcome(status, summary, tuple(problems), run.plan.outputs.record)
+    return Outcome(status, summary, tuple(problems))
 
 
 def _introduce(console: Console, plan: Plan) -> None:
     if plan.policy.warning:
         console.print(f" {plan.policy.warning} ", style="bold white on red", markup=False)
-    motion = "" if plan.policy.motion_file is None else f", motion {plan.policy.motion_file.name}"
     kind = "policy" if plan.shadow is None else "shadow policy"
-    console.print(f"robot {plan.description.name}, {kind} {plan.policy.source}{motion}", markup=False)
+    console.print(f"robot {plan.description.name}, {kind} {plan.policy}", markup=False)
     for notice in plan.notices:
         console.print(f"note: {notice}", markup=False, style="dim")
 
@@ -118,12 +113,12 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
         ("recording", run.recorder and run.recorder.error),
         ("final table", run.monitor.error),
         ("console", run.console.error),
-        ("front ends", run.ends.front_ends.error),
+        ("front ends", run.front_ends.error),
         ("shadow policy", run.shadow and run.shadow.error),
         ("robot", run.plan.setup.failure()),
     )
     found = [*result.failures, *(f"{part}: {error}" for part, error in parts if error)]
-    touch = key_force(run)
+    touch = run.plan.setup.key_force()
     if touch is not None and touch["force"] > touch["limit"]:
         hit = f"{touch['key']} was touched with {touch['force']:.2f} N at {touch['time']:.3f} s"
         found.append(f"piano: {hit}, the limit is {touch['limit']:g} N")
@@ -163,38 +158,32 @@ def _noting(problems: list[str]) -> Iterator[None]:
 
 def _write_files(console: Console, run: Run, problems: list[str]) -> None:
     """Draw what was asked for and name every file that the run left."""
-    outputs = run.plan.outputs
-    if outputs.record is not None and outputs.record.exists():
-        check = f"   (check it; nothing moves: python -m humanoid_sim.replay {outputs.record})"
+
+    def say(kind: str, text: object) -> None:
         with _printing(problems):
-            console.print(f"recording  {outputs.record}{check}", markup=False)
-    if run.video is not None:
-        _finish_video(console, run.video, problems)
+            console.print(f"{kind:<9}  {text}", markup=False)
+
+    outputs, setup = run.plan.outputs, run.plan.setup
+    if outputs.record is not None and outputs.record.exists():
+        check = f"(check it; nothing moves: python -m humanoid_sim.replay {outputs.record})"
+        say("recording", f"{outputs.record}   {check}")
+    if run.video is not None:  # it has been drawn since the run began
+        try:
+            with _noting(problems):
+                report = finish_video(run.video, console, "Ctrl-C skips it")
+                notice = f"   {report.notice}" if report.notice else ""
+                say("video", f"{report.path}   drawn by {report.backend}{notice}")
+                if report.sound is not None:
+                    say("sound", f"{report.sound}   no AAC encoder for the video")
+        except KeyboardInterrupt:
+            say("video", "skipped")
     if outputs.snapshot is not None:
         with _noting(problems):
-            setup = run.plan.setup
             pose = setup.qpos(run.session.state) if run.monitor.pose is None else run.monitor.pose
             save_snapshot(outputs.snapshot, setup.model(), pose)
-            with _printing(problems):
-                console.print(f"snapshot   {outputs.snapshot}", markup=False)
+            say("snapshot", outputs.snapshot)
     if outputs.summary is not None and outputs.summary.exists():
-        with _printing(problems):
-            console.print(f"summary    {outputs.summary}", markup=False)
-
-
-def _finish_video(console: Console, video: VideoSink, problems: list[str]) -> None:
-    """Wait for the video, which has been drawn since the run began, and name it. Ctrl-C skips it."""
-    try:
-        with _noting(problems):
-            report = finish_video(video, console, "Ctrl-C skips it")
-            notice = f"   {report.notice}" if report.notice else ""
-            with _printing(problems):
-                console.print(f"video      {report.path}   drawn by {report.backend}{notice}", markup=False)
-                if report.sound is not None:
-                    console.print(f"sound      {report.sound}   no AAC encoder for the video", markup=False)
-    except KeyboardInterrupt:
-        with _printing(problems):
-            console.print("video      skipped", markup=False)
+        say("summary", outputs.summary)
 
 
 _STYLES = {"ok": "green", "warning": "yellow", "question": "bold yellow", "problem": "bold red"}

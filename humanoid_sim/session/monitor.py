@@ -12,10 +12,8 @@ from humanoid_sim.controllers.rotation import rotate, rotate_inverse
 from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.failure import has_run_away
 from humanoid_sim.evaluation.joint_use import JointUse
-from humanoid_sim.evaluation.piano_score import PlayedKeys
-from humanoid_sim.evaluation.tracking import AnchorErrors
 from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, TickRecord
-from humanoid_sim.mit import BASE_LINEAR_VELOCITY, KEY_PRESSED, FloatArray, MITState
+from humanoid_sim.mit import BASE_LINEAR_VELOCITY, FloatArray, MITState
 from humanoid_sim.recording.summary import ModeSpan
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.sinks import WorkerSink
@@ -26,10 +24,10 @@ _KEPT = 1000
 
 
 class Tracker(Protocol):
-    """Accumulates tracking errors."""
+    """Accumulates errors of a policy."""
 
-    def update(self, frame: int, joint_position: FloatArray) -> None:
-        """Compare the pose at joint positions (n,), rad, with a reference frame."""
+    def update(self, frame: int, state: MITState) -> None:
+        """Compare a state with the frame that the policy was shown."""
 
 
 class RunMonitor(WorkerSink):
@@ -40,29 +38,23 @@ class RunMonitor(WorkerSink):
         joints: JointUse,
         tracker: Tracker | None = None,
         *,
-        anchor: AnchorErrors | None = None,
         base: BaseObserver | None = None,
-        keys: PlayedKeys | None = None,
         tell: Callable[[Event], None] = lambda _: None,
     ) -> None:
         """Start empty.
 
         Args:
             joints: gets the state of every tick.
-            tracker: gets the joint positions of every policy step.
-            anchor: gets the states of every policy step.
+            tracker: gets the states of every policy step.
             base: sees the floating base of a simulated robot, which is free in LOCOMOTION and REMOTE; None for none.
-            keys: gets a piano's keys in every policy step.
             tell: is told of a fall when it happens, on this sink's thread.
         """
         super().__init__("monitor")
         self.joints = joints
         self._tracker = tracker
-        self._anchor = anchor
         self.base = None if base is None else BaseMotion()
         self._observer = base
-        self._keys = keys
-        self._following: deque[tuple[Tracker | None, AnchorErrors | None, PlayedKeys | None]] = deque()
+        self._following: deque[Tracker] = deque()
         self._tell = tell
         self.spans: list[ModeSpan] = []
         self.faults: list[tuple[float, str]] = []
@@ -81,14 +73,14 @@ class RunMonitor(WorkerSink):
         """Shape (nq,), the last pose in the most interesting mode that was reached, for a picture."""
         self._pose_rank = -1
 
-    def follow(self, tracker: Tracker | None, anchor: AnchorErrors | None, keys: PlayedKeys | None) -> None:
-        """Use these from the next `POLICY` event on; arguments as for the constructor."""
-        self._following.append((tracker, anchor, keys))
+    def follow(self, tracker: Tracker) -> None:
+        """Use another tracker from the next `POLICY` event on."""
+        self._following.append(tracker)
 
     def handle_event(self, event: Event) -> None:
         """Judge another policy by what follows for it."""
         if event.kind is EventKind.POLICY and self._following:
-            self._tracker, self._anchor, self._keys = self._following.popleft()
+            self._tracker = self._following.popleft()
 
     def handle_tick(self, record: TickRecord) -> None:
         """Take one tick into account."""
@@ -116,12 +108,7 @@ class RunMonitor(WorkerSink):
         if output.policy_step is not None:
             self.inferences += 1
             if self._tracker is not None:
-                self._tracker.update(output.policy_step.frame, state.joint_position)
-            if self._anchor is not None:
-                self._anchor.update(output.policy_step.frame, state)
-            live = state.extern.get(KEY_PRESSED)
-            if self._keys is not None and live is not None:
-                self._keys.update(output.policy_step.frame, live.value)
+                self._tracker.update(output.policy_step.frame, state)
         if record.qpos is not None and control.mode.is_free:
             self._watch_base(state, record.qpos)
 

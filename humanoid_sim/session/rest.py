@@ -72,7 +72,8 @@ def damp_without_supervisor(
         try:
             with contextlib.suppress(Exception):
                 state, _ = robot.read()
-            command = _damped_command(robot.joints, controllers, state) if longest > 0.0 else _zeros(robot.joints)
+            zeros = MITCommand.zeros(len(robot.joints))
+            command = _damped_command(robot.joints, controllers, state) if longest > 0.0 else zeros
             with contextlib.suppress(Exception):
                 robot.write(command)
             if rest.update(state):
@@ -86,10 +87,6 @@ def damp_without_supervisor(
     return state
 
 
-def _zeros(joints: tuple[str, ...]) -> MITCommand:
-    return MITCommand.zeros(len(joints))
-
-
 def _damped_command(joints: tuple[str, ...], controllers: Mapping[str, Controller], state: MITState) -> MITCommand:
     """DAMPING's command, captured afresh, at K_p 0 the position exerts no torque; zero torque if it cannot be sent."""
     tick_input = TickInput(state)
@@ -99,4 +96,4 @@ def _damped_command(joints: tuple[str, ...], controllers: Mapping[str, Controlle
         result = memory if isinstance(memory, Fault) else controller.update(memory, tick_input)
         if not isinstance(result, Fault) and not command_problem(result[1], joints):
             return result[1]
-    return _zeros(joints)
+    return MITCommand.zeros(len(joints))

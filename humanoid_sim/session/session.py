@@ -30,8 +30,8 @@ from humanoid_sim.messages import (
 )
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.robots.robot import Robot
-from humanoid_sim.session.interruption import Interruption
 from humanoid_sim.session.loading import Loading
+from humanoid_sim.session.losses import Interruption
 from humanoid_sim.session.pace import DurationHistogram, LoopSettings, Pace
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.realtime import punctual_threads, real_time
@@ -118,7 +118,7 @@ class Session:
             reactivation: an operator's wish to begin afresh.
             loading: prepares policies that are loaded while the session runs.
             interruption: notices that the loop stood still; one of the sources of `intents` too.
-            memory: of the control stack, to begin with; None for its own.
+            memory: of the control stack, with which a run goes on; the robot is not activated then. None: it begins.
         """
         self._robot = robot
         self._supervisor = supervisor
@@ -138,6 +138,7 @@ class Session:
         self._failures: list[str] = []
         self._stop_reason = ""
         self._hurry = threading.Event()
+        self._goes_on = memory is not None
         self._memory: SupervisorMemory = supervisor.initial() if memory is None else memory
         self._output: TickOutput | None = None
         self._state = MITState.unknown(len(robot.joints))
@@ -186,7 +187,7 @@ class Session:
         self._stop_reason = self._stop_reason or reason
 
     def run(self) -> SessionResult:
-        """Activate the robot and loop until the end.
+        """Activate the robot, unless a run goes on, and loop until the end.
 
         Whatever ends the run (its duration, QUIT, a signal, an exception), the robot is damped, from ZERO_TORQUE
         directly, and closed; an exception is raised again afterwards.
@@ -204,7 +205,8 @@ class Session:
             measures = stack.enter_context(real_time()) if self._settings.punctual else ()
             if measures:
                 self._sinks.event(f"real-time settings: {'; '.join(measures)}")
-            self._robot.activate()
+            if not self._goes_on:
+                self._robot.activate()
             try:
                 self._loop()
                 self._rest()

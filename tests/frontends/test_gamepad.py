@@ -21,7 +21,7 @@ from humanoid_sim.frontends.gamepad.sticks import Sticks, speed_range
 from humanoid_sim.gamepad import Driver, GamepadConfig
 from humanoid_sim.gamepad import _list as listed
 from humanoid_sim.messages import Intent, Mode
-from humanoid_sim.session.device_watch import DeviceWatch
+from humanoid_sim.session.losses import DeviceWatch
 
 SPEEDS = speed_range(np.array([[-0.4, 0.8], [-0.2, 0.2], [-1.0, 1.0]]))
 

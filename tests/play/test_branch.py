@@ -9,7 +9,7 @@ import pytest
 from result import Document, Result
 
 from humanoid_sim.messages import Mode, TickRecord
-from humanoid_sim.play.policies import parse_branch
+from humanoid_sim.play.options import parse_branch
 from humanoid_sim.recording.codec import TickEncoder
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder

@@ -1,3 +1,4 @@
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,7 @@ def test_joints_stand_where_they_were_measured_and_others_where_they_began(name:
 def test_options_for_the_motors_reach_the_adapter(options: dict[str, Any], message: str) -> None:
     config = PlayConfig(hardware="udp_multicast:239.74.163.9", calibration="none", **options)
     with pytest.raises(InputError) as refused:
-        real_robot(config, load_robot("lite"), 0.02)
+        real_robot(config, load_robot("lite"), 0.02, ExitStack())
     assert str(refused.value).startswith(message)
 
 
@@ -61,4 +62,4 @@ def test_where_motors_may_be_emulated_it_says_how_to_do_without_a_calibration(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=rf"^--calibration: is missing, .*{end}$"):
-        real_robot(PlayConfig(hardware=channel), load_robot("lite"), 0.02)
+        real_robot(PlayConfig(hardware=channel), load_robot("lite"), 0.02, ExitStack())

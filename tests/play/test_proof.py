@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import onnx
 import pytest
@@ -28,7 +27,7 @@ def header(robot: str = "lite", period: float = PERIOD) -> SessionHeader:
 def proved(run: SessionHeader, robot: str = "lite", config: PlayConfig | None = None, **options: str) -> Proof:
     """In this process, which takes no seconds to start."""
     asked = parse_options(json.dumps(options), config or PlayConfig(policy="none", robot=robot))
-    return loading._proved(loading._Job(asked, run))
+    return loading._proved(asked, run)
 
 
 def test_a_policy_is_proved_in_a_process_of_its_own_and_stands_in_the_header() -> None:
@@ -124,6 +123,5 @@ def test_the_options_of_the_policy_before_are_not_those_of_the_next() -> None:
 
 def test_a_file_that_changes_while_it_is_checked_is_refused() -> None:
     found = replace(proved(header(), policy="lite_tracking", motion="wave"), sha256="0" * 64)
-    plan: Any = type("Plan", (), {"config": PlayConfig()})
     with pytest.raises(InputError, match=r"lite_tracking\.onnx: has changed while it was checked$"):
-        loading._policy_of(found, plan)
+        loading._policy_of(found, PlayConfig())

@@ -1,6 +1,7 @@
 """`play --shadow`: a policy looks on, and the run is what it is without it."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +15,7 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.plan import make_plan
+from humanoid_sim.play.plan import Plan
 from humanoid_sim.recording.codec import TickEncoder
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.shadow import read_shadow_steps
@@ -72,8 +73,8 @@ def test_one_that_fails_changes_nothing_and_is_a_failure_of_the_run(run: Play, q
 
 
 def test_the_control_stack_has_nothing_that_could_leave_the_two_modes() -> None:
-    plan = make_plan(PlayConfig(shadow=str(SAMPLE_POLICY), motion=SAMPLE_MOTION, viewer="none", record="none"))
-    try:
+    with ExitStack() as left:
+        plan = Plan(PlayConfig(shadow=str(SAMPLE_POLICY), motion=SAMPLE_MOTION, viewer="none", record="none"), left)
         assert sorted(plan.supervisor.controllers) == [
             "damping_controller",
             "standby_controller_a",
@@ -83,9 +84,7 @@ def test_the_control_stack_has_nothing_that_could_leave_the_two_modes() -> None:
         assert [step.intent and step.intent.value for step in plan.steps or ()] == [
             None, "damp", None, "load_a", None, None, None, "damp", None,
         ]  # fmt: skip
-        assert plan.description == make_plan(PlayConfig(viewer="none", record="none")).description
-    finally:
-        plan.setup.release()
+        assert plan.description == Plan(PlayConfig(viewer="none", record="none"), left).description
 
 
 STAYS = "but with --shadow the robot stays in DAMPING and STANDBY"
@@ -121,7 +120,7 @@ def test_what_does_not_go_with_it(run: Play, changes: dict[str, object], message
 def test_a_robot_without_gains_of_its_own_is_refused() -> None:
     config = PlayConfig(shadow="placeholder", robot="tests/data/hopper.xml", viewer="none", record="none")
     with pytest.raises(InputError, match=r"^--shadow: 'hopper' has no gains of its own to stand by, "):
-        make_plan(config)
+        Plan(config, ExitStack())
 
 
 def test_what_a_policy_did_not_drive_is_not_played_again(run: Play, quick: str) -> None:

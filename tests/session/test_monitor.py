@@ -18,7 +18,7 @@ from humanoid_sim.messages import (
     TickOutput,
     TickRecord,
 )
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import MITState
 from humanoid_sim.session import monitor as module
 from humanoid_sim.session.monitor import RunMonitor
 
@@ -119,8 +119,8 @@ def test_the_tracker_gets_each_policy_step_with_the_pose_of_that_very_tick() -> 
         def __init__(self) -> None:
             self.seen: list[tuple[int, list[float]]] = []
 
-        def update(self, frame: int, joint_position: FloatArray) -> None:
-            self.seen.append((frame, joint_position.tolist()))
+        def update(self, frame: int, state: MITState) -> None:
+            self.seen.append((frame, state.joint_position.tolist()))
 
     tracker = Tracker()
     step = PolicyStep(7, np.zeros(2, dtype=np.float32), np.zeros(1, dtype=np.float32))

@@ -7,6 +7,7 @@ import inspect
 import runpy
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -46,17 +47,14 @@ def arguments_of(config: TrainConfig) -> dict[str, Argument]:
     Raises:
         InputError: one line with the option, its value and what is accepted.
     """
-    return {name: read(config) for name, read in ARGUMENTS.items()}
+    found = {name: read(config) for name, read in ARGUMENTS.items()}
+    return {name: one if isinstance(one, Argument) else Argument(one, one) for name, one in found.items()}
 
 
 def as_options(error: InputError) -> InputError:
     """Return what an environment says about an argument, said of the option."""
     name, colon, rest = str(error).partition(":")
     return InputError(f"--{name.replace('_', '-')}:{rest}") if colon and name in ARGUMENTS else error
-
-
-def _as_given(name: str) -> Callable[[TrainConfig], Argument]:
-    return lambda config: Argument(getattr(config, name), getattr(config, name))
 
 
 def _task(config: TrainConfig) -> Argument:
@@ -74,21 +72,17 @@ def _task(config: TrainConfig) -> Argument:
     return Argument(task, text)
 
 
-def _contract(config: TrainConfig) -> Argument:
+def _contract(config: TrainConfig) -> str:
     """Return that of the environment that is registered for the robot; of others that of the arms."""
     known = {usual["robot"]: usual["contract"] for usual in _usual()}
-    source = config.contract or known.get(config.robot) or _usual()[0]["contract"]
-    return Argument(source, source)
+    return str(config.contract or known.get(config.robot) or _usual()[0]["contract"])
 
 
-def _motion(config: TrainConfig) -> Argument:
-    names = list(config.motion)
-    if not names:
-        of_contract = {usual["contract"]: usual.get("motion") for usual in _usual()}
-        name = of_contract.get(_contract(config).value)
-        return Argument(name, name)
-    motion = names[0] if len(names) == 1 else names
-    return Argument(motion, motion)
+def _motion(config: TrainConfig) -> str | list[str] | None:
+    """Return that of the environment for the contract, unless options name one or several."""
+    if not config.motion:
+        return {usual["contract"]: usual.get("motion") for usual in _usual()}.get(_contract(config))
+    return config.motion[0] if len(config.motion) == 1 else list(config.motion)
 
 
 def _usual() -> list[dict[str, Any]]:
@@ -188,22 +182,22 @@ def own_object(option: str, text: str) -> Any:
     return known[name]
 
 
-ARGUMENTS: Mapping[str, Callable[[TrainConfig], Argument]] = MappingProxyType(
+ARGUMENTS: Mapping[str, Callable[[TrainConfig], Any]] = MappingProxyType(
     {
         "contract": _contract,
-        "robot": _as_given("robot"),
+        "robot": attrgetter("robot"),
         "motion": _motion,
         "task": _task,
-        "actuation": _as_given("actuation"),
-        "physics_timestep": _as_given("physics_timestep"),
+        "actuation": attrgetter("actuation"),
+        "physics_timestep": attrgetter("physics_timestep"),
         "terrain": _terrain,
-        "reference_start": _as_given("reference_start"),
+        "reference_start": attrgetter("reference_start"),
         "randomisation": _randomisation,
         "curriculum": _curriculum,
         "privileged": lambda config: Argument(config.privileged, list(config.privileged)),
     }
 )
-"""Readers from the options, by the environments' keyword."""
+"""Readers from the options, by the environments' keyword; what is not an `Argument` is plain, and told as it is."""
 ONLY_TRAINED = ("randomisation", "curriculum", "privileged")
 """Arguments not passed to preview environments or scenarios."""
 

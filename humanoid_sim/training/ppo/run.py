@@ -7,12 +7,13 @@ import json
 import os
 import signal
 import sys
+import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -51,7 +52,9 @@ def train(config: TrainConfig) -> int:
     kind = learner_class(config.algorithm)
     name = f"{subject.scenario.description.name}-{subject.task}-{config.algorithm}"
     path = Path(config.folder or f"runs/train/{name}")
-    folder = RunFolder(path, config, {**subject.told, "curriculum_steps": _horizon(config)}, SETTINGS, kind.SUFFIX)
+    horizon = None if config.resume or config.curriculum is None else config.steps  # the run's that is resumed, if any
+    told = {**subject.told, "curriculum_steps": config.curriculum_steps or horizon}
+    folder = RunFolder(path, config, told, SETTINGS, kind.SUFFIX)
     output = output_file(Path(config.output) if config.output else path / "policy.onnx", "--output", ".onnx")
     _require_time(config, folder, output)
     import torch  # noqa: PLC0415 - after the learner's class, which says what to install
@@ -109,12 +112,6 @@ def _limit(config: TrainConfig) -> float:
     return float("inf") if config.minutes is None else 60.0 * config.minutes
 
 
-def _horizon(config: TrainConfig) -> int | None:
-    """Return policy steps at which a new run's curriculum ends; None: those of the run that is resumed."""
-    usual = None if config.resume or config.curriculum is None else config.steps
-    return config.curriculum_steps or usual
-
-
 def seed_of(seed: int, updates: int) -> int:
     """Seed networks, actions and environments: a training that goes on does not begin again alike."""
     return seed if updates == 0 else int(np.random.SeedSequence([seed, updates]).generate_state(1)[0])
@@ -139,7 +136,6 @@ def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[
     limit, tensorboard = _limit(config), config.tensorboard
     journal = Journal(folder.path, config.steps, meter, _show, done=done, limit=limit, tensorboard=tensorboard)
     videos = Videos(subject, folder.path, config.video_minutes)
-    interruption = Interruption()
     saved = time.monotonic()
 
     def set_progress(steps: int) -> None:
@@ -160,7 +156,7 @@ def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[
             raise InputError(
                 f"the network is no longer finite after {update.steps} steps; the checkpoint before still is"
             )
-        if interruption.is_asked_for:
+        if interruption.is_set():
             return False
         if time.monotonic() - saved >= config.checkpoint_seconds:
             save()
@@ -169,9 +165,9 @@ def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[
         return journal.seconds < limit
 
     try:
-        if done < config.steps and _used(folder)[0] < limit:
-            set_progress(done)
-            with interruption:
+        with interruptible() as interruption:
+            if done < config.steps and _used(folder)[0] < limit:
+                set_progress(done)
                 learner.learn(config.steps, after_update)
                 save()
     except BaseException:
@@ -181,7 +177,7 @@ def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[
     finally:
         journal.close()
         videos.close()
-    return learner, interruption.is_asked_for
+    return learner, interruption.is_set()
 
 
 def measure(subject: Subject, policy: Path, folder: Path) -> bool:
@@ -263,27 +259,20 @@ class RunFolder:
                 )
 
 
-class Interruption:
-    """Context in which the first SIGINT is only noted, and gives way to the handler before; for the main thread."""
+@contextlib.contextmanager
+def interruptible() -> Iterator[threading.Event]:
+    """Note the first SIGINT in the event only, and give way to the handler before; for the main thread."""
+    asked, before = threading.Event(), signal.getsignal(signal.SIGINT)
 
-    def __init__(self) -> None:
-        self._before: Any = None
-        self.is_asked_for = False
-        """True once somebody has asked for the training's end."""
-
-    def __enter__(self) -> Self:
-        """Begin to note, unless the process is to ignore SIGINT, as one in a shell's background is."""
-        self._before = signal.getsignal(signal.SIGINT)
-        if self._before is not signal.SIG_IGN:
-            signal.signal(signal.SIGINT, self._note)
-        return self
-
-    def _note(self, _: int, __: FrameType | None) -> None:
-        self.is_asked_for = True
-        signal.signal(signal.SIGINT, self._before)
+    def note(_: int, __: FrameType | None) -> None:
+        asked.set()
+        signal.signal(signal.SIGINT, before)
         with contextlib.suppress(OSError):
             os.write(2, _CTRL_C)  # not print, which may be in the middle of another line
 
-    def __exit__(self, *_: object) -> None:
-        """Leave the handler as it was."""
-        signal.signal(signal.SIGINT, self._before)
+    if before is not signal.SIG_IGN:  # as it is in a shell's background
+        signal.signal(signal.SIGINT, note)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, before)

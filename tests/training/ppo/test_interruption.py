@@ -3,7 +3,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from humanoid_sim.training.ppo.run import Interruption
+from humanoid_sim.training.ppo.run import interruptible
 
 
 @pytest.fixture(autouse=True)
@@ -15,11 +15,10 @@ def usual_handler() -> Iterator[None]:
 
 
 def test_the_first_is_noted_and_the_second_ends(capfd: pytest.CaptureFixture[str]) -> None:
-    interruption = Interruption()
-    with interruption:
-        assert not interruption.is_asked_for
+    with interruptible() as interruption:
+        assert not interruption.is_set()
         signal.raise_signal(signal.SIGINT)
-        assert interruption.is_asked_for
+        assert interruption.is_set()
         assert "Ctrl-C: ends after this update, with a checkpoint; once more ends at once\n" in capfd.readouterr().err
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
@@ -27,15 +26,15 @@ def test_the_first_is_noted_and_the_second_ends(capfd: pytest.CaptureFixture[str
 
 
 def test_the_handler_is_as_it_was_afterwards() -> None:
-    with Interruption() as interruption:
+    with interruptible() as interruption:
         assert signal.getsignal(signal.SIGINT) is not signal.default_int_handler
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    assert not interruption.is_asked_for
+    assert not interruption.is_set()
 
 
 def test_a_process_that_ignores_it_goes_on_to() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with Interruption() as interruption:
+    with interruptible() as interruption:
         signal.raise_signal(signal.SIGINT)
-    assert not interruption.is_asked_for
+    assert not interruption.is_set()
     assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
