@@ -114,12 +114,7 @@ def test_a_height_scan_is_taken_from_outside_where_the_robot_makes_none() -> Non
             "p.onnx: its terms are 23 wide (motion_body_pos_b 3 + motion_body_ori_b 6 + joint_pos 14), its model's "
             "input is 24",
         ),
-        (
-            lite_contract(observation=("mood",)),
-            motion(),
-            None,
-            "p.onnx: unknown observation term 'mood'; known: ",
-        ),
+        (lite_contract(observation=("mood",)), motion(), None, "p.onnx: unknown observation term 'mood'; known: "),
         (
             lite_contract(task_type="locomotion", observation=("motion_body_pos_b",)),
             None,

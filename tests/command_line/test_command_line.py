@@ -37,15 +37,9 @@ HELP = "--help' says what is accepted"
             "hardware param: unknown command 'gett' (did you mean 'get'?); known: get, set, ",
         ),
         (("mode", "dmap"), "mode: unknown intent 'dmap' (did you mean 'damp'?); known: damp, load_a, "),
-        (
-            ("mode", "damp", "--session", "x"),
-            "--session: is 'x', expected a whole number; ",
-        ),
+        (("mode", "damp", "--session", "x"), "--session: is 'x', expected a whole number; "),
         (("mode",), f"missing: INTENT; 'python -m humanoid_sim.mode {HELP}"),
-        (
-            ("play", "--robt", "lite"),
-            "unknown option '--robt' (did you mean '--robot'?); ",
-        ),
+        (("play", "--robt", "lite"), "unknown option '--robt' (did you mean '--robot'?); "),
         (("training", "train", "--steps", "1.5"), "--steps: is '1.5', expected a whole number; "),
         (("training", "train", "--steps", "2e6"), "--steps: is '2e6', expected a whole number; "),
         (("play", "--xyz=3"), "unknown option '--xyz'; 'python -m humanoid_sim.play --help' lists all"),

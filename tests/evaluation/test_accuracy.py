@@ -5,13 +5,7 @@ import pytest
 
 from humanoid_sim.envs.scenario import make_scenario
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.accuracy import (
-    CommandedMotion,
-    PlantError,
-    commanded_motion,
-    describe_error,
-    plant_errors,
-)
+from humanoid_sim.evaluation.accuracy import CommandedMotion, PlantError, commanded_motion, describe_error, plant_errors
 
 
 @pytest.fixture(scope="module")

@@ -8,11 +8,7 @@ from humanoid_sim.simulation.floating_base import BaseState
 
 
 def base(
-    height: float = 0.8,
-    *,
-    yaw: float = 0.0,
-    tilt: float = 0.0,
-    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    height: float = 0.8, *, yaw: float = 0.0, tilt: float = 0.0, velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> BaseState:
     turn = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
     lean = np.array([math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0])
@@ -91,10 +87,7 @@ def test_a_run_that_ends_before_it_has_settled_has_no_means() -> None:
 
 @pytest.mark.parametrize(
     ("height", "tilt", "text"),
-    [
-        (0.47, 0.0, "fell: its centre of mass sank to 0.33 m, it stood at 0.56 m"),
-        (0.8, 1.01, "fell: tilted by 58°"),
-    ],
+    [(0.47, 0.0, "fell: its centre of mass sank to 0.33 m, it stood at 0.56 m"), (0.8, 1.01, "fell: tilted by 58°")],
 )
 def test_a_fall_ends_the_figures(height: float, tilt: float, text: str) -> None:
     motion = released(1.0)

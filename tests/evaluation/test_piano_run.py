@@ -48,11 +48,7 @@ def test_a_policy_that_answers_nonsense_is_one_line() -> None:
     scenario = make_scenario("lite_piano", ROBOT, motion, actuation="implicit")
     with pytest.raises(InputError, match=r"^policy: at 0\.00 s of the song: "):
         play_with_policy(
-            scenario.description,
-            scenario.wiring,
-            lambda *_: np.full(14, np.nan, dtype=np.float32),
-            TABLE,
-            "implicit",
+            scenario.description, scenario.wiring, lambda *_: np.full(14, np.nan, dtype=np.float32), TABLE, "implicit"
         )
 
 

@@ -105,11 +105,7 @@ def test_stamps(document: Any) -> None:
 
 
 texts = st.text(max_size=20) | st.sampled_from(["", "1,2", "nan", "1;2,3", "[1, 2", "[]", "{}", '"x"', "null", "1e999"])
-METADATA = {
-    "own": write_metadata(WALKER),
-    "mjlab": dialects.as_mjlab(WALKER),
-    "holosoma": dialects.as_holosoma(WALKER),
-}
+METADATA = {"own": write_metadata(WALKER), "mjlab": dialects.as_mjlab(WALKER), "holosoma": dialects.as_holosoma(WALKER)}
 
 
 @pytest.mark.parametrize("dialect", METADATA)

@@ -197,10 +197,7 @@ def test_a_motion_file_with_joints_and_world_poses(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (
-            {"joint_names": ("a", "b")},
-            "20 values per frame, expected 18, that is 2 for each of 2 joints and 7",
-        ),
+        ({"joint_names": ("a", "b")}, "20 values per frame, expected 18, that is 2 for each of 2 joints and 7"),
         ({"layout": "joints"}, "layout: is 'joints', expected one of bodies_b, joints_bodies_w"),
     ],
 )

@@ -9,14 +9,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.policy.motion import (
-    MOTION_ATTACHMENT,
-    Motion,
-    motion_bytes,
-    parse_motion,
-    read_motion,
-    write_motion,
-)
+from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion, read_motion, write_motion
 from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, schema_text
 from humanoid_sim.ros2.messages import encode_float32_array
 

@@ -239,11 +239,7 @@ def test_a_file_that_is_no_model_is_refused_in_one_line(
 
 def with_external_tensors(path: Path) -> Path:
     onnx.save_model(
-        models.linear_model(),
-        str(path),
-        save_as_external_data=True,
-        location=f"{path.name}.data",
-        size_threshold=0,
+        models.linear_model(), str(path), save_as_external_data=True, location=f"{path.name}.data", size_threshold=0
     )
     return path
 

@@ -61,10 +61,7 @@ def test_bodies_in_each_others_place_cannot_be_reached(contract: PolicyContract,
         found(bodies_alone(order), contract)
 
 
-@pytest.mark.parametrize(
-    ("length", "conjugate"),
-    [(100.0, False), (1.0, True), (1000.0, True)],
-)
+@pytest.mark.parametrize(("length", "conjugate"), [(100.0, False), (1.0, True), (1000.0, True)])
 def test_bodies_alone_in_other_units(contract: PolicyContract, length: float, conjugate: bool) -> None:
     motion = bodies_alone()
     assert motion.body_position is not None

@@ -7,13 +7,7 @@ from motion_samples import FPS, joint_path, lite, state_of
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.prepare.conventions import Conventions, interpret
-from humanoid_sim.prepare.motion_fit import (
-    Tolerance,
-    check_bodies,
-    is_upside_down,
-    orders_within_limits,
-    worst_excess,
-)
+from humanoid_sim.prepare.motion_fit import Tolerance, check_bodies, is_upside_down, orders_within_limits, worst_excess
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import load_robot

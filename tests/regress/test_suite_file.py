@@ -37,11 +37,7 @@ def test_a_suite_of_ones_own(tmp_path: Path) -> None:
     [
         ("", "- 1\n", "is not a suite, expected a mapping"),
         ("", "name: x\n", "misses required field 'task'"),
-        (
-            "task: tracking",
-            "task: drums",
-            "task: is 'drums', expected one of tracking, velocity, piano",
-        ),
+        ("task: tracking", "task: drums", "task: is 'drums', expected one of tracking, velocity, piano"),
         ("mass: [0.9, 1.1]", "mass: [0, 1]", "randomisation: mass is (0.0, 1.0), expected more than 0"),
         (
             "command_delay: [0.0, 0.004]",

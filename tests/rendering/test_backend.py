@@ -50,10 +50,7 @@ def test_the_first_that_is_asked_for_or_there_is_taken(
 )
 def test_it_says_what_and_why(environ: dict[str, str], libraries: tuple[str, ...], said: str) -> None:
     choice = choose_backend(
-        environ,
-        platform="linux",
-        find_library=lambda name: name if name in libraries else None,
-        try_egl=lambda: False,
+        environ, platform="linux", find_library=lambda name: name if name in libraries else None, try_egl=lambda: False
     )
     assert str(choice) == said
 

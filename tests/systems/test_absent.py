@@ -80,14 +80,7 @@ def test_an_episode_and_its_replay(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("play", "--duration", "1"),
-        ("hardware", "ping", "virtual:x", "11"),
-        ("viewer",),
-    ],
-)
+@pytest.mark.parametrize("words", [("play", "--duration", "1"), ("hardware", "ping", "virtual:x", "11"), ("viewer",)])
 def test_sessions_and_hardware_refuse_in_one_line(words: tuple[str, ...], tmp_path: Path) -> None:
     done = run(PROGRAM.format(words=list(words)), tmp_path)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)

@@ -84,13 +84,7 @@ def test_the_shipped_policy_describes_itself(lite):
     assert contract.task_type == "tracking"
     assert contract.joint_names == contract.action_joint_names == lite.joint_names
     assert contract.observation_names == OBSERVATIONS
-    assert contract.observation_names == (
-        "motion_body_pos_b",
-        "motion_body_ori_b",
-        "joint_pos",
-        "joint_vel",
-        "actions",
-    )
+    assert contract.observation_names == ("motion_body_pos_b", "motion_body_ori_b", "joint_pos", "joint_vel", "actions")
     assert contract.body_names == BODIES
     assert contract.policy_dt == 0.02
     np.testing.assert_array_equal(contract.joint_stiffness, 50.0)

@@ -59,8 +59,7 @@ def check(path: Path, scenario: Any, answers: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("activation", "normaliser"),
-    [(torch.nn.Tanh, "none"), (torch.nn.ReLU, "own"), (torch.nn.SiLU, "VecNormalize")],
+    ("activation", "normaliser"), [(torch.nn.Tanh, "none"), (torch.nn.ReLU, "own"), (torch.nn.SiLU, "VecNormalize")]
 )
 def test_a_loop_with_stable_baselines3(activation: Any, normaliser: str, tmp_path: Path) -> None:
     whole = made(LEGS)
@@ -97,11 +96,7 @@ def runner(envs: RslRlVecEnv, **actor: Any) -> OnPolicyRunner:
         "num_steps_per_env": 8,
         "save_interval": 100,
         "obs_groups": {"actor": ["policy"], "critic": ["critic"]},
-        "actor": {
-            **network,
-            "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": 0.05},
-            **actor,
-        },
+        "actor": {**network, "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": 0.05}, **actor},
         "critic": network,
         "algorithm": {"class_name": "PPO", "num_learning_epochs": 1, "num_mini_batches": 1},
     }

@@ -100,8 +100,7 @@ def test_help_names_every_task_and_algorithm(capsys: pytest.CaptureFixture[str])
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "missing", "module"),
-    [("ppo-sb3", "stable_baselines3", "sb3"), ("ppo-rsl_rl", "rsl_rl", "rsl")],
+    ("algorithm", "missing", "module"), [("ppo-sb3", "stable_baselines3", "sb3"), ("ppo-rsl_rl", "rsl_rl", "rsl")]
 )
 def test_a_missing_library_says_what_to_install(
     algorithm: str,
