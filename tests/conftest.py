@@ -7,9 +7,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -33,7 +31,7 @@ settings.register_profile(
 settings.load_profile("normal")
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
+def pytest_addoption(parser):
     parser.addoption(
         "--complete",
         action="store_true",
@@ -42,7 +40,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 @pytest.fixture
-def fuzzing_seconds(request: pytest.FixtureRequest) -> float:
+def fuzzing_seconds(request):
     """s of wall time that a slow fuzzing test goes on."""
     return 120.0 if request.config.getoption("--complete") else 20.0
 
@@ -51,17 +49,17 @@ _TABLES = pytest.StashKey[dict[str, list[tuple[str, ...]]]]()
 
 
 @pytest.fixture
-def table_of(request: pytest.FixtureRequest) -> Callable[[str, tuple[str, ...]], list[tuple[str, ...]]]:
+def table_of(request):
     """`table_of(title, headings)`: the rows of a table that is printed at the end of the run, to be added to."""
     tables = request.config.stash.setdefault(_TABLES, {})
 
-    def rows(title: str, headings: tuple[str, ...]) -> list[tuple[str, ...]]:
+    def rows(title, headings):
         return tables.setdefault(title, [headings])
 
     return rows
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+def pytest_terminal_summary(terminalreporter, config):
     for title, rows in config.stash.get(_TABLES, {}).items():
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         terminalreporter.section(title)
@@ -76,7 +74,7 @@ _CACHES = ("mesa_shader_cache", "fontconfig", "/dev/", "/proc/", "/sys/")
 """Opened once by graphics drivers and left open for good."""
 
 
-def _open_files() -> dict[int, str]:
+def _open_files():
     """Descriptor and target of every open file and socket of this process; empty where the system cannot tell."""
     found = {}
     try:
@@ -93,20 +91,20 @@ def _open_files() -> dict[int, str]:
     return found
 
 
-def _open_buses() -> set[str]:
+def _open_buses():
     """Names of the open channels of python-can's virtual bus, if it was ever imported."""
     virtual = sys.modules.get("can.interfaces.virtual")
     return {str(name) for name, queues in virtual.channels.items() if queues} if virtual else set()
 
 
-def _leaks(threads: set[threading.Thread], files: dict[int, str], buses: set[str]) -> list[str]:
+def _leaks(threads, files, buses):
     found = [f"thread '{thread.name}'" for thread in threading.enumerate() if thread not in threads]
     found += [f"file {target}" for number, target in _open_files().items() if files.get(number) != target]
     return found + [f"bus '{name}'" for name in sorted(_open_buses() - buses)]
 
 
 @pytest.fixture(autouse=True)
-def no_leaks() -> Iterator[None]:
+def no_leaks():
     """Fail a test that leaves a thread running, a file, a socket or a bus open, or MuJoCo's log behind."""
     before = set(threading.enumerate()), _open_files(), _open_buses()
     log = Path.cwd() / "MUJOCO_LOG.TXT"  # where a warning of MuJoCo goes that nobody has silenced
@@ -126,7 +124,7 @@ def no_leaks() -> Iterator[None]:
 
 
 @pytest.fixture
-def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def runtime(monkeypatch):
     """The folder that sessions and their clients meet in: empty, and short, as paths of sockets have to be."""
     with tempfile.TemporaryDirectory(prefix="hs-", ignore_cleanup_errors=True) as folder:
         monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
@@ -134,7 +132,7 @@ def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 @pytest.fixture
-def local(runtime: Path) -> Iterator[Any]:
+def local(runtime):
     """A `LocalSession`: feed and intake of this process, driven tick by tick."""
     from local_session import LocalSession  # noqa: PLC0415 - most tests need none of what it imports
 
@@ -144,6 +142,6 @@ def local(runtime: Path) -> Iterator[Any]:
 
 
 @pytest.fixture
-def hopper(tmp_path: Path) -> Path:
+def hopper(tmp_path):
     """The MJCF of a small robot, as a user would bring it: no description beside it. May be changed."""
     return Path(shutil.copy(Path(__file__).parent / "data" / "hopper.xml", tmp_path))

@@ -37,7 +37,7 @@ def test_modes():
     }
 
 
-def test_the_modes_in_which_no_support_holds_the_robot() -> None:
+def test_the_modes_in_which_no_support_holds_the_robot():
     assert [mode for mode in Mode if mode.is_free] == [Mode.LOCOMOTION, Mode.REMOTE]
 
 

@@ -34,12 +34,12 @@ STATE_ARRAYS = (
 )
 
 
-def state_arrays(*batch: int, n: int = 2) -> dict[str, np.ndarray]:
+def state_arrays(*batch, n=2):
     widths = dict.fromkeys(STATE_ARRAYS[:4], n) | {"imu_quaternion": 4}
     return {name: np.full((*batch, widths.get(name, 3)), 0.5) for name in STATE_ARRAYS}
 
 
-def command_arrays(*batch: int, n: int = 2) -> dict[str, np.ndarray]:
+def command_arrays(*batch, n=2):
     return {name: np.full((*batch, n), 0.5) for name in COMMAND_FIELDS}
 
 

@@ -5,7 +5,7 @@ from drive import Drive
 from humanoid_sim.messages import Intent, Mode
 
 
-def energy(drive: Drive) -> float:
+def energy(drive):
     """J, potential and kinetic."""
     model, data = drive.robot.model, drive.robot.data
     mujoco.mj_energyPos(model, data)
@@ -13,7 +13,7 @@ def energy(drive: Drive) -> float:
     return float(data.energy.sum())
 
 
-def test_damping_only_ever_takes_energy_out() -> None:
+def test_damping_only_ever_takes_energy_out():
     drive = Drive()
     drive.stand()
     drive.step(Intent.DAMP)
@@ -26,7 +26,7 @@ def test_damping_only_ever_takes_energy_out() -> None:
     assert drive.outputs[-1].control_mode.mode is Mode.DAMPING
 
 
-def test_arms_that_are_let_go_sink_slowly() -> None:
+def test_arms_that_are_let_go_sink_slowly():
     speeds = {}
     for intent in (Intent.DAMP, None):
         drive = Drive()

@@ -2,29 +2,28 @@ import numpy as np
 import pytest
 from drive import Drive
 
-from humanoid_sim.gravity import GravityForm, gravity_command
+from humanoid_sim.gravity import gravity_command
 from humanoid_sim.messages import Intent, Mode, RemoteCommand
-from humanoid_sim.mit import FloatArray
 from humanoid_sim.simulation.kinematics import GravityTorque
 
 
 class Compensation:
     """What the gravity front end sends, one command per tick and late by one, without its process."""
 
-    def __init__(self, drive: Drive, form: GravityForm) -> None:
+    def __init__(self, drive, form):
         self._drive = drive
-        self._form: GravityForm = form
+        self._form = form
         self._gravity = GravityTorque(drive.description)
-        self._held: FloatArray | None = None
+        self._held = None
 
-    def __call__(self) -> RemoteCommand:
+    def __call__(self):
         drive = self._drive
         self._held = drive.position if self._held is None or self._form == "effort" else self._held
         command = gravity_command(drive.description, self._held, self._gravity(self._held), self._form)
         return RemoteCommand(command, drive.time)
 
 
-def in_remote() -> Drive:
+def in_remote():
     drive = Drive(remote=True)
     drive.stand()
     drive.run(0.5)
@@ -33,7 +32,7 @@ def in_remote() -> Drive:
 
 
 @pytest.mark.parametrize(("form", "drift"), [("effort", 0.01), ("pd", 0.002)])
-def test_gravity_compensation_holds_the_arms_still(form: GravityForm, drift: float) -> None:
+def test_gravity_compensation_holds_the_arms_still(form, drift):
     drive = in_remote()
     start = drive.position
     drive.run(5.0, Compensation(drive, form))
@@ -43,11 +42,11 @@ def test_gravity_compensation_holds_the_arms_still(form: GravityForm, drift: flo
     assert np.abs(drive.applied()[-1]).max() > 1.0
 
 
-def test_the_effort_form_lets_the_arms_be_moved_and_the_pd_form_pulls_back() -> None:
-    moved: dict[str, float] = {}
+def test_the_effort_form_lets_the_arms_be_moved_and_the_pd_form_pulls_back():
+    moved = {}
     for form in ("effort", "pd"):
         drive = in_remote()
-        source = Compensation(drive, form)  # type: ignore[arg-type]
+        source = Compensation(drive, form)
         drive.run(0.5, source)
         start = drive.position
         elbow = drive.robot.model.body("left_elbow_pitch").id
@@ -61,7 +60,7 @@ def test_the_effort_form_lets_the_arms_be_moved_and_the_pd_form_pulls_back() -> 
 
 
 @pytest.mark.parametrize("form", ["effort", "pd"])
-def test_a_source_that_falls_silent_lets_the_arms_sink_damped(form: GravityForm) -> None:
+def test_a_source_that_falls_silent_lets_the_arms_sink_damped(form):
     drive = in_remote()
     drive.run(1.0, Compensation(drive, form))
     last = Compensation(drive, form)()

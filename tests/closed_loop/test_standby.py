@@ -7,7 +7,7 @@ from humanoid_sim.simulation.kinematics import GravityTorque
 
 
 @pytest.mark.parametrize("load", [Intent.LOAD_A, Intent.LOAD_B])
-def test_standby_reaches_its_pose_up_to_the_sag_of_its_springs(load: Intent) -> None:
+def test_standby_reaches_its_pose_up_to_the_sag_of_its_springs(load):
     drive = Drive()
     drive.stand(load)
     robot = drive.description
@@ -25,7 +25,7 @@ def test_standby_reaches_its_pose_up_to_the_sag_of_its_springs(load: Intent) -> 
 
 
 @pytest.mark.parametrize("load", [Intent.LOAD_A, Intent.LOAD_B])
-def test_gains_ramp_in_without_a_step_in_torque(load: Intent) -> None:
+def test_gains_ramp_in_without_a_step_in_torque(load):
     drive = Drive()
     drive.run(1.0)
     drive.step(Intent.DAMP)
@@ -43,7 +43,7 @@ def test_gains_ramp_in_without_a_step_in_torque(load: Intent) -> None:
     assert np.abs(drive.applied(entered)).max() > 1.0  # something was driven at all
 
 
-def test_a_walk_that_is_interrupted_begins_again_from_where_the_arms_are() -> None:
+def test_a_walk_that_is_interrupted_begins_again_from_where_the_arms_are():
     drive = Drive()
     drive.step(Intent.DAMP)
     drive.step(Intent.LOAD_A)

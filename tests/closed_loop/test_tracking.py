@@ -12,12 +12,12 @@ from humanoid_sim.policy.motion import read_motion
 MOTIONS = sorted(path.stem for path in asset_path("motions").glob("*.mcap"))
 
 
-def test_there_are_motions() -> None:
+def test_there_are_motions():
     assert {"wave", "circle", "reach"} <= set(MOTIONS)
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-def test_the_sample_policy_tracks_the_sample_motions(name: str) -> None:
+def test_the_sample_policy_tracks_the_sample_motions(name):
     checkpoint = load_checkpoint(SAMPLE_POLICY)
     motion = read_motion(asset_path("motions", f"{name}.mcap"))
     drive = Drive(load_policy(checkpoint.contract, checkpoint.policy, motion, checkpoint.observation_width))
@@ -39,7 +39,7 @@ def test_the_sample_policy_tracks_the_sample_motions(name: str) -> None:
     assert np.abs(drive.applied()).max() < drive.description.effort_limit.max()
 
 
-def test_at_the_end_of_the_motion_the_last_frame_is_held() -> None:
+def test_at_the_end_of_the_motion_the_last_frame_is_held():
     checkpoint = load_checkpoint(SAMPLE_POLICY)
     motion = read_motion(asset_path("motions", "reach.mcap"))
     drive = Drive(load_policy(checkpoint.contract, checkpoint.policy, motion))

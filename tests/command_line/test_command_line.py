@@ -94,7 +94,7 @@ HELP = "--help' says what is accepted"
         (("hardware", "ping", "can0"), "missing: MOTOR_ID; "),
     ],
 )
-def test_one_line(words: tuple[str, ...], line: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_line(words, line, capsys):
     assert main(words) == 2
     out, error = capsys.readouterr()
     assert out == ""
@@ -102,13 +102,13 @@ def test_one_line(words: tuple[str, ...], line: str, capsys: pytest.CaptureFixtu
     assert error.count("\n") == 1
 
 
-def test_underscores_do_as_well(capsys: pytest.CaptureFixture[str]) -> None:
+def test_underscores_do_as_well(capsys):
     assert main(["play", "--policy_seconds", "x"]) == 2
     assert capsys.readouterr().err.startswith("error: --policy-seconds: is 'x', expected a number; ")
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "utf-8"])
-def test_whatever_the_terminal_can_show(encoding: str) -> None:
+def test_whatever_the_terminal_can_show(encoding):
     run = subprocess.run(
         [sys.executable, "-m", "humanoid_sim.play", "--yaw", "x" * 300],
         env={**os.environ, "PYTHONIOENCODING": encoding, "COLUMNS": "40"},
@@ -121,7 +121,7 @@ def test_whatever_the_terminal_can_show(encoding: str) -> None:
 
 
 @pytest.mark.parametrize("words", [("training",), ("policy",)])
-def test_a_group_of_commands_alone_lists_them(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_group_of_commands_alone_lists_them(words, capsys):
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 0

@@ -54,7 +54,7 @@ remote       damping  damping  damping  damping  damping           damping      
 NAMES = {"zero": ZERO, "damping": DAMPING, "a": A, "b": B, "rl": RL, "remote": REMOTE}
 
 
-def parse(table: str) -> dict[tuple[str, bool, str], str]:
+def parse(table):
     header, *rows = table.strip().splitlines()
     cells = {}
     for row in rows:
@@ -72,7 +72,7 @@ STATUSES = [
 SUBSETS = [frozenset(chosen) for chosen in chain.from_iterable(combinations(CONTROLLERS, size) for size in range(7))]
 
 
-def expected(current: str, status: SafetyStatus, intent: Intent | None, finished: bool) -> str:
+def expected(current, status, intent, finished):
     word = "none" if intent is None else intent.value
     table = SAFE if status.level == 0 else UNSAFE
     return table.get((current, finished, word)) or table[current, False, word]

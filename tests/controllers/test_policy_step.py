@@ -1,7 +1,5 @@
 """One policy step: by itself as the controller does it, in a batch as its robots do it, bit for bit."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 import rig
@@ -10,8 +8,6 @@ from hypothesis import strategies as st
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.policy_step import (
-    ActionMap,
-    PolicyMemory,
     PolicyWiring,
     action_command,
     advance_phase,
@@ -22,7 +18,7 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemor
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import TickInput
-from humanoid_sim.mit import ANCHOR_POSE, COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, FloatArray, MITState
+from humanoid_sim.mit import ANCHOR_POSE, COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, MITState
 
 JOINTS = ("a", "b", "c")
 STEPS, ROBOTS = 8, 4
@@ -31,9 +27,9 @@ TURN = 2.0 * np.pi * 0.02
 """rad that a clock of 1 s advances in one step of 0.02 s."""
 
 
-def contract(**changes: Any) -> PolicyContract:
+def contract(**changes):
     """Everything that has a memory: history, phase, a reference laid onto the robot, the last action."""
-    fields: dict[str, Any] = {
+    fields = {
         "task_type": "tracking",
         "joint_names": ("c", "a", "b"),
         "action_joint_names": ("b", "c"),
@@ -60,13 +56,13 @@ def contract(**changes: Any) -> PolicyContract:
     return PolicyContract(**{**fields, **changes})
 
 
-def frames() -> FloatArray:
+def frames():
     table = np.random.default_rng(1).normal(size=(5, 13))
     table[:, 9:] /= np.sqrt((table[:, 9:] ** 2).sum(axis=1, keepdims=True))
     return table
 
 
-def states(rng: np.random.Generator, batch: tuple[int, ...]) -> MITState:
+def states(rng, batch):
     """Robots whose joints are anywhere; some of them are told to stand."""
     pose = rng.normal(size=(*batch, 7))
     pose[..., 3:] /= np.sqrt((pose[..., 3:] ** 2).sum(axis=-1, keepdims=True))
@@ -75,21 +71,21 @@ def states(rng: np.random.Generator, batch: tuple[int, ...]) -> MITState:
     return MITState(0.0, *joints, np.zeros((*batch, 3)), pose[..., 3:], *vectors, live)
 
 
-def row(state: MITState, i: int) -> MITState:
+def row(state, i):
     live = {name: Extern(value.value[i], 0.0) for name, value in state.extern.items()}
     arrays = [getattr(state, name)[i] for name in list(MITState.__dataclass_fields__)[1:-1]]
     return MITState(0.0, *arrays, live)
 
 
-def wiring_of(contract: PolicyContract) -> PolicyWiring:
+def wiring_of(contract):
     reference = build_world_reference(contract, frames(), JOINTS, ("torso",))
     return PolicyWiring(JOINTS, contract, reference, EXTERN_WIDTHS, 100.0)
 
 
-def test_a_robot_by_itself_does_what_the_controller_does() -> None:
+def test_a_robot_by_itself_does_what_the_controller_does():
     rng, wiring, seen = np.random.default_rng(0), wiring_of(contract()), []
 
-    def policy(observation: Any, frame: int) -> Any:
+    def policy(observation, frame):
         seen.append((observation.copy(), frame))
         return actions[len(seen) - 1]
 
@@ -110,16 +106,16 @@ def test_a_robot_by_itself_does_what_the_controller_does() -> None:
         for name in ("position", "velocity", "effort", "stiffness", "damping"):
             np.testing.assert_array_equal(getattr(command, name), getattr(expected, name))
         assert (memory.frame, memory.walked) == (controls.policy.frame, controls.policy.walked)
-        np.testing.assert_array_equal(memory.history, controls.policy.history)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(memory.history, controls.policy.history)
     assert len(seen) == STEPS
     assert controls.policy.frame == 4  # the last frame is held
     assert len({observation.tobytes() for observation, _ in seen}) == STEPS
 
 
-def test_a_batch_does_what_its_robots_do() -> None:
+def test_a_batch_does_what_its_robots_do():
     rng, wiring = np.random.default_rng(2), wiring_of(contract())
-    memories: list[PolicyMemory] | None = None
-    batch: PolicyMemory | None = None
+    memories = None
+    batch = None
     for _ in range(STEPS):
         state, actions = states(rng, (ROBOTS,)), rng.normal(size=(ROBOTS, 2)).astype(np.float32)
         batch = wiring.activate(state) if batch is None else batch
@@ -132,10 +128,10 @@ def test_a_batch_does_what_its_robots_do() -> None:
             np.testing.assert_array_equal(observations[i], observation)
             memories[i], command = wiring.act(memory, actions[i])
             np.testing.assert_array_equal(commands.position[i], command.position)
-            assert batch.frame[i] == memories[i].frame  # type: ignore[index]
+            assert batch.frame[i] == memories[i].frame
 
 
-def test_actions_are_accepted_one_by_one() -> None:
+def test_actions_are_accepted_one_by_one():
     wiring = wiring_of(contract())
     actions = np.array([[1.0, -100.0], [1.0, 100.5], [np.nan, 0.0], [0.0, np.inf]], dtype=np.float32)
     np.testing.assert_array_equal(wiring.accepts(actions), [True, False, False, False])
@@ -146,7 +142,7 @@ def test_actions_are_accepted_one_by_one() -> None:
     assert wiring.action_problem(actions[0]) == ""
 
 
-def test_the_contract_says_how_large_actions_are_unless_it_is_overridden() -> None:
+def test_the_contract_says_how_large_actions_are_unless_it_is_overridden():
     large = contract(action_limit=500.0)
     assert wiring_of(contract()).limit == 100.0
     reference = build_world_reference(large, frames(), JOINTS, ("torso",))
@@ -157,7 +153,7 @@ def test_the_contract_says_how_large_actions_are_unless_it_is_overridden() -> No
     assert controller.action_limit == 500.0
 
 
-def test_limits_of_a_robot_that_nobody_knows_are_refused() -> None:
+def test_limits_of_a_robot_that_nobody_knows_are_refused():
     with pytest.raises(FieldError, match="position_clip: is 'joint_limits', and no robot is known whose they are"):
         wiring_of(contract(position_clip="joint_limits"))
 
@@ -173,11 +169,11 @@ def test_limits_of_a_robot_that_nobody_knows_are_refused() -> None:
         ({"observation": ("command",), "command_names": ("motion",), "phase": None}, False),
     ],
 )
-def test_whether_the_velocity_command_is_observed(changes: dict[str, Any], takes: bool) -> None:
+def test_whether_the_velocity_command_is_observed(changes, takes):
     assert wiring_of(contract(**changes)).takes_velocity_command is takes
 
 
-def test_a_contract_that_does_not_fit_the_robot_is_refused() -> None:
+def test_a_contract_that_does_not_fit_the_robot_is_refused():
     reference = build_world_reference(contract(), frames(), JOINTS, ("torso",))
     with pytest.raises(FieldError, match="anchor pose"):
         PolicyWiring(JOINTS, contract(), reference, {VELOCITY_COMMAND: 3}, 100.0)
@@ -186,7 +182,7 @@ def test_a_contract_that_does_not_fit_the_robot_is_refused() -> None:
 # --- actions ---
 
 
-def rig_map(**changes: Any) -> ActionMap:
+def rig_map(**changes):
     """Of a policy that drives the elbow and the shoulder, on a robot with a wrist too."""
     return resolve_action(rig.contract(**changes), rig.JOINTS)
 
@@ -231,7 +227,7 @@ def test_two_batch_dimensions():
 # --- the gait clock ---
 
 
-def phases(rule: PhaseRule, commands: list[np.ndarray]) -> list[list[float]]:
+def phases(rule, commands):
     walked, shown = 0.0, []
     for command in commands:
         walked, phase = advance_phase(rule, walked, command, 0.02)

@@ -30,11 +30,11 @@ FORBIDDEN_ATTRIBUTES = {
 }  # fmt: skip
 
 
-def tree(path: Path) -> ast.Module:
+def tree(path):
     return ast.parse(path.read_text(encoding="utf-8"), str(path))
 
 
-def imported_modules(path: Path) -> set[str]:
+def imported_modules(path):
     found = set()
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
@@ -99,7 +99,7 @@ def test_every_dataclass_is_frozen():
     assert count >= 15
 
 
-def run_python(code: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+def run_python(code, cwd):
     return subprocess.run([sys.executable, "-c", code], cwd=cwd, capture_output=True, text=True, check=False)
 
 

@@ -1,6 +1,5 @@
 """The supervisor: construction, containment of failures, and its state space exhausted over abstract inputs."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, ClassVar
@@ -14,7 +13,7 @@ from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import FieldError
-from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput
+from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.testing import ScriptedPolicy, fingerprint
 from humanoid_sim.testing.properties import MODE_NUMBER
@@ -179,10 +178,10 @@ class Foreign:
     activation: Any = lambda *_: Memory()
     joints: tuple[str, ...] = JOINTS
 
-    def activate(self, given: TickInput) -> Any:
+    def activate(self, given):
         return self.activation(given)
 
-    def update(self, memory: Any, given: TickInput) -> Any:
+    def update(self, memory, given):
         return self.behaviour(memory, given)
 
 
@@ -193,7 +192,7 @@ def explode(*_):
 class Sham(MITCommand):
     """A command that calls itself finite."""
 
-    def is_finite(self) -> bool:
+    def is_finite(self):
         return True
 
 
@@ -201,12 +200,12 @@ class Treacherous:
     """A memory that cannot be asked."""
 
     @property
-    def policy_step(self) -> None:
+    def policy_step(self):
         raise RuntimeError("no")
 
 
 class UnprintableError(Exception):
-    def __str__(self) -> str:
+    def __str__(self):
         raise ValueError("not even this")
 
 
@@ -348,7 +347,7 @@ STEP = 0.05
 SAFETIES = [(), (SafetyStatus(1),), FAULT, (SafetyStatus(0, 1), SafetyStatus(3, 0, "can1"))]
 
 
-def remotes(now: float) -> dict[str, RemoteCommand | None]:
+def remotes(now):
     """Every kind of remote command at a time; the controller, if active, was activated more than 1 s before."""
     return {
         "none": None,
@@ -362,7 +361,7 @@ def remotes(now: float) -> dict[str, RemoteCommand | None]:
     }
 
 
-def abstract(memory: Any) -> tuple[str, str]:
+def abstract(memory):
     """What the exhaustive search tells apart: who is in control, and how far."""
     inner = memory.controller_memory
     if memory.controller in (A, B):
@@ -377,7 +376,7 @@ def abstract(memory: Any) -> tuple[str, str]:
     return memory.controller, ""
 
 
-def abstract_inputs(name: str, finished: bool, time: float) -> Iterator[tuple[str, TickInput]]:
+def abstract_inputs(name, finished, time):
     """Policies and commands vary only where this tick may consult them; that keeps the product small."""
     for (word, position), safety, intents in product(POSITIONS.items(), SAFETIES, PAIRS):
         consulted = {*intents} if finished else set()
@@ -396,9 +395,7 @@ def explored():
     policy = ScriptedPolicy(good_answer)
     stack = supervisor(policy)
     start = stack.initial()
-    nodes: dict[tuple[str, str], tuple[Any, RigProperties, float]] = {
-        abstract(start): (start, RigProperties(stack), 10.0)
-    }
+    nodes = {abstract(start): (start, RigProperties(stack), 10.0)}
     queue, edges, ticks = list(nodes), set(), 0
     while queue:
         key = queue.pop(0)

@@ -11,7 +11,7 @@ FOLDERS = ("controllers", "docs", "envs", "examples", "hardware", "humanoid_sim"
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
-def test_no_docstring_of_a_function_begins_with_a_question_word(folder: str) -> None:
+def test_no_docstring_of_a_function_begins_with_a_question_word(folder):
     heads = [
         (text.split(maxsplit=1)[0].strip(",.:;"), f"{path.relative_to(ROOT)}:{node.lineno}")
         for path in sorted((ROOT / folder).rglob("*.py"))

@@ -13,7 +13,7 @@ import humanoid_sim  # noqa: F401 - registers the environments
 _STATM = Path("/proc/self/statm")
 
 
-def resident_megabytes() -> float:
+def resident_megabytes():
     gc.collect()
     return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
@@ -21,7 +21,7 @@ def resident_megabytes() -> float:
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 @pytest.mark.skipif(not _STATM.exists(), reason="needs Linux's /proc")
-def test_many_vector_steps_hold_their_memory(request: pytest.FixtureRequest) -> None:
+def test_many_vector_steps_hold_their_memory(request):
     """Episodes that end, actions that are refused, late commands and noise included; 100,000 steps with --complete."""
     count = 100_000 if request.config.getoption("--complete") else 25_000
     envs = gymnasium.make_vec(

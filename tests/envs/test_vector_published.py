@@ -1,7 +1,5 @@
 """Robots and policies from outside in the vector environment, step by step beside a single one."""
 
-from typing import Any
-
 import gymnasium
 import numpy as np
 import pytest
@@ -20,14 +18,14 @@ COUNT = 2
     ("policy", "timestep"),
     [("beyondmimic_g1/Waltz.onnx", 0.0025), ("unitree_g1_velocity_v0/exported/policy.onnx", 0.005)],
 )
-def test_a_published_policy_walks_the_same_steps(policy: str, timestep: float) -> None:
-    options: dict[str, Any] = {
+def test_a_published_policy_walks_the_same_steps(policy, timestep):
+    options = {
         "contract": POLICIES / policy,
         "robot": load_robot(POLICIES / "models" / "unitree_g1" / "scene.xml"),
         "physics_timestep": timestep,
     }
-    native: Any = gymnasium.make_vec(NAME, num_envs=COUNT, threads=2, **options)
-    singles: list[Any] = [gymnasium.make(NAME, **options) for _ in range(COUNT)]
+    native = gymnasium.make_vec(NAME, num_envs=COUNT, threads=2, **options)
+    singles = [gymnasium.make(NAME, **options) for _ in range(COUNT)]
     act = singles[0].unwrapped.scenario.policy
     native.reset(seed=0)
     seen = [single.reset(seed=i) for i, single in enumerate(singles)]

@@ -11,5 +11,5 @@ sys.path.append(str(Path(__file__).parent.parent / "recording"))
 
 
 @pytest.fixture(autouse=True)
-def no_leaks() -> None:
+def no_leaks():
     """No test here is failed for what stays open: PyTorch, Arrow and W&B keep threads, maps and sockets for good."""

@@ -18,7 +18,7 @@ _MADE = Path(__file__).parents[2] / ".venv-peers" / "exports"
 
 
 @pytest.fixture(scope="session")
-def exports() -> Path:
+def exports():
     """The folder that `mjlab_exports.py` has filled."""
     made = Path(os.environ.get("HUMANOID_SIM_EXPORTS", _MADE))
     if not (made / "rsl_rl").is_dir():

@@ -21,12 +21,11 @@ WALKER = {
 }
 
 
-def test_the_term_phase_implies_its_clock() -> None:
+def test_the_term_phase_implies_its_clock():
     stated = parse_contract({"phase": {"period": 0.6}}, "contract.yaml", "contract.yaml")
     contract = merge([read_mjlab(WALKER, "policy.onnx"), *stated], "policy.onnx")
     assert contract.terms[2].kind == "gait_phase"
     rule = contract.phase
-    assert rule is not None
     assert (rule.offsets.tolist(), rule.standing_threshold, rule.standing_value) == ([0.0], 0.1, None)
     assert contract.provenance["phase.standing_value"] == "assumed (mjlab)"
     # In training the first observation shows the clock at its start, and the clock runs on while the robot stands.
@@ -37,7 +36,7 @@ def test_the_term_phase_implies_its_clock() -> None:
     np.testing.assert_allclose(shown, [0.0, np.nan, 2 * 2 * np.pi * 0.02 / 0.6])
 
 
-def test_a_height_scan_is_that_of_its_velocity_task() -> None:
+def test_a_height_scan_is_that_of_its_velocity_task():
     seeing = {**WALKER, "observation_names": "base_ang_vel,height_scan", "observation_terms_scale": "1.000,0.200"}
     contract = merge([read_mjlab(seeing, "policy.onnx")], "policy.onnx")
     assert contract.height_scan == HeightScan(

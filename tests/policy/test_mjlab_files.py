@@ -2,21 +2,17 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 from dialects import as_mjlab
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.contract_yaml import parse_contract
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.policy.readers.mjlab import read_mjlab
 from humanoid_sim.policy.readers.sources import assumptions
 
-WRITTEN: dict[str, dict[str, str]] = json.loads(
-    (Path(__file__).parents[1] / "data" / "mjlab_metadata.json").read_text(encoding="utf-8")
-)
+WRITTEN = json.loads((Path(__file__).parents[1] / "data" / "mjlab_metadata.json").read_text(encoding="utf-8"))
 """By task, of the Unitree G1."""
 
 WALKER = {
@@ -27,12 +23,12 @@ WALKER = {
 }
 
 
-def contract(metadata: dict[str, str]) -> PolicyContract:
+def contract(metadata):
     return merge([read_mjlab(metadata, "policy.onnx")], "policy.onnx")
 
 
 @pytest.mark.parametrize("task", WRITTEN)
-def test_what_mjlab_writes_is_all_that_a_contract_needs(task: str) -> None:
+def test_what_mjlab_writes_is_all_that_a_contract_needs(task):
     made = contract(WRITTEN[task])
     assert made.task_type == ("tracking" if task.startswith("tracking") else "locomotion")
     assert (len(made.joint_names), made.joint_names[3]) == (29, "left_knee_joint")
@@ -47,11 +43,11 @@ def test_what_mjlab_writes_is_all_that_a_contract_needs(task: str) -> None:
 
 
 @pytest.mark.parametrize("task", WRITTEN)
-def test_the_dialect_of_the_tests_is_mjlabs_to_the_letter(task: str) -> None:
+def test_the_dialect_of_the_tests_is_mjlabs_to_the_letter(task):
     assert as_mjlab(contract(WRITTEN[task]), ".3f") == WRITTEN[task]
 
 
-def test_the_velocity_of_the_base_is_the_imus_in_files_of_mjlab_1_6() -> None:
+def test_the_velocity_of_the_base_is_the_imus_in_files_of_mjlab_1_6():
     made = contract(WRITTEN["velocity_flat"])
     assert {term.name: term.at for term in made.terms}["base_lin_vel"] == "imu"
     assert "observation term base_lin_vel: at imu: assumed (mjlab)" in assumptions(made)
@@ -66,8 +62,8 @@ HISTORY, FLAT = "observation_terms_history_length", "observation_terms_flatten_h
 
 
 @pytest.mark.parametrize(("counts", "flags"), [("3.000", "1.000"), ("3", "True")])
-def test_counts_and_flags_are_written_as_numbers_or_as_words(counts: str, flags: str) -> None:
-    written: dict[str, Any] = {HISTORY: f"{counts},0,0,1.000", FLAT: ",".join([flags] * 4)}
+def test_counts_and_flags_are_written_as_numbers_or_as_words(counts, flags):
+    written = {HISTORY: f"{counts},0,0,1.000", FLAT: ",".join([flags] * 4)}
     assert [term.history for term in contract(WALKER | written).terms] == [3, 1, 1, 1]
 
 
@@ -83,7 +79,7 @@ def test_counts_and_flags_are_written_as_numbers_or_as_words(counts: str, flags:
         ({FLAT: "yes,1,1,1"}, f"{FLAT} is 'yes,1,1,1', expected True or False"),
     ],
 )
-def test_other_counts_and_flags_are_refused(written: dict[str, str], problem: str) -> None:
+def test_other_counts_and_flags_are_refused(written, problem):
     with pytest.raises(InputError) as refused:
         contract(WALKER | written)
     assert str(refused.value).startswith(f"policy.onnx: {problem}")

@@ -11,10 +11,9 @@ from humanoid_sim.policy.robot_check import (
     model_damping_findings,
     point_findings,
 )
-from humanoid_sim.robots.description import RobotDescription
 
 
-def test_a_missing_suffix_is_recognised(robot: RobotDescription) -> None:
+def test_a_missing_suffix_is_recognised(robot):
     wiring = contract(
         joint_names=[f"{name}_joint" for name in JOINTS], action_joint_names=["left_hip_joint"], action_scale=[0.3]
     )
@@ -23,7 +22,7 @@ def test_a_missing_suffix_is_recognised(robot: RobotDescription) -> None:
     assert "has 'left_knee'" in found(findings, "error", "joint_names", "left_knee_joint").message
 
 
-def test_joints_of_only_one_side(robot: RobotDescription) -> None:
+def test_joints_of_only_one_side(robot):
     wiring = contract(
         joint_names=("left_hip", "right_hip", "left_knee", "tail"), action_joint_names=("tail",), action_scale=0.3
     )
@@ -32,7 +31,7 @@ def test_joints_of_only_one_side(robot: RobotDescription) -> None:
     assert "the policy does not" in found(findings, "error", "joint_names", "right_knee").message
 
 
-def test_bodies_of_the_motion() -> None:
+def test_bodies_of_the_motion():
     wiring = contract(
         task_type="tracking",
         command_names=("motion",),
@@ -51,7 +50,7 @@ OWN = {"left_hip": 0.5, "right_hip": 0.5, "left_knee": 2.0}
 PAIRS = "1.5 + 0.5 for left_hip, right_hip; 3 + 2 for left_knee"
 
 
-def test_damping_of_the_model_beside_the_contracts() -> None:
+def test_damping_of_the_model_beside_the_contracts():
     wiring = contract(joint_damping=[1.5, 1.5, 3.0, 3.0])
     finding = found(model_damping_findings(wiring, OWN), "warning", "model_joint_damping")
     assert str(finding) == (
@@ -65,13 +64,13 @@ def test_damping_of_the_model_beside_the_contracts() -> None:
     assert tuple(model_damping_findings(wiring, {"tail": 1.0})) == ()
 
 
-def test_damping_of_the_model_alone_is_no_warning() -> None:
+def test_damping_of_the_model_alone_is_no_warning():
     wiring = contract(joint_damping=[0.0, 1.5, 3.0, 3.0])
     message = found(model_damping_findings(wiring, {"left_hip": 0.5}), "info", "model_joint_damping").message
     assert "0 + 0.5 for left_hip;" in message
 
 
-def test_a_point_that_the_robot_lacks() -> None:
+def test_a_point_that_the_robot_lacks():
     terms = [Term("base_lin_vel", at="torso-imu"), Term("v", kind="base_lin_vel", at="imu"), Term("joint_pos", at="x")]
     wiring = contract(observation=terms)
     message = found(
@@ -83,7 +82,7 @@ def test_a_point_that_the_robot_lacks() -> None:
     assert tuple(point_findings(wiring, ["torso-imu"], [], "g")) == ()
 
 
-def test_a_height_scan_lies_around_a_site_or_a_body_and_is_sent_on_a_robot() -> None:
+def test_a_height_scan_lies_around_a_site_or_a_body_and_is_sent_on_a_robot():
     wiring = contract(observation=[Term("height_scan", at="torso_link", grid=(0.2, 0.1))])
     assert tuple(point_findings(wiring, [], ["pelvis", "torso_link"], "g")) == ()
     assert tuple(point_findings(wiring, ["torso_link"], ["pelvis"], "g")) == ()

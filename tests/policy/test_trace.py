@@ -1,8 +1,5 @@
 """Traces: the trainer's run in a file, with what it may leave out, and what is refused."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 from trainer import (
@@ -20,7 +17,6 @@ from trainer import (
     terms,
 )
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
@@ -31,15 +27,15 @@ from humanoid_sim.robots.description import load_robot
 
 
 @pytest.fixture
-def checkpoint(tmp_path: Path) -> Checkpoint:
+def checkpoint(tmp_path):
     return load_checkpoint(save_checkpoint(tmp_path / "walker.onnx"))
 
 
-def fits(checkpoint: Checkpoint, path: Path) -> None:
+def fits(checkpoint, path):
     trainer_samples(checkpoint, read_trace(path, checkpoint.contract))
 
 
-def test_reads_states_without_qpos(checkpoint: Checkpoint, tmp_path: Path) -> None:
+def test_reads_states_without_qpos(checkpoint, tmp_path):
     run = Run()
     fits(
         checkpoint,
@@ -57,7 +53,7 @@ def test_reads_states_without_qpos(checkpoint: Checkpoint, tmp_path: Path) -> No
     )
 
 
-def test_other_names_and_a_command_per_step(checkpoint: Checkpoint, tmp_path: Path) -> None:
+def test_other_names_and_a_command_per_step(checkpoint, tmp_path):
     run = Run()
     changes = {"obs": None, "action": None, "cmd": None, "observation": run.obs, "actions": run.action}
     changes["velocity_command"] = np.tile(run.cmd, (run.steps, 1))
@@ -65,7 +61,7 @@ def test_other_names_and_a_command_per_step(checkpoint: Checkpoint, tmp_path: Pa
     fits(checkpoint, save_trace(tmp_path / "t.npz", run, **changes))
 
 
-def test_joints_that_the_policy_lacks_are_left_out(checkpoint: Checkpoint, tmp_path: Path) -> None:
+def test_joints_that_the_policy_lacks_are_left_out(checkpoint, tmp_path):
     run = Run()
     trace = read_trace(
         save_trace(
@@ -82,7 +78,7 @@ def test_joints_that_the_policy_lacks_are_left_out(checkpoint: Checkpoint, tmp_p
     assert trainer_samples(checkpoint, trace).target_origin == "trainer"
 
 
-def test_a_run_that_does_not_start_at_activation_gives_its_memory(checkpoint: Checkpoint, tmp_path: Path) -> None:
+def test_a_run_that_does_not_start_at_activation_gives_its_memory(checkpoint, tmp_path):
     run, start = Run(), 7
     arrays = {name: table[start:] for name, table in run.arrays().items() if len(table) == run.steps}
     late = save_trace(tmp_path / "late.npz", run, **arrays)
@@ -99,13 +95,13 @@ def test_a_run_that_does_not_start_at_activation_gives_its_memory(checkpoint: Ch
     fits(checkpoint, save_trace(tmp_path / "whole.npz", run, **arrays, **memory))
 
 
-def run_steps(run: Run) -> np.ndarray:
+def run_steps(run):
     """What each step alone shows: the observation with the newest of the joint positions only."""
     newest = 9 + 4 * (HISTORY - 1)
     return np.concatenate([run.obs[:, :9], run.obs[:, newest:]], axis=1)
 
 
-def test_a_robots_model_tells_imu_and_anchor(tmp_path: Path) -> None:
+def test_a_robots_model_tells_imu_and_anchor(tmp_path):
     mjcf = tmp_path / "walker.xml"
     mjcf.write_text(MJCF, encoding="utf-8")
     run = Run(3)
@@ -122,7 +118,7 @@ def test_a_robots_model_tells_imu_and_anchor(tmp_path: Path) -> None:
         body_reader(robot, "left_shin")
 
 
-BROKEN: dict[str, tuple[Callable[[Run], dict[str, np.ndarray | None]], str]] = {
+BROKEN = {
     "no action": (lambda _: {"action": None}, "action is missing"),
     "no observation": (lambda _: {"obs": None}, "observation is missing"),
     "no names": (lambda _: {"joint_names": None}, "joint_names is missing"),
@@ -152,7 +148,7 @@ BROKEN: dict[str, tuple[Callable[[Run], dict[str, np.ndarray | None]], str]] = {
 
 
 @pytest.mark.parametrize("what", BROKEN)
-def test_broken_traces_are_one_line(tmp_path: Path, what: str) -> None:
+def test_broken_traces_are_one_line(tmp_path, what):
     change, expected = BROKEN[what]
     run = Run(10)
     path = save_trace(tmp_path / "t.npz", run, **change(run))
@@ -162,14 +158,14 @@ def test_broken_traces_are_one_line(tmp_path: Path, what: str) -> None:
     assert "\n" not in str(refusal.value)
 
 
-def test_an_observation_of_another_width_is_named(checkpoint: Checkpoint, tmp_path: Path) -> None:
+def test_an_observation_of_another_width_is_named(checkpoint, tmp_path):
     run = Run(10)
     path = save_trace(tmp_path / "t.npz", run, obs=run.obs[:, :-1])
     with pytest.raises(InputError, match="31 values, the contract's terms make 32"):
         fits(checkpoint, path)
 
 
-def test_files_that_are_no_trace(tmp_path: Path) -> None:
+def test_files_that_are_no_trace(tmp_path):
     texts = {"text.npz": b"hello", "empty.npz": b"", "zip.npz": b"PK\x03\x04 and no more"}
     paths = [tmp_path / "missing.npz", tmp_path]
     for name, content in texts.items():
@@ -188,8 +184,8 @@ def test_files_that_are_no_trace(tmp_path: Path) -> None:
         assert "\n" not in str(refusal.value)
 
 
-def test_terms_that_the_trace_says_nothing_about(tmp_path: Path) -> None:
-    def wants(*observation: str) -> PolicyContract:
+def test_terms_that_the_trace_says_nothing_about(tmp_path):
+    def wants(*observation):
         return contract(observation=observation)
 
     path = save_trace(tmp_path / "t.npz", Run(3))
@@ -202,7 +198,7 @@ def test_terms_that_the_trace_says_nothing_about(tmp_path: Path) -> None:
             read_trace(path, wants("joint_pos", term))
 
 
-def test_the_rig_is_not_trivial() -> None:
+def test_the_rig_is_not_trivial():
     assert [JOINTS.index(name) for name in ROBOT_JOINTS] != [0, 1, 2, 3]
     assert DRIVEN != JOINTS
     run = Run()
@@ -218,7 +214,7 @@ SLOPE = '<worldbody><geom type="plane" size="0 0 1" euler="0 -0.4636476090008061
 """Rises by half a metre per metre along x."""
 
 
-def scanned(run: Run) -> np.ndarray:
+def scanned(run):
     """The scan of a run above the slope, by hand: shape (F, 2), m."""
     w, x, y, z = run.qpos[:, 3:7].T
     hip = np.stack([2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)], axis=1)
@@ -230,11 +226,11 @@ def scanned(run: Run) -> np.ndarray:
     return np.stack([middle[:, 2] - 0.5 * (middle[:, 0] + side * np.cos(yaw)) for side in (-0.1, 0.1)], axis=1)
 
 
-def seen(run: Run, heights: np.ndarray) -> np.ndarray:
+def seen(run, heights):
     return np.concatenate([run.obs, 0.5 * np.clip(heights, 0.0, 3.0)], axis=1).astype(np.float32)
 
 
-def test_a_height_scan_is_in_the_trace_or_follows_from_the_ground_in_the_robots_model(tmp_path: Path) -> None:
+def test_a_height_scan_is_in_the_trace_or_follows_from_the_ground_in_the_robots_model(tmp_path):
     run = Run()
     heights = scanned(run)
     with_array = save_trace(tmp_path / "a.npz", run, obs=seen(run, heights), height_scan=heights)
@@ -254,7 +250,7 @@ def test_a_height_scan_is_in_the_trace_or_follows_from_the_ground_in_the_robots_
         read_trace(save_trace(tmp_path / "c.npz", run, height_scan=np.zeros((30, 3))), SEEING.contract)
 
 
-def test_a_height_scan_in_another_order_is_refused(tmp_path: Path) -> None:
+def test_a_height_scan_in_another_order_is_refused(tmp_path):
     run = Run()
     heights = scanned(run)
     path = save_trace(tmp_path / "t.npz", run, obs=seen(run, heights[:, ::-1]), height_scan=heights)

@@ -18,7 +18,7 @@ JOINT_ORDERS = {order: SKELETON.joint_orders[order] for order in ("robot", "brea
 BODY_ORDERS = SKELETON.body_orders
 
 
-def source(bodies: tuple[str, ...] = SKELETON.bodies) -> SourceMotion:
+def source(bodies=SKELETON.bodies):
     state = state_of(joint_path(), bodies)
     return SourceMotion(
         source="dance.npz",
@@ -31,11 +31,8 @@ def source(bodies: tuple[str, ...] = SKELETON.bodies) -> SourceMotion:
     )
 
 
-def with_columns(motion: SourceMotion, joints=None, bodies=None, xyzw=False) -> SourceMotion:
+def with_columns(motion, joints=None, bodies=None, xyzw=False):
     """The same motion with its columns in another order."""
-    assert motion.joint_position is not None
-    assert motion.body_position is not None
-    assert motion.body_quaternion is not None
     position = motion.joint_position if joints is None else motion.joint_position[:, joints]
     place = motion.body_position if bodies is None else motion.body_position[:, bodies]
     turn = motion.body_quaternion if bodies is None else motion.body_quaternion[:, bodies]
@@ -43,12 +40,12 @@ def with_columns(motion: SourceMotion, joints=None, bodies=None, xyzw=False) -> 
     return replace(motion, joint_position=position, joint_velocity=None, body_position=place, body_quaternion=turn)
 
 
-def fit(motion: SourceMotion, bodies: tuple[str, ...] = SKELETON.bodies) -> str:
+def fit(motion, bodies=SKELETON.bodies):
     conventions = Conventions(SKELETON.joints, bodies, "wxyz")
     return what_would_fit(motion, conventions, SKELETON, TOLERANCE, JOINT_ORDERS, BODY_ORDERS)
 
 
-def places(order: tuple[str, ...], of: tuple[str, ...]) -> list[int]:
+def places(order, of):
     return [of.index(name) for name in order]
 
 
@@ -72,12 +69,11 @@ BREADTH_BODIES = places(SKELETON.body_orders["breadth_first"], SKELETON.bodies)
         ),
     ],
 )
-def test_orders_with_a_name(changes, words: str) -> None:
+def test_orders_with_a_name(changes, words):
     assert fit(with_columns(source(), **changes)) == f"it would fit with {words}"
 
 
-def test_the_motion_of_another_robot() -> None:
+def test_the_motion_of_another_robot():
     motion = source()
-    assert motion.joint_position is not None
     noise = 0.5 * np.random.default_rng(0).normal(size=motion.joint_position.shape)
     assert fit(replace(motion, joint_position=motion.joint_position + noise)) == ""

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -25,18 +23,18 @@ STEP = ShadowStep(17, 0.34, SEEN, COMMAND)
 FAULT = ShadowStep(18, 0.36, PolicyStep(5, SEEN.observation, np.full(2, np.nan, dtype=np.float32)), None, "is NaN")
 
 
-def values(step: ShadowStep) -> tuple[object, ...]:
+def values(step):
     seen = None if step.step is None else (step.step.frame, step.step.observation.tolist(), str(step.step.action))
     command = step.command and [getattr(step.command, name).tolist() for name in ("position", "stiffness", "damping")]
     return step.tick, step.time, seen, command, step.fault
 
 
 @pytest.mark.parametrize("step", [STEP, FAULT, ShadowStep(0, 0.0, fault="a joint was never heard")])
-def test_a_step_comes_back_as_it_was(step: ShadowStep) -> None:
+def test_a_step_comes_back_as_it_was(step):
     assert values(decode_shadow_step(encode_shadow_step(step))) == values(step)
 
 
-def test_ros_2_reads_it() -> None:
+def test_ros_2_reads_it():
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(schema_text(SHADOW_STEP), SHADOW_STEP))
     read = store.deserialize_cdr(encode_shadow_step(STEP), SHADOW_STEP)
@@ -45,14 +43,13 @@ def test_ros_2_reads_it() -> None:
     assert read.command_stiffness.tolist() == pytest.approx([0.3, 0.2, 0.3])
 
 
-def test_an_answer_that_is_much_too_long_is_cut() -> None:
+def test_an_answer_that_is_much_too_long_is_cut():
     long = PolicyStep(0, SEEN.observation, np.zeros((1000, 1000), dtype=np.float32))
     step = decode_shadow_step(encode_shadow_step(ShadowStep(0, 0.0, long, fault="too long"))).step
-    assert step is not None
     assert step.action.shape == (4096,)
 
 
-def recorded(path: Path, *messages: bytes) -> Path:
+def recorded(path, *messages):
     recorder = McapRecorder(path)
     recorder.start(SessionHeader("three", ("a", "b", "c"), 0.02, 0))
     for message in messages:
@@ -62,13 +59,13 @@ def recorded(path: Path, *messages: bytes) -> Path:
     return path
 
 
-def test_the_steps_of_a_recording(tmp_path: Path) -> None:
+def test_the_steps_of_a_recording(tmp_path):
     path = recorded(tmp_path / "r.mcap", *map(encode_shadow_step, (STEP, FAULT)))
     assert [values(step) for step in read_shadow_steps(path)] == [values(STEP), values(FAULT)]
     assert list(read_shadow_steps(recorded(tmp_path / "none.mcap"))) == []
 
 
-def test_a_damaged_step_is_refused(tmp_path: Path) -> None:
+def test_a_damaged_step_is_refused(tmp_path):
     writer = CdrWriter()
     writer.pack("Qdq", 17, 0.34, 4)
     for values_of in (SEEN.observation, SEEN.action, *(np.zeros(count) for count in (3, 3, 2, 3, 3))):

@@ -30,19 +30,19 @@ from humanoid_sim.regress.results import (
         (math.nan, "m", "-"),
     ],
 )
-def test_quantities(value: float | None, unit: str, text: str) -> None:
+def test_quantities(value, unit, text):
     assert quantity(value, unit) == text
 
 
-def test_changes_have_a_sign() -> None:
+def test_changes_have_a_sign():
     assert quantity(0.001, "m", signed=True) == "+1 mm"
 
 
-def announced(metric: str, baseline: float, change: float | None) -> str:
+def announced(metric, baseline, change):
     return describe_detectable(METRICS["tracking"][metric].info, change, baseline)
 
 
-def test_what_a_suite_finds() -> None:
+def test_what_a_suite_finds():
     assert announced("body_position_error", 0.004, 0.0003) == "+0.3 mm (7.5 %)"
     assert announced("survival", 0.8, 0.2) == "-20 % (25.0 %)"
     assert announced("faults", 0.0, 0.11) == "+11 %"
@@ -50,7 +50,7 @@ def test_what_a_suite_finds() -> None:
     assert announced("faults", 0.0, None) == "-"
 
 
-def test_what_makes_a_metric_worse_whatever_its_mean() -> None:
+def test_what_makes_a_metric_worse_whatever_its_mean():
     case = CaseComparison(
         case="wave",
         verdict="worse beyond tolerance",
@@ -81,7 +81,7 @@ def test_what_makes_a_metric_worse_whatever_its_mean() -> None:
     assert failed.reasons == "5 new: wave, seed 0; wave, seed 1; wave, seed 2 and 2 more"
 
 
-def test_how_far_a_margin_reaches() -> None:
+def test_how_far_a_margin_reaches():
     margin = Margin(
         axis="gains down",
         unit="×",

@@ -23,7 +23,7 @@ FOUND = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FOUND)
-def test_nobody_is_accused_and_faults_are_found(name: str, request: pytest.FixtureRequest) -> None:
+def test_nobody_is_accused_and_faults_are_found(name, request):
     variations = 40 if request.config.getoption("--complete") else 4
     chosen = dict(robots([name]))
     if not chosen:

@@ -12,7 +12,7 @@ from planted_defects import DEFECTS, NEED_TIME, SOUND, DampingGoesLimp, Sleeping
 
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.damping import DampingController
-from humanoid_sim.messages import Intent, Mode, TickInput, TickOutput
+from humanoid_sim.messages import Intent, Mode
 from humanoid_sim.testing import (
     DEFAULT_SETTINGS,
     SafetyViolationError,
@@ -47,7 +47,7 @@ MESSAGES = dict(
 
 
 @pytest.mark.parametrize("name", NEED_TIME)
-def test_what_needs_time_is_found_before_anything_random(name: str) -> None:
+def test_what_needs_time_is_found_before_anything_random(name):
     with pytest.raises(SafetyViolationError) as caught:
         fuzz_stack(DEFECTS[name], FEW, healthy_ticks=1100)
     assert MESSAGES[name] in str(caught.value)
@@ -56,13 +56,13 @@ def test_what_needs_time_is_found_before_anything_random(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", list(DEFECTS))
-def test_each_planted_defect_is_found_with_the_default_settings(name: str) -> None:
+def test_each_planted_defect_is_found_with_the_default_settings(name):
     found = find(DEFECTS[name], shrink_seconds=0.0)
     assert found.message
     assert found.runs <= 150
 
 
-def test_a_sound_stack_in_the_same_dress_passes() -> None:
+def test_a_sound_stack_in_the_same_dress_passes():
     fuzz_stack(Stack, FEW, healthy_ticks=200)
 
 
@@ -71,10 +71,10 @@ class Patient(StackMachine):
 
 
 class Limp(StackMachine):
-    build = staticmethod(DampingGoesLimp)  # type: ignore[assignment]
+    build = staticmethod(DampingGoesLimp)
 
 
-def test_time_passes_in_a_machine_of_ones_own() -> None:
+def test_time_passes_in_a_machine_of_ones_own():
     machine = Patient()
     machine.tick(Intent.DAMP)
     machine.time_passes(300, True)
@@ -87,7 +87,7 @@ def test_time_passes_in_a_machine_of_ones_own() -> None:
         limp.time_passes(1000, True)
 
 
-def test_a_long_stretch_is_repeated_too() -> None:
+def test_a_long_stretch_is_repeated_too():
     """What a stretch remembers outside its memory shows when the run is repeated."""
     shared = {"runs": 0}
 
@@ -103,7 +103,7 @@ def test_a_long_stretch_is_repeated_too() -> None:
             return memory, output
 
     class Machine(StackMachine):
-        build = staticmethod(Forgetful)  # type: ignore[assignment]
+        build = staticmethod(Forgetful)
 
     machine = Machine()
     machine.tick(Intent.DAMP)
@@ -119,13 +119,13 @@ class FailsInTime(DampingController):
         return Fault("tired") if tick_input.state.time > 40.0 else super().update(memory, tick_input)
 
 
-def test_a_controller_may_not_fail_on_a_healthy_robot_however_long_it_runs() -> None:
+def test_a_controller_may_not_fail_on_a_healthy_robot_however_long_it_runs():
     tired = FailsInTime(JOINTS)
     with pytest.raises(SafetyViolationError, match=r"on a healthy robot: Fault\(message='tired'.*in tick 1501"):
         fuzz_controller(tired, FEW)
 
 
-def test_the_first_finding_is_told_before_a_shorter_one_is_looked_for(capsys) -> None:
+def test_the_first_finding_is_told_before_a_shorter_one_is_looked_for(capsys):
     class Impolite(Stack):
         def after(self, memory, given, output):
             said = [intent.name for intent in given.intents]
@@ -141,14 +141,14 @@ def test_the_first_finding_is_told_before_a_shorter_one_is_looked_for(capsys) ->
     assert engine.MAX_SHRINKING_SECONDS == 300
 
 
-def test_a_machines_own_test_case_has_the_budget_too() -> None:
-    seen: list[float] = []
+def test_a_machines_own_test_case_has_the_budget_too():
+    seen = []
 
     class Faulty(StackMachine):
         build = staticmethod(robot_stack("lite"))
         shrink_seconds = 0.0
 
-        def check(self, given: TickInput, output: TickOutput) -> None:
+        def check(self, given, output):
             super().check(given, output)
             seen.append(engine.MAX_SHRINKING_SECONDS)
             assert output.control_mode.mode is not Mode.STANDBY, "found"
@@ -166,14 +166,14 @@ def test_a_machines_own_test_case_has_the_budget_too() -> None:
 
 
 @pytest.mark.parametrize(("speed", "guard"), [(0.0, "following"), (-200.0, "speed")])
-def test_a_blocked_or_racing_joint_shows_guards_that_are_not_asked(speed: float, guard: str) -> None:
+def test_a_blocked_or_racing_joint_shows_guards_that_are_not_asked(speed, guard):
     machines = []
     for build in (SOUND, SleepingGuards):
 
         class Blocked(StackMachine):
             pass
 
-        Blocked.build = staticmethod(build)  # type: ignore[method-assign,assignment]
+        Blocked.build = staticmethod(build)
         machines.append(machine := Blocked())
         machine.tick(Intent.DAMP)
         machine.tick(Intent.LOAD_A)

@@ -2,7 +2,6 @@
 
 import itertools
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import can
@@ -17,13 +16,13 @@ _numbers = itertools.count()
 
 
 @pytest.fixture
-def address() -> BusAddress:
+def address():
     """A virtual channel of this test's own."""
     return BusAddress("virtual", f"test-{next(_numbers)}")
 
 
 @pytest.fixture
-def peer(address: BusAddress) -> Iterator[can.BusABC]:
+def peer(address):
     """The other end of that channel."""
     bus = can.Bus(interface="virtual", channel=address.channel)
     yield bus

@@ -1,5 +1,4 @@
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,7 @@ from emulated_imu import EmulatedImu
 
 
 @pytest.fixture
-def device() -> Iterator[EmulatedImu]:
+def device():
     """An emulated device behind a pseudo terminal."""
     emulated = EmulatedImu()
     yield emulated
