@@ -137,14 +137,14 @@ def test_a_sound_controller_of_ones_own():
 @pytest.mark.parametrize(("kind", "message"), MISTAKES)
 def test_a_mistake_in_a_controller_is_found(kind, message):
     with pytest.raises(SafetyViolationError) as caught:
-        fuzz_controller(kind(), SEARCH)
+        fuzz_controller(kind(), SEARCH, healthy_ticks=100)
     assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(("kind", "message"), [(Raises, "raised"), (IsNotPure, "the same inputs gave")])
 def test_a_mistake_in_a_controller_is_found_inside_a_stack(kind, message):
     with pytest.raises(SafetyViolationError) as caught:
-        fuzz_stack(lambda policy: rig.supervisor(policy, rl_policy_controller=kind()), SEARCH)
+        fuzz_stack(lambda policy: rig.supervisor(policy, rl_policy_controller=kind()), SEARCH, healthy_ticks=100)
     assert message in str(caught.value)
 
 
@@ -173,7 +173,7 @@ def recovers(current, safety, intent, standby_finished, *rest):
 def test_a_mistake_in_the_fsm_is_found(monkeypatch, rule, message):
     monkeypatch.setattr(supervisor_module, "transition", rule)
     with pytest.raises(SafetyViolationError) as caught:
-        fuzz_stack(rig.supervisor, SEARCH)
+        fuzz_stack(rig.supervisor, SEARCH, healthy_ticks=100)
     assert message in str(caught.value)
 
 

@@ -63,7 +63,7 @@ def test_each_planted_defect_is_found_with_the_default_settings(name):
 
 
 def test_a_sound_stack_in_the_same_dress_passes():
-    fuzz_stack(Stack, FEW, healthy_ticks=200)
+    fuzz_stack(Stack, FEW, healthy_ticks=100)
 
 
 class Patient(StackMachine):
@@ -133,7 +133,7 @@ def test_the_first_finding_is_told_before_a_shorter_one_is_looked_for(capsys):
 
     began = time.perf_counter()
     with pytest.raises(SafetyViolationError):
-        fuzz_stack(Impolite, FEW, healthy_ticks=0, shrink_seconds=2.0)
+        fuzz_stack(Impolite, FEW, healthy_ticks=0, shrink_seconds=0.5)
     assert time.perf_counter() - began < 40.0
     told = re.findall(r"found in run \d+, after [\d.]+ s \(looking for a shorter one\): (.*)", capsys.readouterr().err)
     assert len(told) == 1
