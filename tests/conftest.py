@@ -12,11 +12,14 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-# Test modules are imported by file (importlib mode), which leaves sys.path alone; strategies and rigs need a name.
-sys.path += [str(Path(__file__).parent / name) for name in ("controllers", "session")]
+# Test modules are imported by file (importlib mode), which leaves sys.path alone; what they share needs a name, and one
+# that no other module of the tests has.
+_HERE = Path(__file__).parent
+sys.path += sorted({str(path.parent) for path in _HERE.glob("*/**/*.py")})
 
 # dm_control settles PyOpenGL's platform for the whole process when it is imported; the tests of drawing want OSMesa.
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # as the package does before it imports ONNX Runtime
 
 # Shared machines miss any deadline now and then. The normal run is the same everywhere and every time; new examples are
 # drawn by the slow tests, and by `pytest --hypothesis-profile explore`. Both print what reproduces a failure.
@@ -142,6 +145,22 @@ def local(runtime):
 
 
 @pytest.fixture
+def domain(monkeypatch):
+    """A DDS domain of the test's own, also of the programs that it starts."""
+    from dds_bridge import free_domain  # noqa: PLC0415 - most tests need none of what it imports
+
+    found = free_domain()
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(found))
+    return found
+
+
+@pytest.fixture
+def near_ends(monkeypatch):
+    """Looks three minutes ahead for the end of a motion in a graph, not half an hour, which takes half a second."""
+    monkeypatch.setattr("humanoid_sim.policy.graph_motion._LONGEST", 9_000)
+
+
+@pytest.fixture
 def hopper(tmp_path):
     """The MJCF of a small robot, as a user would bring it: no description beside it. May be changed."""
-    return Path(shutil.copy(Path(__file__).parent / "data" / "hopper.xml", tmp_path))
+    return Path(shutil.copy(_HERE / "data" / "hopper.xml", tmp_path))

@@ -1,14 +1,10 @@
 """The client for DDS, with a bridge as a program between it and the session."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
 
-sys.path.append(str(Path(__file__).parent / "frontends" / "dds"))
 
 import rig
 from dds_bridge import bridge, free_domain

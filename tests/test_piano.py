@@ -1,13 +1,12 @@
 """`piano score` on recordings of keys that were played."""
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from recording_samples import make_header, make_tick, write_recording
 
 from humanoid_sim import piano
 from humanoid_sim.assets import SAMPLE_POLICY
@@ -15,10 +14,6 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import Extern
 from humanoid_sim.policy.motion import Motion, motion_bytes, write_motion
-
-sys.path.append(str(Path(__file__).parent / "recording"))
-
-from recording_samples import make_header, make_tick, write_recording
 
 SONG = np.zeros((6, 88), dtype=np.float32)
 SONG[1:3, 39] = SONG[3:5, 43] = 1.0

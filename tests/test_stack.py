@@ -1,8 +1,7 @@
 import json
-import sys
 from dataclasses import fields, replace
-from pathlib import Path
 
+import models
 import numpy as np
 import pytest
 
@@ -15,10 +14,6 @@ from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.stack import build_supervisor, rebuild_supervisor, run_header
 from humanoid_sim.testing import fingerprint
-
-sys.path.append(str(Path(__file__).parent / "policy"))
-
-import models
 
 LITE = load_robot("lite")
 

@@ -1,14 +1,9 @@
 """What mjlab and rsl_rl really export, made once by `make test-peers`; these tests judge the files."""
 
 import os
-import sys
 from pathlib import Path
 
 import pytest
-
-# importlib mode leaves sys.path alone.
-sys.path += [str(Path(__file__).parents[1] / name) for name in ("policy", "play")]
-
 from play_fixtures import folder, run
 from policy_fixtures import cli
 

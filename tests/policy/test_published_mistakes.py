@@ -13,7 +13,7 @@ from humanoid_sim.policy.golden.verify import golden_problem
 from humanoid_sim.policy_tools.stamp import body_reader
 from humanoid_sim.robots.description import load_robot
 
-pytestmark = needs_policies
+pytestmark = [needs_policies, pytest.mark.usefixtures("near_ends")]
 
 FILES = {
     "unitree": ("unitree_g1_velocity_v0/exported/policy.onnx", "unitree_g1_velocity_v0/trace.npz"),

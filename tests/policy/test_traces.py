@@ -19,7 +19,7 @@ from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import motion_bytes, parse_motion
 from humanoid_sim.policy.readers.sources import assemble_contract, assumptions
 
-pytestmark = needs_policies
+pytestmark = [needs_policies, pytest.mark.usefixtures("near_ends")]
 
 UNITREE = "unitree_g1_velocity_v0/exported/policy.onnx", "unitree_g1_velocity_v0/trace.npz"
 WALTZ = "beyondmimic_g1/Waltz.onnx", "beyondmimic_g1/trace_Waltz.npz"

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import onnx
+import pytest
 from findings import errors, found, lite_contract
 from models import linear_model
 from msgspec.structs import replace as change
@@ -229,6 +230,7 @@ def test_golden_vectors_that_do_not_fit(stamped, robot):
 
 
 @needs_policies
+@pytest.mark.usefixtures("near_ends")
 def test_published_policies(cli, tmp_path):
     rest = tmp_path / "rest.yaml"
     rest.write_text(HOLOSOMA_REST, encoding="utf-8")

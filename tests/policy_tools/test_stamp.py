@@ -31,6 +31,7 @@ PUBLISHED = {
 
 
 @needs_policies
+@pytest.mark.usefixtures("near_ends")
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_published_policy(cli, tmp_path, name):
     model, trace, rest = PUBLISHED[name]
@@ -72,6 +73,7 @@ def test_published_policy(cli, tmp_path, name):
 
 
 @needs_policies
+@pytest.mark.usefixtures("near_ends")
 def test_mjlabs_velocity_is_not_that_of_the_bases_origin(cli, tmp_path):
     model, trace = (POLICIES / name for name in MJLAB)
     wrong = tmp_path / "wrong.yaml"

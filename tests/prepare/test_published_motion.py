@@ -11,7 +11,7 @@ from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.prepare import main
 
-pytestmark = needs_policies
+pytestmark = [needs_policies, pytest.mark.usefixtures("near_ends")]
 
 POLICY = POLICIES / "beyondmimic_g1" / "Waltz.onnx"
 ROBOT = POLICIES / "models" / "unitree_g1" / "scene.xml"

@@ -1,13 +1,13 @@
 """No guard trips on a healthy robot: sample motions, published policies that walk, are pushed, and fall."""
 
-import sys
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
+from guard_runs import limited
+from published import HOLOSOMA_REST, POLICIES, needs_policies
 
 from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.evaluation.rollout import ClosedLoop
@@ -16,11 +16,6 @@ from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.suite_file import load_suite
 from humanoid_sim.robots.description import with_contract_physics
 from humanoid_sim.robots.guards import guards_of
-
-sys.path += [str(Path(__file__).parents[1] / "policy"), str(Path(__file__).parent)]
-
-from guard_runs import limited
-from published import HOLOSOMA_REST, POLICIES, needs_policies
 
 G1 = "models/unitree_g1/scene.xml"
 LITE_LEGS = "models/berkeley_humanoid_lite_biped/scene.xml"

@@ -1,12 +1,6 @@
 """The table of `sign_faults.py`: no sound robot is accused, and no fewer planted faults are found than before."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.append(str(Path(__file__).parent))
-
 from sign_faults import robots, study
 
 FOUND = {

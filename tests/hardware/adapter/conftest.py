@@ -1,10 +1,9 @@
 """A robot of two joints, its scripted motors, and short waits."""
 
 import itertools
-import sys
-from pathlib import Path
 
 import pytest
+from scripted_motors import ScriptedMotor, ScriptedMotors
 
 from humanoid_sim.hardware.adapter import control
 from humanoid_sim.hardware.adapter.robot import HardwareRobot
@@ -19,11 +18,6 @@ from humanoid_sim.robots.schema import (
     RobotDescription,
     StandbySettings,
 )
-
-# importlib mode leaves sys.path alone.
-sys.path += [str(Path(__file__).parent), *(str(Path(__file__).parents[1] / name) for name in ("bus", "robstride"))]
-
-from scripted_motors import ScriptedMotor, ScriptedMotors
 
 _numbers = itertools.count()
 _PATIENT = (0.05, 0.1, 0.2, 0.4, 0.4)

@@ -1,16 +1,11 @@
 """Buses that do what a test tells them, beside python-can's own virtual one."""
 
 import itertools
-import sys
-from pathlib import Path
 
 import can
 import pytest
 
 from humanoid_sim.hardware.bus.address import BusAddress
-
-# importlib mode leaves sys.path alone.
-sys.path.append(str(Path(__file__).parent))
 
 _numbers = itertools.count()
 

@@ -1,11 +1,4 @@
-import sys
-from pathlib import Path
-
 import pytest
-
-# importlib mode leaves sys.path alone.
-sys.path.append(str(Path(__file__).parent))
-
 from emulated_imu import EmulatedImu
 
 

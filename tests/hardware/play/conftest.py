@@ -1,14 +1,5 @@
 """`play` on emulated motors; the quick robot and the way to run are those of the tests of `play`."""
 
-import sys
-from pathlib import Path
-
-# importlib mode leaves sys.path alone.
-sys.path += [
-    str(Path(__file__).parents[2] / name)
-    for name in ("play", "policy", "hardware/imu", "hardware/play", "frontends/dds")
-]
-
 import pytest
 from play_fixtures import folder, make_robot, quick, run
 

@@ -1,8 +1,6 @@
 """Emulated motors for the bench tools, and a way to run these within this process."""
 
-import sys
 import time
-from pathlib import Path
 
 import pytest
 
@@ -14,9 +12,6 @@ from humanoid_sim.hardware.tools import only_motor, set_id
 from humanoid_sim.hardware.tools.bench import open_bench, some_motors
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS
-
-# importlib mode leaves sys.path alone.
-sys.path.append(str(Path(__file__).parent))
 
 CHANNEL = "virtual:bench-tools"
 

@@ -1,13 +1,9 @@
 """Message types as Cyclone DDS sees them are those that a stranger writes out from the stack's definitions."""
 
-import sys
-from pathlib import Path
-
 import pytest
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
 
-sys.path.append(str(Path(__file__).parents[2] / "frontends" / "dds"))
 
 import stranger
 
