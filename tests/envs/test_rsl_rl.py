@@ -1,5 +1,7 @@
 """rsl_rl on the native vector environment."""
 
+from importlib import import_module
+
 import gymnasium
 import numpy as np
 import pytest
@@ -11,17 +13,20 @@ from humanoid_sim.robots.description import load_robot
 torch = pytest.importorskip("torch")
 pytest.importorskip("rsl_rl")
 
-from humanoid_sim.envs.rsl_rl import RslRlVecEnv  # noqa: E402 - not without the library
-
 NAME = "humanoid_sim/LiteTracking-v0"
 ROBOT = load_robot("lite")
 
 pytestmark = pytest.mark.slow  # importing PyTorch alone takes seconds
 
 
+def adapter(envs, **options):
+    """Imports TensorDict, which takes seconds, only where these tests run."""
+    return import_module("humanoid_sim.envs.rsl_rl").RslRlVecEnv(envs, **options)
+
+
 def adapted(count, seed=None, **options):
     options = {"autoreset_mode": "SameStep", "robot": ROBOT, "threads": 1, **options}
-    return RslRlVecEnv(gymnasium.make_vec(NAME, num_envs=count, **options), seed=seed)
+    return adapter(gymnasium.make_vec(NAME, num_envs=count, **options), seed=seed)
 
 
 def test_steps_are_those_of_the_vector_environment():
@@ -59,7 +64,7 @@ def test_episodes_of_a_set_length_can_be_put_out_of_step():
 def test_other_autoreset_modes_are_refused():
     envs = gymnasium.make_vec(NAME, num_envs=1, robot=ROBOT, threads=1)
     with pytest.raises(InputError, match="autoreset_mode: is 'NextStep', expected 'SameStep' for rsl_rl"):
-        RslRlVecEnv(envs)
+        adapter(envs)
     envs.close()
 
 

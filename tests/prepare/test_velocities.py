@@ -1,6 +1,7 @@
 """Joint velocities against joint positions: planted mistakes are named, and no way of taking differences is one."""
 
 import math
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,13 @@ from tools.samples.motions import SAMPLES, sample_motion
 
 JOINTS = lite().joint_names
 ELBOW = 3
-PATHS = {"short": joint_path(), "long": joint_path(300)} | {name: sample_motion(lite(), name)[1] for name in SAMPLES}
+PATHS = ("short", "long", *SAMPLES)
+
+
+@cache
+def path_of(name):
+    lengths = {"short": 40, "long": 300}
+    return joint_path(lengths[name]) if name in lengths else sample_motion(lite(), name)[1]
 
 
 def central(q, fps=FPS):
@@ -71,20 +78,20 @@ def faults(q, v, fps=FPS):
 @pytest.mark.parametrize("difference", [central, forward, backward])
 @pytest.mark.parametrize("step", [1, 2, 5])
 def test_differences_of_any_kind_pass(path, difference, step):
-    q, fps = PATHS[path][::step], FPS / step
+    q, fps = path_of(path)[::step], FPS / step
     assert faults(q, difference(q, fps), fps) == []
 
 
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("step", [2, 5])
 def test_the_true_derivative_of_coarse_frames_passes(path, step):
-    assert faults(PATHS[path][::step], central(PATHS[path])[::step], FPS / step) == []
+    assert faults(path_of(path)[::step], central(path_of(path))[::step], FPS / step) == []
 
 
 @pytest.mark.parametrize("path", PATHS)
 def test_measured_velocities_pass(path):
     rng = np.random.default_rng(0)
-    q = PATHS[path]
+    q = path_of(path)
     v = central(q)
     noisy = q + rng.normal(0.0, 0.001, q.shape)
     assert faults(noisy, v + rng.normal(0.0, 0.05, q.shape)) == []
@@ -119,13 +126,13 @@ PLANTED = {
 @pytest.mark.parametrize("name", PLANTED)
 def test_a_planted_mistake_is_named(path, name):
     change, words = PLANTED[name]
-    message = told(PATHS[path], change(central(PATHS[path])))
+    message = told(path_of(path), change(central(path_of(path))))
     assert words in message
     assert message.startswith("a.npz: ")
 
 
 def test_the_ratio_is_measured():
-    q = PATHS["long"]
+    q = path_of("long")
     (found,) = faults(q, at_elbow(lambda v: 0.5 * v)(central(q)))
     assert found.joint == "left_elbow_pitch"
     assert found.ratio == pytest.approx(0.5, abs=0.01)
@@ -142,7 +149,7 @@ def test_what_a_simulated_robot_did_passes():
 
 
 def test_velocities_of_another_joint():
-    found = faults(PATHS["long"], exchanged(central(PATHS["long"])))
+    found = faults(path_of("long"), exchanged(central(path_of("long"))))
     assert [(check.joint, check.fault) for check in found] == [
         ("left_elbow_pitch", "unlike the derivative of the positions"),
         ("right_elbow_pitch", "unlike the derivative of the positions"),
@@ -151,19 +158,19 @@ def test_velocities_of_another_joint():
 
 @pytest.mark.parametrize("path", ["long", "wave", "circle", "drum"])
 def test_velocities_that_stop_halfway(path):
-    assert "velocities are unlike the derivative" in told(PATHS[path], half_the_time(central(PATHS[path])))
+    assert "velocities are unlike the derivative" in told(path_of(path), half_the_time(central(path_of(path))))
 
 
 def test_degrees_in_the_positions_alone():
-    q = PATHS["long"]
+    q = path_of("long")
     words = "all 14 joints: velocities are in radians per second, and the positions in degrees"
     assert words in told(np.degrees(q), central(q))
 
 
 def test_a_joint_that_stands_and_claims_to_move():
-    q = PATHS["long"].copy()
+    q = path_of("long").copy()
     q[:, ELBOW] = 0.3
-    v = central(PATHS["long"])
+    v = central(path_of("long"))
     (found,) = faults(q, v)
     assert (found.joint, found.ratio) == ("left_elbow_pitch", math.inf)
     assert "left_elbow_pitch: velocities are up to" in told(q, v)
@@ -171,10 +178,10 @@ def test_a_joint_that_stands_and_claims_to_move():
 
 
 def test_five_of_fourteen_joints():
-    v = central(PATHS["long"])
+    v = central(path_of("long"))
     v[:, :5] = 0.0
     words = "left_shoulder_pitch, left_shoulder_roll, left_shoulder_yaw and 2 more: velocities are all zero"
-    assert words in told(PATHS["long"], v)
+    assert words in told(path_of("long"), v)
 
 
 def test_the_rate_that_velocities_fit():
