@@ -20,6 +20,8 @@ sys.path += sorted({str(path.parent) for path in _HERE.glob("*/**/*.py")})
 # dm_control settles PyOpenGL's platform for the whole process when it is imported; the tests of drawing want OSMesa.
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # as the package does before it imports ONNX Runtime
+# Workers share few cores, and threads of PyTorch and BLAS spin while they wait for one another: ten times the time.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # Shared machines miss any deadline now and then. The normal run is the same everywhere and every time; new examples are
 # drawn by the slow tests, and by `pytest --hypothesis-profile explore`. Both print what reproduces a failure.
