@@ -2,12 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_samples import FPS, joint_path, lite, state_of
+from motion_samples import joint_path, lite, motion_of
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
-from humanoid_sim.prepare.conventions import Conventions, interpret
 from humanoid_sim.prepare.convert import FROM_KINEMATICS, FROM_SOURCE, convert, has_rate, layout_of, resample
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
@@ -38,17 +37,7 @@ def contract(**changes):
 
 
 def named(bodies=("chest", *BODIES), **changes):
-    state = state_of(joint_path(), bodies)
-    source = SourceMotion(
-        source="dance.npz",
-        kind="npz",
-        fps=FPS,
-        joint_position=state["joint_pos"],
-        joint_velocity=state["joint_vel"],
-        body_position=state["body_pos_w"],
-        body_quaternion=state["body_quat_w"],
-    )
-    return replace(interpret(source, Conventions(SKELETON.joints, bodies, "wxyz"), SKELETON), **changes)
+    return replace(motion_of(bodies), **changes)
 
 
 NO_BODIES = {"body_names": (), "body_position": None, "body_quaternion": None}

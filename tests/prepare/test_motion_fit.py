@@ -2,10 +2,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_samples import FPS, joint_path, lite, state_of
+from motion_samples import joint_path, lite, motion_of
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.prepare.conventions import Conventions, interpret
 from humanoid_sim.prepare.motion_fit import Tolerance, check_bodies, is_upside_down, orders_within_limits, worst_excess
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
@@ -20,30 +19,16 @@ def skeleton():
     return Skeleton(lite())
 
 
-def named(skeleton, bodies):
-    state = state_of(joint_path(), bodies)
-    source = SourceMotion(
-        source="dance.npz",
-        kind="npz",
-        fps=FPS,
-        joint_position=state["joint_pos"],
-        joint_velocity=state["joint_vel"],
-        body_position=state["body_pos_w"],
-        body_quaternion=state["body_quat_w"],
-    )
-    return interpret(source, Conventions(skeleton.joints, bodies, "wxyz"), skeleton)
-
-
 @pytest.mark.parametrize("bodies", [("chest", *BODIES), BODIES])
 def test_the_robots_own_motion_fits_wherever_its_base_is(skeleton, bodies):
-    checks = check_bodies(named(skeleton, bodies), skeleton, TOLERANCE)
+    checks = check_bodies(motion_of(bodies), skeleton, TOLERANCE)
     assert [check.name for check in checks] == list(bodies)
     assert max(check.position_max for check in checks) < 1e-5
     assert max(check.angle_max for check in checks) < 1e-5
 
 
 def test_an_error_is_measured_and_placed(skeleton):
-    motion = named(skeleton, ("chest", *BODIES))
+    motion = motion_of(("chest", *BODIES))
     moved = motion.body_position.copy()
     moved[17, 2] += [0.0, 0.03, 0.04]
     checks = check_bodies(replace(motion, body_position=moved), skeleton, TOLERANCE)
@@ -56,7 +41,7 @@ def test_an_error_is_measured_and_placed(skeleton):
 
 
 def test_nothing_to_compare(skeleton):
-    motion = named(skeleton, BODIES)
+    motion = motion_of(BODIES)
     assert check_bodies(replace(motion, joint_position=None), skeleton, TOLERANCE) == ()
     assert check_bodies(replace(motion, body_position=None), skeleton, TOLERANCE) == ()
 

@@ -4,31 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_samples import FPS, joint_path, lite, state_of
+from motion_samples import lite, source_of
 
 from humanoid_sim.prepare.acceptance import what_would_fit
 from humanoid_sim.prepare.conventions import Conventions
 from humanoid_sim.prepare.motion_fit import Tolerance
 from humanoid_sim.prepare.skeleton import Skeleton
-from humanoid_sim.prepare.source_motion import SourceMotion
 
 SKELETON = Skeleton(lite())
 TOLERANCE = Tolerance(0.01, np.radians(2.0))
 JOINT_ORDERS = {order: SKELETON.joint_orders[order] for order in ("robot", "breadth_first")}
 BODY_ORDERS = SKELETON.body_orders
-
-
-def source(bodies=SKELETON.bodies):
-    state = state_of(joint_path(), bodies)
-    return SourceMotion(
-        source="dance.npz",
-        kind="npz",
-        fps=FPS,
-        joint_position=state["joint_pos"],
-        joint_velocity=state["joint_vel"],
-        body_position=state["body_pos_w"],
-        body_quaternion=state["body_quat_w"],
-    )
 
 
 def with_columns(motion, joints=None, bodies=None, xyzw=False):
@@ -70,10 +56,10 @@ BREADTH_BODIES = places(SKELETON.body_orders["breadth_first"], SKELETON.bodies)
     ],
 )
 def test_orders_with_a_name(changes, words):
-    assert fit(with_columns(source(), **changes)) == f"it would fit with {words}"
+    assert fit(with_columns(source_of(SKELETON.bodies), **changes)) == f"it would fit with {words}"
 
 
 def test_the_motion_of_another_robot():
-    motion = source()
+    motion = source_of(SKELETON.bodies)
     noise = 0.5 * np.random.default_rng(0).normal(size=motion.joint_position.shape)
     assert fit(replace(motion, joint_position=motion.joint_position + noise)) == ""

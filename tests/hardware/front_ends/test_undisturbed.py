@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fates import Log, playing
+from fates import playing
 from load import burning, descendants, processor_time
 from producers import virtual_pad
 from waiting import until
@@ -117,7 +117,6 @@ def browser_at(address, folder, driver):
 
 
 Place = tuple[float, float, float]
-Measured = tuple[Log, dict[int, float], Place, list[tuple[float, float]]]
 
 
 def piece(folder, seconds, driver, shares):

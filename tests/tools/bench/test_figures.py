@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -11,8 +10,6 @@ import pytest
 from humanoid_sim.cli import run_program
 from tools.bench import batches, figures, main, one_robot, plants
 from tools.bench.timing import Row
-
-Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.controllers.rotation import rotation_angle, rotation_from_6d
 from humanoid_sim.evaluation.tracking import peak_speed
 from humanoid_sim.policy.motion import read_motion
-from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from tools.samples.motions import (
     BODIES,
@@ -22,11 +21,6 @@ from tools.samples.motions import (
 from tools.samples.random_motions import collisions
 
 FILES = sorted(asset_path("motions").glob("*.mcap"))
-
-
-@pytest.fixture(scope="module")
-def lite():
-    return load_robot("lite")
 
 
 @pytest.fixture(scope="module", params=sorted(SAMPLES))
