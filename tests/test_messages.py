@@ -27,58 +27,36 @@ from humanoid_sim.messages import (
 from humanoid_sim.mit import MITCommand, MITState
 
 
-def test_modes():
-    assert {mode.name: mode.value for mode in Mode} == {
-        "ZERO_TORQUE": 0,
-        "DAMPING": 1,
-        "STANDBY": 2,
-        "LOCOMOTION": 3,
-        "REMOTE": 4,
-    }
+@pytest.mark.parametrize(
+    ("kind", "values"),
+    [
+        (Mode, {"ZERO_TORQUE": 0, "DAMPING": 1, "STANDBY": 2, "LOCOMOTION": 3, "REMOTE": 4}),
+        (SafetyLevel, {"OK": 0, "WARNING": 1, "FAULT": 2, "CRITICAL": 3}),
+        (
+            SafetyFlag,
+            {"BUS_OFF": 1, "RX_TIMEOUT": 2, "TX_QUEUE_OVERRUN": 4}
+            | {"MOTOR_FAULT": 8, "TEMPERATURE_LIMIT": 16, "INVALID_FRAME": 32},
+        ),
+        (
+            EventKind,
+            {"NOTE": 0, "FRESH_START": 1, "SUPPORT": 2, "FAILURE": 3, "LOSS": 4, "ENDING": 5, "FALL": 6, "POLICY": 7},
+        ),
+        (
+            Intent,
+            {name.upper(): name for name in ("damp", "load_a", "load_b", "start_locomotion", "start_remote", "quit")},
+        ),
+    ],
+)
+def test_names_and_numbers(kind, values):
+    assert {one.name: one.value for one in kind} == values
+
+
+def test_no_flag_is_0():
+    assert SafetyFlag.NONE.value == 0
 
 
 def test_the_modes_in_which_no_support_holds_the_robot():
     assert [mode for mode in Mode if mode.is_free] == [Mode.LOCOMOTION, Mode.REMOTE]
-
-
-def test_safety_levels():
-    assert {level.name: level.value for level in SafetyLevel} == {"OK": 0, "WARNING": 1, "FAULT": 2, "CRITICAL": 3}
-
-
-def test_safety_flags():
-    assert {flag.name: flag.value for flag in SafetyFlag} == {
-        "BUS_OFF": 1,
-        "RX_TIMEOUT": 2,
-        "TX_QUEUE_OVERRUN": 4,
-        "MOTOR_FAULT": 8,
-        "TEMPERATURE_LIMIT": 16,
-        "INVALID_FRAME": 32,
-    }
-    assert SafetyFlag.NONE.value == 0
-
-
-def test_event_kinds():
-    assert {kind.name: kind.value for kind in EventKind} == {
-        "NOTE": 0,
-        "FRESH_START": 1,
-        "SUPPORT": 2,
-        "FAILURE": 3,
-        "LOSS": 4,
-        "ENDING": 5,
-        "FALL": 6,
-        "POLICY": 7,
-    }
-
-
-def test_intents_are_the_service_names():
-    assert {intent.name: intent.value for intent in Intent} == {
-        "DAMP": "damp",
-        "LOAD_A": "load_a",
-        "LOAD_B": "load_b",
-        "START_LOCOMOTION": "start_locomotion",
-        "START_REMOTE": "start_remote",
-        "QUIT": "quit",
-    }
 
 
 @pytest.mark.parametrize(

@@ -252,9 +252,6 @@ def test_is_finite_looks_at_every_field(name, value):
     assert MITCommand.zeros(2).is_finite()
 
 
-# --- the law ---
-
-
 def torque_of(state, command, effort_limit):
     return mit_torque(command, state.joint_position, state.joint_velocity, effort_limit)
 
@@ -344,9 +341,6 @@ def test_the_affine_form_is_the_same_law():
         assert (np.abs(torque) <= limit).all()
 
 
-# --- the bound that inverts the law ---
-
-
 def one_joint(position, velocity=0.0, effort=0.0, stiffness=50.0, damping=2.0):
     return MITCommand(*(np.reshape(value, 1) for value in (position, velocity, effort, stiffness, damping)))
 
@@ -399,9 +393,6 @@ def test_the_law_stays_within_the_limit_wherever_the_spring_can_do_it(
     assert abs(after) <= abs(before) + 1e-6
     assert before * after >= -1e-6
     assert abs(after + rest) <= max(limit, abs(rest)) + 1e-6
-
-
-# --- live values ---
 
 
 @pytest.mark.parametrize(

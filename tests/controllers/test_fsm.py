@@ -198,9 +198,6 @@ def test_reasons(current, status, intent, available, text):
     assert transition(current, status, intent, False, available).message == text
 
 
-# --- intents ---
-
-
 def test_choose_intent_over_every_order_of_every_set():
     count = 0
     for size in range(7):
@@ -221,9 +218,6 @@ def test_choose_intent_counts_repetitions_once():
     twice = (Intent.LOAD_A, Intent.LOAD_B, Intent.LOAD_A, Intent.LOAD_B)
     assert choose_intent(twice) == (Intent.LOAD_A, (Intent.LOAD_B,))
     assert choose_intent([Intent.DAMP, Intent.DAMP]) == (Intent.DAMP, ())
-
-
-# --- safety ---
 
 
 def test_merge_safety_of_nothing_is_ok():

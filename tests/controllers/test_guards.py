@@ -239,9 +239,6 @@ def test_invalid_parameters_are_named(changes, message):
     assert str(caught.value).startswith(message)
 
 
-# --- in the supervisor ---
-
-
 def guarded(**changes):
     return rig.Run(replace(rig.supervisor(), guards=guards(**changes)))
 

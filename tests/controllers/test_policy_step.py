@@ -179,9 +179,6 @@ def test_a_contract_that_does_not_fit_the_robot_is_refused():
         PolicyWiring(JOINTS, contract(), reference, {VELOCITY_COMMAND: 3}, 100.0)
 
 
-# --- actions ---
-
-
 def rig_map(**changes):
     """Of a policy that drives the elbow and the shoulder, on a robot with a wrist too."""
     return resolve_action(rig.contract(**changes), rig.JOINTS)
@@ -222,9 +219,6 @@ def test_commands_of_a_batch_are_those_of_its_robots(actions):
 def test_two_batch_dimensions():
     command = action_command(rig_map(), np.zeros((4, 5, 2), np.float32))
     assert command.position.shape == (4, 5, 3)
-
-
-# --- the gait clock ---
 
 
 def phases(rule, commands):

@@ -127,9 +127,6 @@ def test_a_linked_package_refuses_its_bare_name(name):
     assert done.stderr.rstrip().endswith(f"ImportError: import this package as 'humanoid_sim.{name}', not as '{name}'")
 
 
-# --- the same inputs, the same bytes ---
-
-
 @given(st.sampled_from(sorted(PATHS)), any_tick_inputs(3, 20.0))
 def test_two_stacks_agree_bit_for_bit(name, given_tick):
     """On anything, in every mode; and neither the input nor the memory is written."""

@@ -29,9 +29,6 @@ UNKNOWN = (NAN, NAN, NAN)
 FAULT = (SafetyStatus(2, 8, "can0", "over-current"),)
 
 
-# --- the ordinary way ---
-
-
 def test_the_start_is_zero_torque():
     output = Run(supervisor()).step()
     assert output.control_mode.controller_name == ZERO
@@ -103,9 +100,6 @@ def test_safety_demotes_in_the_same_tick_and_nothing_recovers_by_itself():
     assert refused.refusals == ("LOAD_A refused: safety FAULT MOTOR_FAULT from can0: over-current",)
     assert [run.step().control_mode.controller_name for _ in range(50)] == [DAMPING] * 50
     assert run.step(Intent.LOAD_A).control_mode.controller_name == A
-
-
-# --- failures ---
 
 
 @pytest.mark.parametrize("name", BAD_ANSWERS)
@@ -299,9 +293,6 @@ def test_a_controller_that_is_not_there_is_refused_by_name(missing, intent, path
     assert output.refusals == (f"{intent.name} refused: {missing} is not available",)
 
 
-# --- construction ---
-
-
 @pytest.mark.parametrize(
     ("replaced", "message"),
     [
@@ -337,8 +328,6 @@ def test_the_controllers_cannot_be_exchanged_later():
     with pytest.raises(TypeError):
         made.controllers[ZERO] = ZeroTorqueController(JOINTS)
 
-
-# --- the whole state space, over abstract inputs ---
 
 POSITIONS = {"known": KNOWN, "one NaN": (0.4, NAN, 0.6), "all NaN": UNKNOWN, "all infinite": (INF, -INF, INF)}
 PAIRS = [(), *((first,) for first in Intent), *product(Intent, Intent)]

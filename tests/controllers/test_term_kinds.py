@@ -116,9 +116,6 @@ def loaded(kind):
     return load_policy(made, policy, motion(made))
 
 
-# --- the table ---
-
-
 def test_a_name_means_one_thing():
     assert len(TERM_NAMES) == sum(len(kind.names) or 1 for kind in TERM_KINDS.values()) == 37
     assert {term_kind(name).name for name in (*TERM_KINDS, *TERM_NAMES)} == set(TERM_KINDS)
@@ -148,9 +145,6 @@ def test_what_a_kind_says_of_itself_exists(kind):
 )
 def test_a_policy_takes_a_velocity_command(changes, takes):
     assert contract(**changes).takes_velocity_command is takes
-
-
-# --- whoever knows terms ---
 
 
 def test_the_readers_know_what_the_term_is_called_and_needs(kind):

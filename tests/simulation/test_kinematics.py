@@ -74,9 +74,6 @@ def test_an_unknown_body():
         ForwardKinematics(load_robot("lite"), ("left_paw",))
 
 
-# --- gravity ---
-
-
 @pytest.mark.parametrize("name", ["lite", "lite_neck"])
 def test_is_the_bias_of_a_robot_at_rest(name):
     robot = load_robot(name)

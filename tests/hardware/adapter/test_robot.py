@@ -50,9 +50,6 @@ def _wait_for(robot, flags, channel=0):
     return statuses[channel]
 
 
-# --- commands
-
-
 def test_a_command_reaches_each_motor_in_its_own_frame(enabled, left, right):
     enabled.write(_hold())
     assert wait_until(lambda: bool(left.commands and right.commands))
@@ -121,9 +118,6 @@ def test_what_does_not_fit_is_counted_and_shown(enabled, left):
     assert "position moved to keep within the effort limit: left 2 times" in text
 
 
-# --- silence
-
-
 def test_a_silent_joint_keeps_its_values_and_ages(enabled, left):
     left.is_silent = True
     begin = time.monotonic()
@@ -134,9 +128,6 @@ def test_a_silent_joint_keeps_its_values_and_ages(enabled, left):
     state, _ = enabled.read()
     assert state.joint_position[0] == pytest.approx(-0.25, abs=4e-4)
     assert state.joint_age[0] > 0.2 > state.joint_age[1]
-
-
-# --- motors
 
 
 def test_a_motor_that_falls_out_of_run_mode_is_a_fault_and_stays_out(enabled, left):
@@ -205,9 +196,6 @@ def test_a_position_that_jumps_is_a_fault_until_the_next_activation(enabled, lef
     assert _statuses(enabled)[0].is_ok
 
 
-# --- frames
-
-
 @pytest.mark.parametrize(
     ("frame", "text"),
     [
@@ -237,9 +225,6 @@ def test_strangers_and_scans_stop_nothing(enabled, motors):
     motors.send_frame(motors.buses[0], encode_command(GetDeviceId(11, host_id=0xFE), MOTORS["rs-02"]))
     assert wait_until(lambda: sum(enabled.statistics.channels[0].strangers.values()) == before + 2)
     assert all(status.is_ok for status in _statuses(enabled))
-
-
-# --- channels
 
 
 _ERROR = Frame(0x08, bytes(8), is_extended=False, is_error=True)
@@ -340,9 +325,6 @@ def test_after_a_jam_the_latest_command_leaves(make_robot, left):
     time.sleep(0.02)
     assert [command.stiffness for command in left.commands] == [0.0]
     assert robot.statistics.channels[0].counters.overruns > 0
-
-
-# --- anything at all
 
 
 def test_random_frames_raise_nothing_and_leave_no_joint_unheard_of(enabled, motors, left, right):
