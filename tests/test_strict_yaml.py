@@ -6,22 +6,14 @@ import msgspec
 import pytest
 import yaml
 
+from humanoid_sim import strict_yaml
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.strict_yaml import (
-    UNREADABLE,
-    StrictLoader,
-    load_strictly,
-    read_strictly,
-    read_yaml,
-    type_at,
-    value_at,
-)
 
 
 def test_the_quick_loader_reads_what_the_other_reads():
     text = (load_robot("lite").mjcf_path.parent.parent / "robots" / "lite.yaml").read_text(encoding="utf-8")
-    assert load_strictly(text) == yaml.load(text, StrictLoader)
+    assert strict_yaml.load_strictly(text) == yaml.load(text, strict_yaml.StrictLoader)
 
 
 @pytest.mark.parametrize(
@@ -35,16 +27,16 @@ def test_the_quick_loader_reads_what_the_other_reads():
     ids=["brackets", "braces", "dashes", "indentation"],
 )
 def test_no_depth_ends_the_process(text):
-    with pytest.raises((yaml.YAMLError, *UNREADABLE)):
-        load_strictly(text)
+    with pytest.raises((yaml.YAMLError, *strict_yaml.UNREADABLE)):
+        strict_yaml.load_strictly(text)
 
 
 @pytest.mark.parametrize("text", ["a: 1\na: 2\n", 'a: "\\0"', "a: !!python/object:os.system {}\n"])
 def test_both_loaders_are_strict(text):
     with pytest.raises(yaml.YAMLError) as strict:
-        yaml.load(text, StrictLoader)
+        yaml.load(text, strict_yaml.StrictLoader)
     with pytest.raises(yaml.YAMLError) as quick:
-        load_strictly(text)
+        strict_yaml.load_strictly(text)
     assert str(quick.value) == str(strict.value)
 
 
@@ -65,14 +57,14 @@ DOCUMENT = {"wheels": [{"radius": 1}, {"radius": 2}]}
     [("", DOCUMENT), ("wheels[1].radius", 2), ("wheels[7].radius", DOCUMENT["wheels"]), ("axle", DOCUMENT)],
 )
 def test_the_value_at_a_place_or_the_last_on_the_way(place, value):
-    assert value_at(DOCUMENT, place) == value
+    assert strict_yaml.value_at(DOCUMENT, place) == value
 
 
 def test_the_type_at_a_place():
-    assert type_at(Cart, "") is Cart
-    assert type_at(Cart, "wheels[0]") is Wheel
-    assert type_at(Cart, "wheels[0].radius") is float
-    assert get_args(type_at(Cart, "wheels[3].side")) == ("left", "right")
+    assert strict_yaml.type_at(Cart, "") is Cart
+    assert strict_yaml.type_at(Cart, "wheels[0]") is Wheel
+    assert strict_yaml.type_at(Cart, "wheels[0].radius") is float
+    assert get_args(strict_yaml.type_at(Cart, "wheels[3].side")) == ("left", "right")
 
 
 @pytest.mark.parametrize(
@@ -86,7 +78,7 @@ def test_the_type_at_a_place():
 def test_a_file_that_cannot_be_read_is_one_line_with_its_place(tmp_path, data, problem):
     (tmp_path / "x.yaml").write_bytes(data)
     with pytest.raises(InputError) as caught:
-        read_strictly(tmp_path / "x.yaml", "x")
+        strict_yaml.read_strictly(tmp_path / "x.yaml", "x")
     assert str(caught.value).startswith(problem)
 
 
@@ -109,7 +101,7 @@ BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     ids=["aliases", "merges", "recursion", "a long text"],
 )
 def test_a_small_file_stays_small(text, problem):
-    for load in (load_strictly, lambda text: yaml.load(text, StrictLoader)):
+    for load in (strict_yaml.load_strictly, lambda text: yaml.load(text, strict_yaml.StrictLoader)):
         with pytest.raises(yaml.YAMLError) as refused:
             load(text)
         assert problem in str(refused.value)
@@ -118,7 +110,7 @@ def test_a_small_file_stays_small(text, problem):
 def test_a_large_file_is_not_read(tmp_path):
     path = tmp_path / "large.yaml"
     path.write_text("#" * (1 << 20) + "\n")
-    for read in (read_yaml, lambda path: read_strictly(path, str(path))):
+    for read in (strict_yaml.read_yaml, lambda path: strict_yaml.read_strictly(path, str(path))):
         with pytest.raises(InputError) as refused:
             read(path)
         assert str(refused.value) == f"{path}: has 1048577 bytes, expected a YAML file of at most 1048576"

@@ -6,13 +6,8 @@ import rig
 from hypothesis import given
 from hypothesis import strategies as st
 
+from humanoid_sim.controllers import policy_step
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
-from humanoid_sim.controllers.policy_step import (
-    PolicyWiring,
-    action_command,
-    advance_phase,
-    resolve_action,
-)
 from humanoid_sim.controllers.reference import build_world_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
 from humanoid_sim.controllers.terms import Term
@@ -79,7 +74,7 @@ def row(state, i):
 
 def wiring_of(contract):
     reference = build_world_reference(contract, frames(), JOINTS, ("torso",))
-    return PolicyWiring(JOINTS, contract, reference, EXTERN_WIDTHS, 100.0)
+    return policy_step.PolicyWiring(JOINTS, contract, reference, EXTERN_WIDTHS, 100.0)
 
 
 def test_a_robot_by_itself_does_what_the_controller_does():
@@ -146,9 +141,9 @@ def test_the_contract_says_how_large_actions_are_unless_it_is_overridden():
     large = contract(action_limit=500.0)
     assert wiring_of(contract()).limit == 100.0
     reference = build_world_reference(large, frames(), JOINTS, ("torso",))
-    wiring = PolicyWiring(JOINTS, large, reference, EXTERN_WIDTHS)
+    wiring = policy_step.PolicyWiring(JOINTS, large, reference, EXTERN_WIDTHS)
     np.testing.assert_array_equal(wiring.accepts(np.array([[440.0, -499.0], [0.0, 501.0]], np.float32)), [True, False])
-    assert PolicyWiring(JOINTS, large, reference, EXTERN_WIDTHS, 50.0).limit == 50.0
+    assert policy_step.PolicyWiring(JOINTS, large, reference, EXTERN_WIDTHS, 50.0).limit == 50.0
     controller = RLPolicyController(JOINTS, large, reference, lambda *_: [0, 0], 0.02, extern=EXTERN_WIDTHS)
     assert controller.action_limit == 500.0
 
@@ -176,31 +171,31 @@ def test_whether_the_velocity_command_is_observed(changes, takes):
 def test_a_contract_that_does_not_fit_the_robot_is_refused():
     reference = build_world_reference(contract(), frames(), JOINTS, ("torso",))
     with pytest.raises(FieldError, match="anchor pose"):
-        PolicyWiring(JOINTS, contract(), reference, {VELOCITY_COMMAND: 3}, 100.0)
+        policy_step.PolicyWiring(JOINTS, contract(), reference, {VELOCITY_COMMAND: 3}, 100.0)
 
 
 def rig_map(**changes):
     """Of a policy that drives the elbow and the shoulder, on a robot with a wrist too."""
-    return resolve_action(rig.contract(**changes), rig.JOINTS)
+    return policy_step.resolve_action(rig.contract(**changes), rig.JOINTS)
 
 
 def test_scalar_scale():
-    command = action_command(rig_map(action_scale=2.0), np.array([1.0, 1.0], np.float32))
+    command = policy_step.action_command(rig_map(action_scale=2.0), np.array([1.0, 1.0], np.float32))
     assert command.position.tolist() == [2.03, 2.02, 0.0]
 
 
 def test_actions_and_positions_are_clipped():
     limits = [[-0.1, 0.1], [-1.0, 1.0]]
     action_map = rig_map(action_clip=1.5, position_clip=limits)
-    command = action_command(action_map, np.array([9.0, 9.0], np.float32))
+    command = policy_step.action_command(action_map, np.array([9.0, 9.0], np.float32))
     # elbow: 0.02 + 0.5 * 1.5, beyond its limit; shoulder: 0.03 + 0.25 * 1.5, within
     assert command.position.tolist() == [0.03 + 0.25 * 1.5, 0.1, 0.0]
     spread = rig_map(position_clip=[[-0.1, 0.1]])
-    assert action_command(spread, np.array([-9.0, 9.0], np.float32)).position.tolist() == [0.1, -0.1, 0.0]
+    assert policy_step.action_command(spread, np.array([-9.0, 9.0], np.float32)).position.tolist() == [0.1, -0.1, 0.0]
 
 
 def test_an_offset_of_its_own_replaces_the_default_pose():
-    command = action_command(rig_map(action_offset=[0.5, 0.6]), np.zeros(2, np.float32))
+    command = policy_step.action_command(rig_map(action_offset=[0.5, 0.6]), np.zeros(2, np.float32))
     assert command.position.tolist() == [0.6, 0.5, 0.0]
 
 
@@ -209,22 +204,22 @@ def test_commands_of_a_batch_are_those_of_its_robots(actions):
     action_map = rig_map()
     batch = np.array(actions, dtype=np.float32)
     with np.errstate(all="ignore"):
-        together = action_command(action_map, batch)
-        one_by_one = [action_command(action_map, row) for row in batch]
+        together = policy_step.action_command(action_map, batch)
+        one_by_one = [policy_step.action_command(action_map, row) for row in batch]
     for name in COMMAND_FIELDS:
         assert getattr(together, name).shape == (len(actions), 3)
         assert getattr(together, name).tobytes() == np.stack([getattr(c, name) for c in one_by_one]).tobytes()
 
 
 def test_two_batch_dimensions():
-    command = action_command(rig_map(), np.zeros((4, 5, 2), np.float32))
+    command = policy_step.action_command(rig_map(), np.zeros((4, 5, 2), np.float32))
     assert command.position.shape == (4, 5, 3)
 
 
 def phases(rule, commands):
     walked, shown = 0.0, []
     for command in commands:
-        walked, phase = advance_phase(rule, walked, command, 0.02)
+        walked, phase = policy_step.advance_phase(rule, walked, command, 0.02)
         shown.append(phase.tolist())
     return shown
 
@@ -276,9 +271,9 @@ def test_clocks_of_another_pace_each_have_the_bits_of_one_alone():
     rule = PhaseRule(frequency=[[0.1, 1.1], [0.4, 1.3], [1.3, 1.9]], standing_threshold=0.1)
     rng = np.random.default_rng(4)
     commands, walked = rng.uniform(-1.0, 1.0, (200, 3)), rng.uniform(0.0, 9.0, 200)
-    moved, shown = advance_phase(rule, walked, commands, 0.02)
+    moved, shown = policy_step.advance_phase(rule, walked, commands, 0.02)
     for i in range(200):
-        one_moved, one_shown = advance_phase(rule, walked[i], commands[i], 0.02)
+        one_moved, one_shown = policy_step.advance_phase(rule, walked[i], commands[i], 0.02)
         assert moved[i].tobytes() == np.asarray(one_moved).tobytes()
         assert shown[i].tobytes() == one_shown.tobytes()
 

@@ -5,15 +5,8 @@ import math
 import msgspec
 import pytest
 
+from humanoid_sim.regress import results
 from humanoid_sim.regress.metrics import METRICS
-from humanoid_sim.regress.results import (
-    CaseComparison,
-    Comparison,
-    Margin,
-    describe_detectable,
-    describe_limit,
-    quantity,
-)
 
 
 @pytest.mark.parametrize(
@@ -31,15 +24,15 @@ from humanoid_sim.regress.results import (
     ],
 )
 def test_quantities(value, unit, text):
-    assert quantity(value, unit) == text
+    assert results.quantity(value, unit) == text
 
 
 def test_changes_have_a_sign():
-    assert quantity(0.001, "m", signed=True) == "+1 mm"
+    assert results.quantity(0.001, "m", signed=True) == "+1 mm"
 
 
 def announced(metric, baseline, change):
-    return describe_detectable(METRICS["tracking"][metric].info, change, baseline)
+    return results.describe_detectable(METRICS["tracking"][metric].info, change, baseline)
 
 
 def test_what_a_suite_finds():
@@ -51,7 +44,7 @@ def test_what_a_suite_finds():
 
 
 def test_what_makes_a_metric_worse_whatever_its_mean():
-    case = CaseComparison(
+    case = results.CaseComparison(
         case="wave",
         verdict="worse beyond tolerance",
         baseline=2.0,
@@ -62,7 +55,7 @@ def test_what_makes_a_metric_worse_whatever_its_mean():
         tolerance=0.1,
     )
     same = msgspec.structs.replace(case, case="drum", verdict="no difference seen")
-    comparison = Comparison(
+    comparison = results.Comparison(
         metric="joint_error",
         verdict="worse beyond tolerance",
         baseline=2.0,
@@ -82,7 +75,7 @@ def test_what_makes_a_metric_worse_whatever_its_mean():
 
 
 def test_how_far_a_margin_reaches():
-    margin = Margin(
+    margin = results.Margin(
         axis="gains down",
         unit="×",
         nominal=1.0,
@@ -92,8 +85,8 @@ def test_how_far_a_margin_reaches():
         failed_share=(0.0, 0.0, 0.5, 1.0),
     )
     assert margin.fails_at == 0.45
-    assert describe_limit(margin) == "0.5×"
+    assert results.describe_limit(margin) == "0.5×"
     end = msgspec.structs.replace(margin, reached_end=True)
     assert end.fails_at is None
-    assert describe_limit(end) == "≥ 0.5×"
-    assert describe_limit(None) == "-"
+    assert results.describe_limit(end) == "≥ 0.5×"
+    assert results.describe_limit(None) == "-"

@@ -10,14 +10,7 @@ from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus import channel
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.robstride import enabling, identification, requests, session
-from humanoid_sim.robots.schema import (
-    DampingSettings,
-    JointDescription,
-    MotorDescription,
-    RemoteSettings,
-    RobotDescription,
-    StandbySettings,
-)
+from humanoid_sim.robots import schema
 
 _numbers = itertools.count()
 _PATIENT = (0.05, 0.1, 0.2, 0.4, 0.4)
@@ -50,25 +43,25 @@ def attentive(monkeypatch):
 @pytest.fixture
 def description():
     """`left` is an rs-02 on bus 0 that turns against its joint, `right` an rs-00 on bus 1."""
-    left = MotorDescription(bus=0, can_id=11, model="rs-02", direction=-1, torque_limit=17.0, current_limit=23.0)
-    right = MotorDescription(bus=1, can_id=21, model="rs-00", direction=1, torque_limit=10.0, current_limit=0.0)
-    pose = StandbySettings(
+    left = schema.MotorDescription(bus=0, can_id=11, model="rs-02", direction=-1, torque_limit=17.0, current_limit=23.0)
+    right = schema.MotorDescription(bus=1, can_id=21, model="rs-00", direction=1, torque_limit=10.0, current_limit=0.0)
+    pose = schema.StandbySettings(
         target_stiffness=(50.0, 50.0), target_damping=(2.0, 2.0), segment_durations=(1.0,), pose_segments=((0.0, 0.0),)
     )
     gains = {"stiffness": 50.0, "damping": 2.0}
-    return RobotDescription(
+    return schema.RobotDescription(
         name="pair",
         mjcf="none.xml",
         imu="imu",
         joints=(
-            JointDescription(name="left", lower=-1.5, upper=1.0, effort_limit=17.0, motor=left, **gains),
-            JointDescription(name="right", lower=-0.5, upper=2.0, effort_limit=10.0, motor=right, **gains),
+            schema.JointDescription(name="left", lower=-1.5, upper=1.0, effort_limit=17.0, motor=left, **gains),
+            schema.JointDescription(name="right", lower=-0.5, upper=2.0, effort_limit=10.0, motor=right, **gains),
         ),
         initial_position=(0.0, 0.0),
-        damping_controller=DampingSettings(damping_scalar=3.0),
+        damping_controller=schema.DampingSettings(damping_scalar=3.0),
         standby_controller_a=pose,
         standby_controller_b=pose,
-        remote_policy_controller=RemoteSettings(damping_scalar=5.0),
+        remote_policy_controller=schema.RemoteSettings(damping_scalar=5.0),
     )
 
 
