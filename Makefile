@@ -14,6 +14,8 @@ PEERS := .venv-peers
 PIP := --disable-pip-version-check --progress-bar $(if $(CI),off,on)
 # A download of gigabytes that is cut short goes on at the second try, from what pip has kept of the first.
 twice = $(1) || $(1)
+# The tests start hundreds of Pythons. Where bytecode is not kept, as containers often ask for, each compiles the package again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: play test test-slow test-train test-lerobot test-ros test-peers docs picture notebooks bench lint format types train train-walking train-piano clean
 .DEFAULT_GOAL := play

@@ -7,18 +7,21 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 
-# Test modules are imported by file (importlib mode), which leaves sys.path alone; strategies and rigs need a name.
-sys.path += [str(Path(__file__).parent / name) for name in ("controllers", "session")]
+# Test modules are imported by file (importlib mode), which leaves sys.path alone; what they share needs a name, and one
+# that no other module of the tests has.
+_HERE = Path(__file__).parent
+sys.path += sorted({str(path.parent) for path in _HERE.glob("*/**/*.py")})
 
 # dm_control settles PyOpenGL's platform for the whole process when it is imported; the tests of drawing want OSMesa.
 os.environ.setdefault("PYOPENGL_PLATFORM", "osmesa")
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # as the package does before it imports ONNX Runtime
+# Workers share few cores, and threads of PyTorch and BLAS spin while they wait for one another: ten times the time.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # Shared machines miss any deadline now and then. The normal run is the same everywhere and every time; new examples are
 # drawn by the slow tests, and by `pytest --hypothesis-profile explore`. Both print what reproduces a failure.
@@ -33,7 +36,7 @@ settings.register_profile(
 settings.load_profile("normal")
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
+def pytest_addoption(parser):
     parser.addoption(
         "--complete",
         action="store_true",
@@ -42,7 +45,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 @pytest.fixture
-def fuzzing_seconds(request: pytest.FixtureRequest) -> float:
+def fuzzing_seconds(request):
     """s of wall time that a slow fuzzing test goes on."""
     return 120.0 if request.config.getoption("--complete") else 20.0
 
@@ -51,17 +54,17 @@ _TABLES = pytest.StashKey[dict[str, list[tuple[str, ...]]]]()
 
 
 @pytest.fixture
-def table_of(request: pytest.FixtureRequest) -> Callable[[str, tuple[str, ...]], list[tuple[str, ...]]]:
+def table_of(request):
     """`table_of(title, headings)`: the rows of a table that is printed at the end of the run, to be added to."""
     tables = request.config.stash.setdefault(_TABLES, {})
 
-    def rows(title: str, headings: tuple[str, ...]) -> list[tuple[str, ...]]:
+    def rows(title, headings):
         return tables.setdefault(title, [headings])
 
     return rows
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+def pytest_terminal_summary(terminalreporter, config):
     for title, rows in config.stash.get(_TABLES, {}).items():
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         terminalreporter.section(title)
@@ -76,7 +79,7 @@ _CACHES = ("mesa_shader_cache", "fontconfig", "mpl-data/fonts", "/dev/", "/proc/
 """Opened once by graphics drivers and Matplotlib, and left open for good."""
 
 
-def _open_files() -> dict[int, str]:
+def _open_files():
     """Descriptor and target of every open file and socket of this process; empty where the system cannot tell."""
     found = {}
     try:
@@ -93,20 +96,20 @@ def _open_files() -> dict[int, str]:
     return found
 
 
-def _open_buses() -> set[str]:
+def _open_buses():
     """Names of the open channels of python-can's virtual bus, if it was ever imported."""
     virtual = sys.modules.get("can.interfaces.virtual")
     return {str(name) for name, queues in virtual.channels.items() if queues} if virtual else set()
 
 
-def _leaks(threads: set[threading.Thread], files: dict[int, str], buses: set[str]) -> list[str]:
+def _leaks(threads, files, buses):
     found = [f"thread '{thread.name}'" for thread in threading.enumerate() if thread not in threads]
     found += [f"file {target}" for number, target in _open_files().items() if files.get(number) != target]
     return found + [f"bus '{name}'" for name in sorted(_open_buses() - buses)]
 
 
 @pytest.fixture(autouse=True)
-def no_leaks() -> Iterator[None]:
+def no_leaks():
     """Fail a test that leaves a thread running, a file, a socket or a bus open, or MuJoCo's log behind."""
     before = set(threading.enumerate()), _open_files(), _open_buses()
     log = Path.cwd() / "MUJOCO_LOG.TXT"  # where a warning of MuJoCo goes that nobody has silenced
@@ -126,7 +129,7 @@ def no_leaks() -> Iterator[None]:
 
 
 @pytest.fixture
-def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def runtime(monkeypatch):
     """The folder that sessions and their clients meet in: empty, and short, as paths of sockets have to be."""
     with tempfile.TemporaryDirectory(prefix="hs-", ignore_cleanup_errors=True) as folder:
         monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
@@ -134,7 +137,7 @@ def runtime(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 @pytest.fixture
-def local(runtime: Path) -> Iterator[Any]:
+def local(runtime):
     """A `LocalSession`: feed and intake of this process, driven tick by tick."""
     from local_session import LocalSession  # noqa: PLC0415 - most tests need none of what it imports
 
@@ -144,6 +147,22 @@ def local(runtime: Path) -> Iterator[Any]:
 
 
 @pytest.fixture
-def hopper(tmp_path: Path) -> Path:
+def domain(monkeypatch):
+    """A DDS domain of the test's own, also of the programs that it starts."""
+    from dds_bridge import free_domain  # noqa: PLC0415 - most tests need none of what it imports
+
+    found = free_domain()
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(found))
+    return found
+
+
+@pytest.fixture
+def near_ends(monkeypatch):
+    """Looks three minutes ahead for the end of a motion in a graph, not half an hour, which takes half a second."""
+    monkeypatch.setattr("humanoid_sim.policy.graph_motion._LONGEST", 9_000)
+
+
+@pytest.fixture
+def hopper(tmp_path):
     """The MJCF of a small robot, as a user would bring it: no description beside it. May be changed."""
-    return Path(shutil.copy(Path(__file__).parent / "data" / "hopper.xml", tmp_path))
+    return Path(shutil.copy(_HERE / "data" / "hopper.xml", tmp_path))

@@ -7,7 +7,7 @@ from humanoid_sim.assets import ASSETS, motion_path, policy_path, song_path
 from humanoid_sim.errors import InputError
 
 
-def test_sample_motions_go_by_name_and_files_by_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sample_motions_go_by_name_and_files_by_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert motion_path("wave").name == "wave.mcap"
     (tmp_path / "mine.mcap").touch()
@@ -16,7 +16,7 @@ def test_sample_motions_go_by_name_and_files_by_path(tmp_path: Path, monkeypatch
         motion_path("mine")
 
 
-def test_sample_songs_go_by_name_and_a_near_miss_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sample_songs_go_by_name_and_a_near_miss_is_named(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert song_path("twinkle").name == "twinkle.mid"
     (tmp_path / "mine.mid").touch()
@@ -28,7 +28,7 @@ def test_sample_songs_go_by_name_and_a_near_miss_is_named(tmp_path: Path, monkey
         song_path("xyz")
 
 
-def test_sample_policies_go_by_name_and_files_by_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sample_policies_go_by_name_and_files_by_path(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert policy_path("lite_piano") == ASSETS / "policies" / "lite_piano.onnx"
     assert policy_path("missing.onnx") == Path("missing.onnx")  # whoever opens it says so
@@ -46,7 +46,7 @@ def test_sample_policies_go_by_name_and_files_by_path(tmp_path: Path, monkeypatc
     assert policy_path("lite_piano") == Path("lite_piano")
 
 
-def test_sample_contracts_are_policies_only_where_that_is_asked_for() -> None:
+def test_sample_contracts_are_policies_only_where_that_is_asked_for():
     assert policy_path("lite_piano_task", contracts=True).name == "lite_piano_task.contract.yaml"
     assert policy_path("lite_biped_velocity", contracts=True).name == "lite_biped_velocity.onnx"
     with pytest.raises(InputError, match="unknown policy 'lite_piano_task' "):

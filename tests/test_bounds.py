@@ -12,7 +12,7 @@ GUIDE = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
 ROWS = {row.split("|")[1].strip(): row for row in GUIDE.splitlines() if row.startswith("| ")}
 
 
-def amount(number: int) -> str:
+def amount(number):
     for size, unit in ((1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")):
         if number % size == 0 and number // size <= 1024:
             return f"{number // size} {unit}"
@@ -33,12 +33,12 @@ def amount(number: int) -> str:
         ("baseline `.json`", ("JSON_BYTES",)),
     ],
 )
-def test_the_table_has_the_bounds(row: str, names: tuple[str, ...]) -> None:
+def test_the_table_has_the_bounds(row, names):
     for name in names:
         assert re.search(rf"(?<!\d){amount(getattr(bounds, name))}(?!\d)", ROWS[row]), name
 
 
-def test_every_reader_of_the_table_exists() -> None:
+def test_every_reader_of_the_table_exists():
     files = re.findall(r"`([a-z_0-9]+/[a-z_0-9/]+\.py)`", GUIDE)
     assert len(files) > 15
     assert [file for file in files if not (ROOT / file).is_file()] == []

@@ -2,7 +2,6 @@ import importlib.util
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -13,40 +12,40 @@ from humanoid_sim.cli import VERBS, load_program, main, run_program
 from humanoid_sim.errors import InputError, MissingPackageError, RobotError
 
 
-def failing(error: BaseException) -> int:
-    def program(arguments: Sequence[str] | None) -> int:
+def failing(error):
+    def program(arguments):
         raise error
 
     return run_program(program)
 
 
 @pytest.mark.parametrize("error", [InputError("x.onnx: is empty"), RobotError("can0: joint 3 is silent")])
-def test_what_a_user_can_fix_is_one_line_and_status_2(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_a_user_can_fix_is_one_line_and_status_2(error, capsys):
     assert failing(error) == 2
     assert capsys.readouterr() == ("", f"error: {error}\n")
 
 
-def test_a_missing_package_is_named_with_the_command_that_installs_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_package_is_named_with_the_command_that_installs_it(capsys):
     assert failing(MissingPackageError("viser", "viewer", "--viewer web")) == 2
     assert capsys.readouterr().err == (
         "error: --viewer web needs the package 'viser', which is not installed: pip install 'humanoid_sim[viewer]'\n"
     )
 
 
-def test_a_bug_keeps_its_traceback() -> None:
+def test_a_bug_keeps_its_traceback():
     with pytest.raises(ZeroDivisionError):
         failing(ZeroDivisionError())
 
 
-def test_ctrl_c_is_one_line_and_status_130(capsys: pytest.CaptureFixture[str]) -> None:
+def test_ctrl_c_is_one_line_and_status_130(capsys):
     assert failing(KeyboardInterrupt()) == 130
     assert capsys.readouterr() == ("", "interrupted\n")
 
 
-def test_a_program_gets_its_arguments_and_gives_its_status() -> None:
-    seen: list[Sequence[str] | None] = []
+def test_a_program_gets_its_arguments_and_gives_its_status():
+    seen = []
 
-    def program(arguments: Sequence[str] | None) -> int:
+    def program(arguments):
         seen.append(arguments)
         return 7
 
@@ -55,20 +54,18 @@ def test_a_program_gets_its_arguments_and_gives_its_status() -> None:
     assert seen == [["--x"], None]
 
 
-def test_a_reader_that_leaves_makes_no_noise() -> None:
+def test_a_reader_that_leaves_makes_no_noise():
     code = "from humanoid_sim.cli import run_program\ndef p(a):\n while True: print('x' * 1000)\nrun_program(p)"
     with subprocess.Popen(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
         process.stdout.readline()
         process.stdout.close()
         assert process.stderr.read() == ""
         assert process.wait() == 0
 
 
-def test_the_list_of_verbs(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_list_of_verbs(capsys):
     for word in ("-h", "--help"):
         assert main([word]) == 0
         out = capsys.readouterr().out
@@ -82,7 +79,7 @@ def test_the_list_of_verbs(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"{__version__}\n"
 
 
-def test_the_start_page(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_start_page(capsys):
     assert main([]) == 0
     out = capsys.readouterr().out
     assert max(len(line) for line in out.splitlines()) <= 80
@@ -100,15 +97,13 @@ def test_the_start_page(capsys: pytest.CaptureFixture[str]) -> None:
         assert [path for path in files if path.name.partition(".")[0] not in text] == []
 
 
-def test_an_unknown_verb(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_verb(capsys):
     assert main(["dance"]) == 2
     assert capsys.readouterr() == ("", f"error: unknown verb 'dance'; known: {', '.join(VERBS)}\n")
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_is_a_program_with_help_and_one_line_for_bad_input(
-    verb: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_verb_is_a_program_with_help_and_one_line_for_bad_input(verb, capsys):
     assert importlib.util.find_spec(f"humanoid_sim.{verb}") is not None  # for `python -m`
     assert callable(load_program(verb))
     with pytest.raises(SystemExit) as caught:
@@ -120,7 +115,7 @@ def test_every_verb_is_a_program_with_help_and_one_line_for_bad_input(
         assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_help_loads_nothing_heavy() -> None:
+def test_help_loads_nothing_heavy():
     code = (
         "import sys\nfrom humanoid_sim.play import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
         "print(*sorted({'mujoco', 'numpy', 'onnxruntime', 'onnx', 'av', 'PIL', 'mcap'} & set(sys.modules)))"
@@ -129,18 +124,18 @@ def test_help_loads_nothing_heavy() -> None:
     assert run.stdout.splitlines()[-1] == ""
 
 
-def test_the_console_script_is_the_same_program() -> None:
+def test_the_console_script_is_the_same_program():
     script = os.path.join(os.path.dirname(sys.executable), "humanoid-sim")
     run = subprocess.run([script, "--version"], capture_output=True, text=True, check=True)
     assert run.stdout == f"{__version__}\n"
 
 
-def test_control_characters_in_a_message_are_written_out(capsys: pytest.CaptureFixture[str]) -> None:
+def test_control_characters_in_a_message_are_written_out(capsys):
     assert failing(InputError("unknown term 'a\nb\x1b[31m\u2028\udc80', expected M⁻¹·K_d …")) == 2
     assert capsys.readouterr().err == ("error: unknown term 'a\\nb\\x1b[31m\\u2028\\udc80', expected M⁻¹·K_d …\n")
 
 
-def shell(redirect: str, code: str, unbuffered: str = "") -> subprocess.CompletedProcess[str]:
+def shell(redirect, code, unbuffered=""):
     program = f"import sys; from humanoid_sim.cli import run_program; sys.exit(run_program({code}))"
     return subprocess.run(
         ["bash", "-c", f'"$0" -c "$1" {redirect}', sys.executable, program],
@@ -153,31 +148,31 @@ def shell(redirect: str, code: str, unbuffered: str = "") -> subprocess.Complete
 
 @pytest.mark.parametrize("flush", [True, False])
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_a_full_output_is_one_line(flush: bool, unbuffered: str) -> None:
+def test_a_full_output_is_one_line(flush, unbuffered):
     run = shell(">/dev/full", f"lambda _: print('x', flush={flush}) or 0", unbuffered)
     assert (run.returncode, run.stderr) == (1, "error: standard output cannot be written: No space left on device\n")
 
 
-def test_a_closed_output_is_one_line() -> None:
+def test_a_closed_output_is_one_line():
     run = shell(">&-", "lambda _: 0")
     assert run.returncode == 2
     assert run.stderr == "error: standard output is closed, expected somewhere to write to, such as /dev/null\n"
 
 
-def test_any_other_failure_of_the_system_is_a_bug() -> None:
+def test_any_other_failure_of_the_system_is_a_bug():
     with pytest.raises(FileNotFoundError):
         failing(FileNotFoundError(2, "No such file or directory"))
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1:strict", "ascii:surrogateescape"])
-def test_characters_that_the_output_lacks_are_question_marks(encoding: str) -> None:
+def test_characters_that_the_output_lacks_are_question_marks(encoding):
     code = "from humanoid_sim.cli import run_program; run_program(lambda _: print('A → B ≤ 5 K_d 中 \\udc80') or 0)"
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
     run = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stdout, run.stderr) == (0, "A ? B ? 5 K_d ? ?\n", "")
 
 
-def test_with_a_closed_standard_error_no_file_takes_its_number(tmp_path: Path) -> None:
+def test_with_a_closed_standard_error_no_file_takes_its_number(tmp_path):
     """What a library writes there would end up in the file."""
     path = tmp_path / "file"
     program = f"lambda _: open({str(path)!r}, 'w').fileno() < 3 or os.write(2, b'a banner') and 0"
@@ -190,7 +185,7 @@ LATE = "raise ImportError('initialization failed') from KeyboardInterrupt()"
 """What a library written in C makes of Ctrl-C while it loads."""
 
 
-def test_ctrl_c_while_a_library_loads_is_one_line_and_status_130(capsys: pytest.CaptureFixture[str]) -> None:
+def test_ctrl_c_while_a_library_loads_is_one_line_and_status_130(capsys):
     error = ImportError("initialization failed")
     error.__cause__ = KeyboardInterrupt()
     assert failing(error) == 130
@@ -200,7 +195,7 @@ def test_ctrl_c_while_a_library_loads_is_one_line_and_status_130(capsys: pytest.
 
 
 @pytest.mark.parametrize("raised", ["raise KeyboardInterrupt", LATE])
-def test_ctrl_c_while_a_program_loads_is_one_line(raised: str, tmp_path: Path) -> None:
+def test_ctrl_c_while_a_program_loads_is_one_line(raised, tmp_path):
     """`mcap` is one of the packages that `record` imports before it begins."""
     (tmp_path / "mcap.py").write_text(f"{raised}\n", encoding="utf-8")
     path = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[1])])
@@ -215,7 +210,7 @@ def test_ctrl_c_while_a_program_loads_is_one_line(raised: str, tmp_path: Path) -
     assert run.returncode == 130
 
 
-def test_testing_is_no_program_and_without_its_extra_says_what_to_install(tmp_path: Path) -> None:
+def test_testing_is_no_program_and_without_its_extra_says_what_to_install(tmp_path):
     command = [sys.executable, "-m", "humanoid_sim.testing"]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr.count("\n")) == (2, 1)

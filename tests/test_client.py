@@ -6,8 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-from local_session import LocalSession
-
 import humanoid_sim.client
 from humanoid_sim.messages import Intent
 
@@ -29,13 +27,12 @@ assert "humanoid_sim" not in sys.modules
 """
 
 
-def test_the_one_file_works_by_itself_in_an_isolated_python(local: LocalSession, tmp_path: Path) -> None:
+def test_the_one_file_works_by_itself_in_an_isolated_python(local, tmp_path):
     shutil.copy(FILE, tmp_path / "humanoid_client.py")
     local.tick(Intent.DAMP)
     with subprocess.Popen(
         [sys.executable, "-I", "-c", PROGRAM, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as program:
-        assert program.stdout is not None
         assert program.stdout.readline() == "1 [0.4, 0.5, 0.6] ('shoulder', 'elbow', 'wrist')\n"
         assert program.stdout.readline() == "True\n"
         record = local.tick()
@@ -44,7 +41,7 @@ def test_the_one_file_works_by_itself_in_an_isolated_python(local: LocalSession,
     assert record.input.state.extern["velocity_command"].value.tolist() == [0.25, 0.0, 0.0]
 
 
-def test_it_is_written_for_python_3_9() -> None:
+def test_it_is_written_for_python_3_9():
     tree = ast.parse(FILE.read_text(encoding="utf-8"), feature_version=(3, 9))
     imported = {
         name.split(".")[0]

@@ -1,18 +1,14 @@
 """The client for DDS, with a bridge as a program between it and the session."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
 
-sys.path.append(str(Path(__file__).parent / "frontends" / "dds"))
 
 import rig
 from dds_bridge import bridge, free_domain
-from local_session import LocalSession, ticking
+from local_session import ticking
 from stranger import until
 
 from humanoid_sim.dds_client import RobotClient
@@ -23,9 +19,7 @@ from humanoid_sim.mit import MITCommand
 THREE = np.ones(3)
 
 
-def test_a_client_reads_the_robot_commands_it_and_asks_for_modes(
-    local: LocalSession, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_client_reads_the_robot_commands_it_and_asks_for_modes(local, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(free_domain()))
     local.safety = (SafetyStatus(source="can0"),)
     command = MITCommand(0.3 * THREE, 0.0 * THREE, 0.1 * THREE, 20.0 * THREE, THREE)
@@ -41,7 +35,6 @@ def test_a_client_reads_the_robot_commands_it_and_asks_for_modes(
             assert (state.names, state.position.tolist()) == (("shoulder", "elbow", "wrist"), [0.4, 0.5, 0.6])
             assert robot.joint_names == state.names
             later = robot.state(20.0)
-            assert later is not None
             assert later.time_ns > state.time_ns
             until(lambda: getattr(robot.control_mode(), "mode", None) is Mode.REMOTE, "REMOTE")
             assert getattr(robot.control_mode(), "controller_name", "") == "remote_policy_controller"
@@ -52,7 +45,7 @@ def test_a_client_reads_the_robot_commands_it_and_asks_for_modes(
             with pytest.raises(FieldError, match=r"has shape \(2,\), expected \(3,\)"):
                 robot.command(MITCommand.zeros(2))
 
-            def obeyed() -> bool:
+            def obeyed():
                 assert robot.command(command)
                 robot.state(0.05)
                 return records[-1].output.command.effort.tolist() == [0.1] * 3
@@ -66,7 +59,7 @@ def test_a_client_reads_the_robot_commands_it_and_asks_for_modes(
 
 
 @pytest.mark.parametrize("text", ["-1", "233", "seven", "1.5", "٣"])
-def test_a_domain_that_is_none_is_refused(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_domain_that_is_none_is_refused(text, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
     with pytest.raises(InputError, match=rf"^ROS_DOMAIN_ID: is '{text}', expected a whole number from 0 to 232$"):
         RobotClient("lite")

@@ -44,7 +44,7 @@ NOT_IMPORTED = {
 """What is needed all the same, and why."""
 
 
-def packages() -> list[tuple[str, str]]:
+def packages():
     """Where each is required, and its name."""
     found = []
     for extra, lines in (("", PROJECT["dependencies"]), *PROJECT["optional-dependencies"].items()):
@@ -54,9 +54,9 @@ def packages() -> list[tuple[str, str]]:
 
 
 @cache
-def imported() -> frozenset[str]:
+def imported():
     """The first names of all modules that the project's Python files import, also where it is by a text."""
-    names: set[str] = set()
+    names = set()
     for file in (file for folder in FOLDERS for file in (ROOT / folder).rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             match node:
@@ -69,16 +69,16 @@ def imported() -> frozenset[str]:
     return frozenset(names)
 
 
-def _imports(function: ast.expr) -> bool:
+def _imports(function):
     return ast.unparse(function).endswith(("import_module", "importorskip", "import_lerobot", "__import__"))
 
 
 @pytest.mark.parametrize(("extra", "package"), packages())
-def test_what_is_installed_is_imported(extra: str, package: str) -> None:
+def test_what_is_installed_is_imported(extra, package):
     module = MODULES.get(package, package.replace("-", "_"))
     assert (module in imported()) != (package in NOT_IMPORTED), f"{extra or 'the package itself'}: {package}"
 
 
-def test_every_table_row_is_of_a_package() -> None:
+def test_every_table_row_is_of_a_package():
     known = {package for _, package in packages()}
     assert {*MODULES, *NOT_IMPORTED} <= known

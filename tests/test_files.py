@@ -7,14 +7,14 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import exclusive_file, is_file, output_file, regular_file, whole_file
 
 
-def refusal(path: str | Path) -> str:
+def refusal(path):
     with pytest.raises(InputError) as caught:
         regular_file(path, "a motion file (.mcap)")
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
 
-def test_a_file_and_a_link_to_it_are_taken(tmp_path: Path) -> None:
+def test_a_file_and_a_link_to_it_are_taken(tmp_path):
     file, link = tmp_path / "file", tmp_path / "link"
     file.touch()
     link.symlink_to(file)
@@ -23,7 +23,7 @@ def test_a_file_and_a_link_to_it_are_taken(tmp_path: Path) -> None:
     assert is_file(link)
 
 
-def test_what_is_no_file_is_named(tmp_path: Path) -> None:
+def test_what_is_no_file_is_named(tmp_path):
     pipe, loop = tmp_path / "pipe", tmp_path / "loop"
     os.mkfifo(pipe)
     loop.symlink_to(loop)
@@ -39,7 +39,7 @@ def test_what_is_no_file_is_named(tmp_path: Path) -> None:
         assert not is_file(path)
 
 
-def test_a_name_of_full_length_can_be_written(tmp_path: Path) -> None:
+def test_a_name_of_full_length_can_be_written(tmp_path):
     path = tmp_path / ("é" * 127)  # 254 bytes of 255
     with whole_file(path) as file:
         file.write(b"whole")
@@ -47,13 +47,13 @@ def test_a_name_of_full_length_can_be_written(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_name_that_is_too_long_is_one_line(tmp_path: Path) -> None:
+def test_a_name_that_is_too_long_is_one_line(tmp_path):
     with pytest.raises(InputError, match=r"cannot be written: File name too long$"), whole_file(tmp_path / ("x" * 300)):
         pass
     assert list(tmp_path.iterdir()) == []
 
 
-def test_two_at_once_do_not_meet(tmp_path: Path) -> None:
+def test_two_at_once_do_not_meet(tmp_path):
     names = [f"{'x' * 100}{end}" for end in "ab"]
     with whole_file(tmp_path / names[0]) as first, whole_file(tmp_path / names[1]) as second:
         first.write(b"a")
@@ -61,7 +61,7 @@ def test_two_at_once_do_not_meet(tmp_path: Path) -> None:
     assert [(tmp_path / name).read_bytes() for name in names] == [b"a", b"b"]
 
 
-def test_a_block_that_raises_leaves_what_was_there(tmp_path: Path) -> None:
+def test_a_block_that_raises_leaves_what_was_there(tmp_path):
     path = tmp_path / "file"
     path.write_bytes(b"before")
     with pytest.raises(TypeError), whole_file(path) as file:
@@ -70,7 +70,7 @@ def test_a_block_that_raises_leaves_what_was_there(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_good_output_is_returned_and_nothing_is_left(tmp_path: Path) -> None:
+def test_a_good_output_is_returned_and_nothing_is_left(tmp_path):
     assert output_file(str(tmp_path / "run.MP4"), "video", ".mp4") == tmp_path / "run.MP4"
     assert output_file(tmp_path / "run", "video") == tmp_path / "run"
     assert list(tmp_path.iterdir()) == []
@@ -88,7 +88,7 @@ def test_a_good_output_is_returned_and_nothing_is_left(tmp_path: Path) -> None:
         (f"{'x' * 300}.mp4", r"^video: '.*' cannot be written: File name too long$"),
     ],
 )
-def test_a_bad_output_is_refused(tmp_path: Path, name: str, message: str) -> None:
+def test_a_bad_output_is_refused(tmp_path, name, message):
     (tmp_path / "folder.mp4").mkdir()
     os.mkfifo(tmp_path / "pipe.mp4")
     (tmp_path / "there.mp4").touch()
@@ -97,7 +97,7 @@ def test_a_bad_output_is_refused(tmp_path: Path, name: str, message: str) -> Non
     assert output_file(tmp_path / "there.mp4", "video") == tmp_path / "there.mp4"
 
 
-def test_a_folder_that_takes_no_files_is_refused(tmp_path: Path) -> None:
+def test_a_folder_that_takes_no_files_is_refused(tmp_path):
     target = Path("/proc/self") if os.geteuid() == 0 else tmp_path
     if os.geteuid() != 0:
         tmp_path.chmod(0o500)
@@ -105,7 +105,7 @@ def test_a_folder_that_takes_no_files_is_refused(tmp_path: Path) -> None:
         output_file(target / "run.mp4", "video", ".mp4")
 
 
-def test_a_file_that_somebody_writes_is_left_alone(tmp_path: Path) -> None:
+def test_a_file_that_somebody_writes_is_left_alone(tmp_path):
     path = tmp_path / "run.mcap"
     with exclusive_file(path) as file:
         file.write(b"first")

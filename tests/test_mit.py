@@ -9,18 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from humanoid_sim import mit
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import (
-    COMMAND_FIELDS,
-    Extern,
-    MITCommand,
-    MITState,
-    affine_law,
-    affine_torque,
-    bounded_position,
-    frozen_array,
-    mit_torque,
-)
 from humanoid_sim.testing import any_arrays, any_commands, any_numbers, any_states, fingerprint, valid_commands
 
 STATE_ARRAYS = (
@@ -34,24 +24,24 @@ STATE_ARRAYS = (
 )
 
 
-def state_arrays(*batch: int, n: int = 2) -> dict[str, np.ndarray]:
+def state_arrays(*batch, n=2):
     widths = dict.fromkeys(STATE_ARRAYS[:4], n) | {"imu_quaternion": 4}
     return {name: np.full((*batch, widths.get(name, 3)), 0.5) for name in STATE_ARRAYS}
 
 
-def command_arrays(*batch: int, n: int = 2) -> dict[str, np.ndarray]:
-    return {name: np.full((*batch, n), 0.5) for name in COMMAND_FIELDS}
+def command_arrays(*batch, n=2):
+    return {name: np.full((*batch, n), 0.5) for name in mit.COMMAND_FIELDS}
 
 
 def test_field_order_is_frozen():
-    assert tuple(f.name for f in fields(MITState)) == ("time", *STATE_ARRAYS, "extern")
-    assert [f.name for f in fields(MITCommand)] == ["position", "velocity", "effort", "stiffness", "damping"]
-    assert COMMAND_FIELDS == ("position", "velocity", "effort", "stiffness", "damping")
-    assert [f.name for f in fields(Extern)] == ["value", "arrival_time", "timeout"]
+    assert tuple(f.name for f in fields(mit.MITState)) == ("time", *STATE_ARRAYS, "extern")
+    assert [f.name for f in fields(mit.MITCommand)] == ["position", "velocity", "effort", "stiffness", "damping"]
+    assert mit.COMMAND_FIELDS == ("position", "velocity", "effort", "stiffness", "damping")
+    assert [f.name for f in fields(mit.Extern)] == ["value", "arrival_time", "timeout"]
 
 
 def test_instances_cannot_be_changed():
-    state, command = MITState.unknown(2), MITCommand.zeros(2)
+    state, command = mit.MITState.unknown(2), mit.MITCommand.zeros(2)
     with pytest.raises(FrozenInstanceError):
         state.time = 1.0
     with pytest.raises(FrozenInstanceError):
@@ -59,23 +49,23 @@ def test_instances_cannot_be_changed():
     with pytest.raises((FrozenInstanceError, TypeError, AttributeError)):
         command.torque = np.zeros(2)
     with pytest.raises(TypeError):
-        state.extern["key_pressed"] = Extern([1.0], 0.0)
+        state.extern["key_pressed"] = mit.Extern([1.0], 0.0)
 
 
 @pytest.mark.parametrize("name", STATE_ARRAYS)
 def test_state_array_is_a_read_only_copy(name):
     arrays = state_arrays()
-    state = MITState(time=0.0, **arrays)
+    state = mit.MITState(time=0.0, **arrays)
     arrays[name][0] = 9.0
     assert getattr(state, name)[0] == 0.5
     with pytest.raises(ValueError, match="read-only"):
         getattr(state, name)[0] = 1.0
 
 
-@pytest.mark.parametrize("name", COMMAND_FIELDS)
+@pytest.mark.parametrize("name", mit.COMMAND_FIELDS)
 def test_command_array_is_a_read_only_copy(name):
     arrays = command_arrays()
-    command = MITCommand(**arrays)
+    command = mit.MITCommand(**arrays)
     arrays[name][0] = 9.0
     assert getattr(command, name)[0] == 0.5
     with pytest.raises(ValueError, match="read-only"):
@@ -86,17 +76,17 @@ def test_a_read_only_view_of_a_writable_array_is_copied_too():
     base = np.zeros(2)
     view = base[:]
     view.setflags(write=False)
-    command = MITCommand(view, *[np.zeros(2)] * 4)
+    command = mit.MITCommand(view, *[np.zeros(2)] * 4)
     base[0] = 1.0
     assert command.position[0] == 0.0
 
 
 def test_extern_is_a_copy_and_so_is_the_mapping():
     value = np.array([1.0])
-    mapping = {"key_pressed": Extern(value, 0.0)}
-    state = MITState(time=0.0, **state_arrays(), extern=mapping)
+    mapping = {"key_pressed": mit.Extern(value, 0.0)}
+    state = mit.MITState(time=0.0, **state_arrays(), extern=mapping)
     value[0] = 2.0
-    mapping["velocity"] = Extern([0.0], 0.0)
+    mapping["velocity"] = mit.Extern([0.0], 0.0)
     assert list(state.extern) == ["key_pressed"]
     assert state.extern["key_pressed"].value.tolist() == [1.0]
     with pytest.raises(ValueError, match="read-only"):
@@ -109,16 +99,16 @@ def test_state_shape_error_names_the_field(name):
     arrays[name] = np.zeros((3, 7))
     wrong = "joint_velocity" if name == "joint_position" else name  # every other array is measured by the positions
     with pytest.raises(FieldError, match=rf"^MITState\.{wrong}: shape is \(.*\), expected \("):
-        MITState(time=0.0, **arrays)
+        mit.MITState(time=0.0, **arrays)
 
 
-@pytest.mark.parametrize("name", COMMAND_FIELDS)
+@pytest.mark.parametrize("name", mit.COMMAND_FIELDS)
 def test_command_shape_error_names_the_field(name):
     arrays = command_arrays()
     arrays[name] = np.zeros(3)
     wrong = "velocity" if name == "position" else name
     with pytest.raises(FieldError, match=rf"^MITCommand\.{wrong}: shape is \(.*\), expected \("):
-        MITCommand(**arrays)
+        mit.MITCommand(**arrays)
 
 
 @pytest.mark.parametrize(
@@ -142,7 +132,7 @@ def test_command_value_error_names_the_field(name, value, why):
     if name == "damping" and why == "is a scalar":
         why = r"shape is \(\)"
     with pytest.raises(FieldError, match=rf"^MITCommand\.{name}: {why}"):
-        MITCommand(**arrays)
+        mit.MITCommand(**arrays)
 
 
 @pytest.mark.parametrize("name", STATE_ARRAYS)
@@ -150,25 +140,25 @@ def test_state_value_error_names_the_field(name):
     arrays = state_arrays()
     arrays[name] = ["a", "b"]
     with pytest.raises(FieldError, match=rf"^MITState\.{name}: dtype is <U1, expected real numbers"):
-        MITState(time=0.0, **arrays)
+        mit.MITState(time=0.0, **arrays)
 
 
 @pytest.mark.parametrize("time", ["now", None, [0.0, 1.0, 2.0], 1j])
 def test_time_error_names_the_field(time):
     with pytest.raises(FieldError, match=r"^MITState\.time: "):
-        MITState(time=time, **state_arrays())
+        mit.MITState(time=time, **state_arrays())
 
 
 def test_extern_error_names_the_entry():
     with pytest.raises(FieldError, match=r"^MITState\.extern\['key_pressed'\]: is a list, expected an Extern"):
-        MITState(time=0.0, **state_arrays(), extern={"key_pressed": [1.0]})
+        mit.MITState(time=0.0, **state_arrays(), extern={"key_pressed": [1.0]})
     with pytest.raises(FieldError, match=r"^Extern\.value: is a scalar"):
-        Extern(1.0, 0.0)
+        mit.Extern(1.0, 0.0)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.int8, np.uint16, ">f8"])
 def test_every_real_dtype_becomes_float64(dtype):
-    array = frozen_array("T", "x", np.array([1, 2], dtype=dtype))
+    array = mit.frozen_array("T", "x", np.array([1, 2], dtype=dtype))
     assert array.dtype == np.float64
     assert array.dtype.isnative
     assert array.tolist() == [1.0, 2.0]
@@ -176,31 +166,31 @@ def test_every_real_dtype_becomes_float64(dtype):
 
 @pytest.mark.parametrize("batch", [(), (5,), (2, 3), (0,)])
 def test_batches(batch):
-    state = MITState(time=0.0, **state_arrays(*batch, n=7))
-    command = MITCommand(**command_arrays(*batch, n=7))
+    state = mit.MITState(time=0.0, **state_arrays(*batch, n=7))
+    command = mit.MITCommand(**command_arrays(*batch, n=7))
     assert state.joint_count == command.joint_count == 7
     assert state.imu_quaternion.shape == (*batch, 4)
     assert torque_of(state, command, 10.0).shape == (*batch, 7)
 
 
 def test_a_batch_may_have_a_clock_per_robot():
-    state = MITState(time=np.array([0.0, 1.0]), **state_arrays(2))
+    state = mit.MITState(time=np.array([0.0, 1.0]), **state_arrays(2))
     assert state.time.tolist() == [0.0, 1.0]
     with pytest.raises(ValueError, match="read-only"):
         state.time[0] = 5.0
     with pytest.raises(FieldError, match=r"^MITState\.time: shape is \(3,\), expected \(\) or \(2,\)"):
-        MITState(time=np.zeros(3), **state_arrays(2))
+        mit.MITState(time=np.zeros(3), **state_arrays(2))
 
 
 @pytest.mark.parametrize("time", [1, np.float32(1.0), np.float64(1.0), np.array(1.0)])
 def test_a_scalar_time_becomes_a_float(time):
-    state = MITState(time=time, **state_arrays())
+    state = mit.MITState(time=time, **state_arrays())
     assert type(state.time) is float
     assert state.time == 1.0
 
 
 def test_unknown_state():
-    state = MITState.unknown(3, time=2.0)
+    state = mit.MITState.unknown(3, time=2.0)
     assert state.time == 2.0
     assert np.isnan(state.joint_position).all()
     assert state.joint_age.tolist() == [np.inf] * 3
@@ -232,7 +222,7 @@ def test_copies_and_pickles_are_equal_and_read_only(duplicate, value):
 
 
 def test_replace_checks_again():
-    command = replace(MITCommand.zeros(2), stiffness=[1.0, 2.0])
+    command = replace(mit.MITCommand.zeros(2), stiffness=[1.0, 2.0])
     assert command.stiffness.tolist() == [1.0, 2.0]
     assert not command.stiffness.flags.writeable
     with pytest.raises(FieldError, match=r"^MITCommand\.stiffness"):
@@ -241,22 +231,19 @@ def test_replace_checks_again():
 
 @given(any_commands(3))
 def test_is_finite(command):
-    expected = all(abs(x) < np.inf for name in COMMAND_FIELDS for x in getattr(command, name).tolist())
+    expected = all(abs(x) < np.inf for name in mit.COMMAND_FIELDS for x in getattr(command, name).tolist())
     assert command.is_finite() == expected
 
 
-@pytest.mark.parametrize("name", COMMAND_FIELDS)
+@pytest.mark.parametrize("name", mit.COMMAND_FIELDS)
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_is_finite_looks_at_every_field(name, value):
-    assert not replace(MITCommand.zeros(2), **{name: [0.0, value]}).is_finite()
-    assert MITCommand.zeros(2).is_finite()
-
-
-# --- the law ---
+    assert not replace(mit.MITCommand.zeros(2), **{name: [0.0, value]}).is_finite()
+    assert mit.MITCommand.zeros(2).is_finite()
 
 
 def torque_of(state, command, effort_limit):
-    return mit_torque(command, state.joint_position, state.joint_velocity, effort_limit)
+    return mit.mit_torque(command, state.joint_position, state.joint_velocity, effort_limit)
 
 
 def bits(array):
@@ -265,8 +252,8 @@ def bits(array):
 
 
 def test_torque_literal():
-    state = MITState(time=0.0, **state_arrays() | {"joint_position": [0.5, -1.0], "joint_velocity": [2.0, 0.0]})
-    command = MITCommand([1.0, 0.0], [0.0, 3.0], [0.25, -0.5], [10.0, 20.0], [1.5, 2.0])
+    state = mit.MITState(time=0.0, **state_arrays() | {"joint_position": [0.5, -1.0], "joint_velocity": [2.0, 0.0]})
+    command = mit.MITCommand([1.0, 0.0], [0.0, 3.0], [0.25, -0.5], [10.0, 20.0], [1.5, 2.0])
     # 10 (1 - 0.5) + 1.5 (0 - 2) + 0.25;  20 (0 + 1) + 2 (3 - 0) - 0.5
     assert torque_of(state, command, np.inf).tolist() == [2.25, 25.5]
     assert torque_of(state, command, [4.0, 4.0]).tolist() == [2.25, 4.0]
@@ -279,12 +266,12 @@ def test_torque_literal():
 )
 def test_torque_depends_on_every_field(field, torque):
     """Each field alone raised by one, from q 4, qd 3 and otherwise K_p 6 or K_d 5 at zero error."""
-    state = MITState(time=0.0, **state_arrays(n=1) | {"joint_position": [4.0], "joint_velocity": [3.0]})
+    state = mit.MITState(time=0.0, **state_arrays(n=1) | {"joint_position": [4.0], "joint_velocity": [3.0]})
     at_rest = {"position": 4.0, "velocity": 3.0, "effort": 0.0, "stiffness": 6.0, "damping": 5.0}
     if field in ("stiffness", "damping"):
         at_rest |= {"position": 0.0, "velocity": 0.0, "stiffness": 0.0, "damping": 0.0}
     at_rest[field] += 1.0
-    command = MITCommand(*([value] for value in at_rest.values()))
+    command = mit.MITCommand(*([value] for value in at_rest.values()))
     assert torque_of(state, command, np.inf).tolist() == [torque]
 
 
@@ -298,9 +285,9 @@ def test_torque_stays_within_the_limit(state, command, limit):
 
 
 def test_torque_broadcasts_one_command_over_a_batch():
-    state = MITState(time=0.0, **state_arrays(4, n=2))
-    command = MITCommand(*[np.ones(2)] * 5)
-    single = torque_of(MITState(time=0.0, **state_arrays(n=2)), command, [3.0, 0.5])
+    state = mit.MITState(time=0.0, **state_arrays(4, n=2))
+    command = mit.MITCommand(*[np.ones(2)] * 5)
+    single = torque_of(mit.MITState(time=0.0, **state_arrays(n=2)), command, [3.0, 0.5])
     batch = torque_of(state, command, [3.0, 0.5])
     assert single.tolist() == [2.0, 0.5]
     assert batch.tolist() == [[2.0, 0.5]] * 4
@@ -310,8 +297,8 @@ def test_torque_broadcasts_one_command_over_a_batch():
 def test_torque_of_a_batch_is_that_of_its_robots_bit_for_bit(data):
     states = data.draw(st.lists(any_states(3, 0.0), min_size=1, max_size=3))
     commands = [data.draw(any_commands(3)) for _ in states]
-    batch_state = MITState(0.0, *(np.stack([getattr(s, name) for s in states]) for name in STATE_ARRAYS))
-    batch_command = MITCommand(*(np.stack([getattr(c, name) for c in commands]) for name in COMMAND_FIELDS))
+    batch_state = mit.MITState(0.0, *(np.stack([getattr(s, name) for s in states]) for name in STATE_ARRAYS))
+    batch_command = mit.MITCommand(*(np.stack([getattr(c, name) for c in commands]) for name in mit.COMMAND_FIELDS))
     with np.errstate(all="ignore"):
         batch = torque_of(batch_state, batch_command, [1.0, np.inf, 5.0])
         single = [torque_of(s, c, [1.0, np.inf, 5.0]) for s, c in zip(states, commands, strict=True)]
@@ -323,37 +310,34 @@ def test_buffers_take_the_same_bits(state, command):
     position, velocity = state.joint_position, state.joint_velocity
     out, scratch = np.empty(3), np.empty(3)
     with np.errstate(all="ignore"):
-        expected = mit_torque(command, position, velocity, 5.0)
-        assert mit_torque(command, position, velocity, 5.0, out=out, scratch=scratch) is out
+        expected = mit.mit_torque(command, position, velocity, 5.0)
+        assert mit.mit_torque(command, position, velocity, 5.0, out=out, scratch=scratch) is out
         assert bits(out) == bits(expected)
-        mit_torque(command, position, velocity, 5.0, out=out, scratch=scratch, lower=np.full(3, -5.0))
+        mit.mit_torque(command, position, velocity, 5.0, out=out, scratch=scratch, lower=np.full(3, -5.0))
     assert bits(out) == bits(expected)
 
 
 def test_the_affine_form_is_the_same_law():
     generator = np.random.default_rng(0)
-    command = MITCommand(*generator.normal(size=(5, 4, 3)))
+    command = mit.MITCommand(*generator.normal(size=(5, 4, 3)))
     position, velocity = generator.normal(size=(2, 4, 3))
-    bias, ctrl = affine_law(command)
+    bias, ctrl = mit.affine_law(command)
     assert bias.shape == (4, 3, 2)
     assert bias[..., 0].tolist() == (-command.stiffness).tolist()
     assert bias[..., 1].tolist() == (-command.damping).tolist()
     for limit in (np.full(3, np.inf), np.array([0.1, 1.0, 2.0])):
-        torque = affine_torque(bias, ctrl, position, velocity, limit)
-        np.testing.assert_allclose(torque, mit_torque(command, position, velocity, limit), rtol=0, atol=1e-12)
+        torque = mit.affine_torque(bias, ctrl, position, velocity, limit)
+        np.testing.assert_allclose(torque, mit.mit_torque(command, position, velocity, limit), rtol=0, atol=1e-12)
         assert (np.abs(torque) <= limit).all()
 
 
-# --- the bound that inverts the law ---
-
-
 def one_joint(position, velocity=0.0, effort=0.0, stiffness=50.0, damping=2.0):
-    return MITCommand(*(np.reshape(value, 1) for value in (position, velocity, effort, stiffness, damping)))
+    return mit.MITCommand(*(np.reshape(value, 1) for value in (position, velocity, effort, stiffness, damping)))
 
 
 def bounded(command, position, velocity=0.0, limit=10.0, lead=0.0):
     arrays = (np.array([value]) for value in (position, velocity, limit))
-    return float(bounded_position(command, *arrays, lead)[0])
+    return float(mit.bounded_position(command, *arrays, lead)[0])
 
 
 def test_a_command_within_the_limit_is_left_alone():
@@ -401,9 +385,6 @@ def test_the_law_stays_within_the_limit_wherever_the_spring_can_do_it(
     assert abs(after + rest) <= max(limit, abs(rest)) + 1e-6
 
 
-# --- live values ---
-
-
 @pytest.mark.parametrize(
     ("time", "arrival", "timeout", "alive"),
     [
@@ -420,12 +401,12 @@ def test_the_law_stays_within_the_limit_wherever_the_spring_can_do_it(
     ],
 )
 def test_extern_is_zero_when_too_old(time, arrival, timeout, alive):
-    extern = Extern([1.0, -2.0], arrival, timeout)
+    extern = mit.Extern([1.0, -2.0], arrival, timeout)
     assert extern.at(time).tolist() == ([1.0, -2.0] if alive else [0.0, 0.0])
     assert extern.at(np.array([time, time])).tolist() == ([[1.0, -2.0]] * 2 if alive else [[0.0, 0.0]] * 2)
 
 
 @given(any_arrays(3), any_numbers(), any_numbers())
 def test_extern_never_raises_and_never_invents(value, arrival, time):
-    at = Extern(value, arrival, 0.5).at(time)
+    at = mit.Extern(value, arrival, 0.5).at(time)
     assert at.tobytes() in (value.tobytes(), np.zeros(3).tobytes())

@@ -3,11 +3,9 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from local_session import LocalSession
 
 from humanoid_sim import mode
 from humanoid_sim.cli import run_program
@@ -28,13 +26,13 @@ with session.stack:
 """
 
 
-def run(*arguments: str) -> int:
+def run(*arguments):
     return run_program(mode.main, arguments)
 
 
-def serve(local: LocalSession, work: Callable[[], None]) -> list[Intent]:
+def serve(local, work):
     """Tick until the work is done, as the loop would; the intents that came."""
-    got: list[Intent] = []
+    got = []
     thread = threading.Thread(target=work)
     thread.start()
     while thread.is_alive():
@@ -44,36 +42,33 @@ def serve(local: LocalSession, work: Callable[[], None]) -> list[Intent]:
 
 
 @pytest.fixture
-def other(local: LocalSession) -> Iterator[subprocess.Popen[str]]:
+def other(local):
     """Another session, in a process of its own; each line to it is a tick."""
     folders = [str(Path(__file__).parent / name) for name in ("session", "controllers")]
     with subprocess.Popen(
         [sys.executable, "-c", OTHER, *folders], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         yield process
         process.communicate("end\n")
 
 
-def told() -> str:
+def told():
     return f"session {os.getpid()} (three, policy p.onnx, started in {os.getcwd()})"
 
 
-def test_it_names_the_session_that_it_reached(local: LocalSession, capsys: pytest.CaptureFixture[str]) -> None:
-    status: list[int] = []
+def test_it_names_the_session_that_it_reached(local, capsys):
+    status = []
     assert serve(local, lambda: status.append(run("damp"))) == [Intent.DAMP]
     assert status == [0]
     assert capsys.readouterr().out == f"{told()}: DAMPING (damping_controller): DAMP requested\n"
 
 
-def test_a_damp_is_granted_although_others_are_refused_with_it(
-    local: LocalSession, capsys: pytest.CaptureFixture[str]
-) -> None:
-    status: list[int] = []
+def test_a_damp_is_granted_although_others_are_refused_with_it(local, capsys):
+    status = []
     thread = threading.Thread(target=lambda: status.append(run("damp")))
     thread.start()
-    intents: tuple[Intent, ...] = ()
+    intents = ()
     while Intent.DAMP not in intents:
         intents = local.tick(Intent.LOAD_A, Intent.QUIT).input.intents
     thread.join()
@@ -81,23 +76,19 @@ def test_a_damp_is_granted_although_others_are_refused_with_it(
     assert "LOAD_A refused: DAMP came in the same tick" in capsys.readouterr().out
 
 
-def test_what_is_refused_is_status_1(local: LocalSession) -> None:
-    status: list[int] = []
+def test_what_is_refused_is_status_1(local):
+    status = []
     assert serve(local, lambda: status.append(run("load_a"))) == [Intent.LOAD_A]
     assert status == [1]
 
 
-def test_damp_goes_to_all_sessions_and_everything_else_to_one(
-    local: LocalSession, other: subprocess.Popen[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert other.stdin is not None
-    assert other.stdout is not None
+def test_damp_goes_to_all_sessions_and_everything_else_to_one(local, other, capsys):
     assert run("load_a") == 2
     listed = capsys.readouterr().err
     assert listed.startswith("error: --session: is needed where several sessions run; running: session ")
     assert told() in listed
     assert f"session {other.pid} (" in listed
-    status: list[int] = []
+    status = []
     thread = threading.Thread(target=lambda: status.append(run("damp")))
     thread.start()
     lines = []
@@ -115,14 +106,9 @@ def test_damp_goes_to_all_sessions_and_everything_else_to_one(
     assert status == [0, 0]
 
 
-def test_a_session_that_hangs_keeps_no_other_from_being_damped(
-    local: LocalSession,
-    other: subprocess.Popen[str],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_session_that_hangs_keeps_no_other_from_being_damped(local, other, monkeypatch, capsys):
     monkeypatch.setattr(mode, "_TIMEOUT", 0.5)
-    status: list[int] = []
+    status = []
     assert serve(local, lambda: status.append(run("damp"))) == [Intent.DAMP]
     assert status == [1]
     captured = capsys.readouterr()
@@ -131,15 +117,15 @@ def test_a_session_that_hangs_keeps_no_other_from_being_damped(
     assert captured.err.endswith("): did not answer within 0.5 s\n")
 
 
-def test_a_stale_session_never_blocks_it(local: LocalSession, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stale_session_never_blocks_it(local, capsys):
     for process in (1, os.getppid()):
         local.registration.path.with_name(f"{process}.session").write_text(local.registration.path.read_text())
-    status: list[int] = []
+    status = []
     assert serve(local, lambda: status.append(run("damp"))) == [Intent.DAMP]
     assert status == [0]
 
 
-def test_it_needs_a_session(capsys: pytest.CaptureFixture[str], runtime: Path) -> None:
+def test_it_needs_a_session(capsys, runtime):
     assert run("damp") == 2
     assert capsys.readouterr().err == "error: no session is running; start one with play\n"
     assert run("damp", "--session", "1") == 2
@@ -148,20 +134,18 @@ def test_it_needs_a_session(capsys: pytest.CaptureFixture[str], runtime: Path) -
     assert capsys.readouterr().err.startswith("error: mode: unknown intent 'jump'; known: damp, load_a, ")
 
 
-def test_it_loads_nothing_heavy() -> None:
+def test_it_loads_nothing_heavy():
     code = "import sys, humanoid_sim.mode; print(*{'numpy', 'tyro', 'mujoco', 'msgspec', 'rich'} & set(sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out == "\n"
 
 
-def test_a_policy_is_asked_for_by_absolute_paths(
-    local: LocalSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_policy_is_asked_for_by_absolute_paths(local, tmp_path, monkeypatch, capsys):
     """This session takes none, so it is refused with status 1."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "x.onnx").touch()
-    asked: list[str] = []
-    status: list[int] = []
+    asked = []
+    status = []
     with monkeypatch.context() as patch:
         patch.setattr(local.intents, "_load", lambda options, *_: asked.append(options))
         patch.setattr(mode, "LOAD_TIMEOUT", 0.2)

@@ -32,15 +32,15 @@ from humanoid_sim.names import near_miss
         ("right_elbw", ["left_elbow"], ""),
     ],
 )
-def test_near_misses(name: str, known: list[str], meant: str) -> None:
+def test_near_misses(name, known, meant):
     assert near_miss(name, known) == meant
 
 
-def test_pairs_may_be_asked_to_be_closer() -> None:
+def test_pairs_may_be_asked_to_be_closer():
     assert near_miss("plya", ["play"], 0.85) == ""
 
 
-def test_a_message() -> None:
+def test_a_message():
     assert known_names("joint", "elbw", ["elbow", "wrist"]) == (
         "unknown joint 'elbw' (did you mean 'elbow'?); known: elbow, wrist"
     )
@@ -52,7 +52,7 @@ def test_a_message() -> None:
     )
 
 
-def test_long_names_and_many_of_them_are_no_burden() -> None:
+def test_long_names_and_many_of_them_are_no_burden():
     """Of a file from outside; a comparison takes the product of the lengths."""
     begin = time.process_time()
     assert near_miss("x" * 1_000_000, ["y" * 1_000_000] * 10_000) == ""

@@ -1,13 +1,12 @@
 """`piano score` on recordings of keys that were played."""
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from recording_samples import make_header, make_tick, write_recording
 
 from humanoid_sim import piano
 from humanoid_sim.assets import SAMPLE_POLICY
@@ -16,15 +15,11 @@ from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import Extern
 from humanoid_sim.policy.motion import Motion, motion_bytes, write_motion
 
-sys.path.append(str(Path(__file__).parent / "recording"))
-
-from recording_samples import make_header, make_tick, write_recording
-
 SONG = np.zeros((6, 88), dtype=np.float32)
 SONG[1:3, 39] = SONG[3:5, 43] = 1.0
 
 
-def recorded(path: Path, pressed: np.ndarray, song: Motion | None) -> Path:
+def recorded(path, pressed, song):
     ticks = []
     for frame, keys in enumerate(pressed):
         tick = make_tick(40 + 4 * frame, policy_step=PolicyStep(frame, np.zeros(5), np.zeros(2)))
@@ -35,11 +30,11 @@ def recorded(path: Path, pressed: np.ndarray, song: Motion | None) -> Path:
     return path
 
 
-def song(frames: np.ndarray = SONG, **changes: object) -> Motion:
-    return Motion(frames, (), 0.02, **{"task_type": "piano", **changes})  # type: ignore[arg-type]
+def song(frames=SONG, **changes):
+    return Motion(frames, (), 0.02, **{"task_type": "piano", **changes})
 
 
-def test_a_run_is_scored_against_its_song(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_is_scored_against_its_song(tmp_path, capsys):
     pressed = SONG.copy()
     pressed[4, 43] = 0.0
     pressed[5, 50] = 1.0
@@ -57,7 +52,7 @@ def test_a_run_is_scored_against_its_song(tmp_path: Path, capsys: pytest.Capture
     assert {(58, 157, 93), (242, 177, 52), (209, 73, 91)} <= colours
 
 
-def test_another_song_takes_the_place_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_song_takes_the_place_of_its_own(tmp_path, capsys):
     path = recorded(tmp_path / "run.mcap", SONG, None)
     write_motion(tmp_path / "song.mcap", song())
     assert piano.main(["score", str(path), str(tmp_path / "song.mcap")]) == 0
@@ -72,16 +67,14 @@ def test_another_song_takes_the_place_of_its_own(tmp_path: Path, capsys: pytest.
         (song(), 12, "has 12 keys, and the song 88"),
     ],
 )
-def test_what_cannot_be_scored_is_one_line(
-    motion: Motion | None, width: int, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_scored_is_one_line(motion, width, message, tmp_path, capsys):
     path = recorded(tmp_path / "run.mcap", np.zeros((6, width)), motion)
     assert run_program(piano.main, ["score", str(path)]) == 2
     assert message in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_reach_of_a_robot_s_hands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_reach_of_a_robot_s_hands(tmp_path, capsys):
     picture = tmp_path / "reach.png"
     assert piano.main(["reach", "--picture", str(picture)]) == 0
     assert capsys.readouterr().out == "left   D1 to E5, keys 5 to 55\nright  F3 to G7, keys 32 to 82\n"
@@ -89,7 +82,7 @@ def test_reach_of_a_robot_s_hands(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert image.width == 1280
 
 
-def test_a_robot_without_a_piano_reaches_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_without_a_piano_reaches_nothing(capsys):
     assert run_program(piano.main, ["reach", "--robot", "lite"]) == 2
     assert capsys.readouterr().err.startswith(
         "error: lite: has no piano, expected a robot with one, such as lite_piano"
@@ -97,7 +90,7 @@ def test_a_robot_without_a_piano_reaches_nothing(capsys: pytest.CaptureFixture[s
 
 
 @pytest.mark.slow
-def test_a_table_of_songs(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_of_songs(capsys):
     """Of the policy, and open loop; a key that is touched too hard would make the status 1."""
     status = piano.main(["table", "five_fingers", "random:0", "--actuation", "implicit", "--json"])
     document = json.loads(capsys.readouterr().out)
@@ -121,6 +114,6 @@ def test_a_table_of_songs(capsys: pytest.CaptureFixture[str]) -> None:
         (["--policy", str(SAMPLE_POLICY)], "is a policy for task_type tracking, expected one for piano"),
     ],
 )
-def test_a_table_of_what_there_is_not(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_of_what_there_is_not(arguments, message, capsys):
     assert run_program(piano.main, ["table", *arguments]) == 2
     assert message in capsys.readouterr().err

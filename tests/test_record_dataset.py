@@ -1,7 +1,6 @@
 """What `record_dataset` refuses before it needs `lerobot`; tests/lerobot has the rest."""
 
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -9,14 +8,14 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.record_dataset import main
 
 
-def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+def refusal(capsys, *arguments):
     assert run_program(main, arguments) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     return error
 
 
-def test_options_that_make_no_sense(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_that_make_no_sense(tmp_path, capsys):
     output = str(tmp_path / "set")
     assert "gone.mcap: no such file" in refusal(capsys, "gone.mcap", "-o", output)
     assert "--fps: is 0, expected at least 1" in refusal(capsys, "gone.mcap", "-o", output, "--fps", "0")
@@ -25,9 +24,7 @@ def test_options_that_make_no_sense(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "does not exist" in refusal(capsys, "gone.mcap", "-o", str(tmp_path / "a" / "b"))
 
 
-def test_without_lerobot(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], recording: Path
-) -> None:
+def test_without_lerobot(tmp_path, monkeypatch, capsys, recording):
     monkeypatch.setitem(sys.modules, "lerobot", None)
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     error = refusal(capsys, str(recording), "-o", str(tmp_path / "set"))
@@ -36,7 +33,7 @@ def test_without_lerobot(
 
 
 @pytest.fixture
-def recording(tmp_path: Path) -> Path:
+def recording(tmp_path):
     from humanoid_sim.messages import SessionHeader  # noqa: PLC0415
     from humanoid_sim.recording.recorder import McapRecorder  # noqa: PLC0415
 

@@ -24,7 +24,7 @@ SIMULATED, HARDWARE = (RECORDINGS / f"{name}.mcap" for name in ("simulated_locom
 
 
 @pytest.mark.parametrize("recording", [SIMULATED, HARDWARE], ids=["simulated", "hardware"])
-def test_a_table_has_a_row_for_each_tick(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_has_a_row_for_each_tick(recording, tmp_path, capsys):
     ticks = list(open_recording(recording).ticks())
     assert record(["export", str(recording), "--csv", str(tmp_path / "run.csv")]) == 0
     assert capsys.readouterr().out == f"{tmp_path / 'run.csv'}: {len(ticks)} ticks\n"
@@ -43,14 +43,14 @@ def test_a_table_has_a_row_for_each_tick(recording: Path, tmp_path: Path, capsys
 
 
 @pytest.mark.parametrize("options", [[], ["--robot", "lite"]], ids=["recorded", "named"])
-def test_the_body_is_the_recorded_one_or_that_of_a_robot(options: list[str], tmp_path: Path) -> None:
+def test_the_body_is_the_recorded_one_or_that_of_a_robot(options, tmp_path):
     assert record(["export", str(SIMULATED), "--urdf", str(tmp_path / "robot.urdf"), *options]) == 0
     root = ElementTree.parse(tmp_path / "robot.urdf").getroot()
     assert root.attrib["name"] == "lite"
     assert root.find("joint[@name='left_elbow_pitch']") is not None
 
 
-def test_the_rerun_viewer_gets_robot_and_plots(tmp_path: Path) -> None:
+def test_the_rerun_viewer_gets_robot_and_plots(tmp_path):
     if find_spec("rerun") is None:
         pytest.skip("rerun-sdk is not installed")
     # In a process of its own: the library keeps sockets open until its process ends.
@@ -77,7 +77,7 @@ def test_the_rerun_viewer_gets_robot_and_plots(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("recording", [SIMULATED, HARDWARE], ids=["simulated", "hardware"])
-def test_a_video_lasts_as_long_as_the_run(recording: Path, tmp_path: Path) -> None:
+def test_a_video_lasts_as_long_as_the_run(recording, tmp_path):
     times = [float(tick.input.state.time) for tick in open_recording(recording).ticks()]
     assert record(["export", str(recording), "--mp4", str(tmp_path / "run.mp4")]) == 0
     with av.open(str(tmp_path / "run.mp4")) as video:
@@ -95,9 +95,7 @@ def test_a_video_lasts_as_long_as_the_run(recording: Path, tmp_path: Path) -> No
         (["--urdf", "{}/a.urdf", "--robot", "lite_biped"], "--robot: 'lite_biped' has other joints than the robot of "),
     ],
 )
-def test_what_cannot_be_written_is_one_line(
-    options: list[str], problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_written_is_one_line(options, problem, tmp_path, capsys):
     (tmp_path / "there.csv").write_text("kept")
     words = [word.replace("{}", str(tmp_path)) for word in options]
     assert record(["export", str(SIMULATED), *words]) == 2

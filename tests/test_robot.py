@@ -1,7 +1,5 @@
 """`robot describe`: what it prints of an MJCF, and the file that it writes."""
 
-from pathlib import Path
-
 import msgspec
 import pytest
 
@@ -10,7 +8,7 @@ from humanoid_sim.robot import main
 from humanoid_sim.robots.description import load_robot
 
 
-def test_what_is_read_is_printed(hopper: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_read_is_printed(hopper, capsys):
     hopper.write_text(hopper.read_text().replace('name="knee" axis', 'name="knee" damping="0.25" axis'))
     hopper.write_text(hopper.read_text().replace('forcerange="-30 40"', ""))
     assert main(["describe", str(hopper)]) == 0
@@ -31,7 +29,7 @@ def test_what_is_read_is_printed(hopper: Path, capsys: pytest.CaptureFixture[str
     assert told["without effort limit"] == "knee"
 
 
-def test_the_file_is_the_same_robot_to_be_changed(hopper: Path, tmp_path: Path) -> None:
+def test_the_file_is_the_same_robot_to_be_changed(hopper, tmp_path):
     folder = tmp_path / "robots"
     folder.mkdir()
     written = folder / "mine.yaml"
@@ -43,7 +41,7 @@ def test_the_file_is_the_same_robot_to_be_changed(hopper: Path, tmp_path: Path) 
     assert load_robot(written).effort_limit.tolist() == [20.0, 33.0]
 
 
-def test_every_line_that_is_shown_can_be_taken(hopper: Path) -> None:
+def test_every_line_that_is_shown_can_be_taken(hopper):
     written = hopper.with_name("mine.yaml")
     assert main(["describe", str(hopper), "-o", str(written)]) == 0
     lines = written.read_text().splitlines()
@@ -60,9 +58,7 @@ def test_every_line_that_is_shown_can_be_taken(hopper: Path) -> None:
         (["describe", "{hopper}", "--imu-site", "head"], "imu of 'hopper': unknown site or body 'head'; known: my_imu"),
     ],
 )
-def test_mistakes(
-    hopper: Path, words: list[str], error: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_mistakes(hopper, words, error, capsys, monkeypatch):
     monkeypatch.chdir(hopper.parent)
     assert run_program(main, [word.format(hopper=hopper) for word in words]) == 2
     captured = capsys.readouterr()

@@ -1,35 +1,27 @@
 import json
-import sys
 from dataclasses import fields, replace
-from pathlib import Path
-from typing import Any
 
+import models
 import numpy as np
 import pytest
 
 from humanoid_sim.controllers.base import REMOTE_POLICY, RL_POLICY
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import SessionHeader
 from humanoid_sim.mit import EXTERN_WIDTHS
 from humanoid_sim.policy.checkpoint import zero_policy
-from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
+from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.stack import build_supervisor, rebuild_supervisor, run_header
 from humanoid_sim.testing import fingerprint
 
-sys.path.append(str(Path(__file__).parent / "policy"))
-
-import models
-
 LITE = load_robot("lite")
 
 
-def lite_contract(**changes: Any) -> PolicyContract:
+def lite_contract(**changes):
     """A tracking policy of one hand for the Lite; the observation is 3 + 6 + 14 = 23 wide."""
     joints = LITE.joint_names
-    values: dict[str, Any] = {
+    values = {
         "task_type": "tracking",
         "joint_names": joints,
         "action_joint_names": joints,
@@ -43,32 +35,32 @@ def lite_contract(**changes: Any) -> PolicyContract:
     return models.contract(**{**values, **changes})
 
 
-def motion(width: int = 9, **changes: Any) -> Motion:
-    values: dict[str, Any] = {"body_names": ("left_hand",), "policy_dt": 0.02, "task_type": "tracking"}
+def motion(width=9, **changes):
+    values = {"body_names": ("left_hand",), "policy_dt": 0.02, "task_type": "tracking"}
     return Motion(np.ones((5, width), dtype=np.float32), **{**values, **changes})
 
 
-def refusal(contract: PolicyContract, followed: Motion | None, width: int | None = None) -> str:
+def refusal(contract, followed, width=None):
     with pytest.raises(InputError) as caught:
         load_policy(contract, zero_policy(14), followed, width, source="p.onnx", motion_source="m.mcap")
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
 
-def test_a_policy_and_its_motion_fit() -> None:
+def test_a_policy_and_its_motion_fit():
     loaded = load_policy(lite_contract(), zero_policy(14), motion(), 23)
     assert loaded.layout.width == 23
     assert loaded.reference.frame_count == 5
     assert dict(loaded.extern) == dict(EXTERN_WIDTHS)
 
 
-def test_a_policy_without_a_motion_has_a_reference_of_nothing() -> None:
+def test_a_policy_without_a_motion_has_a_reference_of_nothing():
     contract = lite_contract(task_type="locomotion", observation=("joint_pos",), body_names=())
     loaded = load_policy(contract, zero_policy(14), motion())
     assert (loaded.layout.width, loaded.reference.frame_count, dict(loaded.reference.terms)) == (14, 1, {})
 
 
-def test_a_piano_policy_hears_as_many_keys_as_it_has_goals() -> None:
+def test_a_piano_policy_hears_as_many_keys_as_it_has_goals():
     contract = lite_contract(
         task_type="piano",
         observation=("target_keys", "target_keys_future", "key_pressed", "progress"),
@@ -82,7 +74,7 @@ def test_a_piano_policy_hears_as_many_keys_as_it_has_goals() -> None:
     assert dict(loaded.taken({"key_pressed": 88})) == {}, "a simulated piano's are known"
 
 
-def test_a_height_scan_is_taken_from_outside_where_the_robot_makes_none() -> None:
+def test_a_height_scan_is_taken_from_outside_where_the_robot_makes_none():
     contract = lite_contract(task_type="locomotion", observation=("joint_pos", "height_scan"), body_names=())
     loaded = load_policy(contract, zero_policy(14), None, 14 + 187)
     assert dict(loaded.taken({})) == {"height_scan": 187}
@@ -114,12 +106,7 @@ def test_a_height_scan_is_taken_from_outside_where_the_robot_makes_none() -> Non
             "p.onnx: its terms are 23 wide (motion_body_pos_b 3 + motion_body_ori_b 6 + joint_pos 14), its model's "
             "input is 24",
         ),
-        (
-            lite_contract(observation=("mood",)),
-            motion(),
-            None,
-            "p.onnx: unknown observation term 'mood'; known: ",
-        ),
+        (lite_contract(observation=("mood",)), motion(), None, "p.onnx: unknown observation term 'mood'; known: "),
         (
             lite_contract(task_type="locomotion", observation=("motion_body_pos_b",)),
             None,
@@ -128,17 +115,15 @@ def test_a_height_scan_is_taken_from_outside_where_the_robot_makes_none() -> Non
         ),
     ],
 )
-def test_what_does_not_fit_is_one_line_with_the_file(
-    contract: PolicyContract, followed: Motion | None, width: int | None, expected: str
-) -> None:
+def test_what_does_not_fit_is_one_line_with_the_file(contract, followed, width, expected):
     assert refusal(contract, followed, width).startswith(expected)
 
 
-def test_a_file_that_does_not_say_what_it_is_for_is_taken_by_its_width() -> None:
+def test_a_file_that_does_not_say_what_it_is_for_is_taken_by_its_width():
     assert load_policy(lite_contract(), zero_policy(14), motion(body_names=(), task_type="")).layout.width == 23
 
 
-def test_controllers_are_there_as_they_are_available() -> None:
+def test_controllers_are_there_as_they_are_available():
     always = {"zero_torque_controller", "damping_controller", "standby_controller_a", "standby_controller_b"}
     assert set(build_supervisor(LITE, 0.005, None).controllers) == always
     assert set(build_supervisor(LITE, 0.005, None, remote=True).controllers) == {*always, REMOTE_POLICY}
@@ -147,8 +132,8 @@ def test_controllers_are_there_as_they_are_available() -> None:
 
 
 @pytest.mark.parametrize("remote", [False, True])
-def test_every_parameter_is_the_descriptions(remote: bool) -> None:
-    controllers: dict[str, Any] = dict(build_supervisor(LITE, 0.005, None, remote=True).controllers)
+def test_every_parameter_is_the_descriptions(remote):
+    controllers = dict(build_supervisor(LITE, 0.005, None, remote=True).controllers)
     assert controllers["damping_controller"].damping.tolist() == [5.0] * 14
     for pose, settings in (("a", LITE.standby_controller_a), ("b", LITE.standby_controller_b)):
         standby = controllers[f"standby_controller_{pose}"]
@@ -167,20 +152,18 @@ def test_every_parameter_is_the_descriptions(remote: bool) -> None:
         ("lite", lite_contract(), 0.003, "policy on robot 'lite': "),
     ],
 )
-def test_a_policy_that_does_not_fit_the_robot(
-    robot: str, contract: PolicyContract, period: float, expected: str
-) -> None:
+def test_a_policy_that_does_not_fit_the_robot(robot, contract, period, expected):
     loaded = load_policy(contract, zero_policy(14), motion())
     with pytest.raises(InputError, match=expected.replace("(", r"\(")):
         build_supervisor(load_robot(robot), period, loaded)
 
 
-def header(loaded: LoadedPolicy | None, *, remote: bool = False) -> SessionHeader:
+def header(loaded, *, remote=False):
     followed = motion() if loaded else None
     return run_header(LITE, 0.005, loaded, followed, remote=remote, settings={"policy": "p.onnx"})
 
 
-def test_a_recordings_header_gives_the_same_stack_again() -> None:
+def test_a_recordings_header_gives_the_same_stack_again():
     loaded = load_policy(lite_contract(), zero_policy(14), motion())
     head = header(loaded, remote=True)
     again = rebuild_supervisor(head, zero_policy(14))
@@ -188,13 +171,13 @@ def test_a_recordings_header_gives_the_same_stack_again() -> None:
     assert again.joints == first.joints
     assert set(again.controllers) == set(first.controllers)
     for name, controller in first.controllers.items():
-        for field in fields(controller):  # type: ignore[arg-type]
+        for field in fields(controller):
             before, after = getattr(controller, field.name), getattr(again.controllers[name], field.name)
             if isinstance(before, np.ndarray):
                 assert before.tobytes() == after.tobytes(), (name, field.name)
             elif isinstance(before, str | int | float | tuple):
                 assert before == after, (name, field.name)
-    policy: Any = again.controllers[RL_POLICY]
+    policy = again.controllers[RL_POLICY]
     assert policy.contract.joint_stiffness.tobytes() == loaded.contract.joint_stiffness.tobytes()
     for name, table in loaded.reference.terms.items():
         assert policy.reference.terms[name].tobytes() == table.tobytes()
@@ -205,20 +188,20 @@ def test_a_recordings_header_gives_the_same_stack_again() -> None:
     assert settings["versions"]["numpy"] == np.__version__
 
 
-def test_a_run_without_policy_and_remote_gives_a_stack_without_them() -> None:
+def test_a_run_without_policy_and_remote_gives_a_stack_without_them():
     again = rebuild_supervisor(header(None), zero_policy(0))
     assert not {RL_POLICY, REMOTE_POLICY} & set(again.controllers)
 
 
 @pytest.mark.parametrize("name", ["robot", "controllers"])
-def test_a_header_that_lacks_a_document_is_named(name: str) -> None:
+def test_a_header_that_lacks_a_document_is_named(name):
     head = header(None)
     cut = replace(head, documents={key: text for key, text in head.documents.items() if key != name})
     with pytest.raises(InputError, match=f"recording: its header lacks '{name}', so the run cannot be repeated"):
         rebuild_supervisor(cut, zero_policy(0))
 
 
-def test_a_header_whose_motion_is_missing_is_one_line() -> None:
+def test_a_header_whose_motion_is_missing_is_one_line():
     head = header(load_policy(lite_contract(), zero_policy(14), motion()))
     with pytest.raises(InputError, match="follows a motion, and none is given"):
         rebuild_supervisor(replace(head, attachments={}), zero_policy(14))
@@ -226,14 +209,14 @@ def test_a_header_whose_motion_is_missing_is_one_line() -> None:
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"remote": {}}x', "null"])
 @pytest.mark.parametrize("name", ["robot", "controllers", "contract"])
-def test_a_header_whose_documents_are_damaged_is_one_line(name: str, text: str) -> None:
+def test_a_header_whose_documents_are_damaged_is_one_line(name, text):
     head = header(load_policy(lite_contract(), zero_policy(14), motion()))
     with pytest.raises(InputError) as caught:
         rebuild_supervisor(replace(head, documents={**head.documents, name: text}), zero_policy(14))
     assert "\n" not in str(caught.value)
 
 
-def test_a_policy_that_needs_an_estimate_is_refused_where_there_is_none() -> None:
+def test_a_policy_that_needs_an_estimate_is_refused_where_there_is_none():
     contract = lite_contract(task_type="locomotion", observation=("base_lin_vel", "joint_pos"), body_names=())
     loaded = load_policy(contract, zero_policy(14), None)
     build_supervisor(load_robot("lite"), 0.005, loaded)
@@ -241,7 +224,7 @@ def test_a_policy_that_needs_an_estimate_is_refused_where_there_is_none() -> Non
         build_supervisor(load_robot("lite"), 0.005, loaded, live={})
 
 
-def test_a_header_says_which_guards_ran_and_gives_them_again() -> None:
+def test_a_header_says_which_guards_ran_and_gives_them_again():
     head = header(None)
     document = json.loads(head.documents["controllers"])["guards"]
     assert document["following"]["time"] == 0.15
@@ -253,13 +236,13 @@ def test_a_header_says_which_guards_ran_and_gives_them_again() -> None:
     assert first.guards is not None
 
 
-def test_a_header_without_guards_is_of_a_run_without_them() -> None:
+def test_a_header_without_guards_is_of_a_run_without_them():
     head = run_header(LITE, 0.005, None, settings={}, guards=None)
     assert json.loads(head.documents["controllers"])["guards"] is None
     assert rebuild_supervisor(head, zero_policy(0)).guards is None
 
 
-def test_a_header_s_guards_of_another_robot_are_one_line() -> None:
+def test_a_header_s_guards_of_another_robot_are_one_line():
     head = header(None)
     document = json.loads(head.documents["controllers"])
     document["guards"]["speed"]["limit"] = [1.0]

@@ -7,7 +7,7 @@ import pytest
 from humanoid_sim.strict_json import parse_json
 
 
-def test_what_is_json_is_read() -> None:
+def test_what_is_json_is_read():
     assert parse_json('{"a": [1, 2.5, null]}') == {"a": [1, 2.5, None]}
 
 
@@ -21,7 +21,7 @@ def test_what_is_json_is_read() -> None:
     ],
     ids=["deep", "cut", "a long number", "no text"],
 )
-def test_what_is_none_is_one_kind_of_error(text: str | bytes, problem: str) -> None:
+def test_what_is_none_is_one_kind_of_error(text, problem):
     with pytest.raises(ValueError, match=re.escape(problem)) as refused:
         parse_json(text)
     assert "\n" not in str(refused.value)

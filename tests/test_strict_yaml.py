@@ -1,28 +1,19 @@
 """YAML from strangers: quick where it is sound, and never a crash."""
 
-from pathlib import Path
 from typing import Literal, get_args
 
 import msgspec
 import pytest
 import yaml
 
+from humanoid_sim import strict_yaml
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.strict_yaml import (
-    UNREADABLE,
-    StrictLoader,
-    load_strictly,
-    read_strictly,
-    read_yaml,
-    type_at,
-    value_at,
-)
 
 
-def test_the_quick_loader_reads_what_the_other_reads() -> None:
+def test_the_quick_loader_reads_what_the_other_reads():
     text = (load_robot("lite").mjcf_path.parent.parent / "robots" / "lite.yaml").read_text(encoding="utf-8")
-    assert load_strictly(text) == yaml.load(text, StrictLoader)
+    assert strict_yaml.load_strictly(text) == yaml.load(text, strict_yaml.StrictLoader)
 
 
 @pytest.mark.parametrize(
@@ -35,17 +26,17 @@ def test_the_quick_loader_reads_what_the_other_reads() -> None:
     ],
     ids=["brackets", "braces", "dashes", "indentation"],
 )
-def test_no_depth_ends_the_process(text: str) -> None:
-    with pytest.raises((yaml.YAMLError, *UNREADABLE)):
-        load_strictly(text)
+def test_no_depth_ends_the_process(text):
+    with pytest.raises((yaml.YAMLError, *strict_yaml.UNREADABLE)):
+        strict_yaml.load_strictly(text)
 
 
 @pytest.mark.parametrize("text", ["a: 1\na: 2\n", 'a: "\\0"', "a: !!python/object:os.system {}\n"])
-def test_both_loaders_are_strict(text: str) -> None:
+def test_both_loaders_are_strict(text):
     with pytest.raises(yaml.YAMLError) as strict:
-        yaml.load(text, StrictLoader)
+        yaml.load(text, strict_yaml.StrictLoader)
     with pytest.raises(yaml.YAMLError) as quick:
-        load_strictly(text)
+        strict_yaml.load_strictly(text)
     assert str(quick.value) == str(strict.value)
 
 
@@ -65,15 +56,15 @@ DOCUMENT = {"wheels": [{"radius": 1}, {"radius": 2}]}
     ("place", "value"),
     [("", DOCUMENT), ("wheels[1].radius", 2), ("wheels[7].radius", DOCUMENT["wheels"]), ("axle", DOCUMENT)],
 )
-def test_the_value_at_a_place_or_the_last_on_the_way(place: str, value: object) -> None:
-    assert value_at(DOCUMENT, place) == value
+def test_the_value_at_a_place_or_the_last_on_the_way(place, value):
+    assert strict_yaml.value_at(DOCUMENT, place) == value
 
 
-def test_the_type_at_a_place() -> None:
-    assert type_at(Cart, "") is Cart
-    assert type_at(Cart, "wheels[0]") is Wheel
-    assert type_at(Cart, "wheels[0].radius") is float
-    assert get_args(type_at(Cart, "wheels[3].side")) == ("left", "right")
+def test_the_type_at_a_place():
+    assert strict_yaml.type_at(Cart, "") is Cart
+    assert strict_yaml.type_at(Cart, "wheels[0]") is Wheel
+    assert strict_yaml.type_at(Cart, "wheels[0].radius") is float
+    assert get_args(strict_yaml.type_at(Cart, "wheels[3].side")) == ("left", "right")
 
 
 @pytest.mark.parametrize(
@@ -84,10 +75,10 @@ def test_the_type_at_a_place() -> None:
         (b"\xff", "x: is not a text file (UTF-8)"),
     ],
 )
-def test_a_file_that_cannot_be_read_is_one_line_with_its_place(tmp_path: Path, data: bytes, problem: str) -> None:
+def test_a_file_that_cannot_be_read_is_one_line_with_its_place(tmp_path, data, problem):
     (tmp_path / "x.yaml").write_bytes(data)
     with pytest.raises(InputError) as caught:
-        read_strictly(tmp_path / "x.yaml", "x")
+        strict_yaml.read_strictly(tmp_path / "x.yaml", "x")
     assert str(caught.value).startswith(problem)
 
 
@@ -109,17 +100,17 @@ BOMB = "a: &a [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     ],
     ids=["aliases", "merges", "recursion", "a long text"],
 )
-def test_a_small_file_stays_small(text: str, problem: str) -> None:
-    for load in (load_strictly, lambda text: yaml.load(text, StrictLoader)):
+def test_a_small_file_stays_small(text, problem):
+    for load in (strict_yaml.load_strictly, lambda text: yaml.load(text, strict_yaml.StrictLoader)):
         with pytest.raises(yaml.YAMLError) as refused:
             load(text)
         assert problem in str(refused.value)
 
 
-def test_a_large_file_is_not_read(tmp_path: Path) -> None:
+def test_a_large_file_is_not_read(tmp_path):
     path = tmp_path / "large.yaml"
     path.write_text("#" * (1 << 20) + "\n")
-    for read in (read_yaml, lambda path: read_strictly(path, str(path))):
+    for read in (strict_yaml.read_yaml, lambda path: strict_yaml.read_strictly(path, str(path))):
         with pytest.raises(InputError) as refused:
             read(path)
         assert str(refused.value) == f"{path}: has 1048577 bytes, expected a YAML file of at most 1048576"

@@ -16,7 +16,7 @@ SUFFIXES = {".py", ".yaml", ".xml", ".html", ".css", ".js", ".onnx", ".mcap", ".
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def wheel(tmp_path_factory):
     """Built from a copy of the sources, with the setuptools of this environment: nothing is downloaded."""
     source = tmp_path_factory.mktemp("source")
     for name in ("pyproject.toml", "README.md", "LICENSE"):
@@ -32,7 +32,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built
 
 
-def test_the_wheel_holds_every_file_of_the_package_as_an_ordinary_file(wheel: Path) -> None:
+def test_the_wheel_holds_every_file_of_the_package_as_an_ordinary_file(wheel):
     with zipfile.ZipFile(wheel) as archive:
         held = {info.filename: info for info in archive.infolist()}
     for info in held.values():
@@ -57,7 +57,7 @@ def test_the_wheel_holds_every_file_of_the_package_as_an_ordinary_file(wheel: Pa
         assert held[name].file_size or name.endswith("py.typed")
 
 
-def files(folder: Path) -> list[Path]:
+def files(folder):
     """What a wheel must hold of a folder; linked packages are looked at where they are."""
     return [
         path
@@ -69,7 +69,7 @@ def files(folder: Path) -> list[Path]:
     ]
 
 
-def test_the_wheel_holds_nothing_else(wheel: Path) -> None:
+def test_the_wheel_holds_nothing_else(wheel):
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
     roots = {name.split("/")[0] for name in names}
@@ -77,7 +77,7 @@ def test_the_wheel_holds_nothing_else(wheel: Path) -> None:
     assert not [name for name in names if "tests/" in name or "notebook" in name or name.endswith((".pyc", ".ipynb"))]
 
 
-def test_the_wheel_says_what_it_is(wheel: Path) -> None:
+def test_the_wheel_says_what_it_is(wheel):
     with zipfile.ZipFile(wheel) as archive:
         info = {Path(name).name: archive.read(name).decode() for name in archive.namelist() if ".dist-info/" in name}
     assert "humanoid-sim = humanoid_sim.cli:main" in info["entry_points.txt"]
@@ -89,13 +89,13 @@ def test_the_wheel_says_what_it_is(wheel: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_wheel_works_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
+def test_the_wheel_works_in_a_clean_environment(wheel, tmp_path):
     venv.create(tmp_path / "venv", with_pip=True)
     python = str(tmp_path / "venv" / "bin" / "python")
     work = tmp_path / "work"
     work.mkdir()
 
-    def run(*arguments: str) -> str:
+    def run(*arguments):
         environ = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "DISPLAY")}
         done = subprocess.run([python, *arguments], cwd=work, env=environ, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr

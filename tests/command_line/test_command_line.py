@@ -37,15 +37,9 @@ HELP = "--help' says what is accepted"
             "hardware param: unknown command 'gett' (did you mean 'get'?); known: get, set, ",
         ),
         (("mode", "dmap"), "mode: unknown intent 'dmap' (did you mean 'damp'?); known: damp, load_a, "),
-        (
-            ("mode", "damp", "--session", "x"),
-            "--session: is 'x', expected a whole number; ",
-        ),
+        (("mode", "damp", "--session", "x"), "--session: is 'x', expected a whole number; "),
         (("mode",), f"missing: INTENT; 'python -m humanoid_sim.mode {HELP}"),
-        (
-            ("play", "--robt", "lite"),
-            "unknown option '--robt' (did you mean '--robot'?); ",
-        ),
+        (("play", "--robt", "lite"), "unknown option '--robt' (did you mean '--robot'?); "),
         (("training", "train", "--steps", "1.5"), "--steps: is '1.5', expected a whole number; "),
         (("training", "train", "--steps", "2e6"), "--steps: is '2e6', expected a whole number; "),
         (("play", "--xyz=3"), "unknown option '--xyz'; 'python -m humanoid_sim.play --help' lists all"),
@@ -100,7 +94,7 @@ HELP = "--help' says what is accepted"
         (("hardware", "ping", "can0"), "missing: MOTOR_ID; "),
     ],
 )
-def test_one_line(words: tuple[str, ...], line: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_line(words, line, capsys):
     assert main(words) == 2
     out, error = capsys.readouterr()
     assert out == ""
@@ -108,13 +102,13 @@ def test_one_line(words: tuple[str, ...], line: str, capsys: pytest.CaptureFixtu
     assert error.count("\n") == 1
 
 
-def test_underscores_do_as_well(capsys: pytest.CaptureFixture[str]) -> None:
+def test_underscores_do_as_well(capsys):
     assert main(["play", "--policy_seconds", "x"]) == 2
     assert capsys.readouterr().err.startswith("error: --policy-seconds: is 'x', expected a number; ")
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "utf-8"])
-def test_whatever_the_terminal_can_show(encoding: str) -> None:
+def test_whatever_the_terminal_can_show(encoding):
     run = subprocess.run(
         [sys.executable, "-m", "humanoid_sim.play", "--yaw", "x" * 300],
         env={**os.environ, "PYTHONIOENCODING": encoding, "COLUMNS": "40"},
@@ -127,7 +121,7 @@ def test_whatever_the_terminal_can_show(encoding: str) -> None:
 
 
 @pytest.mark.parametrize("words", [("training",), ("policy",)])
-def test_a_group_of_commands_alone_lists_them(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_group_of_commands_alone_lists_them(words, capsys):
     with pytest.raises(SystemExit) as ended:
         main(words)
     assert ended.value.code == 0

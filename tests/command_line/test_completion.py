@@ -4,7 +4,6 @@ import re
 import shlex
 import shutil
 import subprocess
-from pathlib import Path
 
 import pytest
 
@@ -47,7 +46,7 @@ setopt noautomenu noalwayslastprompt; bindkey '^I' list-choices
 
 
 @pytest.fixture(scope="module")
-def scripts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def scripts(tmp_path_factory):
     folder = tmp_path_factory.mktemp("completion")
     for shell, name in (("bash", "bash"), ("zsh", "_humanoid_sim")):
         with pytest.MonkeyPatch.context() as patch, (folder / name).open("w") as file:
@@ -59,7 +58,7 @@ def scripts(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("shell", SHELLS)
 @pytest.mark.parametrize(("typed", "offered"), OFFERED)
-def test_what_the_tab_key_offers(scripts: Path, shell: str, typed: str, offered: list[str], tmp_path: Path) -> None:
+def test_what_the_tab_key_offers(scripts, shell, typed, offered, tmp_path):
     if shutil.which(shell) is None:
         pytest.skip(f"{shell} is not installed")
     code = {"bash": BASH, "zsh": ZSH}[shell].format(folder=shlex.quote(str(scripts)), line=typed)
@@ -74,7 +73,7 @@ def test_what_the_tab_key_offers(scripts: Path, shell: str, typed: str, offered:
     assert sorted(found) == sorted(offered)
 
 
-def test_other_shells_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_other_shells_are_refused(capsys):
     assert main(["--completion", "tcsh"]) == 2
     assert capsys.readouterr().err == "error: --completion: unknown shell 'tcsh'; known: bash, zsh\n"
     assert main(["--completion", "bsah"]) == 2

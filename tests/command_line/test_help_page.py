@@ -6,8 +6,8 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from typing import ClassVar
 
 import pytest
 import tyro
@@ -16,14 +16,14 @@ from humanoid_sim import mode
 from humanoid_sim.cli import VERBS, ExitStatus, load_program
 from humanoid_sim.cli import main as start
 from humanoid_sim.command_line import description_of
-from humanoid_sim.command_line.description import STATUS_LINE, Program, describe, name_of
+from humanoid_sim.command_line.description import STATUS_LINE, describe, name_of
 
 OTHERS = {"ros2_services"}
 """Verbs that run in other environments, with the standard library's parser."""
 
 
-def commands() -> Iterator[Program]:
-    def inner(command: Program) -> Iterator[Program]:
+def commands():
+    def inner(command):
         yield command
         for one in command.commands.values():
             yield from inner(one)
@@ -39,19 +39,19 @@ COMMANDS = tuple(commands())
 LEAVES = [command for command in COMMANDS if not command.commands]
 
 
-def named(command: Program) -> str:
+def named(command):
     return " ".join(command.words)
 
 
 FIRST = ("arguments", "most used")
 
 
-def is_grouped(command: Program) -> bool:
+def is_grouped(command):
     return "most used" in command.groups
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=named)
-def test_help_at_80_columns(command: Program, capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:
+def test_help_at_80_columns(command, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     for flag in ("--help", "-h"):
         with pytest.raises(SystemExit) as ended:
@@ -72,7 +72,7 @@ def test_help_at_80_columns(command: Program, capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize("command", LEAVES, ids=named)
-def test_every_option_is_in_one_group_and_says_something(command: Program) -> None:
+def test_every_option_is_in_one_group_and_says_something(command):
     assert sorted(name for names in command.groups.values() for name in names) == sorted(command.options)
     options = {name: option for name, option in command.options.items() if not name.startswith("joy.")}
     assert [name for name, option in options.items() if not option.help] == []
@@ -83,17 +83,17 @@ class _ParsedError(Exception):
     pass
 
 
-def examples() -> Iterator[tuple[str, str]]:
+def examples():
     for command in LEAVES:
         for line in command.examples.splitlines()[1::2]:
             yield named(command), line.strip().removeprefix(command.invocation)
 
 
 @pytest.mark.parametrize(("command", "words"), list(examples()))
-def test_an_example_is_understood(command: str, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_example_is_understood(command, words, monkeypatch):
     real = tyro.cli
 
-    def parse_only(*arguments: Any, **options: Any) -> None:
+    def parse_only(*arguments, **options):
         raise _ParsedError(real(*arguments, **options))
 
     monkeypatch.setattr(tyro, "cli", parse_only)
@@ -104,14 +104,14 @@ def test_an_example_is_understood(command: str, words: str, monkeypatch: pytest.
     assert dataclasses.is_dataclass(parsed.value.args[0])
 
 
-def test_most_programs_have_examples_and_the_large_ones_groups() -> None:
+def test_most_programs_have_examples_and_the_large_ones_groups():
     assert {command.words[0] for command in LEAVES if command.examples} >= set(VERBS) - OTHERS - {"training"}
     large = [command for command in LEAVES if len(command.options) > 20]
     assert {named(command) for command in large} >= {"play", "regress", "prepare"}
     assert [named(command) for command in large if len(command.groups) < 3] == []
 
 
-def test_the_first_screen_of_play_fits_one(capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:
+def test_the_first_screen_of_play_fits_one(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     (play,) = [command for command in COMMANDS if named(command) == "play"]
     with pytest.raises(SystemExit):
@@ -127,7 +127,7 @@ def test_the_first_screen_of_play_fits_one(capsys: pytest.CaptureFixture[str], m
     assert "--no-console" not in whole
 
 
-def test_the_options_are_those_that_the_parser_knows() -> None:
+def test_the_options_are_those_that_the_parser_knows():
     """What is described and what is read are made of one dataclass, in two ways."""
     from humanoid_sim.gamepad import GamepadConfig  # noqa: PLC0415
     from humanoid_sim.hardware.tools.options import Budget, Emulate, Set  # noqa: PLC0415
@@ -144,7 +144,7 @@ def test_the_options_are_those_that_the_parser_knows() -> None:
         assert len(unnamed) == len([option for option in described.options.values() if not option.option_strings])
 
 
-def test_the_line_of_exit_statuses_is_that_of_the_programs() -> None:
+def test_the_line_of_exit_statuses_is_that_of_the_programs():
     assert [int(number) for number in re.findall(r"\b(\d+) ", STATUS_LINE)] == [int(status) for status in ExitStatus]
 
 
@@ -168,7 +168,7 @@ class _Sample:
     EXAMPLES: ClassVar[Sequence[tuple[str, str]]] = (("--where here", "once"),)
 
 
-def test_a_page_literally(monkeypatch: Any) -> None:
+def test_a_page_literally(monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert (
         describe(_Sample, ("play",)).format_help()
@@ -195,7 +195,7 @@ examples:
     )
 
 
-def test_help_needs_no_parser() -> None:
+def test_help_needs_no_parser():
     code = (
         "import sys\nfrom humanoid_sim.replay import main\ntry: main(['--help'])\nexcept SystemExit: pass\n"
         "print(*sorted({'tyro'} & set(sys.modules)))"

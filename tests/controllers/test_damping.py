@@ -141,9 +141,6 @@ def test_any_input(first, second):
         assert fingerprint(command) == fingerprint(later)
 
 
-# --- ZERO_TORQUE ---
-
-
 @given(any_tick_inputs(3, np.nan), any_tick_inputs(5, np.inf))
 def test_zero_torque_cannot_fail(first, second):
     memory = ZERO.activate(first)

@@ -5,15 +5,7 @@ from itertools import chain, combinations, permutations, product
 
 import pytest
 
-from humanoid_sim.controllers.fsm import (
-    MODES,
-    Decision,
-    choose_intent,
-    describe_safety,
-    granted,
-    merge_safety,
-    transition,
-)
+from humanoid_sim.controllers import fsm
 from humanoid_sim.messages import OK, Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
 
 ZERO = "zero_torque_controller"
@@ -54,7 +46,7 @@ remote       damping  damping  damping  damping  damping           damping      
 NAMES = {"zero": ZERO, "damping": DAMPING, "a": A, "b": B, "rl": RL, "remote": REMOTE}
 
 
-def parse(table: str) -> dict[tuple[str, bool, str], str]:
+def parse(table):
     header, *rows = table.strip().splitlines()
     cells = {}
     for row in rows:
@@ -72,21 +64,21 @@ STATUSES = [
 SUBSETS = [frozenset(chosen) for chosen in chain.from_iterable(combinations(CONTROLLERS, size) for size in range(7))]
 
 
-def expected(current: str, status: SafetyStatus, intent: Intent | None, finished: bool) -> str:
+def expected(current, status, intent, finished):
     word = "none" if intent is None else intent.value
     table = SAFE if status.level == 0 else UNSAFE
     return table.get((current, finished, word)) or table[current, False, word]
 
 
 def test_modes_of_the_controllers():
-    assert {name: mode.name for name, mode in MODES.items()} == MODE
-    assert set(MODES.values()) == set(Mode)  # enough for the wire
+    assert {name: mode.name for name, mode in fsm.MODES.items()} == MODE
+    assert set(fsm.MODES.values()) == set(Mode)  # enough for the wire
 
 
 @pytest.mark.parametrize("current", CONTROLLERS)
 def test_every_decision_with_every_controller_available(current):
     for status, intent, finished in product(STATUSES, INTENTS, (False, True)):
-        decision = transition(current, status, intent, finished, CONTROLLERS)
+        decision = fsm.transition(current, status, intent, finished, CONTROLLERS)
         cell = expected(current, status, intent, finished)
         where = (current, status, intent, finished)
         assert decision.quit == (cell == QUIT), where
@@ -102,7 +94,7 @@ def test_every_decision_with_every_controller_available(current):
 def test_safety_properties_for_every_set_of_available_controllers(current):
     count = 0
     for status, intent, finished, available in product(STATUSES, INTENTS, (False, True), SUBSETS):
-        decision = transition(current, status, intent, finished, available)
+        decision = fsm.transition(current, status, intent, finished, available)
         where = (current, status, intent, finished, available)
         count += 1
         target = decision.controller or current
@@ -124,7 +116,7 @@ def test_safety_properties_for_every_set_of_available_controllers(current):
             assert current == DAMPING, where
             assert intent is {A: Intent.LOAD_A, B: Intent.LOAD_B}[target], where
         if current in (ZERO, DAMPING) and intent is None:
-            assert decision == Decision(), where
+            assert decision == fsm.Decision(), where
         if current == ZERO:
             assert target == ZERO or intent is Intent.DAMP, where
         if decision.quit:
@@ -145,8 +137,8 @@ def test_availability_only_ever_takes_away():
     """With fewer controllers a decision is the full one, a refusal by name, or ZERO_TORQUE for a missing DAMPING."""
     refused = 0
     for current, status, intent, finished, available in product(CONTROLLERS, STATUSES, INTENTS, (False, True), SUBSETS):
-        full = transition(current, status, intent, finished, CONTROLLERS)
-        decision = transition(current, status, intent, finished, available)
+        full = fsm.transition(current, status, intent, finished, CONTROLLERS)
+        decision = fsm.transition(current, status, intent, finished, available)
         if full.controller is None or full.controller in available:
             if not (current == DAMPING and intent is Intent.DAMP and DAMPING not in available):
                 assert decision == full
@@ -155,7 +147,7 @@ def test_availability_only_ever_takes_away():
             assert decision.refusal == full.refusal
         else:
             refused += 1
-            assert decision == Decision(refusal=f"{intent.name} refused: {full.controller} is not available")
+            assert decision == fsm.Decision(refusal=f"{intent.name} refused: {full.controller} is not available")
     assert refused == (2 + 4) * 3 * 32 + 2 * 3 * 32  # LOADs, and STARTs from each finished pose, times OK flags
 
 
@@ -180,7 +172,7 @@ AT_REST, POSED = "requires ZERO_TORQUE or DAMPING, mode is", "requires finished 
 )
 def test_refusal_texts(current, status, intent, finished, missing, why):
     available = set(CONTROLLERS) - {missing}
-    assert transition(current, status, intent, finished, available).refusal == f"{intent.name} refused: {why}"
+    assert fsm.transition(current, status, intent, finished, available).refusal == f"{intent.name} refused: {why}"
 
 
 @pytest.mark.parametrize(
@@ -195,17 +187,14 @@ def test_refusal_texts(current, status, intent, finished, missing, why):
     ],
 )
 def test_reasons(current, status, intent, available, text):
-    assert transition(current, status, intent, False, available).message == text
-
-
-# --- intents ---
+    assert fsm.transition(current, status, intent, False, available).message == text
 
 
 def test_choose_intent_over_every_order_of_every_set():
     count = 0
     for size in range(7):
         for intents in permutations(Intent, size):
-            chosen, others = choose_intent(intents)
+            chosen, others = fsm.choose_intent(intents)
             count += 1
             if Intent.DAMP in intents:
                 assert chosen is Intent.DAMP
@@ -219,28 +208,25 @@ def test_choose_intent_over_every_order_of_every_set():
 
 def test_choose_intent_counts_repetitions_once():
     twice = (Intent.LOAD_A, Intent.LOAD_B, Intent.LOAD_A, Intent.LOAD_B)
-    assert choose_intent(twice) == (Intent.LOAD_A, (Intent.LOAD_B,))
-    assert choose_intent([Intent.DAMP, Intent.DAMP]) == (Intent.DAMP, ())
-
-
-# --- safety ---
+    assert fsm.choose_intent(twice) == (Intent.LOAD_A, (Intent.LOAD_B,))
+    assert fsm.choose_intent([Intent.DAMP, Intent.DAMP]) == (Intent.DAMP, ())
 
 
 def test_merge_safety_of_nothing_is_ok():
-    assert merge_safety(()) == SafetyStatus(0, 0, "", "")
+    assert fsm.merge_safety(()) == SafetyStatus(0, 0, "", "")
 
 
 def test_merge_safety_of_every_pair():
     for first, second in product(STATUSES, STATUSES):
-        merged = merge_safety([first, second])
+        merged = fsm.merge_safety([first, second])
         assert merged.level == max(first.level.value, second.level.value)
         assert merged.flags.value == first.flags.value | second.flags.value
-        assert merged == merge_safety([second, first])
-        assert merge_safety([first]) == first
+        assert merged == fsm.merge_safety([second, first])
+        assert fsm.merge_safety([first]) == first
 
 
 def test_merge_safety_names_only_what_is_wrong():
-    merged = merge_safety(
+    merged = fsm.merge_safety(
         [
             SafetyStatus(0, 0, "simulator", "all well"),
             SafetyStatus(1, SafetyFlag.TX_QUEUE_OVERRUN, "can0", "queue overflowed"),
@@ -267,7 +253,7 @@ def test_merge_safety_names_only_what_is_wrong():
     ],
 )
 def test_describe_safety(status, line):
-    assert describe_safety(status) == line
+    assert fsm.describe_safety(status) == line
 
 
 @pytest.mark.parametrize(
@@ -281,8 +267,8 @@ def test_describe_safety(status, line):
     ],
 )
 def test_granted_intents_are_those_that_are_not_refused(current, finished, expected):
-    assert set(granted(current, OK, finished, set(MODES))) == expected
-    without = set(MODES) - {"remote_policy_controller"}
-    assert set(granted(current, OK, finished, without)) == expected - {Intent.START_REMOTE}
+    assert set(fsm.granted(current, OK, finished, set(fsm.MODES))) == expected
+    without = set(fsm.MODES) - {"remote_policy_controller"}
+    assert set(fsm.granted(current, OK, finished, without)) == expected - {Intent.START_REMOTE}
     unsafe = SafetyStatus(SafetyLevel.FAULT)
-    assert set(granted(current, unsafe, finished, set(MODES))) == expected & {Intent.DAMP, Intent.QUIT}
+    assert set(fsm.granted(current, unsafe, finished, set(fsm.MODES))) == expected & {Intent.DAMP, Intent.QUIT}

@@ -1,15 +1,14 @@
 """The guards: what trips them and when, what does not, what they say, and that a trip is DAMPING at once."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 import rig
 
-from humanoid_sim.controllers.guards import GuardMemory, Guards
+from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.errors import FieldError
-from humanoid_sim.messages import Intent, Mode, RemoteCommand, TickInput, TickOutput
+from humanoid_sim.messages import Intent, Mode, RemoteCommand, TickInput
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand, MITState
 from humanoid_sim.testing import fingerprint, healthy_state
 
@@ -17,9 +16,9 @@ NAN, INF = np.nan, np.inf
 PERIOD = 0.02
 
 
-def guards(**changes: Any) -> Guards:
+def guards(**changes):
     """Of the rig: limits ±1 rad, 10 N·m, and 5 rad/s."""
-    values: dict[str, Any] = {
+    values = {
         "joints": rig.JOINTS,
         "lower": -np.ones(3),
         "upper": np.ones(3),
@@ -35,7 +34,7 @@ def guards(**changes: Any) -> Guards:
     return Guards(**{**values, **changes})
 
 
-def command(position: float = 0.0, *, stiffness: float = 50.0, effort: float = 0.0, joint: int = 1) -> MITCommand:
+def command(position=0.0, *, stiffness=50.0, effort=0.0, joint=1):
     """One joint is asked to be at a position; the others are at 0 and asked to be there."""
     zeros = np.zeros(3)
     wanted, push = zeros.copy(), zeros.copy()
@@ -43,15 +42,15 @@ def command(position: float = 0.0, *, stiffness: float = 50.0, effort: float = 0
     return MITCommand(wanted, zeros, push, np.full(3, stiffness), np.full(3, 2.0))
 
 
-def state(time: float, position: float = 0.0, velocity: float = 0.0, *, joint: int = 1, age: float = 0.0) -> MITState:
+def state(time, position=0.0, velocity=0.0, *, joint=1, age=0.0):
     at, speed = np.zeros(3), np.zeros(3)
     at[joint], speed[joint] = position, velocity
     return replace(healthy_state(at, time), joint_velocity=speed, joint_age=np.full(3, age))
 
 
-def trip_time(watching: Guards, given: list[tuple[MITState, MITCommand]]) -> tuple[float, str]:
+def trip_time(watching, given):
     """s from the first tick to the one in which a guard trips, and what it says; infinity: none does."""
-    memory: GuardMemory | None = None
+    memory = None
     for seen, sent in given:
         memory = watching.watch(memory, seen, sent)
         if watching.tripped(memory):
@@ -60,11 +59,11 @@ def trip_time(watching: Guards, given: list[tuple[MITState, MITCommand]]) -> tup
     return INF, ""
 
 
-def times(count: int = 30) -> list[float]:
+def times(count=30):
     return [5.0 + PERIOD * i for i in range(count)]
 
 
-def test_a_joint_that_comes_no_nearer_trips_the_following_guard() -> None:
+def test_a_joint_that_comes_no_nearer_trips_the_following_guard():
     blocked = [(state(t, 0.3), command(0.5)) for t in times()]
     after, text = trip_time(guards(), blocked)
     assert after == pytest.approx(0.1)
@@ -83,7 +82,7 @@ def test_a_joint_that_comes_no_nearer_trips_the_following_guard() -> None:
         (0.98, 1.3, "the command is beyond the limits of elbow"),
     ],
 )
-def test_a_stop_tells_what_is_likely(at: float, wanted: float, cause: str) -> None:
+def test_a_stop_tells_what_is_likely(at, wanted, cause):
     _, text = trip_time(guards(), [(state(t, at), command(wanted)) for t in times()])
     assert text.endswith(cause)
 
@@ -101,38 +100,38 @@ def test_a_stop_tells_what_is_likely(at: float, wanted: float, cause: str) -> No
         ),
     ],
 )
-def test_a_joint_that_follows_does_not(name: str, positions: list[float], wanted: float) -> None:
+def test_a_joint_that_follows_does_not(name, positions, wanted):
     ticks = [(state(t, at), command(wanted)) for t, at in zip(times(), positions, strict=False)]
     assert trip_time(guards(), ticks) == (INF, "")
 
 
 @pytest.mark.parametrize("at", [1.0, 1.1])
-def test_legs_at_a_stop_may_be_asked_for_more_than_there_is(at: float) -> None:
+def test_legs_at_a_stop_may_be_asked_for_more_than_there_is(at):
     """Beyond its limit a joint is not taken to be pulled back in, either."""
     beyond = [(state(t, at), command(5.0)) for t in times()]
     assert trip_time(guards(), beyond)[0] == pytest.approx(0.1), "arms that press there are stopped"
     assert trip_time(guards(following_within=True), beyond) == (INF, "")
 
 
-def test_legs_that_do_not_come_as_far_as_their_limit_trip_it() -> None:
+def test_legs_that_do_not_come_as_far_as_their_limit_trip_it():
     after, text = trip_time(guards(following_within=True), [(state(t, 0.5), command(5.0)) for t in times()])
     assert after == pytest.approx(0.1)
     assert "asked to 5.00, and came no nearer for 0.10 s although K_p times the error is 25.0 N·m" in text
 
 
-def test_a_joint_that_is_pushed_back_all_the_time_trips_it() -> None:
+def test_a_joint_that_is_pushed_back_all_the_time_trips_it():
     ticks = [(state(t, -0.3 * i * PERIOD), command(0.5)) for i, t in enumerate(times())]
     assert trip_time(guards(), ticks)[0] == pytest.approx(0.1)
 
 
-def test_a_pause_begins_the_time_again() -> None:
+def test_a_pause_begins_the_time_again():
     at = [0.0] * 5 + [0.45] + [0.0] * 5 + [0.45]
     ticks = [(state(t, q), command(0.5)) for t, q in zip(times(), at, strict=False)]
     assert trip_time(guards(), ticks) == (INF, "")
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_joint_pushed_out_of_its_limits_trips_the_limit_guard(side: float) -> None:
+def test_a_joint_pushed_out_of_its_limits_trips_the_limit_guard(side):
     out = [(state(t, 1.25 * side), command(1.25 * side, effort=0.5 * side)) for t in times()]
     after, text = trip_time(guards(), out)
     assert after == pytest.approx(0.06)
@@ -142,13 +141,13 @@ def test_a_joint_pushed_out_of_its_limits_trips_the_limit_guard(side: float) -> 
     )
 
 
-def test_a_joint_out_of_its_limits_that_is_pulled_in_does_not() -> None:
+def test_a_joint_out_of_its_limits_that_is_pulled_in_does_not():
     """As an arm that hangs in its stop with a calibration that is a little off, and is walked up from there."""
     assert trip_time(guards(), [(state(t, 1.3), command(1.2)) for t in times()]) == (INF, "")
     assert trip_time(guards(), [(state(t, 1.19), command(1.3)) for t in times()]) == (INF, "")
 
 
-def test_a_joint_that_races_trips_the_speed_guard() -> None:
+def test_a_joint_that_races_trips_the_speed_guard():
     after, text = trip_time(guards(), [(state(t, 0.0, -6.0), command()) for t in times()])
     assert after == pytest.approx(0.02)
     assert text.startswith("speed guard: elbow turns at -6.0 rad/s, its limit is 5.0; ")
@@ -160,22 +159,22 @@ def test_a_joint_that_races_trips_the_speed_guard() -> None:
 
 
 @pytest.mark.parametrize("position", [NAN, INF, -INF])
-def test_what_is_not_known_is_not_judged(position: float) -> None:
+def test_what_is_not_known_is_not_judged(position):
     assert trip_time(guards(), [(state(t, position, NAN), command(0.5)) for t in times()]) == (INF, "")
 
 
-def test_a_silent_joint_is_left_to_the_safety_status() -> None:
+def test_a_silent_joint_is_left_to_the_safety_status():
     ticks = [(state(t, 0.0, age=PERIOD * i + 0.021), command(0.5)) for i, t in enumerate(times())]
     assert trip_time(guards(), ticks) == (INF, "")
 
 
-def test_a_clock_that_jumps_is_no_time_in_which_a_joint_was_pressed() -> None:
+def test_a_clock_that_jumps_is_no_time_in_which_a_joint_was_pressed():
     jumps = [5.0, 1e6, 3.0, 3.0, NAN, 2e6]
     ticks = [(state(t), command(0.5)) for t in jumps]
     assert trip_time(guards(following_time=0.12), ticks) == (INF, "")
 
 
-def test_infinite_bounds_watch_nothing() -> None:
+def test_infinite_bounds_watch_nothing():
     off = np.full(3, INF)
     blind = guards(following_effort=off, limit_margin=off, speed_limit=off)
     assert trip_time(blind, [(state(t, 7.0, 99.0), command(9.0)) for t in times()]) == (INF, "")
@@ -184,13 +183,13 @@ def test_infinite_bounds_watch_nothing() -> None:
 
 
 @pytest.mark.parametrize("joint", range(3))
-def test_any_joint(joint: int) -> None:
+def test_any_joint(joint):
     ticks = [(state(t, 0.3, joint=joint), command(0.6, joint=joint)) for t in times()]
     assert rig.JOINTS[joint] in trip_time(guards(), ticks)[1]
 
 
-def test_two_suspicious_joints_have_times_of_their_own() -> None:
-    def both(t: float, i: int) -> tuple[MITState, MITCommand]:
+def test_two_suspicious_joints_have_times_of_their_own():
+    def both(t, i):
         wanted = command(0.5, joint=0).position + (0.5 if i >= 3 else 0.0) * np.array([0.0, 0.0, 1.0])
         return state(t, 0.0), replace(command(), position=wanted)
 
@@ -198,12 +197,12 @@ def test_two_suspicious_joints_have_times_of_their_own() -> None:
     assert (round(after, 6), "shoulder" in text) == (0.1, True)
 
 
-def test_a_batch_is_watched_as_each_of_its_robots() -> None:
+def test_a_batch_is_watched_as_each_of_its_robots():
     rng = np.random.default_rng(0)
     steps = [(0.01 * i, 0.4 * rng.normal(size=(5, 3)).cumsum(0), 3.0 * rng.normal(size=(5, 3))) for i in range(40)]
     watching = guards(following_time=0.03, speed_time=0.01, limit_time=0.02)
-    together: GuardMemory | None = None
-    apart: list[GuardMemory | None] = [None] * 5
+    together = None
+    apart = [None] * 5
     trips = 0
     still = np.repeat(rng.normal(size=(5, 1)), 3, axis=1)
     for time, noise, velocity in steps:
@@ -234,29 +233,26 @@ def test_a_batch_is_watched_as_each_of_its_robots() -> None:
         ({"following_progress": 0.0}, "Guards.following_progress: is 0.0, expected a finite number > 0"),
     ],
 )
-def test_invalid_parameters_are_named(changes: dict[str, Any], message: str) -> None:
+def test_invalid_parameters_are_named(changes, message):
     with pytest.raises(FieldError) as caught:
         guards(**changes)
     assert str(caught.value).startswith(message)
 
 
-# --- in the supervisor ---
-
-
-def guarded(**changes: Any) -> rig.Run:
+def guarded(**changes):
     return rig.Run(replace(rig.supervisor(), guards=guards(**changes)))
 
 
-def test_guards_of_other_joints_are_refused() -> None:
+def test_guards_of_other_joints_are_refused():
     with pytest.raises(FieldError, match=r"^Supervisor\.guards: joints are a, b, c, expected shoulder, elbow, wrist"):
         replace(rig.supervisor(), guards=guards(joints=("a", "b", "c")))
 
 
 @pytest.mark.parametrize("remote", [False, True])
-def test_a_trip_is_a_fault_of_the_controller_and_damping_in_that_tick(remote: bool) -> None:
+def test_a_trip_is_a_fault_of_the_controller_and_damping_in_that_tick(remote):
     run = guarded()
     run.walk(Intent.DAMP, Intent.LOAD_A, Intent.START_REMOTE if remote else Intent.START_LOCOMOTION)
-    outputs: list[TickOutput] = []
+    outputs = []
     for _ in range(20):
         held = RemoteCommand(rig.command(0.6, stiffness=np.full(3, 40.0)), run.time) if remote else None
         outputs.append(run.step(position=(0.9, 0.9, 0.9), remote=held))
@@ -274,7 +270,7 @@ def test_a_trip_is_a_fault_of_the_controller_and_damping_in_that_tick(remote: bo
     assert run.memory.guards is None
 
 
-def test_nothing_is_watched_where_nothing_pushes() -> None:
+def test_nothing_is_watched_where_nothing_pushes():
     run = guarded()
     for intents in ((), (Intent.DAMP,)):
         run.step(*intents)
@@ -284,7 +280,7 @@ def test_nothing_is_watched_where_nothing_pushes() -> None:
             assert run.memory.guards is None
 
 
-def test_a_joint_that_is_pressed_across_a_change_of_controllers_has_one_time() -> None:
+def test_a_joint_that_is_pressed_across_a_change_of_controllers_has_one_time():
     """The guards watch the joint, not the controller: START does not begin the time again."""
     run = guarded(following_time=0.2, following_effort=np.full(3, 1.0))
     run.step(Intent.DAMP, position=(0.9, 0.9, 0.9))
@@ -297,7 +293,7 @@ def test_a_joint_that_is_pressed_across_a_change_of_controllers_has_one_time() -
     assert run.memory.guards.held.max() > before.held.max()
 
 
-def test_a_policy_s_answer_is_told_with_the_fault() -> None:
+def test_a_policy_s_answer_is_told_with_the_fault():
     run = guarded(speed_time=0.0)
     run.walk(Intent.DAMP, Intent.LOAD_A)
     given = TickInput(replace(rig.state(run.time), joint_velocity=np.full(3, 9.0)), (), (Intent.START_LOCOMOTION,))
@@ -308,7 +304,7 @@ def test_a_policy_s_answer_is_told_with_the_fault() -> None:
     assert fingerprint(output) == fingerprint(again)
 
 
-def test_a_state_of_another_width_is_the_controllers_fault_not_a_bug() -> None:
+def test_a_state_of_another_width_is_the_controllers_fault_not_a_bug():
     run = guarded()
     run.walk(Intent.DAMP, Intent.LOAD_A)
     output = run.step(position=(0.0, 0.0))

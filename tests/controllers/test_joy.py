@@ -19,7 +19,7 @@ DEFAULTS = {
 }
 
 
-def buttons(*down: int, count: int = 8) -> tuple[int, ...]:
+def buttons(*down, count=8):
     return tuple(int(i in down) for i in range(count))
 
 

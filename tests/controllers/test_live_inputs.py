@@ -1,7 +1,5 @@
 """Live inputs: declared by a term's width, resolved like any term, and never zeros in silence."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from rig import JOINTS, KNOWN, contract, state
@@ -17,22 +15,22 @@ from humanoid_sim.policy.contract_json import decode, encode
 FOOT = Term("foot_contact", width=2, scale=2.0)
 
 
-def live_contract(*terms: Term) -> Any:
+def live_contract(*terms):
     return contract(task_type="locomotion", body_names=(), observation=(*(terms or (FOOT,)), Term("joint_pos")))
 
 
-def wiring(**changes: Any) -> PolicyWiring:
+def wiring(**changes):
     declared = live_contract()
     return PolicyWiring(JOINTS, declared, no_reference(), changes.get("extern", declared.live_inputs))
 
 
-def observed(given: MITState) -> list[float]:
+def observed(given):
     resolved = wiring()
     observation, _ = resolved.observe(resolved.activate(given), given)
     return [float(value) for value in observation[:2]]
 
 
-def test_declared_values_are_observed_with_the_terms_scale() -> None:
+def test_declared_values_are_observed_with_the_terms_scale():
     fed = LiveInputs(live_contract(), {"foot_contact": lambda given: given.joint_position[..., :2]})
     heard = fed.heard(state(time=3.0, position=KNOWN))
     assert heard.extern["foot_contact"].value.tolist() == [0.4, 0.5]
@@ -40,14 +38,14 @@ def test_declared_values_are_observed_with_the_terms_scale() -> None:
     assert observed(heard) == pytest.approx([0.8, 1.0])
 
 
-def test_one_value_is_every_robots() -> None:
+def test_one_value_is_every_robots():
     zeros = np.zeros((3, 3))
     batch = MITState(0.0, zeros, zeros, zeros, zeros, np.zeros((3, 4)), zeros, zeros)
     heard = LiveInputs(live_contract(), {"foot_contact": lambda _: [1.0, 0.0]}).heard(batch)
     assert heard.extern["foot_contact"].value.tolist() == [[1.0, 0.0]] * 3
 
 
-def test_one_that_is_missing_or_too_old_is_not_a_number() -> None:
+def test_one_that_is_missing_or_too_old_is_not_a_number():
     assert np.isnan(observed(state())).all()
     old = {"foot_contact": Extern(np.ones(2), arrival_time=1.0, timeout=0.5)}
     assert np.isnan(observed(state(time=2.0, extern=old))).all()
@@ -60,7 +58,7 @@ def test_one_that_is_missing_or_too_old_is_not_a_number() -> None:
     assert problem == "observation foot_contact[0] is inf, expected a finite number"
 
 
-def test_a_policy_whose_live_input_nothing_feeds_is_refused() -> None:
+def test_a_policy_whose_live_input_nothing_feeds_is_refused():
     with pytest.raises(FieldError) as caught:
         wiring(extern={})
     assert str(caught.value) == (
@@ -81,13 +79,13 @@ def test_a_policy_whose_live_input_nothing_feeds_is_refused() -> None:
         ("base_linear_velocity_at_imu", 3, "width is 3, expected none: only a live input has one of its own"),
     ],
 )
-def test_widths_that_are_refused(name: str, width: Any, problem: str) -> None:
+def test_widths_that_are_refused(name, width, problem):
     with pytest.raises(FieldError) as caught:
         Term(name, width=width)
     assert str(caught.value) == f"observation term '{name}': {problem}"
 
 
-def test_terms_may_share_a_live_input_of_one_width() -> None:
+def test_terms_may_share_a_live_input_of_one_width():
     left, right = Term("left", "foot", width=2), Term("right", "foot", width=2, scale=-1.0)
     assert dict(live_contract(left, right).live_inputs) == {"foot": 2}
     for other in (Term("right", "foot", width=3), Term("right", "foot")):
@@ -111,18 +109,18 @@ def test_terms_may_share_a_live_input_of_one_width() -> None:
         ({"timeout": np.nan}, "timeout is nan, expected seconds > 0, or .inf"),
     ],
 )
-def test_topics_and_timeouts_that_are_refused(options: dict[str, Any], problem: str) -> None:
+def test_topics_and_timeouts_that_are_refused(options, problem):
     with pytest.raises(FieldError) as caught:
         Term("foot", **{"width": 2, **options})
     assert str(caught.value).startswith(f"observation term 'foot': {problem}")
 
 
-def test_other_terms_have_no_topic() -> None:
+def test_other_terms_have_no_topic():
     with pytest.raises(FieldError, match=r"'dof_pos': timeout is 1.0, expected none: only a live input has one$"):
         Term("dof_pos", timeout=1.0)
 
 
-def test_topics_are_named_after_their_inputs_unless_the_contract_says_otherwise() -> None:
+def test_topics_are_named_after_their_inputs_unless_the_contract_says_otherwise():
     fed = live_contract(
         FOOT,
         Term("left-hand 2", width=1, timeout=np.inf),
@@ -141,7 +139,7 @@ def test_topics_are_named_after_their_inputs_unless_the_contract_says_otherwise(
     assert [term.width for term in observed.terms] == [2, 1, 12, 187, 3]
 
 
-def test_two_live_inputs_have_two_topics_and_one_has_one() -> None:
+def test_two_live_inputs_have_two_topics_and_one_has_one():
     with pytest.raises(FieldError, match="live inputs 'foot_contact' and 'other' have the topic /foot_contact, expec"):
         live_contract(FOOT, Term("other", width=1, topic="/foot_contact"))
     left, right = (Term(name, "foot", width=2, timeout=1.0) for name in ("left", "right"))
@@ -162,12 +160,12 @@ def test_two_live_inputs_have_two_topics_and_one_has_one() -> None:
         ),
     ],
 )
-def test_sources_that_are_refused(declared: Any, sources: dict[str, Any], problem: str) -> None:
+def test_sources_that_are_refused(declared, sources, problem):
     with pytest.raises(FieldError) as caught:
         LiveInputs(declared, sources)
     assert str(caught.value) == problem
 
 
-def test_the_width_is_part_of_a_written_contract_and_no_other_has_one() -> None:
+def test_the_width_is_part_of_a_written_contract_and_no_other_has_one():
     assert decode(encode(live_contract()), "here").terms[0].width == 2
     assert encode(live_contract()).count('"width"') == 1

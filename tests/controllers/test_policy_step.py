@@ -1,28 +1,19 @@
 """One policy step: by itself as the controller does it, in a batch as its robots do it, bit for bit."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 import rig
 from hypothesis import given
 from hypothesis import strategies as st
 
+from humanoid_sim.controllers import policy_step
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
-from humanoid_sim.controllers.policy_step import (
-    ActionMap,
-    PolicyMemory,
-    PolicyWiring,
-    action_command,
-    advance_phase,
-    resolve_action,
-)
 from humanoid_sim.controllers.reference import build_world_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import TickInput
-from humanoid_sim.mit import ANCHOR_POSE, COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, FloatArray, MITState
+from humanoid_sim.mit import ANCHOR_POSE, COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, MITState
 
 JOINTS = ("a", "b", "c")
 STEPS, ROBOTS = 8, 4
@@ -31,9 +22,9 @@ TURN = 2.0 * np.pi * 0.02
 """rad that a clock of 1 s advances in one step of 0.02 s."""
 
 
-def contract(**changes: Any) -> PolicyContract:
+def contract(**changes):
     """Everything that has a memory: history, phase, a reference laid onto the robot, the last action."""
-    fields: dict[str, Any] = {
+    fields = {
         "task_type": "tracking",
         "joint_names": ("c", "a", "b"),
         "action_joint_names": ("b", "c"),
@@ -60,13 +51,13 @@ def contract(**changes: Any) -> PolicyContract:
     return PolicyContract(**{**fields, **changes})
 
 
-def frames() -> FloatArray:
+def frames():
     table = np.random.default_rng(1).normal(size=(5, 13))
     table[:, 9:] /= np.sqrt((table[:, 9:] ** 2).sum(axis=1, keepdims=True))
     return table
 
 
-def states(rng: np.random.Generator, batch: tuple[int, ...]) -> MITState:
+def states(rng, batch):
     """Robots whose joints are anywhere; some of them are told to stand."""
     pose = rng.normal(size=(*batch, 7))
     pose[..., 3:] /= np.sqrt((pose[..., 3:] ** 2).sum(axis=-1, keepdims=True))
@@ -75,21 +66,21 @@ def states(rng: np.random.Generator, batch: tuple[int, ...]) -> MITState:
     return MITState(0.0, *joints, np.zeros((*batch, 3)), pose[..., 3:], *vectors, live)
 
 
-def row(state: MITState, i: int) -> MITState:
+def row(state, i):
     live = {name: Extern(value.value[i], 0.0) for name, value in state.extern.items()}
     arrays = [getattr(state, name)[i] for name in list(MITState.__dataclass_fields__)[1:-1]]
     return MITState(0.0, *arrays, live)
 
 
-def wiring_of(contract: PolicyContract) -> PolicyWiring:
+def wiring_of(contract):
     reference = build_world_reference(contract, frames(), JOINTS, ("torso",))
-    return PolicyWiring(JOINTS, contract, reference, EXTERN_WIDTHS, 100.0)
+    return policy_step.PolicyWiring(JOINTS, contract, reference, EXTERN_WIDTHS, 100.0)
 
 
-def test_a_robot_by_itself_does_what_the_controller_does() -> None:
+def test_a_robot_by_itself_does_what_the_controller_does():
     rng, wiring, seen = np.random.default_rng(0), wiring_of(contract()), []
 
-    def policy(observation: Any, frame: int) -> Any:
+    def policy(observation, frame):
         seen.append((observation.copy(), frame))
         return actions[len(seen) - 1]
 
@@ -110,16 +101,16 @@ def test_a_robot_by_itself_does_what_the_controller_does() -> None:
         for name in ("position", "velocity", "effort", "stiffness", "damping"):
             np.testing.assert_array_equal(getattr(command, name), getattr(expected, name))
         assert (memory.frame, memory.walked) == (controls.policy.frame, controls.policy.walked)
-        np.testing.assert_array_equal(memory.history, controls.policy.history)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(memory.history, controls.policy.history)
     assert len(seen) == STEPS
     assert controls.policy.frame == 4  # the last frame is held
     assert len({observation.tobytes() for observation, _ in seen}) == STEPS
 
 
-def test_a_batch_does_what_its_robots_do() -> None:
+def test_a_batch_does_what_its_robots_do():
     rng, wiring = np.random.default_rng(2), wiring_of(contract())
-    memories: list[PolicyMemory] | None = None
-    batch: PolicyMemory | None = None
+    memories = None
+    batch = None
     for _ in range(STEPS):
         state, actions = states(rng, (ROBOTS,)), rng.normal(size=(ROBOTS, 2)).astype(np.float32)
         batch = wiring.activate(state) if batch is None else batch
@@ -132,10 +123,10 @@ def test_a_batch_does_what_its_robots_do() -> None:
             np.testing.assert_array_equal(observations[i], observation)
             memories[i], command = wiring.act(memory, actions[i])
             np.testing.assert_array_equal(commands.position[i], command.position)
-            assert batch.frame[i] == memories[i].frame  # type: ignore[index]
+            assert batch.frame[i] == memories[i].frame
 
 
-def test_actions_are_accepted_one_by_one() -> None:
+def test_actions_are_accepted_one_by_one():
     wiring = wiring_of(contract())
     actions = np.array([[1.0, -100.0], [1.0, 100.5], [np.nan, 0.0], [0.0, np.inf]], dtype=np.float32)
     np.testing.assert_array_equal(wiring.accepts(actions), [True, False, False, False])
@@ -146,18 +137,18 @@ def test_actions_are_accepted_one_by_one() -> None:
     assert wiring.action_problem(actions[0]) == ""
 
 
-def test_the_contract_says_how_large_actions_are_unless_it_is_overridden() -> None:
+def test_the_contract_says_how_large_actions_are_unless_it_is_overridden():
     large = contract(action_limit=500.0)
     assert wiring_of(contract()).limit == 100.0
     reference = build_world_reference(large, frames(), JOINTS, ("torso",))
-    wiring = PolicyWiring(JOINTS, large, reference, EXTERN_WIDTHS)
+    wiring = policy_step.PolicyWiring(JOINTS, large, reference, EXTERN_WIDTHS)
     np.testing.assert_array_equal(wiring.accepts(np.array([[440.0, -499.0], [0.0, 501.0]], np.float32)), [True, False])
-    assert PolicyWiring(JOINTS, large, reference, EXTERN_WIDTHS, 50.0).limit == 50.0
+    assert policy_step.PolicyWiring(JOINTS, large, reference, EXTERN_WIDTHS, 50.0).limit == 50.0
     controller = RLPolicyController(JOINTS, large, reference, lambda *_: [0, 0], 0.02, extern=EXTERN_WIDTHS)
     assert controller.action_limit == 500.0
 
 
-def test_limits_of_a_robot_that_nobody_knows_are_refused() -> None:
+def test_limits_of_a_robot_that_nobody_knows_are_refused():
     with pytest.raises(FieldError, match="position_clip: is 'joint_limits', and no robot is known whose they are"):
         wiring_of(contract(position_clip="joint_limits"))
 
@@ -173,41 +164,38 @@ def test_limits_of_a_robot_that_nobody_knows_are_refused() -> None:
         ({"observation": ("command",), "command_names": ("motion",), "phase": None}, False),
     ],
 )
-def test_whether_the_velocity_command_is_observed(changes: dict[str, Any], takes: bool) -> None:
+def test_whether_the_velocity_command_is_observed(changes, takes):
     assert wiring_of(contract(**changes)).takes_velocity_command is takes
 
 
-def test_a_contract_that_does_not_fit_the_robot_is_refused() -> None:
+def test_a_contract_that_does_not_fit_the_robot_is_refused():
     reference = build_world_reference(contract(), frames(), JOINTS, ("torso",))
     with pytest.raises(FieldError, match="anchor pose"):
-        PolicyWiring(JOINTS, contract(), reference, {VELOCITY_COMMAND: 3}, 100.0)
+        policy_step.PolicyWiring(JOINTS, contract(), reference, {VELOCITY_COMMAND: 3}, 100.0)
 
 
-# --- actions ---
-
-
-def rig_map(**changes: Any) -> ActionMap:
+def rig_map(**changes):
     """Of a policy that drives the elbow and the shoulder, on a robot with a wrist too."""
-    return resolve_action(rig.contract(**changes), rig.JOINTS)
+    return policy_step.resolve_action(rig.contract(**changes), rig.JOINTS)
 
 
 def test_scalar_scale():
-    command = action_command(rig_map(action_scale=2.0), np.array([1.0, 1.0], np.float32))
+    command = policy_step.action_command(rig_map(action_scale=2.0), np.array([1.0, 1.0], np.float32))
     assert command.position.tolist() == [2.03, 2.02, 0.0]
 
 
 def test_actions_and_positions_are_clipped():
     limits = [[-0.1, 0.1], [-1.0, 1.0]]
     action_map = rig_map(action_clip=1.5, position_clip=limits)
-    command = action_command(action_map, np.array([9.0, 9.0], np.float32))
+    command = policy_step.action_command(action_map, np.array([9.0, 9.0], np.float32))
     # elbow: 0.02 + 0.5 * 1.5, beyond its limit; shoulder: 0.03 + 0.25 * 1.5, within
     assert command.position.tolist() == [0.03 + 0.25 * 1.5, 0.1, 0.0]
     spread = rig_map(position_clip=[[-0.1, 0.1]])
-    assert action_command(spread, np.array([-9.0, 9.0], np.float32)).position.tolist() == [0.1, -0.1, 0.0]
+    assert policy_step.action_command(spread, np.array([-9.0, 9.0], np.float32)).position.tolist() == [0.1, -0.1, 0.0]
 
 
 def test_an_offset_of_its_own_replaces_the_default_pose():
-    command = action_command(rig_map(action_offset=[0.5, 0.6]), np.zeros(2, np.float32))
+    command = policy_step.action_command(rig_map(action_offset=[0.5, 0.6]), np.zeros(2, np.float32))
     assert command.position.tolist() == [0.6, 0.5, 0.0]
 
 
@@ -216,25 +204,22 @@ def test_commands_of_a_batch_are_those_of_its_robots(actions):
     action_map = rig_map()
     batch = np.array(actions, dtype=np.float32)
     with np.errstate(all="ignore"):
-        together = action_command(action_map, batch)
-        one_by_one = [action_command(action_map, row) for row in batch]
+        together = policy_step.action_command(action_map, batch)
+        one_by_one = [policy_step.action_command(action_map, row) for row in batch]
     for name in COMMAND_FIELDS:
         assert getattr(together, name).shape == (len(actions), 3)
         assert getattr(together, name).tobytes() == np.stack([getattr(c, name) for c in one_by_one]).tobytes()
 
 
 def test_two_batch_dimensions():
-    command = action_command(rig_map(), np.zeros((4, 5, 2), np.float32))
+    command = policy_step.action_command(rig_map(), np.zeros((4, 5, 2), np.float32))
     assert command.position.shape == (4, 5, 3)
 
 
-# --- the gait clock ---
-
-
-def phases(rule: PhaseRule, commands: list[np.ndarray]) -> list[list[float]]:
+def phases(rule, commands):
     walked, shown = 0.0, []
     for command in commands:
-        walked, phase = advance_phase(rule, walked, command, 0.02)
+        walked, phase = policy_step.advance_phase(rule, walked, command, 0.02)
         shown.append(phase.tolist())
     return shown
 
@@ -286,9 +271,9 @@ def test_clocks_of_another_pace_each_have_the_bits_of_one_alone():
     rule = PhaseRule(frequency=[[0.1, 1.1], [0.4, 1.3], [1.3, 1.9]], standing_threshold=0.1)
     rng = np.random.default_rng(4)
     commands, walked = rng.uniform(-1.0, 1.0, (200, 3)), rng.uniform(0.0, 9.0, 200)
-    moved, shown = advance_phase(rule, walked, commands, 0.02)
+    moved, shown = policy_step.advance_phase(rule, walked, commands, 0.02)
     for i in range(200):
-        one_moved, one_shown = advance_phase(rule, walked[i], commands[i], 0.02)
+        one_moved, one_shown = policy_step.advance_phase(rule, walked[i], commands[i], 0.02)
         assert moved[i].tobytes() == np.asarray(one_moved).tobytes()
         assert shown[i].tobytes() == one_shown.tobytes()
 

@@ -30,11 +30,11 @@ FORBIDDEN_ATTRIBUTES = {
 }  # fmt: skip
 
 
-def tree(path: Path) -> ast.Module:
+def tree(path):
     return ast.parse(path.read_text(encoding="utf-8"), str(path))
 
 
-def imported_modules(path: Path) -> set[str]:
+def imported_modules(path):
     found = set()
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
@@ -99,7 +99,7 @@ def test_every_dataclass_is_frozen():
     assert count >= 15
 
 
-def run_python(code: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+def run_python(code, cwd):
     return subprocess.run([sys.executable, "-c", code], cwd=cwd, capture_output=True, text=True, check=False)
 
 
@@ -125,9 +125,6 @@ def test_a_linked_package_refuses_its_bare_name(name):
     done = run_python(f"import sys; sys.path.insert(0, '.'); import {name}", ROOT)
     assert done.returncode == 1
     assert done.stderr.rstrip().endswith(f"ImportError: import this package as 'humanoid_sim.{name}', not as '{name}'")
-
-
-# --- the same inputs, the same bytes ---
 
 
 @given(st.sampled_from(sorted(PATHS)), any_tick_inputs(3, 20.0))

@@ -107,7 +107,7 @@ def test_a_batch_is_aligned_like_its_robots():
         assert np.array_equal(batch.offset[i], alone.offset)
 
 
-def joined() -> MotionReference:
+def joined():
     return MotionReference.joined([reference(3), reference(1), reference(4)])
 
 

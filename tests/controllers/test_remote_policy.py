@@ -91,9 +91,6 @@ def test_the_timeout_is_a_parameter(timeout):
     assert run(remote_controller(stale_command_timeout_ms=timeout), *steps) == [PASSIVE, 0.7, 0.7, PASSIVE]
 
 
-# --- commands from before activation ---
-
-
 @pytest.mark.parametrize("arrival", [-1e9, 0.0, 9.95, 9.9999999, 10.0])
 def test_commands_from_before_activation_never_count(arrival):
     old = cmd(0.7, arrival)
@@ -117,9 +114,6 @@ def test_each_activation_starts_anew():
     a = cmd(0.7, 10.01)
     assert run(controller, (10.0, None), (10.02, a), (10.04, a))[-1] == 0.7
     assert run(controller, (10.06, a), (10.08, a)) == [PASSIVE, PASSIVE]
-
-
-# --- clocks and stamps ---
 
 
 def test_a_future_stamp_buys_no_time():
@@ -165,9 +159,6 @@ def test_time_must_be_a_number(time):
     for fault in (controller.activate(tick(time)), controller.update(memory, tick(time))):
         assert isinstance(fault, Fault)
         assert fault.message == f"time is {time}, expected a finite number"
-
-
-# --- broken commands and states ---
 
 
 @pytest.mark.parametrize(
@@ -232,9 +223,6 @@ def test_a_live_sender_is_heard_and_a_dead_one_is_not(steps):
         if abs(age - 0.1) > 1e-9:
             assert (sent.damping[0] == 4.0) == (age < 0.1)
             assert age > 0.1 or sent.position[0] == in_force.command.position[0]
-
-
-# --- parameters ---
 
 
 @pytest.mark.parametrize(

@@ -47,9 +47,6 @@ def run(rl, count, start=0.0, **inputs):
     return results
 
 
-# --- observation and action ---
-
-
 def test_the_policy_sees_its_own_joint_order():
     policy = ScriptedPolicy(zeros)
     memory = controller(policy).activate(tick())
@@ -101,9 +98,6 @@ def test_the_last_action_is_seen_raw_one_step_later():
     policy = ScriptedPolicy(lambda *_: next(answers))
     run(controller(policy), 6)
     assert [observation[9:11].tolist() for observation, _ in policy.calls] == [[0.0, 0.0], [1.5, -2.5], [3.5, 4.5]]
-
-
-# --- rate and motion ---
 
 
 @pytest.mark.parametrize(("period", "decimation"), [(0.04, 1), (0.02, 2), (0.01, 4), (0.005, 8), (0.04 / 3, 3)])
@@ -166,9 +160,6 @@ def test_the_policy_step_is_reported_as_it_was():
     assert isinstance(step, PolicyStep)
     assert step.observation.tobytes() == policy.calls[0][0].tobytes()
     assert step.action.tolist() == np.asarray(good_answer(*policy.calls[0]), dtype=np.float32).tolist()
-
-
-# --- failures ---
 
 
 @pytest.mark.parametrize(
@@ -276,8 +267,6 @@ def test_a_state_of_another_width_is_a_fault_at_any_tick():
         assert isinstance(fault, Fault)
         assert fault.message == "state has (4,) joint positions, expected (3,)"
 
-
-# --- construction ---
 
 OWN, OTHERS = "RLPolicyController", "joint_names of the policy do not match the robot's joints"
 

@@ -1,16 +1,15 @@
 """The signs: what is found of mirrored and shifted joints of an arm that hangs, and what becomes of START then."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 import rig
 
-from humanoid_sim.controllers.signs import AGREES, CONTRADICTS, LEVER_COLUMNS, UNDECIDED, SignMemory, Signs
+from humanoid_sim.controllers.signs import AGREES, CONTRADICTS, LEVER_COLUMNS, UNDECIDED, Signs
 from humanoid_sim.errors import FieldError
-from humanoid_sim.messages import Intent, Mode, TickInput, TickOutput
-from humanoid_sim.mit import GRAVITY_LEVERS, Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.messages import Intent, Mode, TickInput
+from humanoid_sim.mit import GRAVITY_LEVERS, Extern, MITCommand
 from humanoid_sim.testing import fingerprint, healthy_state
 
 POSE = np.array([0.5, 0.8, 0.3])
@@ -19,18 +18,18 @@ WEIGHT, LENGTH, TOLERANCE = np.array([30.0, 20.0, 0.3]), 0.4, 0.5
 PERIOD = 0.02
 
 
-def signs(*allowed: str) -> Signs:
+def signs(*allowed):
     return Signs(rig.JOINTS, np.full(3, -2.0), np.full(3, 2.0), allowed)
 
 
-def torques(angles: FloatArray) -> FloatArray:
+def torques(angles):
     """N·m that hold the arm, by hand: links at absolute angles from straight down, each heavy at its end."""
     absolute = np.cumsum(angles)
     reach = LENGTH * -np.sin(absolute)  # turning about y takes what hangs down backwards
     return np.array([-sum(WEIGHT[k] * reach[j : k + 1].sum() for k in range(j, 3)) for j in range(3)])
 
 
-def levers(angles: FloatArray, *, ground: float = 0.0) -> FloatArray:
+def levers(angles, *, ground=0.0):
     absolute = np.cumsum(angles)
     links = LENGTH * np.stack([-np.sin(absolute), np.zeros(3), -np.cos(absolute)], axis=-1)
     value = np.zeros((3, LEVER_COLUMNS))
@@ -40,7 +39,7 @@ def levers(angles: FloatArray, *, ground: float = 0.0) -> FloatArray:
     return value
 
 
-def hanging(time: float, angles: FloatArray = POSE, *, effort: FloatArray | None = None, **changes: Any) -> MITState:
+def hanging(time, angles=POSE, *, effort=None, **changes):
     """What a sound arm reports, with its levers."""
     state = replace(healthy_state(angles, time), joint_effort=torques(angles) if effort is None else effort)
     value = changes.pop("value", None)
@@ -48,22 +47,22 @@ def hanging(time: float, angles: FloatArray = POSE, *, effort: FloatArray | None
     return replace(state, extern=live, **changes)
 
 
-def mirrored(time: float, joint: int, angles: FloatArray = POSE) -> MITState:
+def mirrored(time, joint, angles=POSE):
     """What it reports if one joint is mirrored."""
     sign = np.where(np.arange(3) == joint, -1.0, 1.0)
     return hanging(time, angles, effort=sign * torques(sign * angles))
 
 
-def shifted(time: float, joint: int, by: float) -> MITState:
+def shifted(time, joint, by):
     """What it reports if one joint reads too much."""
     return hanging(time, effort=torques(POSE - by * (np.arange(3) == joint)))
 
 
-def command(pose: FloatArray = POSE) -> MITCommand:
+def command(pose=POSE):
     return MITCommand(pose, np.zeros(3), np.zeros(3), np.full(3, 50.0), np.ones(3))
 
 
-def judged(judge: Signs, *states: MITState, is_finished: bool = True) -> SignMemory:
+def judged(judge, *states, is_finished=True):
     memory = None
     for state in states:
         memory = judge.watch(memory, state, command(state.joint_position), is_finished=is_finished)
@@ -71,16 +70,16 @@ def judged(judge: Signs, *states: MITState, is_finished: bool = True) -> SignMem
     return memory
 
 
-def three(make: Any, *arguments: Any) -> list[MITState]:
+def three(make, *arguments):
     return [make(0.1 * k, *arguments) for k in range(3)]
 
 
-def test_the_levers_give_the_torques_that_were_computed_by_hand() -> None:
+def test_the_levers_give_the_torques_that_were_computed_by_hand():
     value = levers(POSE)
     assert np.cross(value[:, :3], value[:, 3:6])[:, 2] == pytest.approx(torques(POSE))
 
 
-def test_a_sound_arm_agrees_where_gravity_is_enough() -> None:
+def test_a_sound_arm_agrees_where_gravity_is_enough():
     memory = judged(signs(), *three(hanging))
     assert memory.verdict.tolist() == [AGREES, AGREES, UNDECIDED], "the wrist weighs too little"
     assert (memory.refusal, memory.notice) == ("", "signs: 2 of 3 joints agree with gravity, 1 not decidable")
@@ -88,7 +87,7 @@ def test_a_sound_arm_agrees_where_gravity_is_enough() -> None:
 
 
 @pytest.mark.parametrize("joint", [0, 1])
-def test_a_mirrored_joint_is_named_and_refused(joint: int) -> None:
+def test_a_mirrored_joint_is_named_and_refused(joint):
     memory = judged(signs(), *three(mirrored, joint))
     assert (memory.verdict == CONTRADICTS).sum() == 1
     assert memory.refusal.startswith("shoulder contradicts gravity: held with "), "it is held most wrongly"
@@ -97,7 +96,7 @@ def test_a_mirrored_joint_is_named_and_refused(joint: int) -> None:
     assert memory.notice.startswith(memory.refusal)
 
 
-def test_a_mirrored_joint_that_is_allowed_is_only_told() -> None:
+def test_a_mirrored_joint_that_is_allowed_is_only_told():
     memory = judged(signs("elbow"), *three(mirrored, 1))
     assert memory.refusal == ""
     assert "that of elbow would too" in memory.notice
@@ -105,7 +104,7 @@ def test_a_mirrored_joint_that_is_allowed_is_only_told() -> None:
 
 
 @pytest.mark.parametrize(("joint", "by"), [(0, 0.6), (0, -0.6), (1, 0.6)])
-def test_an_offset_is_named_and_only_told(joint: int, by: float) -> None:
+def test_an_offset_is_named_and_only_told(joint, by):
     memory = judged(signs(), *three(shifted, joint, by))
     assert memory.refusal == ""
     assert memory.verdict[joint] == CONTRADICTS
@@ -113,21 +112,21 @@ def test_an_offset_is_named_and_only_told(joint: int, by: float) -> None:
     assert f"a homing offset that is off by about {by:.1f} rad explains that" in memory.notice
 
 
-def test_what_no_single_fault_explains_is_only_told() -> None:
+def test_what_no_single_fault_explains_is_only_told():
     wrong = torques(POSE) + np.array([40.0, -30.0, 9.0])
     memory = judged(signs(), *[hanging(0.1 * k, effort=wrong) for k in range(3)])
     assert memory.refusal == ""
     assert "no single direction or offset explains that" in memory.notice
 
 
-def test_what_is_within_the_tolerance_accuses_nobody() -> None:
+def test_what_is_within_the_tolerance_accuses_nobody():
     for side in (-1.0, 1.0):
         effort = torques(POSE) + side * TOLERANCE
         memory = judged(signs(), *[hanging(0.1 * k, effort=effort) for k in range(3)])
         assert "contradicts" not in memory.notice
 
 
-def test_a_joint_at_its_stop_may_be_pressed() -> None:
+def test_a_joint_at_its_stop_may_be_pressed():
     pose = np.array([0.5, 2.0, 0.3])
     pressed = torques(pose) + np.array([0.0, 30.0, 0.0])
     for effort, is_accused in ((pressed, False), (2.0 * torques(pose) - pressed, True)):
@@ -135,7 +134,7 @@ def test_a_joint_at_its_stop_may_be_pressed() -> None:
         assert ("contradicts" in memory.notice) is is_accused
 
 
-def test_joints_that_move_or_are_silent_are_not_judged() -> None:
+def test_joints_that_move_or_are_silent_are_not_judged():
     moving = [mirrored(0.1 * k, 1, POSE + 0.05 * k) for k in range(9)]
     silent = [replace(mirrored(0.1 * k, 1), joint_age=np.array([0.0, 0.0, 0.2])) for k in range(9)]
     for states in (moving, silent):
@@ -146,7 +145,7 @@ def test_joints_that_move_or_are_silent_are_not_judged() -> None:
         assert judged(signs(), *states, replace(states[-1], time=1.2, extern=hanging(1.2).extern)).is_ready, "in vain"
 
 
-def test_two_limbs_at_once_stand_on_the_ground_and_one_is_at_fault() -> None:
+def test_two_limbs_at_once_stand_on_the_ground_and_one_is_at_fault():
     """Three legs of one joint each."""
     value = levers(POSE, ground=1.0)
     value[:, 6] = -1.0
@@ -160,7 +159,7 @@ def test_two_limbs_at_once_stand_on_the_ground_and_one_is_at_fault() -> None:
         assert ("lift the robot" in memory.notice) is not refused
 
 
-def test_poses_add_up() -> None:
+def test_poses_add_up():
     """Straight down nothing is decidable; what was seen before stays."""
     down = [hanging(0.1 * k, np.zeros(3)) for k in range(3)]
     memory = judged(signs(), *down)
@@ -180,14 +179,14 @@ def test_poses_add_up() -> None:
     ],
     ids=["none", "old", "not finite", "of another robot"],
 )
-def test_a_tick_that_is_no_sample_changes_nothing(live: dict[str, Extern]) -> None:
+def test_a_tick_that_is_no_sample_changes_nothing(live):
     memory = judged(signs(), hanging(-0.2))
     state = replace(healthy_state(POSE, 0.0), extern=live)
     assert signs().watch(memory, state, command(), is_finished=True) is memory
     assert signs().watch(None, state, command(), is_finished=True) is None
 
 
-def test_parents_that_make_no_tree_do_no_harm() -> None:
+def test_parents_that_make_no_tree_do_no_harm():
     value = levers(POSE)
     value[:, 6] = [2.0, 0.0, 1.0]
     assert judged(signs(), *[hanging(0.1 * k, value=value) for k in range(3)]).is_ready
@@ -203,8 +202,8 @@ def test_parents_that_make_no_tree_do_no_harm() -> None:
         ({"allowed": ("elbo",)}, "Signs.allowed: unknown joint 'elbo'"),
     ],
 )
-def test_what_is_refused(changes: dict[str, Any], message: str) -> None:
-    values: dict[str, Any] = {"joints": rig.JOINTS, "lower": np.zeros(3), "upper": np.ones(3)}
+def test_what_is_refused(changes, message):
+    values = {"joints": rig.JOINTS, "lower": np.zeros(3), "upper": np.ones(3)}
     with pytest.raises(FieldError) as caught:
         Signs(**{**values, **changes})
     assert str(caught.value).startswith(message)
@@ -213,14 +212,14 @@ def test_what_is_refused(changes: dict[str, Any], message: str) -> None:
 class Bench:
     """A control stack that judges signs, on an arm that stays where it is told to be, or with a mirrored joint."""
 
-    def __init__(self, joint: int | None, *allowed: str) -> None:
+    def __init__(self, joint, *allowed):
         self.stack = replace(rig.supervisor(), signs=signs(*allowed))
         self.memory = self.stack.initial()
         self.time, self.joint = 0.0, joint
-        self.outputs: list[TickOutput] = []
-        self.inputs: list[Any] = []
+        self.outputs = []
+        self.inputs = []
 
-    def run(self, ticks: int, *intents: Intent) -> TickOutput:
+    def run(self, ticks, *intents):
         for k in range(ticks):
             state = mirrored(self.time, self.joint) if self.joint is not None else hanging(self.time)
             if round(self.time / PERIOD) % 5:
@@ -232,13 +231,13 @@ class Bench:
             self.time += PERIOD
         return self.outputs[-1]
 
-    def reach(self, ticks: int = 40) -> TickOutput:
+    def reach(self, ticks=40):
         self.run(2, Intent.DAMP)
         return self.run(ticks, Intent.LOAD_A)
 
 
 @pytest.mark.parametrize("intent", [Intent.START_LOCOMOTION, Intent.START_REMOTE])
-def test_start_is_refused_and_granted_to_who_knows_better(intent: Intent) -> None:
+def test_start_is_refused_and_granted_to_who_knows_better(intent):
     bench = Bench(1)
     bench.reach()
     output = bench.run(1, intent)
@@ -250,7 +249,7 @@ def test_start_is_refused_and_granted_to_who_knows_better(intent: Intent) -> Non
         assert not sound.outputs[-1].refusals
 
 
-def test_standby_finishes_with_the_verdict_and_without_samples_at_once() -> None:
+def test_standby_finishes_with_the_verdict_and_without_samples_at_once():
     bench = Bench(None)
     bench.reach()
     finished = next(i for i, output in enumerate(bench.outputs) if output.standby and output.standby.is_finished)
@@ -260,7 +259,7 @@ def test_standby_finishes_with_the_verdict_and_without_samples_at_once() -> None
     assert bench.memory.signs is None, "forgotten with STANDBY"
 
 
-def test_the_same_inputs_give_the_same_bits() -> None:
+def test_the_same_inputs_give_the_same_bits():
     bench = Bench(1)
     bench.reach()
     memory = bench.stack.initial()
@@ -269,7 +268,7 @@ def test_the_same_inputs_give_the_same_bits() -> None:
         assert fingerprint(again) == fingerprint(output)
 
 
-def test_a_stack_without_signs_ignores_the_levers() -> None:
+def test_a_stack_without_signs_ignores_the_levers():
     bench = Bench(1)
     bench.stack = rig.supervisor()
     bench.reach(8)

@@ -106,9 +106,6 @@ def test_scalar_gains():
     assert command.damping.tolist() == [2.0] * 3
 
 
-# --- clocks ---
-
-
 def test_a_stall_of_the_host_does_not_make_the_arms_jump():
     (_, before), (after, report) = run(standby(), [0.0, 100.0])
     assert before.progress == 0.0
@@ -152,9 +149,6 @@ def test_any_clock(jumps, first, second):
         assert command.is_finite()
 
 
-# --- faults ---
-
-
 @pytest.mark.parametrize("value", [NAN, INF, -INF])
 def test_every_joint_must_be_known(value):
     controller = standby()
@@ -182,9 +176,6 @@ def test_a_state_of_another_width_is_a_fault():
     for fault in (controller.activate(bad), controller.update(memory, bad)):
         assert isinstance(fault, Fault)
         assert fault.message == "state has (4,) joint positions, expected (3,)"
-
-
-# --- parameters ---
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """The supervisor: construction, containment of failures, and its state space exhausted over abstract inputs."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, ClassVar
@@ -14,7 +13,7 @@ from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import FieldError
-from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput
+from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.testing import ScriptedPolicy, fingerprint
 from humanoid_sim.testing.properties import MODE_NUMBER
@@ -28,9 +27,6 @@ REMOTE = "remote_policy_controller"
 NAN, INF = np.nan, np.inf
 UNKNOWN = (NAN, NAN, NAN)
 FAULT = (SafetyStatus(2, 8, "can0", "over-current"),)
-
-
-# --- the ordinary way ---
 
 
 def test_the_start_is_zero_torque():
@@ -106,9 +102,6 @@ def test_safety_demotes_in_the_same_tick_and_nothing_recovers_by_itself():
     assert run.step(Intent.LOAD_A).control_mode.controller_name == A
 
 
-# --- failures ---
-
-
 @pytest.mark.parametrize("name", BAD_ANSWERS)
 def test_a_misbehaving_policy_is_damped_in_the_same_tick(name):
     policy = ScriptedPolicy(good_answer)
@@ -179,10 +172,10 @@ class Foreign:
     activation: Any = lambda *_: Memory()
     joints: tuple[str, ...] = JOINTS
 
-    def activate(self, given: TickInput) -> Any:
+    def activate(self, given):
         return self.activation(given)
 
-    def update(self, memory: Any, given: TickInput) -> Any:
+    def update(self, memory, given):
         return self.behaviour(memory, given)
 
 
@@ -193,7 +186,7 @@ def explode(*_):
 class Sham(MITCommand):
     """A command that calls itself finite."""
 
-    def is_finite(self) -> bool:
+    def is_finite(self):
         return True
 
 
@@ -201,12 +194,12 @@ class Treacherous:
     """A memory that cannot be asked."""
 
     @property
-    def policy_step(self) -> None:
+    def policy_step(self):
         raise RuntimeError("no")
 
 
 class UnprintableError(Exception):
-    def __str__(self) -> str:
+    def __str__(self):
         raise ValueError("not even this")
 
 
@@ -300,9 +293,6 @@ def test_a_controller_that_is_not_there_is_refused_by_name(missing, intent, path
     assert output.refusals == (f"{intent.name} refused: {missing} is not available",)
 
 
-# --- construction ---
-
-
 @pytest.mark.parametrize(
     ("replaced", "message"),
     [
@@ -339,8 +329,6 @@ def test_the_controllers_cannot_be_exchanged_later():
         made.controllers[ZERO] = ZeroTorqueController(JOINTS)
 
 
-# --- the whole state space, over abstract inputs ---
-
 POSITIONS = {"known": KNOWN, "one NaN": (0.4, NAN, 0.6), "all NaN": UNKNOWN, "all infinite": (INF, -INF, INF)}
 PAIRS = [(), *((first,) for first in Intent), *product(Intent, Intent)]
 STEP = 0.05
@@ -348,7 +336,7 @@ STEP = 0.05
 SAFETIES = [(), (SafetyStatus(1),), FAULT, (SafetyStatus(0, 1), SafetyStatus(3, 0, "can1"))]
 
 
-def remotes(now: float) -> dict[str, RemoteCommand | None]:
+def remotes(now):
     """Every kind of remote command at a time; the controller, if active, was activated more than 1 s before."""
     return {
         "none": None,
@@ -362,7 +350,7 @@ def remotes(now: float) -> dict[str, RemoteCommand | None]:
     }
 
 
-def abstract(memory: Any) -> tuple[str, str]:
+def abstract(memory):
     """What the exhaustive search tells apart: who is in control, and how far."""
     inner = memory.controller_memory
     if memory.controller in (A, B):
@@ -377,7 +365,7 @@ def abstract(memory: Any) -> tuple[str, str]:
     return memory.controller, ""
 
 
-def abstract_inputs(name: str, finished: bool, time: float) -> Iterator[tuple[str, TickInput]]:
+def abstract_inputs(name, finished, time):
     """Policies and commands vary only where this tick may consult them; that keeps the product small."""
     for (word, position), safety, intents in product(POSITIONS.items(), SAFETIES, PAIRS):
         consulted = {*intents} if finished else set()
@@ -396,9 +384,7 @@ def explored():
     policy = ScriptedPolicy(good_answer)
     stack = supervisor(policy)
     start = stack.initial()
-    nodes: dict[tuple[str, str], tuple[Any, RigProperties, float]] = {
-        abstract(start): (start, RigProperties(stack), 10.0)
-    }
+    nodes = {abstract(start): (start, RigProperties(stack), 10.0)}
     queue, edges, ticks = list(nodes), set(), 0
     while queue:
         key = queue.pop(0)

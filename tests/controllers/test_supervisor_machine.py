@@ -6,7 +6,7 @@ from hypothesis import settings
 from hypothesis.stateful import run_state_machine_as_test
 from safety_properties import RigProperties
 
-from humanoid_sim.testing import DEFAULT_SETTINGS, ScriptedPolicy, StackMachine
+from humanoid_sim.testing import DEFAULT_SETTINGS, StackMachine
 
 pytestmark = pytest.mark.timeout(1800)  # shrinking a failure to its few steps takes up to five minutes
 
@@ -19,7 +19,7 @@ class RigMachine(StackMachine):
     longest_standby = 4.5 * rig.PERIOD
     properties_type = RigProperties
 
-    def build(self, policy: ScriptedPolicy):
+    def build(self, policy):
         return rig.supervisor(policy)
 
 

@@ -12,7 +12,7 @@ from humanoid_sim.controllers import term_kinds
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.controllers.term_kinds import TERM_KINDS, TERM_NAMES, TermKind, term_kind
-from humanoid_sim.controllers.term_values import Request, Source, joint_names
+from humanoid_sim.controllers.term_values import joint_names
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.edits import RobotFacts
 from humanoid_sim.doctor.hypotheses import singles
@@ -23,7 +23,7 @@ from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.describe import term_lines
 from humanoid_sim.policy.golden.make import blind_spots, own_samples
 from humanoid_sim.policy.golden.verify import golden_problem, value_name
-from humanoid_sim.policy.loaded_policy import LoadedPolicy, contract_layout, load_policy
+from humanoid_sim.policy.loaded_policy import contract_layout, load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.policy.readers.partial import PartialContract, given
@@ -36,7 +36,7 @@ BODY = "torso"
 KEYS = 3
 
 
-def joint_effort(request: Request) -> tuple[int, Source]:
+def joint_effort(request):
     return len(JOINTS), lambda context: context.state.joint_effort
 
 
@@ -57,7 +57,7 @@ NEW = TermKind(
 
 
 @pytest.fixture(params=[*TERM_KINDS.values(), NEW], ids=lambda kind: kind.name)
-def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> TermKind:
+def kind(request, monkeypatch):
     """Each entry of the table, and one more."""
     kinds = MappingProxyType({**TERM_KINDS, NEW.name: NEW})
     names = MappingProxyType({**TERM_NAMES, **dict.fromkeys(NEW.names, NEW.name)})
@@ -65,11 +65,10 @@ def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Ter
         for name, value in (("TERM_KINDS", kinds), ("TERM_NAMES", names)):
             if name in vars(module):
                 monkeypatch.setattr(module, name, value)
-    entry: TermKind = request.param
-    return entry
+    return request.param
 
 
-def read(kind: TermKind) -> PolicyContract:
+def read(kind):
     """What the readers make of a policy that observes the joints, the term, and what the term cannot be without."""
     beside = {"progress": ("motion_body_pos_b",), "key_pressed": ("target_keys",)}.get(kind.name, ())
     values = {
@@ -91,11 +90,11 @@ def read(kind: TermKind) -> PolicyContract:
     return merge([partial], "test")
 
 
-def term_name(kind: TermKind) -> str:
+def term_name(kind):
     return (kind.names or (kind.name,))[-1]
 
 
-def motion(contract: PolicyContract) -> Motion | None:
+def motion(contract):
     rng = np.random.default_rng(0)
     if contract.task_type == "piano":
         return Motion(rng.integers(0, 2, (9, KEYS)).astype(np.float32), (), 0.02, task_type="piano")
@@ -108,25 +107,22 @@ def motion(contract: PolicyContract) -> Motion | None:
     return Motion(frames, (BODY,), 0.02, layout="joints_bodies_w", joint_names=JOINTS)
 
 
-def policy(observation: np.ndarray, _: int) -> np.ndarray:
+def policy(observation, _):
     return np.full(len(JOINTS), np.tanh(observation.sum()), dtype=np.float32)
 
 
-def loaded(kind: TermKind) -> LoadedPolicy:
+def loaded(kind):
     made = read(kind)
     return load_policy(made, policy, motion(made))
 
 
-# --- the table ---
-
-
-def test_a_name_means_one_thing() -> None:
+def test_a_name_means_one_thing():
     assert len(TERM_NAMES) == sum(len(kind.names) or 1 for kind in TERM_KINDS.values())
     assert {term_kind(name).name for name in (*TERM_KINDS, *TERM_NAMES)} == set(TERM_KINDS)
     assert term_kind("wind").meaning == "live input"
 
 
-def test_what_a_kind_says_of_itself_exists(kind: TermKind) -> None:
+def test_what_a_kind_says_of_itself_exists(kind):
     known = {field.name for field in fields(MITState)} | {*EXTERN_WIDTHS, "key_pressed", "height_scan", ""}
     assert kind.reads in known
     assert not kind.estimate or kind.reads
@@ -147,14 +143,11 @@ def test_what_a_kind_says_of_itself_exists(kind: TermKind) -> None:
         ({"observation": ("joint_pos",), "phase": PhaseRule(0.8, np.zeros(2), standing_threshold=0.1)}, True),
     ],
 )
-def test_a_policy_takes_a_velocity_command(changes: dict[str, object], takes: bool) -> None:
+def test_a_policy_takes_a_velocity_command(changes, takes):
     assert contract(**changes).takes_velocity_command is takes
 
 
-# --- whoever knows terms ---
-
-
-def test_the_readers_know_what_the_term_is_called_and_needs(kind: TermKind) -> None:
+def test_the_readers_know_what_the_term_is_called_and_needs(kind):
     made = read(kind)
     assert made.kind(made.terms[0]).name == kind.name
     assert made.task_type == (
@@ -166,14 +159,14 @@ def test_the_readers_know_what_the_term_is_called_and_needs(kind: TermKind) -> N
             merge([PartialContract("test", values)], "test")
 
 
-def test_it_is_described(kind: TermKind) -> None:
+def test_it_is_described(kind):
     made = read(kind)
     line = term_lines(made, contract_layout(made))[0]
     assert line.name == term_name(kind)
     assert line.meaning.startswith(kind.meaning)
 
 
-def test_its_bounds_hold_it(kind: TermKind) -> None:
+def test_its_bounds_hold_it(kind):
     made = loaded(kind)
     wiring = PolicyWiring(JOINTS, made.contract, made.reference, made.extern)
     space = observation_space(wiring, LITE)
@@ -184,13 +177,13 @@ def test_its_bounds_hold_it(kind: TermKind) -> None:
     assert (space.low < space.high).all()
 
 
-def test_the_check_says_what_it_needs_an_estimator_for(kind: TermKind) -> None:
+def test_the_check_says_what_it_needs_an_estimator_for(kind):
     findings = [str(finding) for finding in estimate_findings(read(kind), hardware=True)]
     assert len(findings) == bool(kind.estimate)
     assert all(kind.estimate in finding and term_name(kind) in finding for finding in findings)
 
 
-def test_golden_vectors_hold_it(kind: TermKind) -> None:
+def test_golden_vectors_hold_it(kind):
     made = read(kind)
     checkpoint = Checkpoint(made, policy, "test")
     samples = own_samples(checkpoint, motion(made))
@@ -204,7 +197,7 @@ def test_golden_vectors_hold_it(kind: TermKind) -> None:
     assert seen == ([unfelt] if kind is NEW else [])
 
 
-def test_the_doctor_turns_its_conventions_round(kind: TermKind) -> None:
+def test_the_doctor_turns_its_conventions_round(kind):
     made = read(kind)
     ones = np.ones(len(JOINTS))
     found = [h.contract.terms[0] for h in singles(made, RobotFacts(JOINTS, JOINTS, 80 * ones, 40 * ones, ones))]
@@ -221,14 +214,14 @@ def test_the_doctor_turns_its_conventions_round(kind: TermKind) -> None:
     assert {float(term.scale) for term in same if np.ndim(term.scale) == 0} >= {*kind.scales, 0.0}
 
 
-def test_what_stands_for_a_command_is_said_by_the_contract() -> None:
+def test_what_stands_for_a_command_is_said_by_the_contract():
     made = read(TERM_KINDS["joint_pos"])
     assert term_kinds.term_kind("command", ("twist",)).name == "velocity_command"
     with pytest.raises(FieldError, match="'command': the contract has no command_names, expected what it stands for"):
         contract_layout(replace(made, observation=("command",)))
 
 
-def test_whose_velocity_is_observed() -> None:
+def test_whose_velocity_is_observed():
     terms = (
         Term("base_lin_vel"),
         Term("a", kind="base_lin_vel", at="imu"),

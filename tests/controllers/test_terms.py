@@ -1,7 +1,5 @@
 """Height scans as terms write them down: their grid, and what is refused."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from rig import JOINTS, contract, state
@@ -11,17 +9,17 @@ from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.terms import HeightScan, Term
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import Extern, MITState
+from humanoid_sim.mit import Extern
 
 TWO = Term("height_scan", grid=(0.1, 0.0), scale=2.0, clip=(-1.0, 1.0))
 
 
-def wired(*terms: Term, rays: int = 2) -> PolicyWiring:
+def wired(*terms, rays=2):
     made = contract(task_type="locomotion", body_names=(), observation=(*terms, Term("joint_pos")))
     return PolicyWiring(JOINTS, made, no_reference(), {"height_scan": rays})
 
 
-def test_the_defaults_are_mjlabs() -> None:
+def test_the_defaults_are_mjlabs():
     scan = Term("height_scan").height_scan
     assert (scan, scan.count, scan.missed) == (HeightScan(), 187, 5.0)
     assert scan.points[[0, 1, 16, 17, 186]] == pytest.approx(
@@ -38,7 +36,7 @@ def test_the_defaults_are_mjlabs() -> None:
         ((0.0, 0.0), 0.1, [0.0], [0.0]),
     ],
 )
-def test_points_of_a_grid(grid: tuple[float, float], resolution: float, x: Any, y: Any) -> None:
+def test_points_of_a_grid(grid, resolution, x, y):
     first_x = HeightScan(grid=grid, resolution=resolution)
     first_y = HeightScan(grid=grid, resolution=resolution, ray_order="yx")
     assert first_x.points == pytest.approx(np.array([(each, other) for other in y for each in x]))
@@ -59,17 +57,17 @@ def test_points_of_a_grid(grid: tuple[float, float], resolution: float, x: Any, 
         ({"ray_order": "zx"}, "ray_order is 'zx', expected xy or yx"),
     ],
 )
-def test_a_grid_that_cannot_be_is_refused(options: dict[str, Any], problem: str) -> None:
+def test_a_grid_that_cannot_be_is_refused(options, problem):
     with pytest.raises(FieldError, match=f"^observation term 'scan': {problem}"):
         Term("scan", kind="height_scan", **options)
 
 
-def test_other_terms_have_no_grid() -> None:
+def test_other_terms_have_no_grid():
     with pytest.raises(FieldError, match=r"'joint_pos': offset is 0.5, expected none: only a height_scan has one$"):
         Term("joint_pos", offset=0.5)
 
 
-def test_a_policy_has_one_scan() -> None:
+def test_a_policy_has_one_scan():
     again = Term("again", kind="height_scan", grid=(0.1, 0.0), history=3)
     assert wired(TWO, again).layout.width == 2 + 6 + 3
     other = Term("other", kind="height_scan", grid=(0.1, 0.0), offset=0.5)
@@ -77,12 +75,12 @@ def test_a_policy_has_one_scan() -> None:
         wired(TWO, other)
 
 
-def test_values_are_clipped_and_scaled_and_stop_the_policy_when_they_are_missing_or_too_old() -> None:
+def test_values_are_clipped_and_scaled_and_stop_the_policy_when_they_are_missing_or_too_old():
     wiring = wired(TWO)
     values = {"height_scan": Extern([0.3, 5.0], 1.0, timeout=0.5)}
 
-    def observed(now: float, extern: dict[str, Extern]) -> tuple[list[float], str]:
-        given: MITState = state(now, extern=extern)
+    def observed(now, extern):
+        given = state(now, extern=extern)
         observation, _ = wiring.observe(wiring.activate(given), given)
         return observation[:2].tolist(), wiring.observation_problem(observation)
 
@@ -96,7 +94,7 @@ def test_values_are_clipped_and_scaled_and_stop_the_policy_when_they_are_missing
         )
 
 
-def test_a_scan_of_another_width_is_refused() -> None:
+def test_a_scan_of_another_width_is_refused():
     with pytest.raises(FieldError, match=r"'height_scan': has 2 rays, but the robot's scan has 187$"):
         wired(TWO, rays=187)
     made = contract(task_type="locomotion", body_names=(), observation=(TWO,))
@@ -105,7 +103,7 @@ def test_a_scan_of_another_width_is_refused() -> None:
 
 
 @pytest.mark.parametrize("name", ["height_scan", "height_scanner"])
-def test_one_that_declares_its_width_is_a_live_input_like_any_other(name: str) -> None:
+def test_one_that_declares_its_width_is_a_live_input_like_any_other(name):
     made = contract(task_type="locomotion", body_names=(), observation=(Term(name, width=4),))
     assert made.height_scan is None
     assert dict(made.live_inputs) == dict(made.sent_inputs) == {name: 4}

@@ -4,9 +4,7 @@ import importlib.util
 import json
 import re
 import sys
-from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
-from types import ModuleType
 
 import pytest
 
@@ -15,11 +13,9 @@ from humanoid_sim.robots import schema
 
 
 @pytest.fixture(scope="module")
-def build() -> Iterator[ModuleType]:
+def build():
     path = Path(__file__).parent.parent.parent / "docs" / "build.py"
     spec = importlib.util.spec_from_file_location("site_build", path)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     with pytest.MonkeyPatch.context() as patched:
         patched.setitem(sys.modules, spec.name, module)  # dataclasses look their module up
@@ -40,24 +36,24 @@ def build() -> Iterator[ModuleType]:
         ("docs/play.md", "[a](#here) [b](https://example.org/x.md)", "[a](#here) [b](https://example.org/x.md)"),
     ],
 )
-def test_links_lead_to_pages(build: ModuleType, source: str, text: str, expected: str) -> None:
+def test_links_lead_to_pages(build, source, text, expected):
     assert build.staged(text, PurePosixPath(source)) == expected
 
 
 @pytest.mark.parametrize("target", ["nowhere.md", "../LICENSE", "../tests/conftest.py"])
-def test_a_link_out_of_the_site_is_an_error(build: ModuleType, target: str) -> None:
+def test_a_link_out_of_the_site_is_an_error(build, target):
     with pytest.raises(build.SiteError, match=f"docs/play.md: links to {target}, which is not a page of the site"):
         build.staged(f"[a]({target})", PurePosixPath("docs/play.md"))
 
 
-def test_a_page_with_a_diagram_gets_its_script(build: ModuleType) -> None:
+def test_a_page_with_a_diagram_gets_its_script(build):
     text = "```mermaid\nflowchart TB\n```\n"
     assert build.staged(text, PurePosixPath("docs/guides/researcher.md")).endswith(
         '\n<script src="../mermaid.js"></script>\n'
     )
 
 
-def test_a_notebook_is_a_page_with_its_pictures_beside_it(build: ModuleType) -> None:
+def test_a_notebook_is_a_page_with_its_pictures_beside_it(build):
     printed = {"output_type": "stream", "name": "stdout", "text": ["1\n", "2\n"]}
     drawn = {"output_type": "display_data", "data": {"text/plain": ["<Figure>"], "image/png": "aGVsbG8=\n"}}
     cells = [
@@ -72,7 +68,7 @@ def test_a_notebook_is_a_page_with_its_pictures_beside_it(build: ModuleType) -> 
     assert pictures == {"9_x-1.png": b"hello"}
 
 
-def test_links_and_resources_of_a_site_are_judged(build: ModuleType) -> None:
+def test_links_and_resources_of_a_site_are_judged(build):
     pages = {
         "index.html": '<h1 id="top"></h1><a href="a/b.html#here"></a><a href="#top"></a><a href="https://example.org"></a>',
         "a/b.html": '<p id="here"></p><a href=".."></a><a href="c.html"></a><a href="../index.html#gone"></a>'
@@ -92,9 +88,7 @@ def test_links_and_resources_of_a_site_are_judged(build: ModuleType) -> None:
 @pytest.mark.parametrize(
     ("page", "module", "first"), [("robot-file", schema, "RobotDescription"), ("suite-file", suite, "Suite")]
 )
-def test_a_schema_page_gets_every_field_of_every_struct(
-    build: ModuleType, page: str, module: ModuleType, first: str
-) -> None:
+def test_a_schema_page_gets_every_field_of_every_struct(build, page, module, first):
     source = PurePosixPath("docs", "reference", f"{page}.md")
     text = build.staged((build.ROOT / source).read_text("utf-8"), source)
     listed = re.findall(r"^::: (\S+)\.(\w+)$.*?members: \[(.+?)\]", text, re.MULTILINE | re.DOTALL)

@@ -12,7 +12,7 @@ PAGE = (ROOT / "docs" / "coming-from-humanoid-control.md").read_text(encoding="u
 NAMED = re.compile(r"`(?P<file>tests/[\w/]+\.py)`|`(?P<test>test_\w+)`|\[[^]]+\]\((?P<page>[\w-]+\.md)")
 
 
-def missing(page: str) -> tuple[int, list[str]]:
+def missing(page):
     """Rows that a test holds, and the names in them that do not exist; 'the same' is the row before."""
     rows = [
         line for line in page.rsplit("## Statement by statement", maxsplit=1)[-1].splitlines() if line.startswith("| ")
@@ -34,20 +34,20 @@ def missing(page: str) -> tuple[int, list[str]]:
     return held, gone
 
 
-def test_every_statement_is_held_by_a_test_or_a_page_that_exists() -> None:
+def test_every_statement_is_held_by_a_test_or_a_page_that_exists():
     held, gone = missing(PAGE)
     assert gone == []
     assert held > 100
 
 
-def test_a_name_that_does_not_exist_is_noticed() -> None:
+def test_a_name_that_does_not_exist_is_noticed():
     assert missing("## Statement by statement\n| x | `tests/test_mit.py`: `test_gone` |")[1] == [
         "tests/test_mit.py: test_gone"
     ]
     assert missing("## Statement by statement\n| x | somewhere |")[1] == ["| x | somewhere |"]
 
 
-def test_the_lite_is_the_original_s() -> None:
+def test_the_lite_is_the_original_s():
     lite = load_robot("lite")
     assert (lite.hardware.control_frequency, lite.simulation.control_frequency) == (50.0, 200.0)
     for standby in (lite.standby_controller_a, lite.standby_controller_b):

@@ -21,7 +21,7 @@ def texts(tree: ast.Module) -> Iterator[ast.Constant]:
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
-def test_no_docstring_begins_with_a_question_word(folder: str) -> None:
+def test_no_docstring_begins_with_a_question_word(folder):
     heads = [
         (str(text.value).split(maxsplit=1)[0].strip(",.:;"), f"{path.relative_to(ROOT)}:{text.lineno}")
         for path in sorted((ROOT / folder).rglob("*.py"))

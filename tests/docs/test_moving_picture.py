@@ -2,7 +2,6 @@
 
 import importlib.util
 from pathlib import Path
-from types import ModuleType
 
 import av
 import numpy as np
@@ -15,11 +14,11 @@ ROOT = Path(__file__).parent.parent.parent
 PICTURE = ROOT / "docs" / "play.webp"
 
 
-def test_readme_shows_it() -> None:
+def test_readme_shows_it():
     assert "](docs/play.webp)" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_it_moves_and_is_small() -> None:
+def test_it_moves_and_is_small():
     assert 50_000 < PICTURE.stat().st_size < 2_500_000
     with Image.open(PICTURE) as picture:
         assert picture.format == "WEBP"
@@ -29,16 +28,14 @@ def test_it_moves_and_is_small() -> None:
 
 
 @pytest.fixture(scope="module")
-def program() -> ModuleType:
+def program():
     spec = importlib.util.spec_from_file_location("moving_picture", ROOT / "docs" / "moving_picture.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-def write_video(path: Path) -> None:
+def write_video(path):
     """Two seconds at 20 frames a second, which grow lighter."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream("mpeg4", rate=20)
@@ -49,7 +46,7 @@ def write_video(path: Path) -> None:
         container.mux(stream.encode())
 
 
-def test_a_part_of_a_video_at_another_rate_and_size(program: ModuleType, tmp_path: Path) -> None:
+def test_a_part_of_a_video_at_another_rate_and_size(program, tmp_path):
     write_video(tmp_path / "v.mp4")
     frames = program.video_frames(tmp_path / "v.mp4", 0.5, 1.5, size=(16, 8), rate=10.0)
     assert len(frames) == 10
@@ -60,7 +57,7 @@ def test_a_part_of_a_video_at_another_rate_and_size(program: ModuleType, tmp_pat
     assert lightness[-1] == pytest.approx(180.0, abs=4.0)
 
 
-def test_a_part_after_the_end_is_refused(program: ModuleType, tmp_path: Path) -> None:
+def test_a_part_after_the_end_is_refused(program, tmp_path):
     write_video(tmp_path / "v.mp4")
     with pytest.raises(InputError, match=r"v\.mp4': shows nothing from 3 to 4 s"):
         program.video_frames(tmp_path / "v.mp4", 3.0, 4.0, size=(16, 8), rate=10.0)

@@ -4,7 +4,6 @@ import ast
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
 
 from humanoid_sim.cli import VERBS, ExitStatus
 from humanoid_sim.ros2.definitions import EVENT, SHADOW_STEP, TICK, schema_text
@@ -16,7 +15,7 @@ REFERENCE = {path.name: path.read_text(encoding="utf-8") for path in (DOCS / "re
 FROM_ROOT = {"index.md", "contributing.md", "changelog.md"}
 
 
-def in_navigation(entry: Any) -> list[str]:
+def in_navigation(entry):
     """The pages of a part of the navigation."""
     if isinstance(entry, str):
         return [entry]
@@ -24,14 +23,14 @@ def in_navigation(entry: Any) -> list[str]:
     return [page for part in parts for page in in_navigation(part)]
 
 
-def test_every_page_is_in_the_navigation_once() -> None:
+def test_every_page_is_in_the_navigation_once():
     shown = in_navigation(SETTINGS["nav"])
     written = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
     notebooks = {f"notebooks/{path.stem}.md" for path in (ROOT / "notebooks").glob("*.ipynb")}
     assert sorted(shown) == sorted(written | notebooks | FROM_ROOT), "docs/zensical.toml has the navigation"
 
 
-def test_what_examples_and_pages_import_is_in_the_reference() -> None:
+def test_what_examples_and_pages_import_is_in_the_reference():
     documented = set(re.findall(r"^::: (\S+)", "\n".join(REFERENCE.values()), re.MULTILINE))
     sources = [*ROOT.glob("examples/**/*.py"), *ROOT.glob("examples/**/*.sh"), *DOCS.rglob("*.md")]
     text = "\n".join(path.read_text(encoding="utf-8") for path in sources)
@@ -46,12 +45,12 @@ def test_what_examples_and_pages_import_is_in_the_reference() -> None:
     assert missing == set(), "not in docs/reference"
 
 
-def test_the_page_of_the_feed_has_the_definitions() -> None:
+def test_the_page_of_the_feed_has_the_definitions():
     blocks = re.findall(r"```text\n(.*?)\n```", REFERENCE["feed.md"], re.DOTALL)
     assert blocks == [schema_text(name).strip() for name in (TICK, EVENT, SHADOW_STEP)]
 
 
-def test_the_page_of_exit_statuses_has_every_status_and_known_programs() -> None:
+def test_the_page_of_exit_statuses_has_every_status_and_known_programs():
     page = (DOCS / "exit-statuses.md").read_text(encoding="utf-8")
     statuses = re.findall(r"^\| (\d+) \|", page, re.MULTILINE)
     assert statuses == [str(status.value) for status in ExitStatus]
@@ -61,7 +60,7 @@ def test_the_page_of_exit_statuses_has_every_status_and_known_programs() -> None
     assert verbs <= set(VERBS)
 
 
-def test_the_citation_is_of_this_version() -> None:
+def test_the_citation_is_of_this_version():
     version = next(
         node.value.value
         for node in ast.parse((ROOT / "humanoid_sim" / "__init__.py").read_text(encoding="utf-8")).body

@@ -6,10 +6,8 @@ import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -22,12 +20,12 @@ WIDTHS = (1280, 390)
 
 
 class _Quiet(SimpleHTTPRequestHandler):
-    def log_message(self, *arguments: Any) -> None:
+    def log_message(self, *arguments):
         pass
 
 
 @pytest.fixture(scope="module")
-def site() -> Iterator[str]:
+def site():
     """Builds the site; the address under which it is served."""
     for package in ("zensical", "mkdocstrings", "mermaidx"):
         pytest.importorskip(package, reason=f"{package} is not installed (extra docs)")
@@ -44,7 +42,7 @@ def site() -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+def browser():
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     chromium = shutil.which("chromium")
     if chromium is None:
@@ -55,8 +53,8 @@ def browser() -> Iterator[Any]:
         started.close()
 
 
-def test_every_page_is_whole_at_any_width_and_loads_nothing_from_elsewhere(site: str, browser: Any) -> None:
-    problems: list[str] = []
+def test_every_page_is_whole_at_any_width_and_loads_nothing_from_elsewhere(site, browser):
+    problems = []
     tab = browser.new_page()
     tab.on("pageerror", lambda error: problems.append(f"{tab.url}: {error}"))
     tab.on("console", lambda said: problems.append(f"{tab.url}: {said.text}") if said.type == "error" else None)
@@ -73,7 +71,7 @@ def test_every_page_is_whole_at_any_width_and_loads_nothing_from_elsewhere(site:
     assert problems == []
 
 
-def test_diagrams_are_drawn(site: str, browser: Any) -> None:
+def test_diagrams_are_drawn(site, browser):
     tab = browser.new_page()
     tab.goto(f"{site}/concepts.html")
     tab.wait_for_function("document.querySelectorAll('div.mermaid').length === 3")
@@ -82,7 +80,7 @@ def test_diagrams_are_drawn(site: str, browser: Any) -> None:
     assert min(heights) > 200
 
 
-def test_the_search_finds_pages(site: str, browser: Any) -> None:
+def test_the_search_finds_pages(site, browser):
     tab = browser.new_page()
     tab.goto(f"{site}/index.html", wait_until="networkidle")
     tab.keyboard.press("Control+k")

@@ -2,7 +2,6 @@
 
 import ast
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -14,15 +13,15 @@ END = "\0"
 """Between two texts."""
 
 
-def quoted(page: str) -> list[str]:
+def quoted(page):
     """The messages in the first column of the page's tables."""
     cells = re.findall(r"^\| (`.+?) \| ", page, re.MULTILINE)
     return [message for cell in cells for message in re.findall(r"`([^`]+)`", cell)]
 
 
-def texts(source: str) -> Iterator[str]:
+def texts(source):
     """Every text in a module but docstrings, with a gap in the place of each value that is put into it."""
-    waiting: list[ast.AST] = [ast.parse(source)]
+    waiting = [ast.parse(source)]
     while waiting:
         node = waiting.pop()
         if isinstance(node, ast.JoinedStr):
@@ -33,13 +32,13 @@ def texts(source: str) -> Iterator[str]:
             waiting += ast.iter_child_nodes(node)
 
 
-def says(text: str, message: str) -> bool:
+def says(text, message):
     """Whether a message is found in texts: its words in their order in one of them, with anything in its gaps."""
     words = [re.escape(part) for part in message.split(GAP)]
     return re.search(f"[^{END}]*".join(words), text) is not None
 
 
-def everything() -> str:
+def everything():
     """All texts of the program."""
     folders = ("humanoid_sim", "controllers", "envs", "hardware")
     modules = (path for folder in folders for path in (ROOT / folder).rglob("*.py"))
@@ -50,25 +49,25 @@ MESSAGES = quoted(PAGE)
 
 
 @pytest.fixture(scope="module")
-def program() -> str:
+def program():
     return everything()
 
 
-def test_the_page_quotes_messages_long_enough_to_be_found_once() -> None:
+def test_the_page_quotes_messages_long_enough_to_be_found_once():
     assert len(MESSAGES) > 50
     assert [message for message in MESSAGES if len(message.replace(GAP, "").strip()) < 12] == []
 
 
 @pytest.mark.parametrize("message", MESSAGES)
-def test_the_program_says_so(message: str, program: str) -> None:
+def test_the_program_says_so(message, program):
     assert says(program, message)
 
 
-def test_a_message_that_no_program_has_is_noticed(program: str) -> None:
+def test_a_message_that_no_program_has_is_noticed(program):
     assert not says(program, "the flux capacitor of … is …")
 
 
-def test_texts_have_gaps_for_values_and_docstrings_are_none() -> None:
+def test_texts_have_gaps_for_values_and_docstrings_are_none():
     found = list(texts('def f():\n    """A rate is wrong."""\n    g(f"{a}: is {b:g} s, " f"expected {c}", "or less")'))
     assert {"…: is … s, expected …", "or less"} <= set(found)
     assert "A rate is wrong." not in found

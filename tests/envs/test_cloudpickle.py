@@ -2,8 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
 import cloudpickle
 import gymnasium
@@ -29,12 +27,12 @@ with open(sys.argv[2], "wb") as file:
 """
 
 
-def local_terms() -> dict[str, Any]:
+def local_terms():
     factor = 0.5  # a closure: pickle refuses it
     return {"quiet": (-factor, lambda sample: factor * np.abs(sample.state.joint_velocity).sum(axis=-1))}
 
 
-def environments() -> dict[str, Any]:
+def environments():
     tracking, velocity = "humanoid_sim/LiteTracking-v0", "humanoid_sim/BipedVelocity-v0"
     (hub,) = hub_entry(velocity, "walk", robot=LEGS)()[velocity].values()
     return {
@@ -55,7 +53,7 @@ def environments() -> dict[str, Any]:
     }
 
 
-def test_another_process_goes_on_alike(tmp_path: Path) -> None:
+def test_another_process_goes_on_alike(tmp_path):
     pytest.importorskip("dm_control")
     envs, actions = environments(), {}
     for name, env in envs.items():
@@ -84,7 +82,7 @@ def test_another_process_goes_on_alike(tmp_path: Path) -> None:
     assert results["vector"][0][4]["privileged"].shape == (3, 1)
 
 
-def test_workers_of_gymnasium_s_own_vector_take_them(tmp_path: Path) -> None:
+def test_workers_of_gymnasium_s_own_vector_take_them(tmp_path):
     make = hub_entry("humanoid_sim/LiteTracking-v0", robot=LITE, rewards=local_terms(), render_mode=None)
     (one,) = make(n_envs=2)["humanoid_sim/LiteTracking-v0"].values()
     (other,) = make(n_envs=2, use_async_envs=True)["humanoid_sim/LiteTracking-v0"].values()

@@ -2,8 +2,6 @@
 
 import copy
 import pickle
-from collections.abc import Callable
-from typing import Any
 
 import gymnasium
 import numpy as np
@@ -16,17 +14,14 @@ from humanoid_sim.envs.spaces import INTENTS
 from humanoid_sim.messages import Intent
 from humanoid_sim.robots.description import load_robot
 
-COPIES: dict[str, Callable[[Any], Any]] = {
-    "deepcopy": copy.deepcopy,
-    "pickle": lambda env: pickle.loads(pickle.dumps(env)),
-}
+COPIES = {"deepcopy": copy.deepcopy, "pickle": lambda env: pickle.loads(pickle.dumps(env))}
 ROBOTS = {"LiteTracking": load_robot("lite"), "BipedVelocity": load_robot("lite_biped")}
 
 
 copies = pytest.mark.parametrize("how", list(COPIES))
 
 
-def actions(space: Any, count: int) -> list[Any]:
+def actions(space, count):
     space.seed(7)
     return [0.1 * space.sample() for _ in range(count)]
 
@@ -44,8 +39,8 @@ def actions(space: Any, count: int) -> list[Any]:
         ("BipedVelocity", {"terrain": FIELD, "actuation": "implicit"}),
     ],
 )
-def test_one_robot_goes_on_alike(how: str, name: str, options: dict[str, Any]) -> None:
-    env: Any = gymnasium.make(f"humanoid_sim/{name}-v0", robot=ROBOTS[name], **options)
+def test_one_robot_goes_on_alike(how, name, options):
+    env = gymnasium.make(f"humanoid_sim/{name}-v0", robot=ROBOTS[name], **options)
     env.unwrapped.progress = 0.7
     env.reset(seed=3)
     taken = actions(env.action_space, 16)
@@ -64,7 +59,7 @@ def test_one_robot_goes_on_alike(how: str, name: str, options: dict[str, Any]) -
 
 
 @copies
-def test_before_the_first_reset_and_after_a_fault_it_is_as_the_first(how: str) -> None:
+def test_before_the_first_reset_and_after_a_fault_it_is_as_the_first(how):
     env = gymnasium.make("humanoid_sim/LiteTracking-v0", robot=ROBOTS["LiteTracking"])
     fresh = COPIES[how](env)
     with pytest.raises(gymnasium.error.ResetNeeded):
@@ -78,8 +73,8 @@ def test_before_the_first_reset_and_after_a_fault_it_is_as_the_first(how: str) -
 
 @copies
 @pytest.mark.parametrize("randomisation", [None, EVERYTHING])
-def test_many_robots_go_on_alike(how: str, randomisation: dict[str, Any] | None) -> None:
-    options: dict[str, Any] = {"robot": ROBOTS["LiteTracking"], "randomisation": randomisation, "max_episode_steps": 11}
+def test_many_robots_go_on_alike(how, randomisation):
+    options = {"robot": ROBOTS["LiteTracking"], "randomisation": randomisation, "max_episode_steps": 11}
     envs = gymnasium.make_vec("humanoid_sim/LiteTracking-v0", num_envs=5, threads=1, **options)
     envs.reset(seed=3)
     taken = actions(envs.action_space, 24)
@@ -96,12 +91,12 @@ def test_many_robots_go_on_alike(how: str, randomisation: dict[str, Any] | None)
 
 
 @copies
-def test_the_whole_stack_goes_on_alike(how: str) -> None:
+def test_the_whole_stack_goes_on_alike(how):
     env = gymnasium.make("humanoid_sim/LiteModes-v0", robot=ROBOTS["LiteTracking"], control_frequency=50.0, remote=True)
     env.reset(seed=0)
     nothing = {"intent": 0, "send": 0, "command": np.zeros((5, 14))}
 
-    def ask(intent: Intent, send: int = 0) -> dict[str, Any]:
+    def ask(intent, send=0):
         return nothing | {"intent": INTENTS.index(intent), "send": send}
 
     script = [ask(Intent.DAMP), ask(Intent.LOAD_A), *[nothing] * 40, ask(Intent.START_REMOTE, 1), *[nothing] * 10]
@@ -114,7 +109,7 @@ def test_the_whole_stack_goes_on_alike(how: str) -> None:
 
 @copies
 @pytest.mark.parametrize("flat_observation", [False, True])
-def test_dm_control_s_environment_goes_on_alike(how: str, flat_observation: bool) -> None:
+def test_dm_control_s_environment_goes_on_alike(how, flat_observation):
     pytest.importorskip("dm_control")
     robot = ROBOTS["LiteTracking"]
     env = dm.load("lite_tracking", seed=2, robot=robot, time_limit=0.3, flat_observation=flat_observation)

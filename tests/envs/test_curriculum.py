@@ -1,14 +1,12 @@
 """Curricula that are written down as points."""
 
-from typing import Any
-
 import pytest
 
 from humanoid_sim.envs.curriculum import amounts_at, scheduled
 from humanoid_sim.errors import InputError
 
 
-def test_amounts_change_evenly_from_point_to_point_and_hold_before_and_after() -> None:
+def test_amounts_change_evenly_from_point_to_point_and_hold_before_and_after():
     curriculum = scheduled({"commands": 0.3, "push": [[0.5, 0.0], [0.75, 1]], "terrain": [[0, 0.2], [1, 0.6]]})
     assert curriculum(0.0) == {"commands": 0.3, "push": 0.0, "terrain": 0.2}
     assert curriculum(0.625) == pytest.approx({"commands": 0.3, "push": 0.5, "terrain": 0.45})
@@ -30,6 +28,6 @@ def test_amounts_change_evenly_from_point_to_point_and_hold_before_and_after() -
         ({"push": [[0.5, 0.0], [0.5, 1.0]]}, "expected each progress to be greater than the one before"),
     ],
 )
-def test_what_is_no_curriculum_is_one_line(points: dict[str, Any], expected: str) -> None:
+def test_what_is_no_curriculum_is_one_line(points, expected):
     with pytest.raises(InputError, match=expected):
         scheduled(points)

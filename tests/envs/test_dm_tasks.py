@@ -7,9 +7,7 @@ import shutil
 import subprocess
 import sys
 import unittest
-from collections.abc import Iterator
 from types import ModuleType
-from typing import Any
 
 import gymnasium
 import numpy as np
@@ -32,21 +30,21 @@ ROBOTS = {
 }
 
 
-def load(name: str, **options: Any) -> Any:
+def load(name, **options):
     return dm.load(name, robot=ROBOTS[name], **options)
 
 
-def flat(step: Any) -> Any:
+def flat(step):
     return np.concatenate(list(step.observation.values()))
 
 
 @pytest.mark.parametrize(
     ("name", "options"), [*((name, {}) for name in ROBOTS), ("lite_tracking", {"randomisation": EVERYTHING})]
 )
-def test_episodes_are_those_of_the_gymnasium_environment(name: str, options: dict[str, Any]) -> None:
+def test_episodes_are_those_of_the_gymnasium_environment(name, options):
     ours = load(name, seed=3, **options)
     theirs = gymnasium.make(dm.NAMES[name], robot=ROBOTS[name], **options)
-    single: Any = theirs.unwrapped
+    single = theirs.unwrapped
     assert isinstance(single, PolicyEnv)
     observation, _ = theirs.reset(seed=3)
     np.testing.assert_array_equal(flat(ours.reset()), observation)
@@ -67,7 +65,7 @@ def test_episodes_are_those_of_the_gymnasium_environment(name: str, options: dic
             np.testing.assert_array_equal(flat(step), observation)
 
 
-def test_a_term_is_an_entry_in_the_policy_s_order() -> None:
+def test_a_term_is_an_entry_in_the_policy_s_order():
     ours = load("lite_tracking")
     names = [term.name for term in ours.task.env.scenario.contract.terms]
     assert list(ours.reset().observation) == names
@@ -78,7 +76,7 @@ def test_a_term_is_an_entry_in_the_policy_s_order() -> None:
 
 @pytest.mark.parametrize("flat_observation", [False, True])
 @pytest.mark.parametrize("name", list(ROBOTS))
-def test_before_the_first_reset_the_spec_has_the_shapes_that_follow(name: str, flat_observation: bool) -> None:
+def test_before_the_first_reset_the_spec_has_the_shapes_that_follow(name, flat_observation):
     ours = load(name, seed=0, flat_observation=flat_observation)
     spec = ours.observation_spec()
     observation = ours.reset().observation
@@ -89,7 +87,7 @@ def test_before_the_first_reset_the_spec_has_the_shapes_that_follow(name: str, f
     assert ours.observation_spec() == spec
 
 
-def test_how_episodes_end() -> None:
+def test_how_episodes_end():
     failing = load("lite_tracking", seed=0)
     failing.reset()
     step = failing.step(np.full(14, np.nan))
@@ -110,7 +108,7 @@ def test_how_episodes_end() -> None:
     assert step.discount == 1.0
 
 
-def test_the_action_is_named_and_bounded() -> None:
+def test_the_action_is_named_and_bounded():
     ours = load("biped_velocity")
     spec = ours.action_spec()
     assert spec.name.split("\t") == list(ours.task.env.scenario.contract.action_joint_names)
@@ -119,20 +117,20 @@ def test_the_action_is_named_and_bounded() -> None:
     assert ours.control_timestep() == pytest.approx(0.02)
 
 
-class TestContract(test_utils.EnvironmentTestMixin, unittest.TestCase):  # type: ignore[misc]
+class TestContract(test_utils.EnvironmentTestMixin, unittest.TestCase):
     """`dm_env`'s own checks of an environment."""
 
-    def make_object_under_test(self) -> Any:
+    def make_object_under_test(self):
         return load("lite_tracking", seed=0, episode_seconds=0.1, task="balance")
 
-    def make_action_sequence(self) -> Iterator[Any]:
+    def make_action_sequence(self):
         spec = self.environment.action_spec()
         generator = np.random.default_rng(0)
         for _ in range(20):
             yield generator.uniform(0.1 * spec.minimum, 0.1 * spec.maximum).astype(np.float32)
 
 
-def test_the_physics_is_the_robot_s_own_and_can_be_copied() -> None:
+def test_the_physics_is_the_robot_s_own_and_can_be_copied():
     ours = load("lite_tracking", seed=0)
     ours.reset()
     copied = ours.physics.copy()
@@ -144,14 +142,14 @@ def test_the_physics_is_the_robot_s_own_and_can_be_copied() -> None:
     assert ours.physics.time() == pytest.approx(0.02)
 
 
-def test_the_viewer_s_loop_runs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_viewer_s_loop_runs_it(monkeypatch):
     """What `dm_control.viewer.launch` does in its window: resets, steps, and mouse perturbations between them."""
     ours = load("lite_tracking", seed=0)
     # The loop needs no OpenGL, but is only to be had with its window, which does.
     monkeypatch.setitem(sys.modules, "dm_control.viewer.gui", ModuleType("gui"))
     runtime_module = importlib.import_module("dm_control.viewer.runtime")
     runtime = runtime_module.Runtime(ours, lambda _: np.zeros(14, dtype=np.float32))
-    errors: list[str] = []
+    errors = []
     runtime.on_error += errors.append
     for tick in range(5):
         hand = ours.physics.model.name2id("left_hand", "body")
@@ -188,7 +186,7 @@ print(len(steps), round(window._runtime.get_time(), 6), window._status._value["E
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="xvfb-run is not installed (xvfb)")
-def test_the_viewer_opens_it() -> None:
+def test_the_viewer_opens_it():
     pytest.importorskip("glfw")
     # Tests before this one may have chosen an OpenGL without windows for this process.
     inherited = {name: value for name, value in os.environ.items() if name != "PYOPENGL_PLATFORM"}
@@ -231,7 +229,7 @@ print(os.environ.get("MUJOCO_GL"))
     ("mujoco_gl", "expected"),
     [(None, "None"), ("disable", "disable"), ("osmesa", "dm_control cannot load osmesa (MUJOCO_GL=osmesa): ")],
 )
-def test_without_opengl_it_steps_and_a_mujoco_glstands(mujoco_gl: str | None, expected: str) -> None:
+def test_without_opengl_it_steps_and_a_mujoco_glstands(mujoco_gl, expected):
     """`-W error`: then GLFW without a display does not load either."""
     hidden = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL")
     environ = {name: value for name, value in os.environ.items() if name not in hidden}
@@ -247,14 +245,14 @@ def test_without_opengl_it_steps_and_a_mujoco_glstands(mujoco_gl: str | None, ex
     assert (done.returncode == 0) == (mujoco_gl != "osmesa")
 
 
-def test_unknown_names_and_a_missing_package_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unknown_names_and_a_missing_package_are_one_line(monkeypatch):
     with pytest.raises(
         InputError, match="unknown dm_env task 'piano'; known: lite_tracking, biped_velocity, lite_piano, "
     ):
         dm.load("piano")
     real = builtins.__import__
 
-    def missing(name: str, *rest: Any) -> Any:
+    def missing(name, *rest):
         if name.startswith("dm_control"):
             raise ImportError(name)
         return real(name, *rest)

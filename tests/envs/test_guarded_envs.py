@@ -1,7 +1,5 @@
 """The guards of the control stack in the environments: one robot or many, the same end in the same step."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -9,12 +7,12 @@ from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.robots.description import load_robot
 
-ARMS: dict[str, Any] = {"contract": "lite_tracking", "robot": "lite", "motion": "wave"}
+ARMS = {"contract": "lite_tracking", "robot": "lite", "motion": "wave"}
 ROLL = "left_wrist_roll"
-STILL: dict[str, Any] = {"joint_noise": 0.0, "velocity_noise": 0.0}
+STILL = {"joint_noise": 0.0, "velocity_noise": 0.0}
 
 
-def pressing(env: PolicyEnv | PolicyVectorEnv, step: int) -> np.ndarray:
+def pressing(env, step):
     """Actions that lead a wrist into its stop and beyond, within 15 steps: shape (m,)."""
     contract = env.scenario.contract
     i = contract.action_joint_names.index(ROLL)
@@ -24,7 +22,7 @@ def pressing(env: PolicyEnv | PolicyVectorEnv, step: int) -> np.ndarray:
     return action
 
 
-def run(env: PolicyEnv, steps: int) -> tuple[int, dict[str, Any]]:
+def run(env, steps):
     """How many steps the episode took, and the last one's info."""
     env.reset(seed=3)
     for step in range(1, steps + 1):
@@ -34,7 +32,7 @@ def run(env: PolicyEnv, steps: int) -> tuple[int, dict[str, Any]]:
     return steps, info
 
 
-def test_a_joint_that_is_pressed_into_its_stop_ends_the_episode() -> None:
+def test_a_joint_that_is_pressed_into_its_stop_ends_the_episode():
     env = PolicyEnv(**ARMS, **STILL)
     steps, info = run(env, 60)
     assert info["fault"].startswith(f"following guard: {ROLL} does not follow: it is at 0.7")
@@ -43,14 +41,14 @@ def test_a_joint_that_is_pressed_into_its_stop_ends_the_episode() -> None:
     assert info["terms"] == {}
 
 
-def test_without_guards_it_goes_on() -> None:
+def test_without_guards_it_goes_on():
     env = PolicyEnv(**ARMS, **STILL, guards=False)
     steps, info = run(env, 40)
     assert steps == 40
     assert "fault" not in info
 
 
-def test_many_robots_end_as_each_by_itself() -> None:
+def test_many_robots_end_as_each_by_itself():
     """The second of three is pressed; the others stay, and it is watched afresh in its next episode."""
     one = PolicyEnv(**ARMS, **STILL)
     steps, info = run(one, 60)
@@ -68,7 +66,7 @@ def test_many_robots_end_as_each_by_itself() -> None:
 
 
 @pytest.mark.parametrize("robot", ["lite", "lite_biped"])
-def test_the_guards_are_those_of_the_description(robot: str) -> None:
+def test_the_guards_are_those_of_the_description(robot):
     contract = {"lite": "lite_tracking", "lite_biped": "lite_biped_velocity"}[robot]
     motion = "wave" if robot == "lite" else None
     env = PolicyEnv(contract, robot, motion)

@@ -1,8 +1,6 @@
 """Environments whose policy observes the ground: single, many, for dm_control, and those of the whole state machine."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import gymnasium
 import numpy as np
@@ -12,7 +10,6 @@ from models import linear_model, saved
 
 import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.assets import policy_path
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.envs import dm
 from humanoid_sim.envs.modes_env import ModesEnv
@@ -24,19 +21,19 @@ from humanoid_sim.robots.description import load_robot
 
 POLICY = "humanoid_sim/Policy-v0"
 ROBOT = load_robot("lite_biped")
-FIELD: dict[str, Any] = {"kind": "mixed", "levels": 2, "variants": 3, "tile": 3.0, "platform": 0.4}
+FIELD = {"kind": "mixed", "levels": 2, "variants": 3, "tile": 3.0, "platform": 0.4}
 COUNT, RAYS = 3, 6 * 4
 
 
 @pytest.fixture(scope="module")
-def contract() -> PolicyContract:
+def contract():
     """The shipped policy that walks, which sees the ground ahead as well."""
     walking = load_checkpoint(policy_path("lite_biped_velocity")).contract
     scan = Term("height_scan", at="imu", grid=(1.0, 0.6), resolution=0.2, scale=0.5)
     return replace(walking, observation=(*walking.terms, scan))
 
 
-def test_every_step_is_that_of_single_environments(contract: PolicyContract) -> None:
+def test_every_step_is_that_of_single_environments(contract):
     native, sync = both(POLICY, COUNT, contract=contract, robot=ROBOT, terrain=FIELD, actuation="implicit", threads=2)
     walk_along(native, sync, 8, 0.3)
     scans = native._observation[:, -RAYS:]
@@ -45,10 +42,10 @@ def test_every_step_is_that_of_single_environments(contract: PolicyContract) -> 
     assert np.abs(2.0 * scans.mean(axis=1) - base).max() < 0.5
 
 
-def test_dm_control_sees_what_gymnasium_sees(contract: PolicyContract) -> None:
+def test_dm_control_sees_what_gymnasium_sees(contract):
     pytest.importorskip("dm_control.rl.control")
-    given: dict[str, Any] = {"contract": contract, "robot": ROBOT, "terrain": FIELD}
-    theirs: Any = gymnasium.make(POLICY, **given).unwrapped
+    given = {"contract": contract, "robot": ROBOT, "terrain": FIELD}
+    theirs = gymnasium.make(POLICY, **given).unwrapped
     ours = dm.load("policy", seed=3, **given)
     observation, _ = theirs.reset(seed=3)
     step = ours.reset()
@@ -57,9 +54,7 @@ def test_dm_control_sees_what_gymnasium_sees(contract: PolicyContract) -> None:
     assert ours.step(action).observation["height_scan"].tolist() == theirs.step(action)[0][-RAYS:].tolist()
 
 
-def test_the_state_machines_environment_takes_the_scan_with_the_policy(
-    contract: PolicyContract, tmp_path: Path
-) -> None:
+def test_the_state_machines_environment_takes_the_scan_with_the_policy(contract, tmp_path):
     path = tmp_path / "walker.onnx"
     width = contract_layout(contract).width
     weights = {"inputs": width, "outputs": contract.action_count}

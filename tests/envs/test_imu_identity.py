@@ -1,7 +1,6 @@
 """The IMU wherever it is, on a robot whose inertia is turned: `play` and every environment measure the same."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnx
@@ -9,7 +8,6 @@ import pytest
 import yaml
 from onnx import TensorProto, helper, numpy_helper
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import rotate_inverse
 from humanoid_sim.envs import dm
 from humanoid_sim.envs.policy_env import PolicyEnv
@@ -52,7 +50,7 @@ STOOL = """
 """
 JOINTS = ["neck", "left_hip", "right_hip"]
 FRAMES = ("trunk", "base_site", "head", "head_site")
-WIRING: dict[str, Any] = {
+WIRING = {
     "joint_names": JOINTS,
     "joint_stiffness": [10.0, 40.0, 40.0],
     "joint_damping": [0.5, 2.0, 2.0],
@@ -76,14 +74,14 @@ POINTS = ("base_linear_velocity", "base_linear_velocity_at_imu", "base_linear_ve
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runtime: Path) -> Path:
+def folder(tmp_path, monkeypatch, runtime):
     """The working folder, with the stool; the sockets of `play` go there too."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "stool.xml").write_text(STOOL, encoding="utf-8")
     return tmp_path
 
 
-def robot_with(frame: str) -> str:
+def robot_with(frame):
     """The stool with its IMU there; its path."""
     hips = {"lower": -1.0, "upper": 1.0, "effort_limit": 50.0, "stiffness": 40.0, "damping": 2.0}
     standby = {
@@ -107,15 +105,15 @@ def robot_with(frame: str) -> str:
     return "stool.yaml"
 
 
-def contract(**fields: Any) -> PolicyContract:
+def contract(**fields):
     return merge(parse_contract({**WIRING, **fields}, "test", "test"), "test")
 
 
-def actions(steps: int) -> np.ndarray:
+def actions(steps):
     return np.random.default_rng(1).normal(0.0, 0.6, (steps, 3)).astype(np.float32)
 
 
-def network(**fields: Any) -> str:
+def network(**fields):
     weights = np.random.default_rng(0).normal(0.0, 0.05, (WIDTH, 3)).astype(np.float32)
     graph = helper.make_graph(
         [helper.make_node("MatMul", ["observation", "weights"], ["action"])],
@@ -131,7 +129,7 @@ def network(**fields: Any) -> str:
 
 @pytest.mark.parametrize("frame", FRAMES)
 @pytest.mark.parametrize("actuation", ["affine", "qfrc_applied"])
-def test_environments_agree(folder: Path, frame: str, actuation: Any) -> None:
+def test_environments_agree(folder, frame, actuation):
     robot = robot_with(frame)
     wired = contract()
     options = {"joint_noise": 0.1, "velocity_noise": 0.5}
@@ -167,7 +165,7 @@ def test_environments_agree(folder: Path, frame: str, actuation: Any) -> None:
 
 
 @pytest.mark.parametrize("frame", FRAMES)
-def test_play_is_the_single_environment(folder: Path, frame: str) -> None:
+def test_play_is_the_single_environment(folder, frame):
     robot = robot_with(frame)
     path = network()
     script = ("--script", "damp; load_a; wait; start_locomotion; hold 0.4; damp", "--record", "r.mcap")
@@ -198,9 +196,7 @@ def test_play_is_the_single_environment(folder: Path, frame: str) -> None:
         ({"model_joint_damping": "drop"}, [0.0, 0.0, 0.0], "drop: simulations leave out the second number of"),
     ],
 )
-def test_damping_of_the_model_is_what_the_contract_says(
-    folder: Path, decision: dict[str, str], own: list[float], says: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_damping_of_the_model_is_what_the_contract_says(folder, decision, own, says, capsys):
     robot = robot_with("trunk")
     path = network(**decision)
     single, vector = PolicyEnv(path, robot), PolicyVectorEnv(2, path, robot, threads=1)
@@ -215,7 +211,7 @@ def test_damping_of_the_model_is_what_the_contract_says(
     assert f'"joint_damping":"{decision.get("model_joint_damping", "keep")}"' in recorded
 
 
-def test_a_point_that_the_robot_lacks(folder: Path) -> None:
+def test_a_point_that_the_robot_lacks(folder):
     robot = robot_with("trunk")
     wired = contract(observation=["joint_pos", {"name": "base_lin_vel", "at": "tail"}])
     message = (
@@ -227,7 +223,7 @@ def test_a_point_that_the_robot_lacks(folder: Path) -> None:
             make()
 
 
-def test_play_says_which_frame_of_an_mjcf_it_takes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_play_says_which_frame_of_an_mjcf_it_takes(folder, capsys):
     path = network()
     options = ("--viewer", "none", "--robot", "stool.xml", "--policy", path, "--script", "damp")
     for more, imu, says in (

@@ -2,7 +2,6 @@
 
 import importlib.util
 from pathlib import Path
-from typing import Any
 
 import gymnasium
 import numpy as np
@@ -17,14 +16,14 @@ from humanoid_sim.policy.checkpoint import load_checkpoint
 EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "lerobot_hub" / "env.py"
 
 
-def example() -> Any:
+def example():
     spec = importlib.util.spec_from_file_location("hub_env", EXAMPLE)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-def test_the_example_is_what_the_hub_calls() -> None:
+def test_the_example_is_what_the_hub_calls():
     suites = example().make_env(n_envs=2, use_async_envs=False)
     assert list(suites) == ["humanoid_sim/LiteTracking-v0"]
     (envs,) = suites["humanoid_sim/LiteTracking-v0"].values()
@@ -44,7 +43,7 @@ def test_the_example_is_what_the_hub_calls() -> None:
     plain.close()
 
 
-def test_success_is_an_episode_to_its_end() -> None:
+def test_success_is_an_episode_to_its_end():
     (envs,) = hub_entry("humanoid_sim/LiteTracking-v0", "hold", motion="reach")(n_envs=2)[
         "humanoid_sim/LiteTracking-v0"
     ].values()
@@ -69,12 +68,12 @@ def test_success_is_an_episode_to_its_end() -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*is different from the unwrapped version", "ignore:.*symmetric and normalized")
-def test_gymnasium_finds_nothing_wrong_with_one() -> None:
+def test_gymnasium_finds_nothing_wrong_with_one():
     (envs,) = example().make_env()["humanoid_sim/LiteTracking-v0"].values()
     check_env(envs.envs[0], skip_render_check=True)
     envs.close()
 
 
-def test_no_environments_are_refused() -> None:
+def test_no_environments_are_refused():
     with pytest.raises(InputError, match="n_envs: is 0, expected a whole number >= 1"):
         example().make_env(n_envs=0)

@@ -2,14 +2,10 @@
 
 import copy
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import gymnasium
 import msgspec
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 import humanoid_sim  # noqa: F401 - registers the environments
@@ -17,7 +13,6 @@ from humanoid_sim.envs.modes_env import ModesEnv
 from humanoid_sim.envs.spaces import INTENTS
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import Intent, Mode
-from humanoid_sim.mit import MITState
 from humanoid_sim.robots.description import load_robot
 
 POLICY = "humanoid_sim/Policy-v0"
@@ -25,13 +20,13 @@ LITE = load_robot("lite")
 COUNT = 3
 
 
-def tilt(state: MITState) -> npt.NDArray[np.float64]:
+def tilt(state):
     """Of the first two joints, in a unit of nobody's."""
     return np.sin(3.0 * state.joint_position[..., :2]) + np.square(state.joint_velocity[..., :2])
 
 
 @pytest.fixture
-def contract(tmp_path: Path) -> Path:
+def contract(tmp_path):
     """As somebody would write it by hand; JSON is YAML."""
     n = len(LITE.joint_names)
     path = tmp_path / "contract.yaml"
@@ -48,11 +43,11 @@ def contract(tmp_path: Path) -> Path:
     return path
 
 
-def single(contract: Path, **options: Any) -> Any:
+def single(contract, **options):
     return gymnasium.make(POLICY, contract=str(contract), robot=LITE, **options).unwrapped
 
 
-def test_single_and_vector_environments_observe_the_same_bits(contract: Path) -> None:
+def test_single_and_vector_environments_observe_the_same_bits(contract):
     vector = gymnasium.make_vec(
         POLICY,
         num_envs=COUNT,
@@ -80,7 +75,7 @@ def test_single_and_vector_environments_observe_the_same_bits(contract: Path) ->
     np.testing.assert_array_equal(rest[[0, 2]], alone[[0, 2]])
 
 
-def test_a_copy_goes_on_with_the_same_live_input(contract: Path) -> None:
+def test_a_copy_goes_on_with_the_same_live_input(contract):
     env = single(contract, live={"tilt": tilt})
     env.reset(seed=1)
     env.step(np.full(env.action_space.shape, 0.5, dtype=np.float32))
@@ -89,7 +84,7 @@ def test_a_copy_goes_on_with_the_same_live_input(contract: Path) -> None:
     np.testing.assert_array_equal(env.step(action)[0], other.step(action)[0])
 
 
-def test_dm_env_takes_it_too(contract: Path) -> None:
+def test_dm_env_takes_it_too(contract):
     pytest.importorskip("dm_control")
     from humanoid_sim.envs.dm import load  # noqa: PLC0415 - optional
 
@@ -99,7 +94,7 @@ def test_dm_env_takes_it_too(contract: Path) -> None:
 
 
 @pytest.mark.parametrize("make", [single, lambda contract, **options: ModesEnv(LITE, str(contract), **options)])
-def test_nothing_that_feeds_it_is_one_line(make: Callable[..., Any], contract: Path) -> None:
+def test_nothing_that_feeds_it_is_one_line(make, contract):
     with pytest.raises(InputError) as caught:
         make(contract)
     assert str(caught.value) == (
@@ -113,7 +108,7 @@ def test_nothing_that_feeds_it_is_one_line(make: Callable[..., Any], contract: P
         make(contract, live={"tlit": tilt})
 
 
-def test_a_value_that_is_not_finite_ends_the_episode(contract: Path) -> None:
+def test_a_value_that_is_not_finite_ends_the_episode(contract):
     env = single(contract, live={"tilt": lambda state: [0.0, np.nan if state.time > 0.01 else 0.0]})
     env.reset(seed=0)
     _, reward, terminated, truncated, info = env.step(np.zeros(env.action_space.shape, dtype=np.float32))
@@ -121,13 +116,13 @@ def test_a_value_that_is_not_finite_ends_the_episode(contract: Path) -> None:
     assert info["fault"] == "observation tilt[1] of history step 1 is nan, beyond any robot's"
 
 
-def test_a_value_of_another_shape_is_a_mistake_in_the_program(contract: Path) -> None:
+def test_a_value_of_another_shape_is_a_mistake_in_the_program(contract):
     env = single(contract, live={"tilt": lambda _: np.zeros(3)})
     with pytest.raises(FieldError, match=r"MITState.extern\['tilt'\]: has shape \(3,\), expected \(2,\)"):
         env.reset(seed=0)
 
 
-def standing(contract: Path, live: Any) -> tuple[ModesEnv, dict[str, Any]]:
+def standing(contract, live):
     """The whole stack at the end of its standby, whose segments are short."""
     brief = {
         name: msgspec.structs.replace(
@@ -144,16 +139,16 @@ def standing(contract: Path, live: Any) -> tuple[ModesEnv, dict[str, Any]]:
     ).unwrapped
     assert isinstance(env, ModesEnv)
     env.reset(seed=0)
-    shown: dict[str, Any] = {}
+    shown = {}
     for intent in (Intent.DAMP, Intent.LOAD_A, *[None] * 60):
         shown, *_ = env.step(INTENTS.index(intent))
     return env, shown
 
 
-def test_the_whole_stack_takes_it_too(contract: Path) -> None:
+def test_the_whole_stack_takes_it_too(contract):
     heard = []
 
-    def told(state: MITState) -> Any:
+    def told(state):
         heard.append(state.time)
         return tilt(state)
 
@@ -169,7 +164,7 @@ def test_the_whole_stack_takes_it_too(contract: Path) -> None:
 
 
 @pytest.mark.parametrize(("value", "told"), [([0.0, np.nan], "tilt[1]"), ([0.0] * 3, "'tilt'")])
-def test_the_whole_stack_falls_back_on_a_bad_value(contract: Path, value: list[float], told: str) -> None:
+def test_the_whole_stack_falls_back_on_a_bad_value(contract, value, told):
     env, _ = standing(contract, {"tilt": lambda _: value})
     shown, *_, info = env.step(INTENTS.index(Intent.START_LOCOMOTION))
     assert Mode(shown["mode"]) is Mode.DAMPING
@@ -177,6 +172,6 @@ def test_the_whole_stack_falls_back_on_a_bad_value(contract: Path, value: list[f
     assert told in info["faults"][0]
 
 
-def test_the_whole_stack_refuses_what_nobody_observes() -> None:
+def test_the_whole_stack_refuses_what_nobody_observes():
     with pytest.raises(InputError, match=r"^live\['tilt'\]: is given, but there is no policy that observes it$"):
         ModesEnv(LITE, live={"tilt": tilt})

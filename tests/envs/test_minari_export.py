@@ -1,7 +1,5 @@
 """A Minari dataset holds what happened, and is read back by Minari itself."""
 
-from pathlib import Path
-
 import gymnasium
 import numpy as np
 import pytest
@@ -18,14 +16,14 @@ NAME = "humanoid_sim/LiteTracking-v0"
 
 
 @pytest.fixture(autouse=True)
-def datasets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def datasets(tmp_path, monkeypatch):
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
 
 
 @pytest.mark.filterwarnings("ignore")  # of Minari: that there is no author, no address of code
-def test_a_dataset_holds_the_episodes_and_makes_the_environment_again() -> None:
+def test_a_dataset_holds_the_episodes_and_makes_the_environment_again():
     env = gymnasium.make(NAME, contract="lite_tracking", episode_seconds=1.0, task="balance")
-    told: list[tuple[int, float]] = []
+    told = []
     export_rollouts(env, "lite/balance-v0", episodes=2, seed=7, on_episode=lambda *done: told.append(done))
     dataset = minari.load_dataset("lite/balance-v0")
     again = dataset.recover_environment()
@@ -51,7 +49,7 @@ def test_a_dataset_holds_the_episodes_and_makes_the_environment_again() -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_an_episode_that_a_fault_ends_is_kept() -> None:
+def test_an_episode_that_a_fault_ends_is_kept():
     env = gymnasium.make(NAME)
     export_rollouts(env, "fault-v0", episodes=1, policy=lambda _: np.full(14, 1e4))
     (episode,) = minari.load_dataset("fault-v0").iterate_episodes()
@@ -59,7 +57,7 @@ def test_an_episode_that_a_fault_ends_is_kept() -> None:
     env.close()
 
 
-def test_what_cannot_be_exported_is_said() -> None:
+def test_what_cannot_be_exported_is_said():
     modes = gymnasium.make("humanoid_sim/LiteModes-v0")
     with pytest.raises(InputError, match="env: is a ModesEnv, expected a policy's environment"):
         export_rollouts(modes, "modes-v0", episodes=1)

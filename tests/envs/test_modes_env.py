@@ -1,6 +1,3 @@
-from collections.abc import Iterator
-from typing import Any
-
 import gymnasium
 import msgspec
 import numpy as np
@@ -10,7 +7,7 @@ from humanoid_sim.envs.modes_env import ModesEnv
 from humanoid_sim.envs.spaces import INTENTS
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode, SafetyLevel
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import GuardSettings
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*recommend using a symmetric and normalized space")
@@ -18,7 +15,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*recommend using a symmetric an
 LITE = {"policy": "lite_tracking", "motion": "wave"}
 
 
-def hasty(name: str = "lite") -> RobotDescription:
+def hasty(name="lite"):
     """A shipped robot that reaches its standby poses in 0.2 s."""
     robot = load_robot(name)
     short = {
@@ -33,12 +30,12 @@ def hasty(name: str = "lite") -> RobotDescription:
 class Operator:
     """Drives an environment by intents, and checks every observation."""
 
-    def __init__(self, env: ModesEnv) -> None:
+    def __init__(self, env):
         self.env = env
         self.observation, self.info = env.reset(seed=0)
         self.reward = 0.0
 
-    def ask(self, intent: Intent | None = None, ticks: int = 1, **remote: Any) -> Mode:
+    def ask(self, intent=None, ticks=1, **remote):
         """An intent in the first of some ticks; the mode after them."""
         for tick in range(ticks):
             number = INTENTS.index(intent) if tick == 0 else 0
@@ -50,18 +47,18 @@ class Operator:
 
 
 @pytest.fixture(scope="module")
-def shared() -> Iterator[ModesEnv]:
+def shared():
     env = ModesEnv(hasty(), **LITE)
     yield env
     env.close()
 
 
 @pytest.fixture
-def operator(shared: ModesEnv) -> Operator:
+def operator(shared):
     return Operator(shared)
 
 
-def test_the_walk_up_and_down_again(operator: Operator) -> None:
+def test_the_walk_up_and_down_again(operator):
     assert operator.info["controller"] == "zero_torque_controller"
     assert operator.ask(Intent.DAMP) is Mode.DAMPING
     assert operator.ask(Intent.LOAD_A, 23) is Mode.STANDBY
@@ -79,7 +76,7 @@ def test_the_walk_up_and_down_again(operator: Operator) -> None:
     assert operator.info["time"] == pytest.approx(0.005 * (1 + 51 + 40 + 1 + 1))
 
 
-def test_what_is_refused_is_said_with_its_reason(operator: Operator) -> None:
+def test_what_is_refused_is_said_with_its_reason(operator):
     assert operator.ask(Intent.START_LOCOMOTION) is Mode.ZERO_TORQUE
     assert operator.info["refusals"] == ("START_LOCOMOTION refused: requires finished STANDBY, mode is ZERO_TORQUE",)
     operator.ask(Intent.DAMP)
@@ -90,7 +87,7 @@ def test_what_is_refused_is_said_with_its_reason(operator: Operator) -> None:
     assert operator.info["refusals"] == ()
 
 
-def test_a_simulation_that_is_no_longer_sound_is_let_go(operator: Operator) -> None:
+def test_a_simulation_that_is_no_longer_sound_is_let_go(operator):
     operator.ask(Intent.DAMP)
     operator.ask(Intent.LOAD_A, 10)
     operator.env.robot.data.qvel[3] = np.nan
@@ -102,7 +99,7 @@ def test_a_simulation_that_is_no_longer_sound_is_let_go(operator: Operator) -> N
     assert again.observation["safety_level"] == SafetyLevel.OK
 
 
-def test_a_policy_that_fails_is_replaced_and_named() -> None:
+def test_a_policy_that_fails_is_replaced_and_named():
     operator = Operator(ModesEnv(hasty(), **LITE, action_limit=1e-3))
     operator.ask(Intent.DAMP)
     operator.ask(Intent.LOAD_A, 60)
@@ -116,7 +113,7 @@ def test_a_policy_that_fails_is_replaced_and_named() -> None:
     assert operator.ask(Intent.START_LOCOMOTION) is Mode.DAMPING
 
 
-def test_remote_commands_move_the_robot_until_they_stop_coming() -> None:
+def test_remote_commands_move_the_robot_until_they_stop_coming():
     operator = Operator(ModesEnv(hasty(), remote=True))
     n = 14
     operator.ask(Intent.DAMP)
@@ -134,7 +131,7 @@ def test_remote_commands_move_the_robot_until_they_stop_coming() -> None:
     assert operator.reward == pytest.approx(61 * 0.005)
 
 
-def test_a_bad_remote_command_is_refused_and_the_robot_is_not_moved_by_it() -> None:
+def test_a_bad_remote_command_is_refused_and_the_robot_is_not_moved_by_it():
     operator = Operator(ModesEnv(hasty(), remote=True))
     bad = np.zeros((5, 14))
     bad[2, 4] = np.nan
@@ -154,7 +151,7 @@ def test_a_bad_remote_command_is_refused_and_the_robot_is_not_moved_by_it() -> N
     assert operator.info["refusals"] == ("remote command has shape (0,), expected (5, 14)",)
 
 
-def test_joints_that_swing_into_their_stops_stay_within_the_space() -> None:
+def test_joints_that_swing_into_their_stops_stay_within_the_space():
     """Full effort along each joint's velocity, undamped: what no other command drives further; `ask` checks it."""
     unguarded = GuardSettings(following=None, limit=None, speed=None)
     env = ModesEnv(msgspec.structs.replace(hasty(), guards=unguarded), remote=True)
@@ -172,7 +169,7 @@ def test_joints_that_swing_into_their_stops_stay_within_the_space() -> None:
     assert furthest > 1.0  # or the bound is not tried
 
 
-def test_free_standing_legs_are_held_until_a_policy_takes_over() -> None:
+def test_free_standing_legs_are_held_until_a_policy_takes_over():
     operator = Operator(ModesEnv(hasty("lite_biped"), remote=True))
     assert operator.env.robot.supported
     operator.ask(Intent.DAMP)
@@ -184,7 +181,7 @@ def test_free_standing_legs_are_held_until_a_policy_takes_over() -> None:
     assert operator.env.robot.supported
 
 
-def test_an_episode_ends_with_its_time() -> None:
+def test_an_episode_ends_with_its_time():
     operator = Operator(ModesEnv(hasty(), **LITE, episode_seconds=0.02))
     operator.ask(None, 3)
     assert not operator.truncated
@@ -193,8 +190,8 @@ def test_an_episode_ends_with_its_time() -> None:
     assert not operator.quit
 
 
-def test_the_same_intents_give_the_same_episode(shared: ModesEnv) -> None:
-    def rollout() -> list[bytes]:
+def test_the_same_intents_give_the_same_episode(shared):
+    def rollout():
         operator, seen = Operator(shared), []
         for intent in (Intent.DAMP, None, Intent.LOAD_A, *[None] * 20):
             operator.ask(intent)
@@ -204,7 +201,7 @@ def test_the_same_intents_give_the_same_episode(shared: ModesEnv) -> None:
     assert rollout() == rollout()
 
 
-def test_pictures() -> None:
+def test_pictures():
     env = ModesEnv(hasty(), render_mode="rgb_array", width=80, height=60)
     env.reset()
     picture = env.render()
@@ -212,7 +209,7 @@ def test_pictures() -> None:
     env.close()
 
 
-def test_what_cannot_be_taken_is_one_line(shared: ModesEnv) -> None:
+def test_what_cannot_be_taken_is_one_line(shared):
     with pytest.raises(gymnasium.error.ResetNeeded):
         ModesEnv("lite").step(0)
     shared.reset()
@@ -232,4 +229,4 @@ def test_what_cannot_be_taken_is_one_line(shared: ModesEnv) -> None:
     for name in ("control_frequency", "episode_seconds"):
         for value in (0.0, -1.0, np.nan, np.inf):
             with pytest.raises(InputError, match=f"^{name}: is {value}, expected a finite number > 0$"):
-                ModesEnv("lite", **{name: value})  # type: ignore[arg-type]
+                ModesEnv("lite", **{name: value})

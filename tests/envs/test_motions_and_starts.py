@@ -1,7 +1,6 @@
 """Several motions in one environment, and episodes that begin in the middle of one."""
 
 import re
-from typing import Any
 
 import gymnasium
 import numpy as np
@@ -10,12 +9,10 @@ from alike import both, following, walk_along
 
 import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.assets import motion_path
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import multiply
 from humanoid_sim.envs.reference_states import reference_states
 from humanoid_sim.envs.scenario import make_scenario
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.robots.description import load_robot
 
@@ -28,7 +25,7 @@ SHORT = Motion(WAVE.frames[:4], WAVE.body_names, WAVE.policy_dt)
 LONGER = Motion(WAVE.frames[10:17], WAVE.body_names, WAVE.policy_dt)
 
 
-def squat() -> tuple[PolicyContract, Motion]:
+def squat():
     """A walk ahead of the legs' base at 0.5 m/s while it sinks, and the policy that sees it from where it is."""
     frames = np.zeros((9, 2 * 14 + 7))
     frames[:, :14] = BIPED.initial_position
@@ -39,7 +36,7 @@ def squat() -> tuple[PolicyContract, Motion]:
     return following(BIPED), Motion(frames, ("pelvis",), 0.02, layout="joints_bodies_w", joint_names=BIPED.joint_names)
 
 
-def test_each_episode_has_one_of_several_motions_to_its_own_end() -> None:
+def test_each_episode_has_one_of_several_motions_to_its_own_end():
     native, sync = both(LITE, 4, robot=ROBOT, motion=[SHORT, LONGER], joint_noise=0.01, actuation="implicit")
     assert native.max_episode_steps == 6
     reference = native.scenario.wiring.reference
@@ -52,9 +49,9 @@ def test_each_episode_has_one_of_several_motions_to_its_own_end() -> None:
     assert "456789a" in "".join(shown)
 
 
-def test_a_motion_among_others_is_rewarded_as_it_is_alone() -> None:
-    alone: Any = gymnasium.make(LITE, robot=ROBOT, motion=LONGER, joint_noise=0.0, velocity_noise=0.0)
-    among: Any = gymnasium.make(LITE, robot=ROBOT, motion=[SHORT, LONGER], joint_noise=0.0, velocity_noise=0.0)
+def test_a_motion_among_others_is_rewarded_as_it_is_alone():
+    alone = gymnasium.make(LITE, robot=ROBOT, motion=LONGER, joint_noise=0.0, velocity_noise=0.0)
+    among = gymnasium.make(LITE, robot=ROBOT, motion=[SHORT, LONGER], joint_noise=0.0, velocity_noise=0.0)
     alone.reset(seed=0)
     seed = next(seed for seed in range(20) if among.reset(seed=seed)[1]["frame"] == 4)
     np.testing.assert_array_equal(alone.reset(seed=0)[0], among.reset(seed=seed)[0])
@@ -66,8 +63,8 @@ def test_a_motion_among_others_is_rewarded_as_it_is_alone() -> None:
     assert ours[3]
 
 
-def test_episodes_begin_anywhere_in_the_motion_with_the_hands_where_it_has_them() -> None:
-    native: Any = gymnasium.make_vec(
+def test_episodes_begin_anywhere_in_the_motion_with_the_hands_where_it_has_them():
+    native = gymnasium.make_vec(
         LITE, num_envs=30, threads=1, robot=ROBOT, motion="circle", reference_start=1.0, joint_noise=0.0
     )
     _, info = native.reset(seed=0)
@@ -84,7 +81,7 @@ def test_episodes_begin_anywhere_in_the_motion_with_the_hands_where_it_has_them(
 
 
 @pytest.mark.parametrize("options", [{}, {"randomisation": {"mass": (0.9, 1.1), "command_delay": (0.0, 0.02)}}])
-def test_single_and_many_begin_alike_in_the_middle_of_several_motions(options: dict[str, Any]) -> None:
+def test_single_and_many_begin_alike_in_the_middle_of_several_motions(options):
     native, sync = both(
         LITE, 5, robot=ROBOT, motion=[SHORT, LONGER], reference_start=0.5, actuation="implicit", **options
     )
@@ -92,7 +89,7 @@ def test_single_and_many_begin_alike_in_the_middle_of_several_motions(options: d
     assert not set(frames[0].tolist()) <= {0, 4}
 
 
-def test_a_base_that_floats_is_where_the_motion_has_it_and_moves_along() -> None:
+def test_a_base_that_floats_is_where_the_motion_has_it_and_moves_along():
     contract, motion = squat()
     given = {"contract": contract, "robot": BIPED, "motion": motion, "reference_start": 1.0, "joint_noise": 0.0}
     native, sync = both(POLICY, 6, velocity_noise=0.0, **given)
@@ -114,18 +111,18 @@ def test_a_base_that_floats_is_where_the_motion_has_it_and_moves_along() -> None
     assert len(np.unique(base.yaw.round(3))) == 6
 
 
-def test_feet_in_the_floor_are_lifted_onto_it() -> None:
+def test_feet_in_the_floor_are_lifted_onto_it():
     contract, motion = squat()
     frames = motion.frames.copy()
     frames[:, 30] = 0.5
     sunk = Motion(frames, motion.body_names, 0.02, layout="joints_bodies_w", joint_names=motion.joint_names)
     scenario = make_scenario(contract, BIPED, sunk)
     states = reference_states(scenario.description, scenario.contract, scenario.wiring.reference)
-    height = float(gymnasium.make(POLICY, contract=contract, robot=BIPED, motion=motion).unwrapped.robot.qpos[2])  # type: ignore[attr-defined]
+    height = float(gymnasium.make(POLICY, contract=contract, robot=BIPED, motion=motion).unwrapped.robot.qpos[2])
     assert height - 0.1 < states.base_pose[0, 2] <= height + 0.01
 
 
-def test_a_heading_turns_place_orientation_and_velocity() -> None:
+def test_a_heading_turns_place_orientation_and_velocity():
     contract, motion = squat()
     scenario = make_scenario(contract, BIPED, motion)
     states = reference_states(scenario.description, scenario.contract, scenario.wiring.reference)
@@ -133,7 +130,7 @@ def test_a_heading_turns_place_orientation_and_velocity() -> None:
     assert found is not None
     pose, velocity = found
     np.testing.assert_allclose(pose[:3], [0.0, 1.04, 0.884], rtol=0, atol=1e-6)
-    quarter: FloatArray = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
+    quarter = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
     np.testing.assert_allclose(pose[3:], multiply(quarter, np.array([1.0, 0.0, 0.0, 0.0])), rtol=0, atol=1e-12)
     np.testing.assert_allclose(velocity, [0.0, 0.5, -0.2, 0.0, 0.0, 0.0], rtol=0, atol=1e-4)
 
@@ -152,6 +149,6 @@ def test_a_heading_turns_place_orientation_and_velocity() -> None:
         (LITE, {"motion": ["wave", "polka"]}, "polka"),
     ],
 )
-def test_what_there_is_not_is_refused(name: str, options: dict[str, Any], message: str) -> None:
+def test_what_there_is_not_is_refused(name, options, message):
     with pytest.raises(InputError, match=message):
         gymnasium.make(name, **{"robot": ROBOT, **options})

@@ -1,13 +1,10 @@
 """LitePiano-v0: its reward, its songs, one robot and a batch."""
 
-from typing import Any
-
 import gymnasium
 import numpy as np
 import pytest
 
 import humanoid_sim  # noqa: F401 - registers the environments
-from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
@@ -17,18 +14,18 @@ NAME = "humanoid_sim/LitePiano-v0"
 ROBOT = load_robot("lite_piano")
 
 
-def song(*notes: tuple[int, int, int], frames: int = 40) -> Motion:
+def song(*notes, frames=40):
     table = np.zeros((frames, 88), dtype=np.float32)
     for key, start, end in notes:
         table[start:end, key] = 1.0
     return Motion(table, (), 0.02, task_type="piano", robot="lite_piano")
 
 
-def make(**options: Any) -> Any:
+def make(**options):
     return gymnasium.make(NAME, **{"robot": ROBOT, "motion": song((30, 5, 30), (60, 10, 30)), **options})
 
 
-def test_an_observation_has_the_song_the_keys_and_the_robot() -> None:
+def test_an_observation_has_the_song_the_keys_and_the_robot():
     env = make(joint_noise=0.0, velocity_noise=0.0)
     observation, info = env.reset(seed=0)
     contract = env.unwrapped.scenario.contract
@@ -42,7 +39,7 @@ def test_an_observation_has_the_song_the_keys_and_the_robot() -> None:
     assert info["frame"] == 0
 
 
-def test_one_robot_and_a_batch_play_alike() -> None:
+def test_one_robot_and_a_batch_play_alike():
     single = make()
     vector = gymnasium.make_vec(NAME, num_envs=2, threads=1, robot=ROBOT, motion=song((30, 5, 30), (60, 10, 30)))
     observation, _ = single.reset(seed=4)
@@ -62,8 +59,8 @@ def test_one_robot_and_a_batch_play_alike() -> None:
     assert touched
 
 
-def test_what_is_rewarded() -> None:
-    env: PolicyEnv = make(motion=song((30, 0, 40)), joint_noise=0.0, velocity_noise=0.0).unwrapped
+def test_what_is_rewarded():
+    env = make(motion=song((30, 0, 40)), joint_noise=0.0, velocity_noise=0.0).unwrapped
     env.reset(seed=0)
     nothing = np.zeros(14, dtype=np.float32)
     _, _, _, _, info = env.step(nothing)
@@ -81,12 +78,12 @@ def test_what_is_rewarded() -> None:
     assert terms["no_wrong_key"] == 0.5
 
 
-def test_the_nearer_a_finger_the_better() -> None:
+def test_the_nearer_a_finger_the_better():
     """The finger in its ready pose, then where it touches its key."""
     rewards = []
     fingers = Fingers(ROBOT)
     for target in (None, fingers.solve(0, fingers.tip_above(fingers.keys[30], 0.0))):
-        env: PolicyEnv = make(motion=song((30, 0, 40)), joint_noise=0.0, velocity_noise=0.0).unwrapped
+        env = make(motion=song((30, 0, 40)), joint_noise=0.0, velocity_noise=0.0).unwrapped
         env.reset(seed=0)
         pose = env.scenario.contract.default_joint_pos.copy()
         if target is not None:
@@ -99,7 +96,7 @@ def test_the_nearer_a_finger_the_better() -> None:
     assert rewards[1] > 0.1  # of 0.25: the arm sags below it, by the key's spring
 
 
-def test_it_ends_with_the_song() -> None:
+def test_it_ends_with_the_song():
     env = make(motion=song((30, 5, 8), frames=12))
     env.reset(seed=0)
     ends = [env.step(np.zeros(14, dtype=np.float32))[2:4] for _ in range(11)]
@@ -107,7 +104,7 @@ def test_it_ends_with_the_song() -> None:
     assert env.spec.max_episode_steps == 11
 
 
-def test_songs_by_name_and_several() -> None:
+def test_songs_by_name_and_several():
     tune = make(motion="twinkle").unwrapped
     assert tune.scenario.task.episode_steps > 400
     both = make(motion=["twinkle", song((30, 5, 8), frames=12)]).unwrapped
@@ -122,6 +119,6 @@ def test_songs_by_name_and_several() -> None:
         ({"motion": None}, "motion: is missing"),
     ],
 )
-def test_what_does_not_fit_is_refused(options: dict[str, Any], problem: str) -> None:
+def test_what_does_not_fit_is_refused(options, problem):
     with pytest.raises(InputError, match=problem):
         make(**options)

@@ -1,8 +1,6 @@
 """A policy in the environment and the same policy in `play`: one trajectory, to the last bit."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnx
@@ -17,7 +15,7 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.envs.episode_robot import PlantState
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Event, Intent, Mode, SessionHeader, TickInput, TickRecord
+from humanoid_sim.messages import Intent, Mode, SessionHeader, TickInput
 from humanoid_sim.play import main
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
@@ -33,13 +31,13 @@ BIPED_CONTRACT = asset_path("policies", "lite_biped_velocity.contract.yaml")
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runtime: Path) -> Path:
+def folder(tmp_path, monkeypatch, runtime):
     """An empty working folder; the sockets of `play` go there too."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def hasty(folder: Path, name: str) -> str:
+def hasty(folder, name):
     """A shipped robot that reaches its standby poses in 0.4 s; its path."""
     document = yaml.safe_load(asset_path("robots", f"{name}.yaml").read_text(encoding="utf-8"))
     document["mjcf"] = str((asset_path("robots") / document["mjcf"]).resolve())
@@ -51,21 +49,19 @@ def hasty(folder: Path, name: str) -> str:
     return str(path)
 
 
-def policy_ticks(path: Path) -> list[TickRecord]:
+def policy_ticks(path):
     ticks = open_recording(path).ticks()
     return [tick for tick in ticks if tick.output.control_mode.mode is Mode.LOCOMOTION and tick.output.policy_step]
 
 
-def assert_same_trajectory(
-    env: PolicyEnv, options: dict[str, Any], policy: Callable[..., Any], ticks: list[TickRecord]
-) -> None:
+def assert_same_trajectory(env, options, policy, ticks):
     observation, info = env.reset(options=options)
     for tick in ticks:
         step = tick.output.policy_step
         state, _ = env.robot.read()
         for name in ("joint_position", "joint_velocity", "joint_effort", "imu_quaternion", "imu_angular_velocity"):
             assert getattr(state, name).tobytes() == getattr(tick.input.state, name).tobytes(), name
-        assert env.robot.qpos.tobytes() == tick.qpos.tobytes()  # type: ignore[union-attr]
+        assert env.robot.qpos.tobytes() == tick.qpos.tobytes()
         assert observation.tobytes() == step.observation.tobytes()
         assert info["frame"] == step.frame
         action = policy(observation, info["frame"])
@@ -75,7 +71,7 @@ def assert_same_trajectory(
 
 
 @pytest.mark.parametrize("actuation", ["affine", "qfrc_applied"])
-def test_the_sample_policy_from_a_recording(folder: Path, actuation: Any) -> None:
+def test_the_sample_policy_from_a_recording(folder, actuation):
     robot = hasty(folder, "lite")
     options = ("--viewer", "none", "--record", "r.mcap", "--robot", robot, "--actuation", actuation)
     assert main([*options, "--script", "damp; load_a; wait; start_locomotion; hold 1.3; damp"]) == 0
@@ -85,7 +81,7 @@ def test_the_sample_policy_from_a_recording(folder: Path, actuation: Any) -> Non
     assert_same_trajectory(env, {"recording": "r.mcap"}, load_checkpoint(SAMPLE_POLICY).policy, ticks)
 
 
-def test_a_free_standing_robot_from_a_recording(folder: Path) -> None:
+def test_a_free_standing_robot_from_a_recording(folder):
     robot = hasty(folder, "lite_biped")
     weights = np.random.default_rng(0).normal(0.0, 0.02, (53, 14)).astype(np.float32)
     graph = helper.make_graph(
@@ -103,7 +99,7 @@ def test_a_free_standing_robot_from_a_recording(folder: Path) -> None:
     main([*options, *script, "--contract", str(BIPED_CONTRACT)])  # it may fall: nobody trained it
     ticks = policy_ticks(folder / "r.mcap")
     assert len(ticks) >= 50
-    np.testing.assert_array_equal(ticks[0].output.policy_step.observation[6:9], np.float32([0.3, 0.0, 0.2]))  # type: ignore[union-attr]
+    np.testing.assert_array_equal(ticks[0].output.policy_step.observation[6:9], np.float32([0.3, 0.0, 0.2]))
     policy = load_checkpoint(Path("walk.onnx"), BIPED_CONTRACT).policy
     env = PolicyEnv(BIPED_CONTRACT, robot, actuation="qfrc_applied")
     assert_same_trajectory(env, {"recording": "r.mcap"}, policy, ticks)
@@ -119,7 +115,7 @@ def test_a_free_standing_robot_from_a_recording(folder: Path) -> None:
         ("unitree_g1_velocity_v0/exported/policy.onnx", 0.005, ("--command", "0.5,0,0")),
     ],
 )
-def test_published_policies_from_a_recording(folder: Path, policy: str, step: float, options: tuple[str, ...]) -> None:
+def test_published_policies_from_a_recording(folder, policy, step, options):
     g1, path = str(POLICIES / "models" / "unitree_g1" / "scene.xml"), POLICIES / policy
     chosen = ("--robot", g1, "--policy", str(path), "--physics-timestep", str(step), "--actuation", "affine", *options)
     script = "damp; load_a; wait; start_locomotion; hold 1; damp"
@@ -135,22 +131,22 @@ def test_published_policies_from_a_recording(folder: Path, policy: str, step: fl
 class Taker:
     """A sink that keeps the ticks."""
 
-    def __init__(self) -> None:
-        self.ticks: list[TickRecord] = []
+    def __init__(self):
+        self.ticks = []
         self.backlog = 0
         self.backlog_limit = 0
 
-    def start(self, header: SessionHeader) -> None: ...
+    def start(self, header): ...
 
-    def tick(self, record: TickRecord) -> None:
+    def tick(self, record):
         self.ticks.append(record)
 
-    def event(self, event: Event) -> None: ...
+    def event(self, event): ...
 
-    def close(self) -> None: ...
+    def close(self): ...
 
 
-def test_the_state_and_the_memory_of_a_running_session(folder: Path) -> None:
+def test_the_state_and_the_memory_of_a_running_session(folder):
     description = load_robot(hasty(folder, "lite"))
     checkpoint = load_checkpoint(SAMPLE_POLICY)
     loaded = load_policy(checkpoint.contract, checkpoint.policy, read_motion(motion_path("reach")))
@@ -178,7 +174,7 @@ def test_the_state_and_the_memory_of_a_running_session(folder: Path) -> None:
     assert_same_trajectory(env, {"state": middle, "memory": later}, checkpoint.policy, ticks[-11:])
 
 
-def test_recordings_that_hold_no_start_are_refused(folder: Path) -> None:
+def test_recordings_that_hold_no_start_are_refused(folder):
     robot = hasty(folder, "lite")
     options = ("--viewer", "none", "--record", "r.mcap", "--overwrite", "--robot", robot)
     env = PolicyEnv("lite_tracking", robot, "wave")

@@ -1,8 +1,6 @@
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
-from typing import Any
 
 import gymnasium
 import numpy as np
@@ -24,20 +22,20 @@ LEGS = {"contract": "lite_biped_velocity", "robot": "lite_biped"}
 
 
 @pytest.fixture(scope="module")
-def arms() -> Iterator[PolicyEnv]:
-    env = PolicyEnv(**ARMS)  # type: ignore[arg-type]
+def arms():
+    env = PolicyEnv(**ARMS)
     yield env
     env.close()
 
 
 @pytest.fixture(scope="module")
-def legs() -> Iterator[PolicyEnv]:
-    env = PolicyEnv(**LEGS, episode_seconds=1.0)  # type: ignore[arg-type]
+def legs():
+    env = PolicyEnv(**LEGS, episode_seconds=1.0)
     yield env
     env.close()
 
 
-def test_the_sample_policy_follows_its_motion_to_the_end(arms: PolicyEnv) -> None:
+def test_the_sample_policy_follows_its_motion_to_the_end(arms):
     observation, info = arms.reset(seed=1)
     total, steps, over = 0.0, 0, False
     while not over:
@@ -54,8 +52,8 @@ def test_the_sample_policy_follows_its_motion_to_the_end(arms: PolicyEnv) -> Non
     assert 1.47 < total / 8.0 < 1.5  # 1.5 per second is perfect
 
 
-def test_a_seed_decides_the_episode(arms: PolicyEnv) -> None:
-    def rollout(seed: int | None) -> list[bytes]:
+def test_a_seed_decides_the_episode(arms):
+    def rollout(seed):
         observation, info = arms.reset(seed=seed)
         seen = [observation.tobytes()]
         for _ in range(5):
@@ -70,7 +68,7 @@ def test_a_seed_decides_the_episode(arms: PolicyEnv) -> None:
     assert rollout(4) != first
 
 
-def test_a_command_of_the_user_holds_for_the_episode(legs: PolicyEnv) -> None:
+def test_a_command_of_the_user_holds_for_the_episode(legs):
     drawn, _ = legs.reset(seed=2)
     commanded, _ = legs.reset(seed=2, options={"command": (0.3, -0.1, 0.5)})
     np.testing.assert_array_equal(commanded[6:9], np.float32([0.3, -0.1, 0.5]))
@@ -82,7 +80,7 @@ def test_a_command_of_the_user_holds_for_the_episode(legs: PolicyEnv) -> None:
     np.testing.assert_array_equal(commanded[6:9], np.float32([0.3, -0.1, 0.5]))
 
 
-def test_standing_legs_stand_until_the_time_is_up(legs: PolicyEnv) -> None:
+def test_standing_legs_stand_until_the_time_is_up(legs):
     legs.reset(seed=0, options={"command": (0.0, 0.0, 0.0)})
     for step in range(1, 51):
         _, reward, terminated, truncated, info = legs.step(np.zeros(14, dtype=np.float32))
@@ -91,7 +89,7 @@ def test_standing_legs_stand_until_the_time_is_up(legs: PolicyEnv) -> None:
     assert reward == pytest.approx(2.0 * 0.02, rel=0.05)  # stands still, as it is told
 
 
-def test_folding_legs_fall(legs: PolicyEnv) -> None:
+def test_folding_legs_fall(legs):
     legs.reset(seed=0)
     action = np.zeros(14, dtype=np.float32)
     action[[0, 7]] = 5.0  # both hips stretch: it falls on its face
@@ -106,7 +104,7 @@ def test_folding_legs_fall(legs: PolicyEnv) -> None:
 
 
 @pytest.mark.parametrize(("value", "shown"), [(np.nan, "nan"), (-np.inf, "-inf"), (101.0, "101.0"), (1e300, "inf")])
-def test_a_bad_action_is_a_counted_fault_and_ends_the_episode(arms: PolicyEnv, value: float, shown: str) -> None:
+def test_a_bad_action_is_a_counted_fault_and_ends_the_episode(arms, value, shown):
     observation, _ = arms.reset(seed=0)
     observation, *_ = arms.step(np.zeros(14))
     before, count = arms.robot.qpos, arms.fault_count
@@ -122,7 +120,7 @@ def test_a_bad_action_is_a_counted_fault_and_ends_the_episode(arms: PolicyEnv, v
     assert not arms.step(np.zeros(14))[2]
 
 
-def test_a_simulation_that_is_no_longer_sound_is_a_fault(arms: PolicyEnv) -> None:
+def test_a_simulation_that_is_no_longer_sound_is_a_fault(arms):
     arms.reset(seed=0)
     arms.robot.data.qvel[5] = np.nan
     observation, reward, terminated, _, info = arms.step(np.zeros(14))
@@ -134,7 +132,7 @@ def test_a_simulation_that_is_no_longer_sound_is_a_fault(arms: PolicyEnv) -> Non
     assert "fault" not in arms.step(np.zeros(14))[4]
 
 
-def test_an_observation_beyond_any_robot_s_is_a_fault(arms: PolicyEnv) -> None:
+def test_an_observation_beyond_any_robot_s_is_a_fault(arms):
     arms.reset(seed=0)
     qpos = arms.robot.qpos.copy()
     qpos[0] += 5.0
@@ -146,7 +144,7 @@ def test_an_observation_beyond_any_robot_s_is_a_fault(arms: PolicyEnv) -> None:
     assert arms.observation_space.contains(observation)
 
 
-def test_actions_beyond_their_bounds_command_no_more(arms: PolicyEnv) -> None:
+def test_actions_beyond_their_bounds_command_no_more(arms):
     wiring, robot = arms.scenario.wiring, arms.scenario.description
     state, _ = arms.robot.read()
     for bound, stop, sign in ((arms.action_space.low, robot.upper, -1), (arms.action_space.high, robot.lower, 1)):
@@ -159,7 +157,7 @@ def test_actions_beyond_their_bounds_command_no_more(arms: PolicyEnv) -> None:
         np.testing.assert_allclose(torque, sign * robot.effort_limit, rtol=1e-4)
 
 
-def test_observation_bounds_follow_scale_and_history() -> None:
+def test_observation_bounds_follow_scale_and_history():
     contract = placeholder_checkpoint(load_robot("lite")).contract
     terms = [
         term if term.name != "joint_vel" else type(term)("joint_vel", scale=-0.5, history=2) for term in contract.terms
@@ -173,7 +171,7 @@ def test_observation_bounds_follow_scale_and_history() -> None:
         observation=terms,
     )
     env = PolicyEnv(changed, "lite")
-    low, high = env.observation_space.low, env.observation_space.high  # type: ignore[attr-defined]
+    low, high = env.observation_space.low, env.observation_space.high
     assert low.shape == (14 + 28 + 14,)
     np.testing.assert_allclose(high[14:42], 50.0, rtol=0.01)
     np.testing.assert_array_equal(low[14:42], -high[14:42])
@@ -183,21 +181,21 @@ def test_observation_bounds_follow_scale_and_history() -> None:
     assert stack(env.scenario.wiring.layout, np.zeros(step, dtype=np.float32), None)[0].shape == observation.shape
 
 
-def test_delays_are_between_robot_and_policy_and_not_in_the_reward() -> None:
-    prompt, late = PolicyEnv(**ARMS), PolicyEnv(**ARMS, state_delay=0.01)  # type: ignore[arg-type]
+def test_delays_are_between_robot_and_policy_and_not_in_the_reward():
+    prompt, late = PolicyEnv(**ARMS), PolicyEnv(**ARMS, state_delay=0.01)
     starts = [env.reset(seed=5)[0] for env in (prompt, late)]
     np.testing.assert_array_equal(*starts)
     action = np.full(14, 0.5, dtype=np.float32)
     (seen, reward, *_), (seen_late, reward_late, *_) = prompt.step(action), late.step(action)
     assert np.abs(seen[36:50] - seen_late[36:50]).max() > 1e-3  # joint positions, half a step apart
     assert reward == pytest.approx(reward_late, abs=1e-12)
-    behind = PolicyEnv(**ARMS, command_delay=0.005)  # type: ignore[arg-type]
+    behind = PolicyEnv(**ARMS, command_delay=0.005)
     behind.reset(seed=5)
     assert behind.step(action)[1] != pytest.approx(reward, abs=1e-9)
 
 
-def test_both_plants_give_the_same_episode() -> None:
-    envs = [PolicyEnv(**ARMS, actuation=actuation) for actuation in ("affine", "qfrc_applied")]  # type: ignore[arg-type]
+def test_both_plants_give_the_same_episode():
+    envs = [PolicyEnv(**ARMS, actuation=actuation) for actuation in ("affine", "qfrc_applied")]
     for env in envs:
         env.reset(seed=7)
     rng = np.random.default_rng(0)
@@ -208,11 +206,11 @@ def test_both_plants_give_the_same_episode() -> None:
         assert reward_a == pytest.approx(reward_b, abs=1e-9)
 
 
-def test_any_contract_on_any_robot() -> None:
+def test_any_contract_on_any_robot():
     for robot in ("lite_neck", "lite_biped"):
         env = PolicyEnv(placeholder_checkpoint(load_robot(robot)).contract, robot, task="balance", episode_seconds=0.1)
         env.reset(seed=0)
-        steps = [env.step(np.zeros(env.action_space.shape)) for _ in range(5)]  # type: ignore[arg-type]
+        steps = [env.step(np.zeros(env.action_space.shape)) for _ in range(5)]
         assert [step[3] for step in steps] == [False] * 4 + [True]
         assert all("fault" not in step[4] for step in steps)
         assert steps[0][1] == pytest.approx(0.02, rel=0.1)
@@ -220,10 +218,8 @@ def test_any_contract_on_any_robot() -> None:
 
 @pytest.mark.parametrize("robot", ["arms", "legs"])
 @pytest.mark.parametrize("scale", [1.0, 30.0])
-def test_whatever_is_done_the_values_are_those_of_the_spaces(
-    robot: str, scale: float, request: pytest.FixtureRequest
-) -> None:
-    env: PolicyEnv = request.getfixturevalue(robot)
+def test_whatever_is_done_the_values_are_those_of_the_spaces(robot, scale, request):
+    env = request.getfixturevalue(robot)
     rng, over, ends = np.random.default_rng(0), True, 0
     for _ in range(150):
         if over:
@@ -270,13 +266,13 @@ def test_whatever_is_done_the_values_are_those_of_the_spaces(
         ({**ARMS, "render_mode": "ansi"}, "render_mode: is 'ansi', expected human, rgb_array or None"),
     ],
 )
-def test_what_does_not_fit_is_one_line(options: dict[str, Any], message: str) -> None:
+def test_what_does_not_fit_is_one_line(options, message):
     with pytest.raises(InputError, match=message) as refused:
         PolicyEnv(**options)
     assert "\n" not in str(refused.value)
 
 
-def test_reset_and_step_refuse_what_they_cannot_take(arms: PolicyEnv) -> None:
+def test_reset_and_step_refuse_what_they_cannot_take(arms):
     with pytest.raises(InputError, match="reset: unknown option 'speed'; known: command, recording, state, memory"):
         arms.reset(options={"speed": 1})
     for command in ((0.1, 0.2), (0.1, 0.2, np.nan), "fast"):
@@ -292,11 +288,11 @@ def test_reset_and_step_refuse_what_they_cannot_take(arms: PolicyEnv) -> None:
     with pytest.raises(InputError, match=r"action: has shape \(3,\), expected \(14,\)"):
         arms.step(np.zeros(3))
     with pytest.raises(gymnasium.error.ResetNeeded):
-        PolicyEnv(**ARMS).step(np.zeros(14))  # type: ignore[arg-type]
+        PolicyEnv(**ARMS).step(np.zeros(14))
 
 
-def test_pictures_show_the_robot_as_it_is() -> None:
-    env = PolicyEnv(**ARMS, render_mode="rgb_array", width=160, height=120)  # type: ignore[arg-type]
+def test_pictures_show_the_robot_as_it_is():
+    env = PolicyEnv(**ARMS, render_mode="rgb_array", width=160, height=120)
     env.reset(seed=0)
     before = env.render()
     for _ in range(20):
@@ -310,10 +306,10 @@ def test_pictures_show_the_robot_as_it_is() -> None:
     assert env.metadata["render_fps"] == 50
 
 
-def test_a_window_needs_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_window_needs_a_display(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    env = PolicyEnv(**ARMS, render_mode="human")  # type: ignore[arg-type]
+    env = PolicyEnv(**ARMS, render_mode="human")
     with pytest.raises(InputError, match=r"^render_mode: human cannot be shown here: no display .*; use rgb_array"):
         env.reset()
 
@@ -321,7 +317,7 @@ def test_a_window_needs_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="xvfb-run is not installed (xvfb)")
 @pytest.mark.parametrize("name", ["LiteTracking-v0", "LiteModes-v0"])
-def test_windows_open_one_at_a_time_and_gymnasium_s_checker_sees_every_render_mode(name: str) -> None:
+def test_windows_open_one_at_a_time_and_gymnasium_s_checker_sees_every_render_mode(name):
     script = f"""
 import gymnasium, humanoid_sim
 from gymnasium.utils.env_checker import check_env

@@ -13,7 +13,7 @@ BIPED, LITE = load_robot("lite_biped"), load_robot("lite")
 VELOCITY, TRACKING = "humanoid_sim/BipedVelocity-v0", "humanoid_sim/LiteTracking-v0"
 
 
-def test_a_vector_sees_what_its_environments_see_through_ends_and_starts() -> None:
+def test_a_vector_sees_what_its_environments_see_through_ends_and_starts():
     vector = gymnasium.make_vec(VELOCITY, num_envs=2, robot=BIPED, privileged=tuple(PRIVILEGED_TERMS), threads=1)
     singles = [gymnasium.make(VELOCITY, robot=BIPED, privileged=tuple(PRIVILEGED_TERMS)) for _ in range(2)]
     _, info = vector.reset(seed=3)
@@ -35,7 +35,7 @@ def test_a_vector_sees_what_its_environments_see_through_ends_and_starts() -> No
     assert ends == 3
 
 
-def test_it_is_the_truth_of_a_step() -> None:
+def test_it_is_the_truth_of_a_step():
     env = gymnasium.make(VELOCITY, robot=BIPED, privileged=["base_height", "base_gravity", "velocity_command"])
     _, info = env.reset(seed=0, options={"command": (0.3, 0.0, -0.2)})
     assert info["privileged"].shape == (7,)
@@ -44,7 +44,7 @@ def test_it_is_the_truth_of_a_step() -> None:
     np.testing.assert_allclose(gravity_and_command, [0.0, 0.0, -1.0, 0.3, 0.0, -0.2], atol=1e-6)
 
 
-def test_noise_is_in_the_observation_only() -> None:
+def test_noise_is_in_the_observation_only():
     noisy = gymnasium.make_vec(
         TRACKING, num_envs=1, robot=LITE, privileged=["joint_position"], randomisation={"joint_position_noise": 0.2}
     )
@@ -55,7 +55,7 @@ def test_noise_is_in_the_observation_only() -> None:
     assert np.abs(seen - expected).max() > 0.05
 
 
-def test_functions_of_ones_own_and_the_last_of_an_episode() -> None:
+def test_functions_of_ones_own_and_the_last_of_an_episode():
     envs = gymnasium.make_vec(
         TRACKING,
         num_envs=2,
@@ -82,7 +82,7 @@ def test_functions_of_ones_own_and_the_last_of_an_episode() -> None:
         ("joint_position", "privileged: is 'joint_position', expected a list of names"),
     ],
 )
-def test_what_there_is_not_is_refused(terms: object, message: str) -> None:
+def test_what_there_is_not_is_refused(terms, message):
     with pytest.raises(InputError) as caught:
         gymnasium.make(TRACKING, robot=LITE, privileged=terms)
     assert message in str(caught.value)

@@ -1,7 +1,5 @@
 """Randomisation that is drawn for every episode, of a single environment and of many: the same of both."""
 
-from typing import Any
-
 import gymnasium
 import numpy as np
 import pytest
@@ -18,9 +16,9 @@ ROBOTS = {LITE: load_robot("lite"), BIPED: load_robot("lite_biped")}
 
 
 @pytest.mark.parametrize(("name", "options"), [(LITE, EVERYTHING), (BIPED, PUSHED)])
-def test_every_step_of_every_episode_is_that_of_single_environments(name: str, options: dict[str, Any]) -> None:
+def test_every_step_of_every_episode_is_that_of_single_environments(name, options):
     native, sync = both(name, 2, robot=ROBOTS[name], randomisation=options, curriculum=growing, actuation="implicit")
-    singles: list[Any] = [env.unwrapped for env in sync.envs]
+    singles = [env.unwrapped for env in sync.envs]
     np.testing.assert_array_equal(native.reset(seed=5)[0], sync.reset(seed=5)[0])
     native.action_space.seed(0)
     masses, speeds = [], []
@@ -45,9 +43,9 @@ def test_every_step_of_every_episode_is_that_of_single_environments(name: str, o
     assert len({*masses[1], *masses[2]}) == 4
 
 
-def test_a_single_environment_draws_every_episode_anew_and_its_seed_repeats_them() -> None:
+def test_a_single_environment_draws_every_episode_anew_and_its_seed_repeats_them():
     env = gymnasium.make(LITE, robot=ROBOTS[LITE], randomisation={"mass": (0.5, 2.0)}, joint_noise=0.0)
-    robot: Any = env.unwrapped.robot  # type: ignore[attr-defined]
+    robot = env.unwrapped.robot
     seen = []
     for seed in (3, None, None, 3, None):
         env.reset(seed=seed)
@@ -56,18 +54,18 @@ def test_a_single_environment_draws_every_episode_anew_and_its_seed_repeats_them
     assert seen[3:] == seen[:2]
 
 
-def test_without_a_seed_two_environments_differ_and_each_episode_too() -> None:
+def test_without_a_seed_two_environments_differ_and_each_episode_too():
     envs = [gymnasium.make(LITE, robot=ROBOTS[LITE], randomisation={"mass": (0.5, 2.0)}) for _ in range(2)]
     masses = set()
     for env in envs:
         for _ in range(2):
             env.reset()
-            masses.add(env.unwrapped.robot.model.body_mass.sum())  # type: ignore[attr-defined]
+            masses.add(env.unwrapped.robot.model.body_mass.sum())
     assert len(masses) == 4
 
 
-def test_commands_grow_with_the_progress() -> None:
-    envs: Any = gymnasium.make_vec(BIPED, num_envs=4, threads=1, robot=ROBOTS[BIPED], curriculum=growing)
+def test_commands_grow_with_the_progress():
+    envs = gymnasium.make_vec(BIPED, num_envs=4, threads=1, robot=ROBOTS[BIPED], curriculum=growing)
     envs.reset(seed=0)
     small = envs.unwrapped._commands.copy()
     envs.unwrapped.progress = 1.0
@@ -76,7 +74,7 @@ def test_commands_grow_with_the_progress() -> None:
     assert np.abs(small).max() > 0.1
 
 
-def beyond(progress: float) -> dict[str, float]:
+def beyond(progress):
     return {"mass": 1.0 + progress}
 
 
@@ -94,13 +92,13 @@ def beyond(progress: float) -> dict[str, float]:
         ),
     ],
 )
-def test_bad_options_are_named(options: dict[str, Any], message: str) -> None:
+def test_bad_options_are_named(options, message):
     with pytest.raises(InputError, match=message):
         gymnasium.make(LITE, **{"robot": ROBOTS[LITE], "randomisation": {"mass": (0.9, 1.1)}, **options})
 
 
-def test_bad_progress_and_amounts_are_named_when_they_are_met() -> None:
-    env: Any = gymnasium.make(LITE, robot=ROBOTS[LITE], curriculum=beyond)
+def test_bad_progress_and_amounts_are_named_when_they_are_met():
+    env = gymnasium.make(LITE, robot=ROBOTS[LITE], curriculum=beyond)
     for value in (1.5, -0.1, "half", float("nan")):
         with pytest.raises(InputError, match=r"progress: is .*, expected a number from 0 to 1"):
             env.unwrapped.progress = value

@@ -1,7 +1,6 @@
 import pickle
 import subprocess
 import sys
-from typing import Any
 
 import gymnasium
 import numpy as np
@@ -16,20 +15,20 @@ from humanoid_sim.robots.description import load_robot
 
 
 @pytest.mark.parametrize("order", ["gymnasium, humanoid_sim", "humanoid_sim, gymnasium"])
-def test_importing_the_package_registers_whichever_comes_first(order: str) -> None:
+def test_importing_the_package_registers_whichever_comes_first(order):
     script = f"import {order}\nprint(*sorted(name for name in gymnasium.registry if name.startswith('humanoid_sim/')))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.split() == sorted(ENVIRONMENTS)
     assert done.stderr == ""
 
 
-def test_importing_the_package_does_not_import_gymnasium() -> None:
+def test_importing_the_package_does_not_import_gymnasium():
     script = "import sys, humanoid_sim\nprint('gymnasium' in sys.modules, 'numpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout == "False False\n"
 
 
-def test_looking_for_gymnasium_is_not_importing_it() -> None:
+def test_looking_for_gymnasium_is_not_importing_it():
     """As other packages do to see whether there is one."""
     script = (
         "import importlib.util, sys, humanoid_sim\n"
@@ -42,7 +41,7 @@ def test_looking_for_gymnasium_is_not_importing_it() -> None:
     assert done.stdout == f"{len(ENVIRONMENTS)} -1\n"
 
 
-def test_the_package_does_without_gymnasium() -> None:
+def test_the_package_does_without_gymnasium():
     script = (
         "import sys\nsys.modules['gymnasium'] = None\nimport humanoid_sim\n"
         "try:\n    import gymnasium\nexcept ModuleNotFoundError as error:\n    print(error)"
@@ -51,7 +50,7 @@ def test_the_package_does_without_gymnasium() -> None:
     assert "gymnasium" in done.stdout
 
 
-def test_registering_twice_changes_nothing() -> None:
+def test_registering_twice_changes_nothing():
     before = {name: gymnasium.registry[name] for name in ENVIRONMENTS}
     register_environments()
     assert all(gymnasium.registry[name] is spec for name, spec in before.items())
@@ -66,7 +65,7 @@ def test_registering_twice_changes_nothing() -> None:
         ("LiteModes-v0", {"remote": True}),
     ],
 )
-def test_specs_are_pickled_and_written_as_json(name: str, options: dict[str, Any]) -> None:
+def test_specs_are_pickled_and_written_as_json(name, options):
     env = gymnasium.make(f"humanoid_sim/{name}", **options)
     pickled = pickle.loads(pickle.dumps(env.spec))
     read = EnvSpec.from_json(env.spec.to_json())
@@ -75,10 +74,10 @@ def test_specs_are_pickled_and_written_as_json(name: str, options: dict[str, Any
         assert again.spec.kwargs == env.spec.kwargs
         expected, found = (one.reset(seed=3)[0] for one in (env, again))
         for key in expected if isinstance(expected, dict) else [...]:
-            np.testing.assert_array_equal(found[key], expected[key])  # type: ignore[index]
+            np.testing.assert_array_equal(found[key], expected[key])
 
 
-def test_a_spec_with_a_contract_of_the_user_s_own_is_pickled() -> None:
+def test_a_spec_with_a_contract_of_the_user_s_own_is_pickled():
     contract = placeholder_checkpoint(load_robot("lite")).contract
     env = gymnasium.make("humanoid_sim/Policy-v0", contract=contract, robot="lite")
     again = gymnasium.make(pickle.loads(pickle.dumps(env.spec)))
@@ -96,7 +95,7 @@ def test_a_spec_with_a_contract_of_the_user_s_own_is_pickled() -> None:
         ("LiteModes-v0", {}, 12000),
     ],
 )
-def test_specs_say_how_long_an_episode_may_be(name: str, options: dict[str, Any], steps: int) -> None:
+def test_specs_say_how_long_an_episode_may_be(name, options, steps):
     env = gymnasium.make(f"humanoid_sim/{name}", **options)
     assert env.spec.max_episode_steps == steps
     if "Modes" not in name:
@@ -106,10 +105,10 @@ def test_specs_say_how_long_an_episode_may_be(name: str, options: dict[str, Any]
 
 @pytest.mark.filterwarnings("ignore:.*symmetric and normalized space")  # raw actions have the bounds of joints
 @pytest.mark.parametrize("name", ["LiteTracking-v0", "BipedVelocity-v0", "LiteModes-v0"])
-def test_gymnasium_s_own_check_passes_without_a_display(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gymnasium_s_own_check_passes_without_a_display(name, monkeypatch):
     for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(variable, raising=False)
-    env = gymnasium.make(f"humanoid_sim/{name}").unwrapped
+    env = gymnasium.make(f"humanoid_sim/{name}", width=80, height=60).unwrapped
     assert env.metadata["render_modes"] == ["rgb_array"]
     check_env(env)
     monkeypatch.setenv("DISPLAY", ":99")
@@ -128,5 +127,5 @@ def test_gymnasium_s_own_check_passes_without_a_display(name: str, monkeypatch: 
         ("LiteModes-v0", {"remote": True}),
     ],
 )
-def test_gymnasium_s_own_check_passes_with_options(name: str, options: dict[str, Any]) -> None:
+def test_gymnasium_s_own_check_passes_with_options(name, options):
     check_env(gymnasium.make(f"humanoid_sim/{name}", **options).unwrapped, skip_render_check=True)

@@ -1,27 +1,23 @@
 """A user's own reward terms: refused when they are made where that can be, else in the step that shows it."""
 
-from typing import Any
-
 import gymnasium
 import numpy as np
 import pytest
 
 from humanoid_sim.envs.tasks.reward_terms import checked_terms, require_finite
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.rollout import StepSample
-from humanoid_sim.mit import FloatArray
 
 ID = "humanoid_sim/LiteTracking-v0"
 REST = np.zeros((3, 14), dtype=np.float32)
 
 
-def elbow(sample: StepSample) -> FloatArray:
+def elbow(sample):
     return sample.state.joint_position[..., 3]
 
 
-def stepped(number: int | None, term: Any, steps: int = 1) -> dict[str, Any]:
+def stepped(number, term, steps=1):
     """The terms of the last step of one environment, None, or of a batch."""
-    env: Any = (
+    env = (
         gymnasium.make(ID, rewards={"own": (2.0, term)})
         if number is None
         else gymnasium.make_vec(ID, num_envs=number, threads=1, rewards={"own": (2.0, term)})
@@ -29,8 +25,7 @@ def stepped(number: int | None, term: Any, steps: int = 1) -> dict[str, Any]:
     env.reset(seed=0)
     for _ in range(steps):
         *_, info = env.step(REST[0] if number is None else REST[:number])
-    terms: dict[str, Any] = info["terms"]
-    return terms
+    return info["terms"]
 
 
 @pytest.mark.parametrize(
@@ -44,37 +39,37 @@ def stepped(number: int | None, term: Any, steps: int = 1) -> dict[str, Any]:
         ([("knees", elbow)], r"^rewards: is a list, expected a \(weight, function\) by the name of each term$"),
     ],
 )
-def test_terms_that_are_none_are_refused_at_once(rewards: Any, message: str) -> None:
+def test_terms_that_are_none_are_refused_at_once(rewards, message):
     with pytest.raises(InputError, match=message):
         gymnasium.make(ID, rewards=rewards)
 
 
-def test_terms_are_kept_as_they_are() -> None:
+def test_terms_are_kept_as_they_are():
     assert checked_terms(None) == {}
     assert checked_terms({"knees": (np.float32(0.5), elbow)}) == {"knees": (0.5, elbow)}
 
 
 @pytest.mark.parametrize("number", [None, 3])
-def test_a_number_is_that_of_every_robot_alone_and_in_a_batch(number: int | None) -> None:
+def test_a_number_is_that_of_every_robot_alone_and_in_a_batch(number):
     np.testing.assert_allclose(stepped(number, lambda _: 1.0)["own"], np.full(() if number is None else 3, 2.0 * 0.02))
     np.testing.assert_allclose(stepped(number, lambda _: 3)["own"], np.full(() if number is None else 3, 6.0 * 0.02))
 
 
-def test_a_sum_over_all_robots_is_no_number_for_each() -> None:
+def test_a_sum_over_all_robots_is_no_number_for_each():
     with pytest.raises(InputError, match=r"rewards: own has shape \(\), expected \(3,\): one value for each robot"):
         stepped(3, lambda sample: sample.state.joint_position.sum())
 
 
 @pytest.mark.parametrize("number", [None, 3])
-def test_what_is_no_number_is_refused_alone_and_in_a_batch(number: int | None) -> None:
+def test_what_is_no_number_is_refused_alone_and_in_a_batch(number):
     with pytest.raises(InputError, match=r"^rewards: own gives a str, expected numbers$"):
         stepped(number, lambda _: "good")
 
 
-def spoilt(value: float, i: int) -> Any:
+def spoilt(value, i):
     """A term that is `value` for one robot of a batch, from its third step on."""
 
-    def term(sample: StepSample) -> FloatArray:
+    def term(sample):
         late = np.asarray(sample.step) >= 3
         return np.where(late & (np.arange(late.size).reshape(late.shape) == i), value, 1.0)
 
@@ -82,7 +77,7 @@ def spoilt(value: float, i: int) -> Any:
 
 
 @pytest.mark.parametrize(("value", "what"), [(np.nan, "nan"), (np.inf, "infinite"), (-np.inf, "infinite")])
-def test_a_reward_that_is_not_finite_names_term_and_environment(value: float, what: str) -> None:
+def test_a_reward_that_is_not_finite_names_term_and_environment(value, what):
     assert stepped(None, spoilt(value, 0), steps=2)["own"] == pytest.approx(0.04)
     with pytest.raises(InputError, match=f"^rewards: own is {what} in environment 0$"):
         stepped(None, spoilt(value, 0), steps=3)
@@ -91,14 +86,14 @@ def test_a_reward_that_is_not_finite_names_term_and_environment(value: float, wh
         stepped(3, spoilt(value, 1), steps=3)
 
 
-def test_robots_that_do_not_count_may_have_any_terms() -> None:
+def test_robots_that_do_not_count_may_have_any_terms():
     require_finite(np.array([1.0, 0.0]), {"own": np.array([1.0, np.nan])})
     with pytest.raises(InputError, match=r"^rewards: their sum is infinite in environment 1$"):
         require_finite(np.array([1.0, np.inf]), {"own": np.array([1.0, 1e308]), "other": np.array([0.0, 1.7e308])})
 
 
-def test_a_fault_is_no_error_whatever_the_terms_are_then() -> None:
-    env: Any = gymnasium.make_vec(
+def test_a_fault_is_no_error_whatever_the_terms_are_then():
+    env = gymnasium.make_vec(
         ID, num_envs=2, threads=1, rewards={"own": (1.0, lambda s: np.where(np.abs(s.action[..., 0]) > 0, 1.0, np.nan))}
     )
     env.reset(seed=0)

@@ -1,7 +1,6 @@
 """rsl_rl on the native vector environment."""
 
-from pathlib import Path
-from typing import Any
+from importlib import import_module
 
 import gymnasium
 import numpy as np
@@ -14,20 +13,23 @@ from humanoid_sim.robots.description import load_robot
 torch = pytest.importorskip("torch")
 pytest.importorskip("rsl_rl")
 
-from humanoid_sim.envs.rsl_rl import RslRlVecEnv  # noqa: E402 - not without the library
-
 NAME = "humanoid_sim/LiteTracking-v0"
 ROBOT = load_robot("lite")
 
 pytestmark = pytest.mark.slow  # importing PyTorch alone takes seconds
 
 
-def adapted(count: int, seed: int | None = None, **options: Any) -> Any:
+def adapter(envs, **options):
+    """Imports TensorDict, which takes seconds, only where these tests run."""
+    return import_module("humanoid_sim.envs.rsl_rl").RslRlVecEnv(envs, **options)
+
+
+def adapted(count, seed=None, **options):
     options = {"autoreset_mode": "SameStep", "robot": ROBOT, "threads": 1, **options}
-    return RslRlVecEnv(gymnasium.make_vec(NAME, num_envs=count, **options), seed=seed)
+    return adapter(gymnasium.make_vec(NAME, num_envs=count, **options), seed=seed)
 
 
-def test_steps_are_those_of_the_vector_environment() -> None:
+def test_steps_are_those_of_the_vector_environment():
     ours = adapted(2, seed=4, max_episode_steps=2, privileged=["joint_torque"])
     plain = gymnasium.make_vec(NAME, num_envs=2, robot=ROBOT, threads=1, autoreset_mode="SameStep", max_episode_steps=2)
     np.testing.assert_array_equal(ours.get_observations()["policy"].numpy(), plain.reset(seed=4)[0])
@@ -49,7 +51,7 @@ def test_steps_are_those_of_the_vector_environment() -> None:
     plain.close()
 
 
-def test_episodes_of_a_set_length_can_be_put_out_of_step() -> None:
+def test_episodes_of_a_set_length_can_be_put_out_of_step():
     ours = adapted(3, seed=0, task="balance", episode_seconds=0.1)
     ours.episode_length_buf = torch.tensor([4, 0, 2])
     ended = [ours.step(torch.zeros(3, 14))[2].tolist() for _ in range(5)]
@@ -59,14 +61,14 @@ def test_episodes_of_a_set_length_can_be_put_out_of_step() -> None:
     ours.close()
 
 
-def test_other_autoreset_modes_are_refused() -> None:
+def test_other_autoreset_modes_are_refused():
     envs = gymnasium.make_vec(NAME, num_envs=1, robot=ROBOT, threads=1)
     with pytest.raises(InputError, match="autoreset_mode: is 'NextStep', expected 'SameStep' for rsl_rl"):
-        RslRlVecEnv(envs)
+        adapter(envs)
     envs.close()
 
 
-def test_ppo_learns_on_it_with_a_critic_that_sees_more(tmp_path: Path) -> None:
+def test_ppo_learns_on_it_with_a_critic_that_sees_more(tmp_path):
     """Holding the arms up costs effort; in 12 288 steps the policy finds that they may hang lower."""
     from rsl_rl.runners import OnPolicyRunner  # noqa: PLC0415 - not without it
 
@@ -96,7 +98,7 @@ def test_ppo_learns_on_it_with_a_critic_that_sees_more(tmp_path: Path) -> None:
         },
         log_dir=str(tmp_path),
     )
-    rewards: list[float] = []
+    rewards = []
     step = envs.step
     envs.step = lambda actions: (result := step(actions), rewards.append(float(result[1].mean())))[0]
     runner.learn(6)

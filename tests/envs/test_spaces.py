@@ -10,7 +10,7 @@ from humanoid_sim.policy.checkpoint import placeholder_checkpoint
 from humanoid_sim.robots.description import load_robot
 
 
-def wiring(action_limit: float = 100.0, **terms: int) -> PolicyWiring:
+def wiring(action_limit=100.0, **terms):
     contract = placeholder_checkpoint(load_robot("lite")).contract
     changed = type(contract)(
         **{
@@ -23,7 +23,7 @@ def wiring(action_limit: float = 100.0, **terms: int) -> PolicyWiring:
     return PolicyWiring(contract.joint_names, changed, no_reference(), {}, action_limit)
 
 
-def test_what_lies_outside_is_named() -> None:
+def test_what_lies_outside_is_named():
     wired = wiring(joint_pos=3)
     observation = np.zeros(wired.layout.width, dtype=np.float32)
     observation[15] = 7.5
@@ -31,7 +31,7 @@ def test_what_lies_outside_is_named() -> None:
     assert outlier(wired, observation, observation < 5.0) == message
 
 
-def test_no_action_within_its_bounds_is_refused() -> None:
+def test_no_action_within_its_bounds_is_refused():
     """As a float32, 0.1 is larger than the limit itself."""
     wired = wiring(action_limit=0.1)
     space = action_space(wired, load_robot("lite"))

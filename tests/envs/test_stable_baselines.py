@@ -1,7 +1,5 @@
 """stable-baselines3 on the native vector environment."""
 
-from typing import Any
-
 import gymnasium
 import numpy as np
 import pytest
@@ -21,12 +19,12 @@ ROBOT = load_robot("lite")
 pytestmark = pytest.mark.slow  # importing PyTorch alone takes seconds
 
 
-def adapted(count: int, **options: Any) -> Any:
+def adapted(count, **options):
     options = {"autoreset_mode": "SameStep", "robot": ROBOT, "threads": 1, **options}
     return StableBaselinesVecEnv(gymnasium.make_vec(NAME, num_envs=count, **options))
 
 
-def test_steps_are_those_of_the_vector_environment() -> None:
+def test_steps_are_those_of_the_vector_environment():
     ours = adapted(2, max_episode_steps=2)
     plain = gymnasium.make_vec(NAME, num_envs=2, robot=ROBOT, threads=1, autoreset_mode="SameStep", max_episode_steps=2)
     assert ours.seed(4) == [4, 5]
@@ -53,7 +51,7 @@ def test_steps_are_those_of_the_vector_environment() -> None:
     plain.close()
 
 
-def test_attributes_and_options() -> None:
+def test_attributes_and_options():
     ours = adapted(3, render_mode="rgb_array", width=32, height=32)
     assert ours.get_attr("num_envs") == [3, 3, 3]
     assert ours.get_attr("num_envs", 1) == [3]
@@ -74,7 +72,7 @@ def test_attributes_and_options() -> None:
     ours.close()
 
 
-def test_an_attribute_reaches_the_environment_below_its_wrappers() -> None:
+def test_an_attribute_reaches_the_environment_below_its_wrappers():
     envs = gymnasium.make_vec(NAME, num_envs=2, robot=ROBOT, threads=1, autoreset_mode="SameStep")
     ours = StableBaselinesVecEnv(gymnasium.wrappers.vector.RecordEpisodeStatistics(envs))
     ours.set_attr("progress", 0.5)
@@ -83,14 +81,14 @@ def test_an_attribute_reaches_the_environment_below_its_wrappers() -> None:
     ours.close()
 
 
-def test_other_autoreset_modes_are_refused() -> None:
+def test_other_autoreset_modes_are_refused():
     envs = gymnasium.make_vec(NAME, num_envs=1, robot=ROBOT, threads=1)
     with pytest.raises(InputError, match="autoreset_mode: is 'NextStep', expected 'SameStep'"):
         StableBaselinesVecEnv(envs)
     envs.close()
 
 
-def test_ppo_learns_on_it() -> None:
+def test_ppo_learns_on_it():
     """Holding the arms up costs effort; in 12 288 steps the policy finds that they may hang lower."""
     import torch  # noqa: PLC0415 - not without it
 
@@ -108,9 +106,9 @@ def test_ppo_learns_on_it() -> None:
         device="cpu",
         policy_kwargs={"log_std_init": -1.0, "net_arch": [64, 64]},
     )
-    rewards: list[float] = []
+    rewards = []
 
-    def record(local: dict[str, Any], _: dict[str, Any]) -> bool:
+    def record(local, _):
         rewards.append(float(np.mean(local["rewards"])))
         return True
 

@@ -9,15 +9,15 @@ from humanoid_sim.controllers.reference import MotionReference, build_reference,
 from humanoid_sim.controllers.rotation import multiply, rotate
 from humanoid_sim.envs.tasks import TASKS, make_task
 from humanoid_sim.envs.tasks.motion import MotionTask
-from humanoid_sim.envs.tasks.task import BalanceTask, Task
+from humanoid_sim.envs.tasks.task import BalanceTask
 from humanoid_sim.envs.tasks.tracking import TrackingTask
 from humanoid_sim.envs.tasks.velocity import VelocityTask
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.errors import total
 from humanoid_sim.evaluation.rollout import StepSample
-from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITState
+from humanoid_sim.mit import ANCHOR_POSE, Extern, MITState
 from humanoid_sim.policy.motion import read_motion
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.floating_base import BaseState
 
 DT = 0.02
@@ -25,7 +25,7 @@ BODIES = ("left_hand", "right_hand")
 HALF_TURN = np.sqrt(0.5)
 
 
-def contract_of(robot: RobotDescription, task: str, **changes: object) -> PolicyContract:
+def contract_of(robot, task, **changes):
     names = robot.joint_names
     fields = {
         "task_type": task,
@@ -40,20 +40,20 @@ def contract_of(robot: RobotDescription, task: str, **changes: object) -> Policy
         "policy_dt": DT,
         "body_names": BODIES if task == "tracking" else (),
     }
-    return PolicyContract(**{**fields, **changes})  # type: ignore[arg-type]
+    return PolicyContract(**{**fields, **changes})
 
 
 @pytest.fixture(scope="module")
-def lite() -> RobotDescription:
+def lite():
     return load_robot("lite")
 
 
 @pytest.fixture(scope="module")
-def biped() -> RobotDescription:
+def biped():
     return load_robot("lite_biped")
 
 
-def two_body_frames(count: int) -> FloatArray:
+def two_body_frames(count):
     """The left hand is 0.1 m further ahead in every frame, the right hand stays at the origin, turned left by 90°."""
     frames = np.zeros((count, 18))
     frames[:, 0] = 0.1 * np.arange(count)
@@ -63,18 +63,18 @@ def two_body_frames(count: int) -> FloatArray:
 
 
 @pytest.fixture(scope="module")
-def tracking(lite: RobotDescription) -> TrackingTask:
+def tracking(lite):
     contract = contract_of(lite, "tracking")
     return TrackingTask(lite, contract, build_reference(contract, two_body_frames(4)))
 
 
 @pytest.fixture(scope="module")
-def velocity(biped: RobotDescription) -> VelocityTask:
+def velocity(biped):
     contract = contract_of(biped, "locomotion")
     return VelocityTask(biped, contract, no_reference(), standing_height=1.0, episode_seconds=12.0)
 
 
-def state(joint_position: FloatArray, **extern: FloatArray) -> MITState:
+def state(joint_position, **extern):
     batch, zeros = joint_position.shape[:-1], np.zeros_like(joint_position)
     live = {name: Extern(value, 0.0) for name, value in extern.items()}
     quaternion = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*batch, 4))
@@ -82,19 +82,19 @@ def state(joint_position: FloatArray, **extern: FloatArray) -> MITState:
     return MITState(0.0, joint_position, zeros, zeros, zeros, quaternion, vector, vector, live)
 
 
-def state_of_base(position: FloatArray, quaternion: FloatArray, linear: FloatArray, angular: FloatArray) -> BaseState:
+def state_of_base(position, quaternion, linear, angular):
     """With the centre of mass at the base's origin, on a floor at 0."""
     return BaseState(position, quaternion, linear, angular, position, np.zeros(position.shape[:-1]))
 
 
-def sample(task: Task, batch: tuple[int, ...] = (), **changes: object) -> StepSample:
+def sample(task, batch=(), **changes):
     """The robot at rest in its default pose, its bodies exactly on frame 0 of `two_body_frames`."""
     n, m = len(task.contract.joint_names), task.contract.action_count
     pose = task.start(np.full((*batch, task.draws), 0.5)).joint_position
     quaternions = np.broadcast_to([[1.0, 0.0, 0.0, 0.0], [HALF_TURN, 0.0, 0.0, HALF_TURN]], (*batch, 2, 4))
     upright = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*batch, 4))
     height = np.broadcast_to([0.0, 0.0, 1.0], (*batch, 3))
-    fields: dict[str, object] = {
+    fields = {
         "state": state(pose),
         "action": np.zeros((*batch, m), dtype=np.float32),
         "previous_action": np.zeros((*batch, m), dtype=np.float32),
@@ -106,10 +106,10 @@ def sample(task: Task, batch: tuple[int, ...] = (), **changes: object) -> StepSa
         "command": np.zeros((*batch, 3)),
         "base": state_of_base(height, upright, np.zeros((*batch, 3)), np.zeros((*batch, 3))),
     }
-    return StepSample(**{**fields, **changes})  # type: ignore[arg-type]
+    return StepSample(**{**fields, **changes})
 
 
-def test_perfect_tracking_earns_the_weights_per_second(tracking: TrackingTask) -> None:
+def test_perfect_tracking_earns_the_weights_per_second(tracking):
     judgement = tracking.judge(sample(tracking))
     assert judgement.terms["body_position"] == pytest.approx(1.0 * DT)
     assert judgement.terms["body_orientation"] == pytest.approx(0.5 * DT)
@@ -118,7 +118,7 @@ def test_perfect_tracking_earns_the_weights_per_second(tracking: TrackingTask) -
     assert not judgement.truncated
 
 
-def test_tracking_errors_are_against_the_sample_s_frame(tracking: TrackingTask) -> None:
+def test_tracking_errors_are_against_the_sample_s_frame(tracking):
     errors = tracking.position_error(np.zeros((2, 3)), 2)
     np.testing.assert_allclose(errors, [0.2, 0.0], atol=1e-7)  # the reference is float32
     assert tracking.judge(sample(tracking, frame=1)).terms["body_position"] == pytest.approx(
@@ -131,9 +131,7 @@ def test_tracking_errors_are_against_the_sample_s_frame(tracking: TrackingTask) 
 
 @pytest.mark.parametrize("angle", [1e-9, 1e-3, 1.0, 3.0, np.pi])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_orientation_error_is_the_angle_for_either_sign_of_the_quaternion(
-    tracking: TrackingTask, angle: float, sign: float
-) -> None:
+def test_orientation_error_is_the_angle_for_either_sign_of_the_quaternion(tracking, angle, sign):
     axis = np.array([0.6, 0.0, 0.8])
     turned = sign * np.array([np.cos(angle / 2), *(np.sin(angle / 2) * axis)])
     right = multiply(np.array([HALF_TURN, 0.0, 0.0, HALF_TURN]), turned)
@@ -141,12 +139,12 @@ def test_orientation_error_is_the_angle_for_either_sign_of_the_quaternion(
     np.testing.assert_allclose(errors, [angle, angle], rtol=1e-6, atol=1e-7)
 
 
-def test_a_motion_is_over_with_its_last_frame(tracking: TrackingTask) -> None:
+def test_a_motion_is_over_with_its_last_frame(tracking):
     over = [bool(tracking.judge(sample(tracking, frame=frame)).truncated) for frame in (1, 2, 3, 4)]
     assert over == [False, False, True, True]
 
 
-def test_effort_action_rate_and_joint_stops_cost(tracking: TrackingTask, lite: RobotDescription) -> None:
+def test_effort_action_rate_and_joint_stops_cost(tracking, lite):
     torque = np.zeros(14)
     torque[0], torque[4] = lite.effort_limit[0], -0.5 * lite.effort_limit[4]
     action = np.zeros(14, dtype=np.float32)
@@ -159,7 +157,7 @@ def test_effort_action_rate_and_joint_stops_cost(tracking: TrackingTask, lite: R
     assert terms["joint_stops"] == pytest.approx(-2.0 * 0.06 * DT)
 
 
-def test_weights_are_the_user_s_and_strangers_are_refused(lite: RobotDescription) -> None:
+def test_weights_are_the_user_s_and_strangers_are_refused(lite):
     contract = contract_of(lite, "tracking")
     reference = build_reference(contract, two_body_frames(4))
     task = TrackingTask(lite, contract, reference, weights={"body_position": 3.0})
@@ -172,9 +170,7 @@ def test_weights_are_the_user_s_and_strangers_are_refused(lite: RobotDescription
         TrackingTask(lite, contract, reference, joint_noise=-1.0)
 
 
-def test_starts_are_around_the_default_pose_in_the_robot_s_order(
-    tracking: TrackingTask, lite: RobotDescription
-) -> None:
+def test_starts_are_around_the_default_pose_in_the_robot_s_order(tracking, lite):
     start = tracking.start(np.random.default_rng(3).random((500, tracking.draws)))
     assert start.joint_position.shape == (500, 14)
     offset = start.joint_position - np.array(lite.standby_controller_a.pose_segments[-1])
@@ -185,7 +181,7 @@ def test_starts_are_around_the_default_pose_in_the_robot_s_order(
     assert start.commands.shape == (500, 1, 3)
 
 
-def test_velocity_commands_hold_for_five_seconds(velocity: VelocityTask) -> None:
+def test_velocity_commands_hold_for_five_seconds(velocity):
     numbers = np.random.default_rng(1).random((2000, velocity.draws))
     commands = velocity.start(numbers).commands
     assert commands.shape == (2000, 3, 3)  # 12 s
@@ -199,8 +195,8 @@ def test_velocity_commands_hold_for_five_seconds(velocity: VelocityTask) -> None
     np.testing.assert_array_equal(batch, commands[np.arange(2000), steps // 250])
 
 
-def test_a_user_s_terms_are_added_or_replace_the_task_s(lite: RobotDescription) -> None:
-    def height(sample: StepSample) -> FloatArray:
+def test_a_user_s_terms_are_added_or_replace_the_task_s(lite):
+    def height(sample):
         return sample.state.joint_position[..., 3]
 
     rewards = {"elbow": (2.0, height), "effort": (-1.0, lambda sample: total(np.abs(sample.torque)))}
@@ -219,7 +215,7 @@ def test_a_user_s_terms_are_added_or_replace_the_task_s(lite: RobotDescription) 
         assert batch[name][1] == pytest.approx(float(terms[name]), abs=1e-9)
 
 
-def test_a_term_of_a_wrong_shape_is_refused(lite: RobotDescription) -> None:
+def test_a_term_of_a_wrong_shape_is_refused(lite):
     env = gymnasium.make(
         "humanoid_sim/LiteTracking-v0", robot=lite, rewards={"joints": (1.0, lambda sample: sample.torque)}
     )
@@ -232,7 +228,7 @@ def test_a_term_of_a_wrong_shape_is_refused(lite: RobotDescription) -> None:
         )
 
 
-def test_walking_at_the_command_earns_the_weights_per_second(velocity: VelocityTask) -> None:
+def test_walking_at_the_command_earns_the_weights_per_second(velocity):
     quaternion = np.array([np.cos(0.5), 0.0, 0.0, np.sin(0.5)])  # turned left by 1 rad
     base = state_of_base(
         np.array([5.0, 2.0, 1.0]), quaternion, rotate(quaternion, np.array([0.4, 0.1, 0.0])), np.array([0.0, 0.0, 0.3])
@@ -244,7 +240,7 @@ def test_walking_at_the_command_earns_the_weights_per_second(velocity: VelocityT
     assert slow.terms["yaw_rate"] == pytest.approx(0.5 * DT * np.exp(-1.0))
 
 
-def test_a_fall_is_a_tilt_or_a_low_base(velocity: VelocityTask) -> None:
+def test_a_fall_is_a_tilt_or_a_low_base(velocity):
     zeros = np.zeros((4, 3))
     position = np.array([[0.0, 0.0, 1.0]] * 3 + [[0.0, 0.0, 0.59]])
     tilt = np.array([0.0, 0.9, 1.1, 0.0])
@@ -254,7 +250,7 @@ def test_a_fall_is_a_tilt_or_a_low_base(velocity: VelocityTask) -> None:
     np.testing.assert_allclose(judgement.terms["upright"], -DT * np.sin(tilt) ** 2, atol=1e-15)
 
 
-def test_following_a_whole_body_motion(biped: RobotDescription) -> None:
+def test_following_a_whole_body_motion(biped):
     names = biped.joint_names
     contract = contract_of(biped, "tracking", anchor_body="pelvis", body_names=("pelvis",))
     frames = np.zeros((3, 2 * 14 + 7))
@@ -263,7 +259,7 @@ def test_following_a_whole_body_motion(biped: RobotDescription) -> None:
     reference = build_world_reference(contract, frames, names, ("pelvis",))
     task = MotionTask(biped, contract, reference)
 
-    def at(frame: int, pose: list[float], **changes: object) -> StepSample:
+    def at(frame, pose, **changes):
         position = np.array(biped.initial_position)
         return sample(task, frame=frame, state=state(position, **{ANCHOR_POSE: np.array(pose)}), **changes)
 
@@ -277,15 +273,15 @@ def test_following_a_whole_body_motion(biped: RobotDescription) -> None:
     assert [bool(task.judge(at(frame, [0, 0, 1, 1, 0, 0, 0])).truncated) for frame in (1, 2)] == [False, True]
 
 
-def test_balancing_costs_speed(lite: RobotDescription) -> None:
+def test_balancing_costs_speed(lite):
     task = BalanceTask(lite, contract_of(lite, "locomotion"), no_reference(), episode_seconds=1.0)
     assert task.judge(sample(task)).reward == pytest.approx(DT)
     assert [bool(task.judge(sample(task, step=step)).truncated) for step in (49, 50)] == [False, True]
 
 
 @pytest.mark.parametrize("name", ["tracking", "velocity"])
-def test_a_batch_gives_bit_for_bit_what_its_robots_give(name: str, request: pytest.FixtureRequest) -> None:
-    task: Task = request.getfixturevalue(name)
+def test_a_batch_gives_bit_for_bit_what_its_robots_give(name, request):
+    task = request.getfixturevalue(name)
     n, rng = 14, np.random.default_rng(7)
     quaternion = rng.normal(size=(5, 4))
     quaternion /= np.sqrt((quaternion**2).sum(axis=-1, keepdims=True))
@@ -318,7 +314,7 @@ def test_a_batch_gives_bit_for_bit_what_its_robots_give(name: str, request: pyte
     np.testing.assert_array_equal(task.start(numbers[2]).joint_position, task.start(numbers).joint_position[2])
 
 
-def test_the_task_that_a_contract_was_made_for(lite: RobotDescription, biped: RobotDescription) -> None:
+def test_the_task_that_a_contract_was_made_for(lite, biped):
     wave = read_motion(motion_path("wave"))
     tracked = contract_of(lite, "tracking", body_names=wave.body_names)
     reference = build_reference(tracked, wave.frames)
@@ -330,7 +326,7 @@ def test_the_task_that_a_contract_was_made_for(lite: RobotDescription, biped: Ro
     assert isinstance(make_task("balance", lite, tracked, reference), BalanceTask)
 
 
-def test_tasks_that_do_not_fit_are_refused(lite: RobotDescription) -> None:
+def test_tasks_that_do_not_fit_are_refused(lite):
     contract = contract_of(lite, "locomotion")
     with pytest.raises(InputError, match=f"unknown task 'dance'; known: auto, {', '.join(TASKS)}"):
         make_task("dance", lite, contract, no_reference())

@@ -1,7 +1,5 @@
 """Walking on ground that is not flat, single and many."""
 
-from typing import Any
-
 import gymnasium
 import numpy as np
 import pytest
@@ -20,7 +18,7 @@ ROBOT = load_robot("lite_biped")
 @pytest.mark.parametrize(
     "options", [{}, {"randomisation": {"mass": (0.9, 1.1), "push": (0.1, 0.3), "state_delay": (0.0, 0.01)}}]
 )
-def test_every_step_is_that_of_single_environments(options: dict[str, Any]) -> None:
+def test_every_step_is_that_of_single_environments(options):
     native, sync = both(BIPED, 3, robot=ROBOT, terrain=FIELD, actuation="implicit", **options)
     walk_along(native, sync, 12, 0.5)
     native.reset(seed=3)
@@ -28,9 +26,9 @@ def test_every_step_is_that_of_single_environments(options: dict[str, Any]) -> N
 
 
 @pytest.mark.parametrize("kind", ["rough", "slopes", "steps"])
-def test_it_begins_with_its_feet_on_the_ground_wherever_that_is(kind: str) -> None:
-    flat: Any = gymnasium.make_vec(BIPED, num_envs=8, threads=1, robot=ROBOT, joint_noise=0.0)
-    hilly: Any = gymnasium.make_vec(BIPED, num_envs=8, threads=1, robot=ROBOT, joint_noise=0.0, terrain=kind)
+def test_it_begins_with_its_feet_on_the_ground_wherever_that_is(kind):
+    flat = gymnasium.make_vec(BIPED, num_envs=8, threads=1, robot=ROBOT, joint_noise=0.0)
+    hilly = gymnasium.make_vec(BIPED, num_envs=8, threads=1, robot=ROBOT, joint_noise=0.0, terrain=kind)
     for envs in (flat, hilly):
         envs.reset(seed=0)
     level, base = flat.simulation.base, hilly.simulation.base
@@ -47,12 +45,12 @@ def test_it_begins_with_its_feet_on_the_ground_wherever_that_is(kind: str) -> No
     np.testing.assert_allclose(hilly.simulation.base.height, flat.simulation.base.height, rtol=0, atol=2e-3)
 
 
-def harder(progress: float) -> dict[str, float]:
+def harder(progress):
     return {"terrain": progress}
 
 
-def test_a_curriculum_lets_it_onto_harder_tiles() -> None:
-    envs: Any = gymnasium.make_vec(
+def test_a_curriculum_lets_it_onto_harder_tiles():
+    envs = gymnasium.make_vec(
         BIPED, num_envs=30, threads=1, robot=ROBOT, terrain={"kind": "slopes", "levels": 3}, curriculum=harder
     )
     columns = []
@@ -64,7 +62,7 @@ def test_a_curriculum_lets_it_onto_harder_tiles() -> None:
 
 
 @pytest.mark.slow
-def test_pictures_show_the_ground_and_the_robot_on_it() -> None:
+def test_pictures_show_the_ground_and_the_robot_on_it():
     pictures = []
     for terrain in ("flat", {"kind": "slopes", "slope": 0.5, "levels": 1}):
         env = gymnasium.make(BIPED, robot=ROBOT, terrain=terrain, render_mode="rgb_array", width=96, height=72)
@@ -84,6 +82,6 @@ def test_pictures_show_the_ground_and_the_robot_on_it() -> None:
         (BIPED, {"terrain": "stairs"}, "terrain: unknown kind 'stairs'"),
     ],
 )
-def test_ground_that_does_not_fit_is_refused(name: str, options: dict[str, Any], message: str) -> None:
+def test_ground_that_does_not_fit_is_refused(name, options, message):
     with pytest.raises(InputError, match=message):
         gymnasium.make(name, **options)

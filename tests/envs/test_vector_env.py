@@ -1,21 +1,19 @@
 """The native vector environment against Gymnasium's own, which steps `PolicyEnv`s one by one."""
 
 import pickle
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Mapping
 
 import gymnasium
 import numpy as np
 import pytest
 from alike import following
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AutoresetMode
 
 import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import Randomisation
@@ -30,7 +28,7 @@ ROBOTS = {"lite": load_robot("lite"), "lite_biped": load_robot("lite_biped")}
 ROBOT_OF = {LITE: ROBOTS["lite"], BIPED: ROBOTS["lite_biped"]}
 
 
-def make(name: str, mode: str = "vector_entry_point", count: int = COUNT, **options: Any) -> Any:
+def make(name, mode="vector_entry_point", count=COUNT, **options):
     if mode == "vector_entry_point":
         options = {"threads": 1, **options}
     if name in ROBOT_OF:
@@ -39,7 +37,7 @@ def make(name: str, mode: str = "vector_entry_point", count: int = COUNT, **opti
 
 
 @pytest.fixture
-def both(request: pytest.FixtureRequest) -> Iterator[tuple[PolicyVectorEnv, SyncVectorEnv]]:
+def both(request):
     """Both kinds of the environment, and with the options, that the test asks for."""
     name, options = request.param
     mode = options.pop("autoreset_mode", AutoresetMode.NEXT_STEP)
@@ -50,7 +48,7 @@ def both(request: pytest.FixtureRequest) -> Iterator[tuple[PolicyVectorEnv, Sync
     sync.close()
 
 
-def memory_policy() -> PolicyContract:
+def memory_policy():
     """A walking contract with a history, a gait clock and an anchor-free estimate of the base's velocity."""
     robot = ROBOTS["lite_biped"]
     return PolicyContract(
@@ -78,7 +76,7 @@ def memory_policy() -> PolicyContract:
     )
 
 
-def anchored() -> dict[str, Any]:
+def anchored():
     """A contract that follows the pelvis and the joints of a short motion, which starts somewhere else."""
     robot = ROBOTS["lite_biped"]
     frames = np.zeros((8, 2 * 14 + 7))
@@ -89,7 +87,7 @@ def anchored() -> dict[str, Any]:
     return {"contract": following(robot), "robot": robot, "motion": motion, "max_episode_steps": 6}
 
 
-def assert_same(ours: Any, theirs: Any, where: str = "") -> None:
+def assert_same(ours, theirs, where=""):
     """Nested infos: the same keys, texts and masks, values equal to 1e-9."""
     if isinstance(theirs, Mapping):
         assert set(ours) == set(theirs), where
@@ -106,10 +104,10 @@ def assert_same(ours: Any, theirs: Any, where: str = "") -> None:
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9, err_msg=where)
 
 
-def assert_states(native: PolicyVectorEnv, sync: SyncVectorEnv) -> None:
+def assert_states(native, sync):
     """Positions and velocities agree to 1e-9."""
     for i, env in enumerate(sync.envs):
-        data = env.unwrapped.robot.data  # type: ignore[attr-defined]
+        data = env.unwrapped.robot.data
         np.testing.assert_allclose(native.simulation.qpos[i], data.qpos, rtol=0, atol=1e-9)
         np.testing.assert_allclose(native.simulation.qvel[i], data.qvel, rtol=0, atol=1e-9)
 
@@ -126,7 +124,7 @@ def assert_states(native: PolicyVectorEnv, sync: SyncVectorEnv) -> None:
     ids=["tracking", "tracking, same step", "velocity", "memory", "anchored"],
     indirect=True,
 )
-def test_every_step_is_that_of_single_environments(both: tuple[PolicyVectorEnv, SyncVectorEnv]) -> None:
+def test_every_step_is_that_of_single_environments(both):
     native, sync = both
     assert native.observation_space == sync.observation_space
     assert native.action_space == sync.action_space
@@ -151,12 +149,12 @@ def test_every_step_is_that_of_single_environments(both: tuple[PolicyVectorEnv, 
         ended += ours[2] | ours[3]
     assert ended[1] >= 2
     assert ended.min() >= 1
-    assert native.fault_count == sum(env.unwrapped.fault_count for env in sync.envs) >= 1  # type: ignore[attr-defined]
+    assert native.fault_count == sum(env.unwrapped.fault_count for env in sync.envs) >= 1
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("both", [(LITE, {"joint_noise": 0.0})], indirect=True)
-def test_a_whole_motion_ends_as_in_single_environments(both: tuple[PolicyVectorEnv, SyncVectorEnv]) -> None:
+def test_a_whole_motion_ends_as_in_single_environments(both):
     native, sync = both
     native.reset(seed=0)
     sync.reset(seed=0)
@@ -172,7 +170,7 @@ def test_a_whole_motion_ends_as_in_single_environments(both: tuple[PolicyVectorE
     assert_states(native, sync)
 
 
-def test_seeds_make_starts() -> None:
+def test_seeds_make_starts():
     native = make(BIPED)
     first, _ = native.reset(seed=7)
     following, _ = native.reset()
@@ -186,13 +184,13 @@ def test_seeds_make_starts() -> None:
     assert np.abs(mixed[1] - first[1]).max() > 1e-3
 
 
-def test_starts_without_a_seed_differ() -> None:
+def test_starts_without_a_seed_differ():
     one, other = make(LITE), make(LITE)
     starts = np.concatenate([one.reset()[0], other.reset()[0]])
     assert len(np.unique(starts, axis=0)) == 2 * COUNT
 
 
-def test_the_number_of_environments_and_threads_does_not_matter() -> None:
+def test_the_number_of_environments_and_threads_does_not_matter():
     options = {"randomisation": Randomisation(mass=(0.8, 1.2), command_delay=(0.0, 0.02), joint_position_noise=0.01)}
     few, many = make(LITE, count=1, **options), make(LITE, count=5, threads=2, **options)
     observed, _ = few.reset(seed=13)
@@ -205,7 +203,7 @@ def test_the_number_of_environments_and_threads_does_not_matter() -> None:
         np.testing.assert_array_equal(ours[1][0], all_of_them[1][3])
 
 
-def test_a_mask_resets_some() -> None:
+def test_a_mask_resets_some():
     native = make(LITE, autoreset_mode="Disabled", max_episode_steps=2)
     action = np.zeros(native.action_space.shape, dtype=np.float32)
     mask = np.array([True, False, True])
@@ -228,12 +226,12 @@ def test_a_mask_resets_some() -> None:
     native.step(action)
 
 
-def test_commands_of_the_caller_hold() -> None:
+def test_commands_of_the_caller_hold():
     native = make(BIPED)
     names = [term.name for term in native.scenario.contract.terms]
     layout = native.scenario.wiring.layout.terms[names.index("velocity_commands")]
 
-    def commanded(observation: Any) -> FloatArray:
+    def commanded(observation):
         return np.asarray(observation[:, layout.start : layout.stop], dtype=np.float64)
 
     native.reset(seed=0, options={"command": (0.5, 0.1, -0.2)})
@@ -244,7 +242,7 @@ def test_commands_of_the_caller_hold() -> None:
     np.testing.assert_allclose(commanded(observation), rows, rtol=1e-6)
 
 
-def test_a_simulation_that_breaks_ends_its_episode_only() -> None:
+def test_a_simulation_that_breaks_ends_its_episode_only():
     native = make(LITE)
     native.reset(seed=0)
     last = native.step(np.zeros(native.action_space.shape, dtype=np.float32))[0]
@@ -262,7 +260,7 @@ def test_a_simulation_that_breaks_ends_its_episode_only() -> None:
     assert native.fault_count == 1
 
 
-def test_an_observation_beyond_its_bounds_is_a_fault() -> None:
+def test_an_observation_beyond_its_bounds_is_a_fault():
     native = make(LITE)
     native.reset(seed=0)
     qpos, qvel = native.simulation.qpos.copy(), native.simulation.qvel.copy()
@@ -273,7 +271,7 @@ def test_an_observation_beyond_its_bounds_is_a_fault() -> None:
     assert "beyond any robot's" in info["fault"][0]
 
 
-def test_randomised_environments_differ_and_are_seeded() -> None:
+def test_randomised_environments_differ_and_are_seeded():
     native = make(LITE, count=4, randomisation={"mass": (0.5, 2.0), "joint_friction": [0.5, 2.0]}, joint_noise=0.0)
     native.reset(seed=3)
     masses = [native.simulation.model(i).body_mass.sum() for i in range(4)]
@@ -287,7 +285,7 @@ def test_randomised_environments_differ_and_are_seeded() -> None:
     assert [native.simulation.model(i).body_mass.sum() for i in range(3)] == following[1:]
 
 
-def test_rewards_are_of_the_true_state() -> None:
+def test_rewards_are_of_the_true_state():
     noisy = make(LITE, randomisation={"joint_position_noise": 0.3, "joint_velocity_noise": 1.0})
     quiet = make(LITE)
     noisy.reset(seed=0)
@@ -298,7 +296,7 @@ def test_rewards_are_of_the_true_state() -> None:
     assert np.abs(ours[0] - truth[0]).max() > 0.1
 
 
-def test_what_is_returned_belongs_to_the_caller() -> None:
+def test_what_is_returned_belongs_to_the_caller():
     native = make(LITE)
     observation, _ = native.reset(seed=0)
     kept = observation.copy()
@@ -307,7 +305,7 @@ def test_what_is_returned_belongs_to_the_caller() -> None:
     np.testing.assert_array_equal(native.step(action)[0], kept)
 
 
-def test_a_wrench_pushes_as_long_as_it_is_set() -> None:
+def test_a_wrench_pushes_as_long_as_it_is_set():
     env = PolicyVectorEnv(2, "lite_biped_velocity", "lite_biped", actuation="implicit")
     env.reset(seed=0, options={"command": (0.0, 0.0, 0.0)})
     env.wrench = np.zeros((2, 6))
@@ -323,7 +321,7 @@ def test_a_wrench_pushes_as_long_as_it_is_set() -> None:
     assert env.simulation.qvel[1, 1] < left[1]
 
 
-def test_specs_are_picklable() -> None:
+def test_specs_are_picklable():
     native = gymnasium.make_vec(LITE, num_envs=2, threads=1)
     spec = pickle.loads(pickle.dumps(native.unwrapped.spec))
     again = gymnasium.make_vec(spec)
@@ -352,12 +350,12 @@ def test_specs_are_picklable() -> None:
         ({"actuation": "implicit", "physics_timestep": 0.003}, "0.003"),
     ],
 )
-def test_bad_options_are_named(options: dict[str, Any], message: str) -> None:
+def test_bad_options_are_named(options, message):
     with pytest.raises(InputError, match=message):
         make(LITE, **options)
 
 
-def test_bad_resets_and_actions_are_named() -> None:
+def test_bad_resets_and_actions_are_named():
     native = make(LITE)
     for arguments, message in (
         ({"seed": [1, 2]}, r"reset: seed is \[1, 2\], expected a whole number >= 0, or 3 of them"),
@@ -378,7 +376,7 @@ def test_bad_resets_and_actions_are_named() -> None:
 
 
 @pytest.mark.parametrize("name", [LITE, BIPED])
-def test_the_implicit_plant_does_in_a_batch_what_it_does_alone(name: str) -> None:
+def test_the_implicit_plant_does_in_a_batch_what_it_does_alone(name):
     native = make(name, actuation="implicit")
     single = gymnasium.make(name, actuation="implicit")
     exact = make(name)

@@ -9,7 +9,7 @@ from humanoid_sim.errors import InputError
 BIPED = {"contract": "lite_biped_velocity", "robot": "lite_biped", "task": "walking"}
 
 
-def test_a_batch_is_rewarded_as_single_robots_are() -> None:
+def test_a_batch_is_rewarded_as_single_robots_are():
     name = "humanoid_sim/BipedVelocity-v0"
     native = gymnasium.make_vec(name, num_envs=3, task="walking", actuation="implicit")
     singles = [gymnasium.make(name, task="walking", actuation="implicit") for _ in range(3)]
@@ -26,8 +26,8 @@ def test_a_batch_is_rewarded_as_single_robots_are() -> None:
             assert set(own["terms"]) == set(info["terms"]) - {f"_{term}" for term in own["terms"]}
 
 
-def test_a_robot_that_stands_as_asked_earns_all_there_is() -> None:
-    env = PolicyEnv(**BIPED, joint_noise=0.0, velocity_noise=0.0, actuation="implicit")  # type: ignore[arg-type]
+def test_a_robot_that_stands_as_asked_earns_all_there_is():
+    env = PolicyEnv(**BIPED, joint_noise=0.0, velocity_noise=0.0, actuation="implicit")
     env.reset(seed=0, options={"command": (0.0, 0.0, 0.0)})
     for _ in range(10):
         _, _, _, _, info = env.step(np.zeros(14, dtype=np.float32))
@@ -40,8 +40,8 @@ def test_a_robot_that_stands_as_asked_earns_all_there_is() -> None:
     assert earned["alive"] == pytest.approx(0.5)
 
 
-def test_a_foot_that_stays_down_in_its_swing_earns_less() -> None:
-    env = PolicyEnv(**BIPED, joint_noise=0.0, velocity_noise=0.0, actuation="implicit")  # type: ignore[arg-type]
+def test_a_foot_that_stays_down_in_its_swing_earns_less():
+    env = PolicyEnv(**BIPED, joint_noise=0.0, velocity_noise=0.0, actuation="implicit")
     env.reset(seed=0, options={"command": (0.3, 0.0, 0.0)})
     heights = []
     for _ in range(8):  # a quarter of the cycle: the left foot should be at its highest
@@ -51,8 +51,8 @@ def test_a_foot_that_stays_down_in_its_swing_earns_less() -> None:
     assert heights[-1] < 0.9
 
 
-def test_a_quarter_of_the_components_and_of_the_commands_are_zero() -> None:
-    task = make_scenario(**BIPED).task  # type: ignore[arg-type]
+def test_a_quarter_of_the_components_and_of_the_commands_are_zero():
+    task = make_scenario(**BIPED).task
     numbers = np.random.default_rng(0).random((4000, task.draws))
     commands = task.start(numbers).commands[:, 0]
     standing = (commands == 0.0).all(axis=1)
@@ -62,6 +62,6 @@ def test_a_quarter_of_the_components_and_of_the_commands_are_zero() -> None:
     assert commands.max(axis=0).tolist() == pytest.approx([0.8, 0.4, 0.8], abs=0.01)
 
 
-def test_robots_without_a_clock_or_two_feet_are_refused() -> None:
+def test_robots_without_a_clock_or_two_feet_are_refused():
     with pytest.raises(InputError, match="has a fixed base, expected a floating one"):
         make_scenario("lite_tracking", "lite", "wave", task="walking")

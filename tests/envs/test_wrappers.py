@@ -1,7 +1,5 @@
 """Gymnasium's own wrappers around single and vector environments."""
 
-from typing import Any
-
 import gymnasium
 import numpy as np
 import pytest
@@ -16,19 +14,19 @@ ROBOT = load_robot("lite")
 COUNT = 2
 
 
-def single(**options: Any) -> Any:
+def single(**options):
     return gymnasium.make(NAME, robot=ROBOT, **options)
 
 
-def several(**options: Any) -> Any:
+def several(**options):
     return gymnasium.make_vec(NAME, num_envs=COUNT, robot=ROBOT, threads=1, **options)
 
 
-def rest(env: Any) -> Any:
+def rest(env):
     return np.zeros(env.action_space.shape, dtype=np.float32)
 
 
-def test_time_limit() -> None:
+def test_time_limit():
     env = single(max_episode_steps=3)
     assert "TimeLimit" in str(env)
     env.reset(seed=0)
@@ -41,7 +39,7 @@ def test_time_limit() -> None:
     assert not any(terminated.any() for terminated, _ in steps)
 
 
-def test_record_episode_statistics() -> None:
+def test_record_episode_statistics():
     env = wrappers.RecordEpisodeStatistics(single(max_episode_steps=3))
     env.reset(seed=0)
     *rewards, (last, info) = [env.step(rest(env))[1::3] for _ in range(3)]
@@ -59,7 +57,7 @@ def test_record_episode_statistics() -> None:
     assert statistics["r"][0] == pytest.approx(total)  # the same seed
 
 
-def test_normalize_observation() -> None:
+def test_normalize_observation():
     env = wrappers.NormalizeObservation(single())
     observation, _ = env.reset(seed=0)
     for _ in range(20):
@@ -78,7 +76,7 @@ def test_normalize_observation() -> None:
     assert envs.obs_rms.count == pytest.approx(21 * COUNT, abs=1e-3)
 
 
-def test_pictures_of_a_vector_are_those_of_its_environments() -> None:
+def test_pictures_of_a_vector_are_those_of_its_environments():
     size = {"render_mode": "rgb_array", "width": 48, "height": 32}
     env, envs = single(**size), several(**size)
     env.reset(seed=1)

@@ -5,29 +5,23 @@ import pytest
 
 from humanoid_sim.envs.scenario import make_scenario
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.accuracy import (
-    CommandedMotion,
-    PlantError,
-    commanded_motion,
-    describe_error,
-    plant_errors,
-)
+from humanoid_sim.evaluation.accuracy import PlantError, commanded_motion, describe_error, plant_errors
 
 
 @pytest.fixture(scope="module")
-def wave() -> CommandedMotion:
+def wave():
     scenario = make_scenario("lite_tracking", "lite", "wave")
     return commanded_motion(scenario.description, scenario.wiring, scenario.policy, 0.6)
 
 
-def test_a_motion_is_what_the_policy_commanded(wave: CommandedMotion) -> None:
+def test_a_motion_is_what_the_policy_commanded(wave):
     assert wave.period == 0.02
     assert len(wave.commands) == 30
     assert {command.position.shape for command in wave.commands} == {(14,)}
     assert float(np.abs(wave.commands[-1].position - wave.commands[0].position).max()) > 0.01
 
 
-def test_errors_grow_with_the_step_and_the_exact_plants_agree(wave: CommandedMotion) -> None:
+def test_errors_grow_with_the_step_and_the_exact_plants_agree(wave):
     reference, affine, short, long = plant_errors(
         wave, [("qfrc_applied", None), ("affine", None), ("implicit", None), ("implicit", 0.005)]
     )
@@ -41,14 +35,14 @@ def test_errors_grow_with_the_step_and_the_exact_plants_agree(wave: CommandedMot
     assert short.speed > 0.0
 
 
-def test_gains_that_the_plant_cannot_take_are_refused(wave: CommandedMotion) -> None:
+def test_gains_that_the_plant_cannot_take_are_refused(wave):
     with pytest.raises(InputError, match="unstable above 2"):
         plant_errors(wave, [("affine", 0.005)])
     stiff = replace(wave, commands=wave.commands[:1])
     assert len(plant_errors(stiff, [("implicit", None)])) == 1
 
 
-def test_one_line_says_how_far_off() -> None:
+def test_one_line_says_how_far_off():
     error = PlantError("implicit", 0.0025, 0.00034, 0.0008, 0.0007, 0.0041, 50.0)
     assert describe_error(error, "wave") == (
         "implicit plant, physics step 0.0025 s: hands within 0.34 mm RMS, 0.80 mm at most, joints within 0.70 mrad "

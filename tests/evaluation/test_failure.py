@@ -1,21 +1,10 @@
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from humanoid_sim.controllers.rotation import multiply
+from humanoid_sim.evaluation import failure
 from humanoid_sim.evaluation.errors import PoseError
-from humanoid_sim.evaluation.failure import (
-    body_has_strayed,
-    describe_body_stray,
-    describe_fall,
-    describe_stray,
-    has_fallen,
-    has_run_away,
-    has_strayed,
-)
-from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand
+from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState
@@ -23,22 +12,22 @@ from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.stance import clearance
 
 
-def leaning(tilt: FloatArray) -> FloatArray:
+def leaning(tilt):
     zero = np.zeros_like(tilt)
     return np.stack([np.cos(tilt / 2), np.sin(tilt / 2), zero, zero], axis=-1)
 
 
-def base(height: FloatArray, tilt: FloatArray) -> BaseState:
+def base(height, tilt):
     zeros = np.zeros((*height.shape, 3))
     position = zeros.copy()
     position[..., 2] = height
     return BaseState(zeros, leaning(tilt), zeros, zeros, position, np.zeros_like(height))
 
 
-def test_a_fall_is_a_tilt_of_more_than_1_rad_or_less_than_six_tenths_of_the_height() -> None:
+def test_a_fall_is_a_tilt_of_more_than_1_rad_or_less_than_six_tenths_of_the_height():
     bases = base(np.array([0.8, 0.49, 0.47, 0.8, 0.8]), np.array([0.0, 0.0, 0.0, 0.99, 1.01]))
-    assert has_fallen(bases, 0.8).tolist() == [False, False, True, False, True]
-    assert has_fallen(bases, np.array([0.8, 0.9, 0.7, 0.8, 0.8])).tolist() == [False, True, False, False, True]
+    assert failure.has_fallen(bases, 0.8).tolist() == [False, False, True, False, True]
+    assert failure.has_fallen(bases, np.array([0.8, 0.9, 0.7, 0.8, 0.8])).tolist() == [False, True, False, False, True]
 
 
 @pytest.mark.parametrize(
@@ -49,29 +38,27 @@ def test_a_fall_is_a_tilt_of_more_than_1_rad_or_less_than_six_tenths_of_the_heig
         (0.3, 0.9, "fell: tilted by 52°"),
     ],
 )
-def test_a_fall_is_described_in_one_way_for_one_robot_and_for_one_of_many(
-    height: float, tilt: float, text: str
-) -> None:
-    assert describe_fall(base(np.array(height), np.array(tilt)), 0.8) == text
-    assert describe_fall(base(np.array([0.8, height]), np.array([0.0, tilt])), 0.8, 1) == text
+def test_a_fall_is_described_in_one_way_for_one_robot_and_for_one_of_many(height, tilt, text):
+    assert failure.describe_fall(base(np.array(height), np.array(tilt)), 0.8) == text
+    assert failure.describe_fall(base(np.array([0.8, height]), np.array([0.0, tilt])), 0.8, 1) == text
 
 
-def test_an_anchor_strays_by_height_or_tilt_and_not_by_heading_or_place() -> None:
+def test_an_anchor_strays_by_height_or_tilt_and_not_by_heading_or_place():
     offset = np.array([[5.0, 5.0, 0.34], [0.0, 0.0, -0.36], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, np.nan]])
     turn = np.stack([*leaning(np.array([0.0, 0.0, 1.19, 1.21])), np.array([np.cos(1.5), 0.0, 0.0, np.sin(1.5)])])
     error = PoseError(offset, turn)
-    assert has_strayed(error).tolist() == [False, True, False, True, True]
-    assert describe_stray(error, 1) == "strayed: 0.36 m off the motion's height"
-    assert describe_stray(error, 3) == "strayed: tilted by 69° against the motion"
+    assert failure.has_strayed(error).tolist() == [False, True, False, True, True]
+    assert failure.describe_stray(error, 1) == "strayed: 0.36 m off the motion's height"
+    assert failure.describe_stray(error, 3) == "strayed: tilted by 69° against the motion"
     assert error.angle[4] == pytest.approx(3.0)
     assert error.tilt[4] == 0.0
 
 
-def test_a_body_strays_by_its_distance() -> None:
+def test_a_body_strays_by_its_distance():
     distance = np.array([[0.1, 0.29], [0.31, 0.0], [np.nan, 0.0]])
-    assert body_has_strayed(distance**2).tolist() == [False, True, True]
-    assert describe_body_stray(distance[1], ("left", "right")) == "strayed: left is 0.31 m from the motion"
-    assert describe_body_stray(distance[2], ("left", "right")) == "strayed: left is nan m from the motion"
+    assert failure.body_has_strayed(distance**2).tolist() == [False, True, True]
+    assert failure.describe_body_stray(distance[1], ("left", "right")) == "strayed: left is 0.31 m from the motion"
+    assert failure.describe_body_stray(distance[2], ("left", "right")) == "strayed: left is nan m from the motion"
 
 
 ROBOT = """
@@ -106,10 +93,10 @@ FOLDED = np.array([-1.5, 2.4])
 
 
 @pytest.fixture(params=FRAMES)
-def figure(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., Path]:
+def figure(request, tmp_path):
     """Writes that robot."""
 
-    def make(floor: float = 0.0, turn: str = "", back: str = "") -> Path:
+    def make(floor=0.0, turn="", back=""):
         path = tmp_path / "figure.xml"
         path.write_text(ROBOT.format(down=FRAMES[request.param], floor=floor, turn=turn, back=back))
         return path
@@ -117,7 +104,7 @@ def figure(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., Path
     return make
 
 
-def posed(robot: MujocoRobot, joints: FloatArray, quaternion: FloatArray | None = None) -> BaseState:
+def posed(robot, joints, quaternion=None):
     """On the floor in some pose."""
     observer = BaseObserver(robot.model, robot.description)
     qpos = robot.qpos.copy()
@@ -129,23 +116,22 @@ def posed(robot: MujocoRobot, joints: FloatArray, quaternion: FloatArray | None 
 
 
 @pytest.mark.parametrize("floor", [0.0, -0.8, 1.7])
-def test_a_fall_is_one_wherever_the_base_frame_and_the_floor_lie(figure: Callable[..., Path], floor: float) -> None:
+def test_a_fall_is_one_wherever_the_base_frame_and_the_floor_lie(figure, floor):
     robot = MujocoRobot(load_robot(figure(floor)), support=False)
     standing = BaseObserver(robot.model, robot.description).standing_height(robot.qpos)
     assert standing == pytest.approx(MASS)
     base = robot.base_state
-    assert base is not None
     assert base.mass_height == pytest.approx(MASS)
-    assert not has_fallen(base, standing)
+    assert not failure.has_fallen(base, standing)
     crouching = posed(robot, np.array([-0.6, 1.2]))
     assert 0.75 * MASS < crouching.mass_height < 0.95 * MASS
-    assert not has_fallen(crouching, standing)
+    assert not failure.has_fallen(crouching, standing)
     sitting = posed(robot, FOLDED)
     assert sitting.mass_height < 0.6 * MASS
-    assert has_fallen(sitting, standing)
+    assert failure.has_fallen(sitting, standing)
     lying = posed(robot, np.zeros(2), np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0]))
     assert lying.tilt == pytest.approx(np.pi / 2)
-    assert has_fallen(lying, standing)
+    assert failure.has_fallen(lying, standing)
 
 
 TURNS = {
@@ -156,21 +142,20 @@ TURNS = {
 
 
 @pytest.mark.parametrize("turn", TURNS)
-def test_a_base_frame_may_be_turned_any_way_up(figure: Callable[..., Path], turn: str) -> None:
+def test_a_base_frame_may_be_turned_any_way_up(figure, turn):
     there, quaternion = TURNS[turn]
     w, x, y, z = quaternion
     robot = MujocoRobot(load_robot(figure(turn=there, back=f'quat="{w} {-x} {-y} {-z}"')), support=False)
     base = robot.base_state
-    assert base is not None
     assert base.tilt == pytest.approx(0.0, abs=1e-6)
     assert base.mass_height == pytest.approx(MASS)
-    assert not has_fallen(base, MASS)
+    assert not failure.has_fallen(base, MASS)
     fallen = posed(robot, np.zeros(2), multiply(leaning(np.array(1.1)), np.array(quaternion)))
     assert fallen.tilt == pytest.approx(1.1)
-    assert has_fallen(fallen, 0.0)
+    assert failure.has_fallen(fallen, 0.0)
 
 
-def test_one_robot_and_a_batch_fall_at_the_same_height(figure: Callable[..., Path]) -> None:
+def test_one_robot_and_a_batch_fall_at_the_same_height(figure):
     """Under the same commands, falling over as it likes, with the floor below the world's origin."""
     description = load_robot(figure(-0.3))
     robot = MujocoRobot(description, support=False, actuation="affine")
@@ -182,15 +167,13 @@ def test_one_robot_and_a_batch_fall_at_the_same_height(figure: Callable[..., Pat
         robot.write(command)
         batch.step(both)
         one, many = robot.base_state, batch.base
-        assert one is not None
-        assert many is not None
         np.testing.assert_allclose(many.mass_height, one.mass_height, rtol=0, atol=1e-9)
         np.testing.assert_allclose(many.tilt, one.tilt, rtol=0, atol=1e-9)
-        seen.append(bool(has_fallen(one, MASS)))
-        assert has_fallen(many, MASS).tolist() == [seen[-1]] * 2
+        seen.append(bool(failure.has_fallen(one, MASS)))
+        assert failure.has_fallen(many, MASS).tolist() == [seen[-1]] * 2
     batch.close()
     assert (seen[0], seen[-1]) == (False, True)
 
 
-def test_joints_that_no_motor_could_turn_as_fast_are_a_fault() -> None:
-    assert has_run_away(np.array([[0.0, -99.0], [0.0, -101.0]])).tolist() == [False, True]
+def test_joints_that_no_motor_could_turn_as_fast_are_a_fault():
+    assert failure.has_run_away(np.array([[0.0, -99.0], [0.0, -101.0]])).tolist() == [False, True]

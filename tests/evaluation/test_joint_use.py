@@ -1,20 +1,18 @@
 """What a run took of each joint, and what is said where no limit is known."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from humanoid_sim.evaluation.joint_use import JointUse, describe_effort
-from humanoid_sim.mit import MITState
 from humanoid_sim.testing import healthy_state
 
 NAMES = ("hip", "knee", "foot")
 INF = np.inf
 
 
-def state(position: Sequence[float], velocity: Sequence[float], effort: Sequence[float]) -> MITState:
+def state(position, velocity, effort):
     return replace(
         healthy_state([0.0, 0.0, 0.0]),
         joint_position=np.array(position),
@@ -23,14 +21,14 @@ def state(position: Sequence[float], velocity: Sequence[float], effort: Sequence
     )
 
 
-def used(limits: Sequence[float], upper: Sequence[float] = (1.0, 1.0, INF)) -> JointUse:
+def used(limits, upper=(1.0, 1.0, INF)):
     use = JointUse(NAMES, np.array(limits), np.array([-1.0, -1.0, -INF]), np.array(upper))
     use.update(state([0.0, 0.5, 9.0], [1.0, -3.0, 0.0], [30.0, -8.0, np.nan]))
     use.update(state([-0.5, 0.25, 7.0], [-2.0, 0.0, np.nan], [-40.0, 1.0, 12.5]))
     return use
 
 
-def test_the_greatest_of_each_joint() -> None:
+def test_the_greatest_of_each_joint():
     hip, knee, foot = used([88.0, 10.0, INF]).rows()
     assert (hip["joint"], hip["speed"], hip["effort"], hip["effort_limit"]) == ("hip", 2.0, 40.0, 88.0)
     assert (hip["lowest"], hip["highest"], hip["range_share"]) == (-0.5, 0.0, 0.25)
@@ -51,13 +49,11 @@ def test_the_greatest_of_each_joint() -> None:
         ),
     ],
 )
-def test_the_joint_closest_to_its_limit_is_named_and_a_missing_limit_is_said(
-    limits: list[float], expected: str
-) -> None:
+def test_the_joint_closest_to_its_limit_is_named_and_a_missing_limit_is_said(limits, expected):
     assert describe_effort(used(limits).effort()) == expected
 
 
-def test_nothing_seen_is_no_figure() -> None:
+def test_nothing_seen_is_no_figure():
     use = JointUse(NAMES, np.full(3, 5.0), np.full(3, -1.0), np.ones(3))
     assert [row["lowest"] for row in use.rows()] == [None, None, None]
     assert describe_effort(use.effort()) == "0.0 of 5 N·m at hip, 0 ticks at an effort limit"

@@ -1,39 +1,36 @@
 """The open-loop player: what it plans, and how it plays in simulation."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.key_poses import KeyPoses
 from humanoid_sim.evaluation.piano_player import Goal, PianoPlayer, goals_of
-from humanoid_sim.evaluation.piano_score import PianoScore, score
+from humanoid_sim.evaluation.piano_score import score
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.policy.random_songs import held_out_songs
 from humanoid_sim.policy.song import goals
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.simulation.plant import Actuation
 
 ROBOT = load_robot("lite_piano")
 DT = 0.02
 
 
 @pytest.fixture(scope="module")
-def player() -> PianoPlayer:
+def player():
     return PianoPlayer(ROBOT, DT, poses=KeyPoses.of(ROBOT, [*range(24, 32), *range(55, 63)]))
 
 
-def song(*notes: tuple[int, int, int], frames: int = 160) -> np.ndarray:
+def song(*notes, frames=160):
     table = np.zeros((frames, 88), dtype=np.float32)
     for key, start, end in notes:
         table[start:end, key] = 1.0
     return table
 
 
-def performed(player: PianoPlayer, table: np.ndarray, actuation: Actuation) -> tuple[PianoScore, np.ndarray]:
+def performed(player, table, actuation):
     """The score, and the largest force on each key, N."""
     robot, z = MujocoRobot(ROBOT, control_period=DT, actuation=actuation), np.zeros(14)
     keys, force, pressed = PianoKeys(robot.model), np.zeros(88), np.zeros_like(table)
@@ -46,13 +43,13 @@ def performed(player: PianoPlayer, table: np.ndarray, actuation: Actuation) -> t
     return score(pressed, table, DT), force
 
 
-def test_notes_of_a_table() -> None:
+def test_notes_of_a_table():
     table = song((40, 3, 5), (40, 6, 9), (12, 0, 2), frames=9)
     assert goals_of(table) == [Goal(12, 0, 2), Goal(40, 3, 5), Goal(40, 6, 9)]
     assert goals_of(np.zeros((4, 88))) == []
 
 
-def test_two_voices_are_played_by_two_hands(player: PianoPlayer) -> None:
+def test_two_voices_are_played_by_two_hands(player):
     table = song((30, 60, 80), (58, 60, 100), (27, 95, 120), (57, 120, 140))
     plan = player.poses_of(player.plan(table))
     left, right = plan[:, :7], plan[:, 7:]
@@ -63,24 +60,23 @@ def test_two_voices_are_played_by_two_hands(player: PianoPlayer) -> None:
     assert np.abs(np.diff(plan, axis=0)).max() < 0.2  # nothing jumps
 
 
-def test_a_song_sounds_as_it_should_and_no_key_is_hit_too_hard(player: PianoPlayer) -> None:
+def test_a_song_sounds_as_it_should_and_no_key_is_hit_too_hard(player):
     table = song((30, 60, 80), (58, 60, 100), (27, 95, 120), (57, 120, 140), (28, 130, 150))
     result, force = performed(player, table, "implicit")
     assert (result.note_count, result.hit_count, result.false_count) == (5, 5, 0)
     assert result.steps.f1 > 0.93
-    assert ROBOT.piano is not None
     assert force[[27, 28, 30, 57, 58]].min() > 1.0
     assert force.max() < ROBOT.piano.key_force_limit
     assert np.flatnonzero(force).tolist() == [27, 28, 30, 57, 58]
 
 
-def test_a_note_that_no_hand_reaches_is_left_out(player: PianoPlayer) -> None:
+def test_a_note_that_no_hand_reaches_is_left_out(player):
     table = song((3, 60, 80), (58, 60, 100))
     only = song((58, 60, 100))
     assert (player.play(table) == player.play(only)).all()
 
 
-def test_a_robot_without_a_piano_is_refused() -> None:
+def test_a_robot_without_a_piano_is_refused():
     with pytest.raises(InputError, match=r"^lite: has no piano"):
         KeyPoses.of(load_robot("lite"))
     with pytest.raises(InputError, match=r"^lite_piano: its right hand reaches none of the keys"):
@@ -88,7 +84,7 @@ def test_a_robot_without_a_piano_is_refused() -> None:
 
 
 @pytest.mark.slow
-def test_unseen_songs_on_the_reference_plant(table_of: Callable[..., list[tuple[str, ...]]]) -> None:
+def test_unseen_songs_on_the_reference_plant(table_of):
     player = PianoPlayer(ROBOT, DT)
     rows = table_of("Open-loop player, 20 s each", ("song", "precision", "recall", "F1", "notes hit", "force N"))
     ratios = []
@@ -96,7 +92,6 @@ def test_unseen_songs_on_the_reference_plant(table_of: Callable[..., list[tuple[
         result, force = performed(player, goals(made, DT), "qfrc_applied")
         ratios.append((result.steps.precision, result.steps.recall, result.steps.f1))
         shown = (f"{value:.3f}" for value in ratios[-1])
-        assert ROBOT.piano is not None
         assert force.max() < ROBOT.piano.key_force_limit
         rows.append((str(i), *shown, f"{result.hit_count}/{result.note_count}", f"{force.max():.1f}"))
     precision, _, f1 = np.mean(ratios, axis=0)

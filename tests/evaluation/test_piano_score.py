@@ -7,19 +7,19 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.evaluation.piano_score import Ratio, score
 
 
-def keys(*rows: str) -> np.ndarray:
+def keys(*rows):
     """One text for each key, one character for each step."""
     return np.array([[letter == "#" for letter in row] for row in rows], dtype=np.float32).T
 
 
-def test_a_perfect_performance() -> None:
+def test_a_perfect_performance():
     song = keys("##..##..", "....#...")
     result = score(song, song, 0.05)
     assert (result.steps, result.notes) == (Ratio(1.0, 1.0, 1.0), Ratio(1.0, 1.0, 1.0))
     assert (result.note_count, result.hit_count, result.false_count) == (3, 3, 0)
 
 
-def test_steps_are_scored_one_by_one_and_a_rest_is_right() -> None:
+def test_steps_are_scored_one_by_one_and_a_rest_is_right():
     wanted = keys("##..", "##..")
     pressed = keys("#..#", "##..")
     result = score(pressed, wanted, 0.05)
@@ -27,13 +27,13 @@ def test_steps_are_scored_one_by_one_and_a_rest_is_right() -> None:
     assert result.steps == Ratio(0.75, 0.875, pytest.approx((1 + 2 / 3 + 1) / 4))
 
 
-def test_a_key_that_never_moves() -> None:
+def test_a_key_that_never_moves():
     result = score(keys("...."), keys("##.."), 0.05)
     assert result.steps == Ratio(1.0, 0.5, 0.5)
     assert (result.notes, result.false_count) == (Ratio(1.0, 0.0, 0.0), 0)
 
 
-def test_strokes_match_notes_of_their_key_in_time() -> None:
+def test_strokes_match_notes_of_their_key_in_time():
     wanted = keys("#...#...#...", "............")
     early, late, wrong = keys("#....#......", "........#..."), 0.05, 0.049
     assert score(early, wanted, 0.05, onset_tolerance=late).hit_count == 2
@@ -43,11 +43,11 @@ def test_strokes_match_notes_of_their_key_in_time() -> None:
     assert wrong < late
 
 
-def test_one_stroke_plays_one_note() -> None:
+def test_one_stroke_plays_one_note():
     result = score(keys("###"), keys("#.#"), 0.05, onset_tolerance=0.2)
     assert (result.hit_count, result.note_count) == (1, 2)
 
 
-def test_other_shapes_are_refused() -> None:
+def test_other_shapes_are_refused():
     with pytest.raises(FieldError, match=r"keys have shape \(2, 1\) and goals \(3, 1\)"):
         score(np.zeros((2, 1)), np.zeros((3, 1)), 0.05)

@@ -1,11 +1,9 @@
 """The closed loop: one robot does what it does in a batch, and a restart touches nobody else."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
-from humanoid_sim.envs.scenario import Scenario, make_scenario
+from humanoid_sim.envs.scenario import make_scenario
 from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot, sample_step
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
@@ -14,12 +12,12 @@ STILL = np.zeros((2, 3))
 
 
 @pytest.fixture(scope="module")
-def scenario() -> Scenario:
+def scenario():
     return make_scenario("lite_tracking", "lite", "wave")
 
 
 @pytest.fixture
-def simulation(scenario: Scenario) -> Iterator[BatchSimulation]:
+def simulation(scenario):
     batch = BatchSimulation(
         scenario.description, 2, control_period=scenario.contract.policy_dt, bodies=scenario.bodies, threads=1
     )
@@ -27,11 +25,11 @@ def simulation(scenario: Scenario) -> Iterator[BatchSimulation]:
     batch.close()
 
 
-def actions(steps: int) -> np.ndarray:
+def actions(steps):
     return np.random.default_rng(0).normal(0.0, 0.3, (steps, 2, 14)).astype(np.float32)
 
 
-def test_one_robot_goes_through_the_loop_as_a_batch_does(scenario: Scenario, simulation: BatchSimulation) -> None:
+def test_one_robot_goes_through_the_loop_as_a_batch_does(scenario, simulation):
     robot = MujocoRobot(scenario.description, control_period=scenario.contract.policy_dt, actuation="affine")
     robot.activate()
     alone = ClosedLoop(OneRobot(robot), scenario.wiring, np.zeros(3))
@@ -46,7 +44,7 @@ def test_one_robot_goes_through_the_loop_as_a_batch_does(scenario: Scenario, sim
     robot.close()
 
 
-def test_a_restart_is_a_fresh_start_for_those_that_are_chosen(scenario: Scenario, simulation: BatchSimulation) -> None:
+def test_a_restart_is_a_fresh_start_for_those_that_are_chosen(scenario, simulation):
     loop = ClosedLoop(simulation, scenario.wiring, STILL)
     first = loop.observation.copy()
     for action in actions(3):
@@ -61,7 +59,7 @@ def test_a_restart_is_a_fresh_start_for_those_that_are_chosen(scenario: Scenario
     assert loop.memory.last_action[0].any()
 
 
-def test_what_a_controller_would_not_accept_is_named(scenario: Scenario, simulation: BatchSimulation) -> None:
+def test_what_a_controller_would_not_accept_is_named(scenario, simulation):
     loop = ClosedLoop(simulation, scenario.wiring, STILL)
     wild = actions(1)[0]
     wild[1, 2] = np.nan
@@ -72,7 +70,7 @@ def test_what_a_controller_would_not_accept_is_named(scenario: Scenario, simulat
     assert loop.problem(action, 0) == ""
 
 
-def test_a_sample_is_of_the_step_that_was_taken(scenario: Scenario, simulation: BatchSimulation) -> None:
+def test_a_sample_is_of_the_step_that_was_taken(scenario, simulation):
     loop = ClosedLoop(simulation, scenario.wiring, STILL)
     before, action = actions(2)
     loop.act(before, velocity=np.ones((2, 3)))

@@ -92,7 +92,6 @@ def test_the_latest_errors_are_those_of_a_step_of_the_motion(lite):
     assert errors.latest is None
     errors.update(0, path[0])
     errors.update(1, np.full(14, 0.5))
-    assert errors.latest is not None
     assert errors.latest.shape == (len(BODIES), 2)
     assert errors.latest[:, 0].max() == errors.summary().hands.position_max > 0.01
     errors.update(1, np.full(14, 0.5))
@@ -149,54 +148,51 @@ REFERENCE = MotionReference(
 )
 
 
-def state(joints: list[float], position: list[float], yaw: float) -> MITState:
+def state(joints, position, yaw):
     pose = np.array([*position, math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
     return replace(MITState.unknown(2), joint_position=np.array(joints), extern={ANCHOR_POSE: Extern(pose, 0.0)})
 
 
-def test_the_reference_is_laid_onto_the_robot() -> None:
+def test_the_reference_is_laid_onto_the_robot():
     errors = AnchorErrors(REFERENCE, ("b", "a"), ("a", "b"), align=True)
     errors.update(0, state([0.2, 0.1], [3.0, -1.0, 0.8], math.pi / 2))
     errors.update(1, state([0.4, 0.3], [3.0, 0.0, 0.8], math.pi / 2))
     summary = errors.summary()
-    assert summary is not None
     assert summary.samples == 2
     for figure in (summary.joint_error, summary.anchor_position, summary.anchor_angle):
         assert figure == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
-def test_mean_and_greatest_errors() -> None:
+def test_mean_and_greatest_errors():
     errors = AnchorErrors(REFERENCE, ("a", "b"), ("a", "b"), align=False)
     errors.update(0, state([0.1, 0.2], [0.0, 0.0, 0.8], 0.0))
     errors.update(1, state([0.3, 0.8], [1.0, 0.3, 0.4], 0.6))
     summary = errors.summary()
-    assert summary is not None
     assert summary.joint_error == pytest.approx((0.1, 0.2), abs=1e-6)
     assert summary.anchor_position == pytest.approx((0.25, 0.5), abs=1e-6)
     assert summary.anchor_angle == pytest.approx((0.3, 0.6), abs=1e-6)
     assert errors.latest == pytest.approx([0.2, 0.5, 0.6], abs=1e-6)
 
 
-def test_a_motion_that_was_laid_onto_the_robot_unseen_is_not_compared() -> None:
+def test_a_motion_that_was_laid_onto_the_robot_unseen_is_not_compared():
     errors = AnchorErrors(REFERENCE, ("a", "b"), ("a", "b"), align=True)
     errors.update(1, state([0.3, 0.4], [1.0, 0.0, 0.8], 0.0))
     assert errors.summary() is None
     assert errors.latest is None
 
 
-def test_a_state_without_the_anchor_is_not_counted() -> None:
+def test_a_state_without_the_anchor_is_not_counted():
     errors = AnchorErrors(REFERENCE, ("a", "b"), ("a", "b"), align=True)
     errors.update(0, MITState.unknown(2))
     assert errors.summary() is None
 
 
-def test_the_anchors_errors_end_with_the_motion_too() -> None:
+def test_the_anchors_errors_end_with_the_motion_too():
     errors = AnchorErrors(REFERENCE, ("a", "b"), ("a", "b"), align=False)
     errors.update(0, state([0.1, 0.2], [0.0, 0.0, 0.8], 0.0))
     errors.update(1, state([0.3, 0.4], [1.0, 0.3, 0.8], 0.0))
     for k in range(25):
         errors.update(1, state([0.3, 0.4], [1.0, 0.3 + 0.1 * k, 0.8], 0.0))
     summary = errors.summary()
-    assert summary is not None
     assert summary.samples == 2
     assert summary.anchor_position == pytest.approx((0.15, 0.3), abs=1e-6)

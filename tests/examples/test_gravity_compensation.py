@@ -5,17 +5,15 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
 
-from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.messages import Mode
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics, GravityTorque
@@ -27,17 +25,15 @@ _SETTLED = 0.5
 
 
 @pytest.fixture(scope="module")
-def example() -> ModuleType:
+def example():
     spec = importlib.util.spec_from_file_location("gravity_compensation", EXAMPLE)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     return module
 
 
-def test_both_forms_command_gravitys_torque_at_the_pose_and_no_more(example: ModuleType) -> None:
+def test_both_forms_command_gravitys_torque_at_the_pose_and_no_more(example):
     q = LITE.initial_position + np.full(14, 0.1)
     torque = GravityTorque(LITE)(q)
     assert np.abs(torque).max() > 0.5
@@ -49,7 +45,7 @@ def test_both_forms_command_gravitys_torque_at_the_pose_and_no_more(example: Mod
 
 
 @contextmanager
-def running(*command: str) -> Iterator[subprocess.Popen[str]]:
+def running(*command):
     with subprocess.Popen(
         [sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     ) as one:
@@ -59,9 +55,8 @@ def running(*command: str) -> Iterator[subprocess.Popen[str]]:
             one.kill()
 
 
-def line_with(process: subprocess.Popen[str], text: str) -> str:
+def line_with(process, text):
     """The next line of a program that holds a text."""
-    assert process.stdout is not None
     for line in process.stdout:
         if text in line:
             return line
@@ -69,9 +64,7 @@ def line_with(process: subprocess.Popen[str], text: str) -> str:
 
 
 @pytest.mark.slow
-def test_the_arms_are_held_in_both_forms_and_a_killed_client_leaves_them_damped(
-    tmp_path: Path, domain: int, request: pytest.FixtureRequest, runtime: Path
-) -> None:
+def test_the_arms_are_held_in_both_forms_and_a_killed_client_leaves_them_damped(tmp_path, domain, request, runtime):
     held = 20.0 if request.config.getoption("--complete") else 8.0
     record = tmp_path / "run.mcap"
     script = "damp; load_b; wait; start_remote; hold 600"
@@ -90,7 +83,7 @@ def test_the_arms_are_held_in_both_forms_and_a_killed_client_leaves_them_damped(
     _check(record)
 
 
-def _check(record: Path) -> None:
+def _check(record):
     remote = [tick for tick in open_recording(record).ticks() if tick.output.control_mode.mode is Mode.REMOTE]
     torque = [tick for tick in remote if tick.output.command.effort.any()]
     pd = [tick for tick in remote if tick.output.command.stiffness.any()]
@@ -98,7 +91,6 @@ def _check(record: Path) -> None:
     _holds("pd", pd, 0.001)
     # Killed: passive at the latest 100 ms after its last command, and from then on.
     last = torque[-1]
-    assert last.input.remote is not None
     after = [tick for tick in remote if last.index < tick.index < pd[0].index]
     took = float(after[0].input.state.time) - last.input.remote.arrival_time
     assert took <= 0.1 + 0.011, "two ticks later than the timeout at most"
@@ -111,7 +103,7 @@ def _check(record: Path) -> None:
     assert fastest < 1.5, "damped, not limp"
 
 
-def _holds(form: str, ticks: list[TickRecord], accepted: float) -> None:
+def _holds(form, ticks, accepted):
     """Check the drift of the hands, m, wherever commands came without a break: on a busy machine one may come late."""
     breaks = [i for i in range(1, len(ticks)) if ticks[i].index != ticks[i - 1].index + 1]
     stretches = [ticks[a:b] for a, b in zip([0, *breaks], [*breaks, len(ticks)], strict=True)]

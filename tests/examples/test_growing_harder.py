@@ -3,7 +3,6 @@
 import importlib.util
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -11,11 +10,9 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "growing_harder.py"
 
 
 @pytest.fixture
-def example(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+def example(monkeypatch):
     pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed (rl)")
     spec = importlib.util.spec_from_file_location("growing_harder", EXAMPLE)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, spec.name, module)  # where its options' types and texts are looked up
     spec.loader.exec_module(module)
@@ -23,15 +20,13 @@ def example(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 @pytest.mark.slow
-def test_it_learns_on_robots_and_ground_that_grow_harder(
-    example: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_learns_on_robots_and_ground_that_grow_harder(example, tmp_path, monkeypatch, capsys):
     assert example.harder(0.0) == {"commands": 0.3, "randomisation": 0.0, "push": 0.0, "terrain": 0.0}
     assert example.harder(1.0) == {"commands": 1.0, "randomisation": 1.0, "push": 1.0, "terrain": 1.0}
     seen = []
 
-    class Watch(example.Progress):  # type: ignore[name-defined, misc]
-        def _on_rollout_start(self) -> None:
+    class Watch(example.Progress):
+        def _on_rollout_start(self):
             super()._on_rollout_start()
             seen.extend(self.training_env.get_attr("progress", 0))
 

@@ -14,7 +14,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
     ("name", "package", "option"),
     [("gravity_compensation", "humanoid_sim", "--form effort|pd"), ("growing_harder", "stable_baselines3", "--envs N")],
 )
-def test_help_and_a_mistyped_option(name: str, package: str, option: str) -> None:
+def test_help_and_a_mistyped_option(name, package, option):
     pytest.importorskip(package)
     typed = f"python examples/{name}.py"
     described = subprocess.run(
@@ -31,7 +31,7 @@ def test_help_and_a_mistyped_option(name: str, package: str, option: str) -> Non
     assert refused.stderr.endswith(f"; '{typed} --help' says what they do\n")
 
 
-def test_the_recorder_of_mjlab_needs_nothing_but_mjlab_and_numpy() -> None:
+def test_the_recorder_of_mjlab_needs_nothing_but_mjlab_and_numpy():
     """It is copied to where mjlab is, and this package is not."""
     needed = set()
     for node in ast.walk(ast.parse((EXAMPLES / "mjlab_trace.py").read_text(encoding="utf-8"))):

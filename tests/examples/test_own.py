@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 import yaml
@@ -20,17 +19,15 @@ from humanoid_sim.mit import MITCommand
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-def load(name: str) -> ModuleType:
+def load(name):
     spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their module up
     spec.loader.exec_module(module)
     return module
 
 
-def test_a_controller_of_ones_own_drives_the_robot(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_controller_of_ones_own_drives_the_robot(capsys):
     load("own_controller").main()
     *modes, swayed = capsys.readouterr().out.splitlines()
     assert [line.split()[2] for line in modes] == ["DAMPING", "STANDBY", "LOCOMOTION", "DAMPING"]
@@ -38,14 +35,14 @@ def test_a_controller_of_ones_own_drives_the_robot(capsys: pytest.CaptureFixture
     assert high - low == pytest.approx(0.4, abs=0.05)
 
 
-def test_the_controller_stands_what_the_fuzzer_does_to_it() -> None:
+def test_the_controller_stands_what_the_fuzzer_does_to_it():
     from humanoid_sim.testing import DEFAULT_SETTINGS, fuzz_controller  # noqa: PLC0415 - an extra
 
     few = type(DEFAULT_SETTINGS)(DEFAULT_SETTINGS, max_examples=20, derandomize=True, database=None)
     fuzz_controller(load("own_controller").Sway(("shoulder", "elbow"), ("elbow",)), few, healthy_ticks=200)
 
 
-def test_a_front_end_of_ones_own_watches_a_session(tmp_path: Path, runtime: Path) -> None:
+def test_a_front_end_of_ones_own_watches_a_session(tmp_path, runtime):
     words = ["--pace", "realtime", "--script", "hold 60", "--viewer", "none", "--record", "none"]
     session = subprocess.Popen(
         [sys.executable, "-m", "humanoid_sim.play", *words], stdout=subprocess.DEVNULL, cwd=tmp_path
@@ -57,7 +54,6 @@ def test_a_front_end_of_ones_own_watches_a_session(tmp_path: Path, runtime: Path
         watcher = subprocess.Popen(
             [sys.executable, str(EXAMPLES / "own_front_end.py")], stdout=subprocess.PIPE, text=True
         )
-        assert watcher.stdout is not None
         lines = [watcher.stdout.readline() for _ in range(2)]
         session.terminate()
         assert watcher.wait(30.0) == 0
@@ -68,16 +64,16 @@ def test_a_front_end_of_ones_own_watches_a_session(tmp_path: Path, runtime: Path
     assert all(line.endswith(" N·m\n") for line in lines)
 
 
-def test_motors_of_ones_own_follow_worse(capsys: pytest.CaptureFixture[str]) -> None:
+def test_motors_of_ones_own_follow_worse(capsys):
     load("own_motor").main()
     ideal, tired = (float(line.split()[5]) for line in capsys.readouterr().out.splitlines())
     assert 0.01 < ideal < tired < 0.1
 
 
-def test_motors_of_ones_own_give_what_the_law_asks_for_where_nothing_is_lost() -> None:
+def test_motors_of_ones_own_give_what_the_law_asks_for_where_nothing_is_lost():
     example = load("own_motor")
 
-    class Ideal(example.TiredMotors):  # type: ignore[misc,name-defined]
+    class Ideal(example.TiredMotors):
         friction, no_load_velocity = 0.0, 1e12
 
     command = MITCommand.zeros(14)
@@ -93,7 +89,7 @@ def test_motors_of_ones_own_give_what_the_law_asks_for_where_nothing_is_lost() -
         example.MujocoRobot(example.LITE, actuation="affine", motors=Ideal)
 
 
-def test_a_task_of_ones_own_alone_and_in_a_batch(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_task_of_ones_own_alone_and_in_a_batch(capsys):
     load("own_task").main()
     zeros, random, batch = capsys.readouterr().out.splitlines()
     held, strayed = (float(line.split()[1]) for line in (zeros, random))
@@ -104,7 +100,7 @@ def test_a_task_of_ones_own_alone_and_in_a_batch(capsys: pytest.CaptureFixture[s
 
 
 @pytest.mark.slow
-def test_branching_from_a_recording_shows_how_hard_a_push_is_stood(tmp_path: Path) -> None:
+def test_branching_from_a_recording_shows_how_hard_a_push_is_stood(tmp_path):
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     run = subprocess.run(
         ["bash", str(EXAMPLES / "branch.sh"), str(tmp_path)],
@@ -122,7 +118,7 @@ def test_branching_from_a_recording_shows_how_hard_a_push_is_stood(tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_the_ci_job_compares_two_policies(tmp_path: Path) -> None:
+def test_the_ci_job_compares_two_policies(tmp_path):
     workflow = yaml.safe_load((EXAMPLES / "ci" / "regress.yml").read_text())
     (command,) = [step["run"] for step in workflow["jobs"]["regress"]["steps"] if "regress " in step.get("run", "")]
     words = shlex.split(command)

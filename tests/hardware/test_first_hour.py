@@ -5,9 +5,7 @@ import io
 import json
 import re
 import shlex
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 import tyro
@@ -29,15 +27,15 @@ class _ParsedError(Exception):
     """Enough: the words were understood."""
 
 
-def test_every_command_of_the_page_is_looked_at() -> None:
+def test_every_command_of_the_page_is_looked_at():
     assert len(_STEPS) == 25
     assert len(_COMMANDS) == _PAGE.count("python -m") == 16
 
 
 @pytest.mark.parametrize(("verb", "words"), _COMMANDS, ids=[f"{verb} {words}" for verb, words in _COMMANDS])
-def test_a_command_is_understood(monkeypatch: pytest.MonkeyPatch, verb: str, words: str) -> None:
-    def then_stop(parse: Callable[..., Any]) -> Callable[..., None]:
-        def parse_only(*arguments: Any, **options: Any) -> None:
+def test_a_command_is_understood(monkeypatch, verb, words):
+    def then_stop(parse):
+        def parse_only(*arguments, **options):
             parse(*arguments, **options)
             raise _ParsedError
 
@@ -50,13 +48,13 @@ def test_a_command_is_understood(monkeypatch: pytest.MonkeyPatch, verb: str, wor
         load_program(verb)(shlex.split(words))
 
 
-def test_every_tool_that_a_step_names_exists() -> None:
+def test_every_tool_that_a_step_names_exists():
     for name in ("set_id", "set_zero", "bring_up"):
         assert f"`{name.replace('_', '-')}`" in _PAGE
         importlib.import_module(f"humanoid_sim.hardware.tools.{name}")
 
 
-def _step(title: str) -> tuple[str, list[str], list[str]]:
+def _step(title):
     """Verb, words and the expected readings of the step with this title, on emulated motors."""
     (step,) = [step for step in _STEPS if step.startswith(f"**{title}")]
     verb, words = _COMMAND.findall(step)[0]
@@ -67,8 +65,8 @@ def _step(title: str) -> tuple[str, list[str], list[str]]:
 
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Callable[[str], tuple[int, str, list[str]]]:
-    def run_step(title: str) -> tuple[int, str, list[str]]:
+def run(capsys):
+    def run_step(title):
         verb, words, readings = _step(title)
         status = run_program(load_program(verb), words)
         return status, "".join(capsys.readouterr()), readings
@@ -76,11 +74,8 @@ def run(capsys: pytest.CaptureFixture[str]) -> Callable[[str], tuple[int, str, l
     return run_step
 
 
-Run = Callable[[str], tuple[int, str, list[str]]]
-
-
 @pytest.fixture(scope="module")
-def motors() -> Iterator[VirtualMotors]:
+def motors():
     with VirtualMotors(load_robot("lite"), [_CHANNEL]) as motors:
         yield motors
 
@@ -88,7 +83,7 @@ def motors() -> Iterator[VirtualMotors]:
 @pytest.mark.slow
 @pytest.mark.usefixtures("motors")
 @pytest.mark.parametrize("title", ["Who is there", "One motor's answers", "Directions", "Room on the buses"])
-def test_a_tool_prints_what_the_list_expects(run: Run, monkeypatch: pytest.MonkeyPatch, title: str) -> None:
+def test_a_tool_prints_what_the_list_expects(run, monkeypatch, title):
     terminal = io.StringIO("yes\n")
     monkeypatch.setattr(terminal, "isatty", lambda: True)
     monkeypatch.setattr("sys.stdin", terminal)
@@ -99,7 +94,7 @@ def test_a_tool_prints_what_the_list_expects(run: Run, monkeypatch: pytest.Monke
     assert "missing" not in printed or title != "Who is there"
 
 
-def test_the_check_of_the_interfaces(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_check_of_the_interfaces(run, monkeypatch):
     data = {"state": "ERROR-ACTIVE", "restart_ms": 0, "bittiming": {"bitrate": 1000000}}
     info = {"info_kind": "can", "info_data": data}
     link = {"flags": ["UP"], "txqlen": 100, "link_type": "can", "linkinfo": info}
@@ -112,7 +107,7 @@ def test_the_check_of_the_interfaces(run: Run, monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.slow
-def test_the_dry_run(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_dry_run(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     status, printed, readings = run("Everything but enabling")
     assert (status, readings) == (0, ["verdict: ready to be enabled"])

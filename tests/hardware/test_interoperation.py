@@ -5,7 +5,6 @@ SocketCAN only, so it is handed a virtual bus.
 """
 
 import time
-from collections.abc import Iterator
 
 import can
 import numpy as np
@@ -24,13 +23,13 @@ _MOTORS = {joint.name: joint.motor for joint in _LITE.joints if joint.motor is n
 
 
 @pytest.fixture(scope="module")
-def motors() -> Iterator[VirtualMotors]:
+def motors():
     with VirtualMotors(_LITE, [f"virtual:{_CHANNEL}"]) as motors:
         yield motors
 
 
 @pytest.fixture
-def client(motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch) -> Iterator[RobstrideBus]:
+def client(motors, monkeypatch):
     for model in ROBSTRIDES:
         monkeypatch.setitem(their_table.MODEL_MIT_VELOCITY_TABLE, model.name, model.velocity)
         monkeypatch.setitem(their_table.MODEL_MIT_TORQUE_TABLE, model.name, model.effort)
@@ -40,19 +39,19 @@ def client(motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch) -> Iterator[R
     client.disconnect(disable_torque=False)
 
 
-def _joint(motors: VirtualMotors, name: str) -> float:
+def _joint(motors, name):
     """rad, motor frame, on whatever turn."""
     return float(_MOTORS[name].direction * motors.truth.joint_position[_LITE.joint_names.index(name)])
 
 
-def test_their_scales_are_the_manuals_but_for_what_is_patched() -> None:
+def test_their_scales_are_the_manuals_but_for_what_is_patched():
     for model in ROBSTRIDES:
         assert their_table.MODEL_MIT_POSITION_TABLE[model.name] == model.position
         assert their_table.MODEL_MIT_KP_TABLE[model.name] == model.stiffness
         assert their_table.MODEL_MIT_KD_TABLE[model.name] == model.damping
 
 
-def test_every_motor_answers_their_ping_with_its_own_uid(client: RobstrideBus) -> None:
+def test_every_motor_answers_their_ping_with_its_own_uid(client):
     found = {}
     for name, motor in _MOTORS.items():
         sender, uid = client.read_id(name, timeout=0.5)
@@ -62,7 +61,7 @@ def test_every_motor_answers_their_ping_with_its_own_uid(client: RobstrideBus) -
     assert client.ping_by_id(40, timeout=0.05) is None
 
 
-def test_parameters_are_read_and_written(client: RobstrideBus, motors: VirtualMotors) -> None:
+def test_parameters_are_read_and_written(client, motors):
     name = "left_elbow_pitch"
     assert client.read(name, ParameterType.MODE) == 0
     assert client.read(name, ParameterType.VBUS) == 48.0
@@ -76,9 +75,7 @@ def test_parameters_are_read_and_written(client: RobstrideBus, motors: VirtualMo
     client.write(name, ParameterType.EPSCAN_TIME, 1)
 
 
-def test_their_mit_frames_move_a_joint_and_their_readings_are_true(
-    client: RobstrideBus, motors: VirtualMotors, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_their_mit_frames_move_a_joint_and_their_readings_are_true(client, motors, capsys):
     name = "left_wrist_yaw"
     client.enable(name)
     client.write_operation_frame(name, 0.0, 0.0, 0.0)
@@ -103,7 +100,7 @@ def test_their_mit_frames_move_a_joint_and_their_readings_are_true(
     assert "WARNING" not in capsys.readouterr().out.replace("WARNING: No calibration provided", "")
 
 
-def test_the_torque_that_they_command_is_the_torque_that_acts(client: RobstrideBus, motors: VirtualMotors) -> None:
+def test_the_torque_that_they_command_is_the_torque_that_acts(client, motors):
     name = "right_wrist_yaw"
     index = _LITE.joint_names.index(name)
     client.enable(name)

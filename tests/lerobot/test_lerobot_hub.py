@@ -14,11 +14,11 @@ EXAMPLE = Path(__file__).parent.parent.parent / "examples" / "lerobot_hub" / "en
 
 
 @pytest.mark.parametrize("use_async_envs", [False, True])
-def test_the_hub_s_make_env_takes_it(use_async_envs: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_hub_s_make_env_takes_it(use_async_envs, monkeypatch):
     from lerobot.envs import utils  # noqa: PLC0415
     from lerobot.envs.factory import make_env  # noqa: PLC0415
 
-    asked: list[str] = []
+    asked = []
     monkeypatch.setattr(utils, "hf_hub_download", lambda **of: asked.append(of["filename"]) or str(EXAMPLE))
     suites = make_env("me/waving", n_envs=2, use_async_envs=use_async_envs, trust_remote_code=True)
     assert asked == ["env.py"]
@@ -30,7 +30,7 @@ def test_the_hub_s_make_env_takes_it(use_async_envs: bool, monkeypatch: pytest.M
     envs.close()
 
 
-def test_the_sample_policy_succeeds_in_lerobot_s_rollout(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_sample_policy_succeeds_in_lerobot_s_rollout(monkeypatch):
     import torch  # noqa: PLC0415
     from lerobot.envs import utils  # noqa: PLC0415
     from lerobot.envs.factory import make_env  # noqa: PLC0415
@@ -39,11 +39,11 @@ def test_the_sample_policy_succeeds_in_lerobot_s_rollout(monkeypatch: pytest.Mon
     class Sample(torch.nn.Module):
         """The shipped checkpoint as LeRobot calls policies."""
 
-        def __init__(self) -> None:
+        def __init__(self):
             super().__init__()
             self.policy = load_checkpoint(SAMPLE_POLICY).policy
 
-        def reset(self) -> None:
+        def reset(self):
             pass
 
         def select_action(self, batch):

@@ -2,8 +2,6 @@
 
 import json
 import shutil
-from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,9 +21,7 @@ POLICY = asset_path("policies", "lite_tracking.onnx")
 ORDER = np.random.default_rng(2).permutation(14)
 
 
-def write_dataset(
-    root: Path, episodes: list[Mapping[str, np.ndarray]], names: Mapping[str, list[str]], fps: int = 50
-) -> Path:
+def write_dataset(root, episodes, names, fps=50):
     """A dataset made by the library: per episode, features as (F, …) arrays."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset  # noqa: PLC0415
 
@@ -42,7 +38,7 @@ def write_dataset(
     return root
 
 
-def joints_and_bodies(q: np.ndarray) -> dict[str, np.ndarray]:
+def joints_and_bodies(q):
     """Joints in a permuted order, poses of the tracked bodies and the chest in the world."""
     state = state_of(q, ("chest", *BODIES))
     count = len(q)
@@ -59,11 +55,11 @@ NAMES = {
 }
 
 
-def prepare(tmp_path: Path, *options: str) -> int:
+def prepare(tmp_path, *options):
     return run_program(main, ["--policy", str(POLICY), "--output", str(tmp_path / "out"), *options])
 
 
-def test_an_episode_becomes_a_motion_that_plays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_episode_becomes_a_motion_that_plays(tmp_path, capsys):
     paths = [joint_path(30, seed) for seed in range(3)]
     root = write_dataset(tmp_path / "dances", [joints_and_bodies(path) for path in paths], NAMES)
     assert prepare(tmp_path, "--motion", str(root)) == 2
@@ -86,7 +82,7 @@ def test_an_episode_becomes_a_motion_that_plays(tmp_path: Path, capsys: pytest.C
     assert play([*arguments, *options]) == 0
 
 
-def test_an_episode_with_wrong_names_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_episode_with_wrong_names_is_refused(tmp_path, capsys):
     names = dict(NAMES, **{"observation.state": [f"{joint}.pos" for joint in lite().joint_names]})
     root = write_dataset(tmp_path / "dances", [joints_and_bodies(joint_path())], names)
     capsys.readouterr()
@@ -99,9 +95,7 @@ def test_an_episode_with_wrong_names_is_refused(tmp_path: Path, capsys: pytest.C
 
 
 @pytest.mark.parametrize("swap", [False, True])
-def test_bodies_alone_are_checked_by_inverse_kinematics(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], swap: bool
-) -> None:
+def test_bodies_alone_are_checked_by_inverse_kinematics(tmp_path, capsys, swap):
     frames = joint_frames(lite(), joint_path())
     position, rotation = frames[:, :12], frames[:, 12:]
     if swap:  # the hands in each other's place
@@ -115,7 +109,7 @@ def test_bodies_alone_are_checked_by_inverse_kinematics(
         assert json.loads((tmp_path / "out" / "dances_0.json").read_text())["method"] == "inverse kinematics"
 
 
-def test_joints_alone(tmp_path: Path) -> None:
+def test_joints_alone(tmp_path):
     q = joint_path()
     root = write_dataset(tmp_path / "dances", [{"measured": q}], {})
     assert prepare(tmp_path, "--motion", str(root), "--features", "joint_pos=measured") == 0
@@ -124,7 +118,7 @@ def test_joints_alone(tmp_path: Path) -> None:
     )
 
 
-def test_another_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_rate(tmp_path, capsys):
     root = write_dataset(tmp_path / "dances", [joints_and_bodies(joint_path()[::2])], NAMES, fps=25)
     assert prepare(tmp_path, "--motion", str(root)) == 2
     assert "add --resample" in capsys.readouterr().err
@@ -134,7 +128,7 @@ def test_another_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize("damage", ["data", "meta/episodes", "cut"])
-def test_a_damaged_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str) -> None:
+def test_a_damaged_dataset(tmp_path, capsys, damage):
     root = write_dataset(tmp_path / "dances", [joints_and_bodies(joint_path())], NAMES)
     if damage == "cut":
         file = next((root / "data").rglob("*.parquet"))
@@ -148,14 +142,14 @@ def test_a_damaged_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str], d
 
 
 @pytest.mark.timeout(180)
-def test_a_dataset_on_the_hub_while_offline(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_dataset_on_the_hub_while_offline(tmp_path, capsys):
     assert prepare(tmp_path, "--dataset", "lab/dances-that-nobody-has", "--timeout", "3") == 2
     error = capsys.readouterr().err
     assert "--dataset: the hub cannot be reached" in error
     assert error.count("\n") == 1
 
 
-def test_a_dataset_that_was_fetched_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_dataset_that_was_fetched_before(tmp_path, monkeypatch):
     from lerobot.datasets import lerobot_dataset  # noqa: PLC0415
     from lerobot.utils import constants  # noqa: PLC0415
 
@@ -167,9 +161,7 @@ def test_a_dataset_that_was_fetched_before(tmp_path: Path, monkeypatch: pytest.M
 
 
 @pytest.mark.timeout(180)  # by itself the library asks again for hours
-def test_wandb_without_a_network(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wandb_without_a_network(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("WANDB_BASE_URL", "http://127.0.0.1:9")
     monkeypatch.setenv("WANDB_API_KEY", "0" * 40)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

@@ -1,7 +1,6 @@
 """Recordings become datasets that `lerobot` loads, value for value."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ pytestmark = [pytest.mark.lerobot, pytest.mark.filterwarnings("ignore")]
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(tmp_path_factory):
     """Two seconds of the sample policy and of its end."""
     path = tmp_path_factory.mktemp("runs") / "wave.mcap"
     script = "damp; load_a; wait; start_locomotion; hold 2; damp; hold 0.2; quit"
@@ -29,13 +28,13 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def load(root: Path):
+def load(root):
     from lerobot.datasets.lerobot_dataset import LeRobotDataset  # noqa: PLC0415
 
     return LeRobotDataset("local/anything", root=root)
 
 
-def test_lerobot_loads_what_was_recorded(tmp_path: Path, recording: Path) -> None:
+def test_lerobot_loads_what_was_recorded(tmp_path, recording):
     assert run_program(main, [str(recording), "--output", str(tmp_path / "waves"), "--task", "wave"]) == 0
     dataset = load(tmp_path / "waves")
     opened = open_recording(recording)
@@ -60,7 +59,7 @@ def test_lerobot_loads_what_was_recorded(tmp_path: Path, recording: Path) -> Non
             assert item[key].numpy().tobytes() == values.astype(np.float32).tobytes(), (i, key)
 
 
-def test_the_reference_comes_back_as_the_motion(tmp_path: Path, recording: Path) -> None:
+def test_the_reference_comes_back_as_the_motion(tmp_path, recording):
     assert run_program(main, [str(recording), "-o", str(tmp_path / "waves"), "--reference"]) == 0
     policy = str(asset_path("policies", "lite_tracking.onnx"))
     options = ["--policy", policy, "--motion", str(tmp_path / "waves"), "--output", str(tmp_path / "out")]
@@ -72,7 +71,7 @@ def test_the_reference_comes_back_as_the_motion(tmp_path: Path, recording: Path)
     assert (report["method"], report["verified"]) == ("inverse kinematics", True)
 
 
-def test_what_the_robot_did_becomes_a_motion(tmp_path: Path, recording: Path) -> None:
+def test_what_the_robot_did_becomes_a_motion(tmp_path, recording):
     assert run_program(main, [str(recording), "-o", str(tmp_path / "waves")]) == 0
     policy = str(asset_path("policies", "lite_tracking.onnx"))
     options = ["--policy", policy, "--motion", str(tmp_path / "waves"), "--output", str(tmp_path / "out")]
@@ -80,7 +79,7 @@ def test_what_the_robot_did_becomes_a_motion(tmp_path: Path, recording: Path) ->
     assert read_motion(tmp_path / "out" / "waves_0.mcap").body_names
 
 
-def test_several_recordings_and_modes(tmp_path: Path) -> None:
+def test_several_recordings_and_modes(tmp_path):
     """A run with a policy that breaks and a remote that follows: one episode for each."""
     path = tmp_path / "modes.mcap"
     header, ticks = run(Wobble())
@@ -100,9 +99,7 @@ def test_several_recordings_and_modes(tmp_path: Path) -> None:
     assert tasks == ["run the policy placeholder", "follow remote commands"]
 
 
-def test_nothing_is_left_of_a_dataset_that_cannot_be_made(
-    tmp_path: Path, recording: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_is_left_of_a_dataset_that_cannot_be_made(tmp_path, recording, capsys):
     output = tmp_path / "waves"
     for options, reason in (
         (["--fps", "30"], "its 200 ticks per second cannot be sampled 30 times; --fps: 200, 100, 50, 40, 25"),
@@ -115,7 +112,7 @@ def test_nothing_is_left_of_a_dataset_that_cannot_be_made(
         assert list(tmp_path.iterdir()) == []
 
 
-def test_a_dataset_is_never_replaced(tmp_path: Path, recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_dataset_is_never_replaced(tmp_path, recording, capsys):
     (tmp_path / "waves").mkdir()
     assert run_program(main, [str(recording), "-o", str(tmp_path / "waves")]) == 2
     assert "exists; a dataset is only written whole, to a new folder" in capsys.readouterr().err

@@ -42,10 +42,7 @@ class Worker:
         reading, writing = os.pipe()
         words = [str(Path(__file__).with_name("worker.py")), str(folder), str(seed), module, str(writing)]
         self._process = subprocess.Popen(
-            [sys.executable, *words],
-            stdin=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            pass_fds=(writing,),
+            [sys.executable, *words], stdin=subprocess.PIPE, stderr=subprocess.PIPE, pass_fds=(writing,)
         )
         os.close(writing)
         self._answers = os.fdopen(reading, "rb", buffering=0)

@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -25,16 +24,16 @@ MACHINE = re.compile(r"/(work|tmp|home|root|var|Users)/|\b20\d\d-\d\d-\d\d\b")
 each = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
 
-def cells(path: Path, kind: str | None = None) -> list[dict]:
+def cells(path, kind=None):
     everything = json.loads(path.read_text(encoding="utf-8"))["cells"]
     return [cell for cell in everything if kind is None or cell["cell_type"] == kind]
 
 
-def source(cell: dict) -> str:
+def source(cell):
     return "".join(cell["source"])
 
 
-def shows(code: str) -> bool:
+def shows(code):
     """Whether a cell puts something out: it ends with a value, or calls something that shows, outside of functions."""
     statements = ast.parse(code).body
     last = statements[-1]
@@ -45,7 +44,7 @@ def shows(code: str) -> bool:
     return any(getattr(call.func, "id", getattr(call.func, "attr", "")) in SHOWING for call in calls)
 
 
-def kinds(path: Path) -> set[str]:
+def kinds(path):
     """Of everything that is stored in a notebook."""
     outputs = [output for cell in cells(path, "code") for output in cell["outputs"]]
     return {kind for output in outputs for kind in output.get("data", {})}
@@ -82,7 +81,7 @@ def test_every_cell_that_shows_something_has_its_output(path):
 
 
 @each
-def test_the_outputs_are_of_this_code(path, store: ModuleType):
+def test_the_outputs_are_of_this_code(path, store):
     stored = json.loads(path.read_text(encoding="utf-8"))["metadata"]["humanoid_sim"]["outputs_of"]
     assert stored == store.fingerprint(cells(path)), f"{path.name}: its code has changed: run make notebooks"
 

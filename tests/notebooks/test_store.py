@@ -1,12 +1,11 @@
 """notebooks/store.py: what belongs to a notebook's outputs, and what is left out of them."""
 
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 
-def code(text: str, *outputs: dict) -> dict:
+def code(text, *outputs):
     return {"cell_type": "code", "source": text, "outputs": list(outputs)}
 
 
@@ -14,7 +13,7 @@ PRINTED = {"output_type": "stream", "name": "stdout", "text": "3\n"}
 PICTURE = {"output_type": "display_data", "data": {"text/plain": "<Figure>", "image/png": "aGk="}}
 
 
-def test_outputs_belong_to_code_and_not_to_prose(store: ModuleType) -> None:
+def test_outputs_belong_to_code_and_not_to_prose(store):
     prose = {"cell_type": "markdown", "source": "# Walk"}
     before = store.fingerprint([prose, code("x = 1"), code("x")])
     assert before == store.fingerprint([code("x = 1"), {"cell_type": "markdown", "source": "y"}, code("x", PRINTED)])
@@ -22,18 +21,18 @@ def test_outputs_belong_to_code_and_not_to_prose(store: ModuleType) -> None:
     assert before != store.fingerprint([code("x = 1x")])
 
 
-def test_lines_and_text_are_the_same_source(store: ModuleType) -> None:
+def test_lines_and_text_are_the_same_source(store):
     assert store.fingerprint([code("a\nb")]) == store.fingerprint([{**code(""), "source": ["a\n", "b"]}])
 
 
-def test_kinds_of_what_a_cell_shows(store: ModuleType) -> None:
+def test_kinds_of_what_a_cell_shows(store):
     error = {"output_type": "error", "ename": "ValueError"}
     assert store.kinds(code("", PRINTED, PICTURE)) == ["stdout", "image/png"]
     assert store.kinds(code("", error)) == ["error"]
     assert store.kinds(code("")) == []
 
 
-def test_what_changes_from_run_to_run_is_left_out(store: ModuleType) -> None:
+def test_what_changes_from_run_to_run_is_left_out(store):
     nbformat = pytest.importorskip("nbformat")
     folder = Path("/tmp/notebook-x1")
     said = f"wrote {folder}/tmp/train_ab12cd34/run.mcap and {store.ROOT}/assets/a.onnx   \n<Robot at 0x7f00ab>\n"
@@ -64,7 +63,7 @@ def test_what_changes_from_run_to_run_is_left_out(store: ModuleType) -> None:
     assert notebook.metadata.humanoid_sim.outputs_of == store.fingerprint([code("run()")])
 
 
-def test_an_output_of_another_kind_is_told(store: ModuleType) -> None:
+def test_an_output_of_another_kind_is_told(store):
     nbformat = pytest.importorskip("nbformat")
     stored, same, other = (nbformat.from_dict(code("x", *shown)) for shown in ([PRINTED], [PRINTED], [PICTURE]))
     assert store.compare([stored], [same]) == []

@@ -1,14 +1,9 @@
 """What mjlab and rsl_rl really export, made once by `make test-peers`; these tests judge the files."""
 
 import os
-import sys
 from pathlib import Path
 
 import pytest
-
-# importlib mode leaves sys.path alone.
-sys.path += [str(Path(__file__).parents[1] / name) for name in ("policy", "play")]
-
 from play_fixtures import folder, run
 from policy_fixtures import cli
 
@@ -18,7 +13,7 @@ _MADE = Path(__file__).parents[2] / ".venv-peers" / "exports"
 
 
 @pytest.fixture(scope="session")
-def exports() -> Path:
+def exports():
     """The folder that `mjlab_exports.py` has filled."""
     made = Path(os.environ.get("HUMANOID_SIM_EXPORTS", _MADE))
     if not (made / "rsl_rl").is_dir():

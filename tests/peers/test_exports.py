@@ -3,7 +3,6 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,9 +15,7 @@ from humanoid_sim.policy.onnx_policy import read_header
 
 pytestmark = pytest.mark.peers
 
-KNOWN: dict[str, dict[str, str]] = json.loads(
-    (Path(__file__).parents[1] / "data" / "mjlab_metadata.json").read_text(encoding="utf-8")
-)
+KNOWN = json.loads((Path(__file__).parents[1] / "data" / "mjlab_metadata.json").read_text(encoding="utf-8"))
 IMU = "terms' at of base_lin_vel"
 ASSUMED = {
     "velocity_flat": ("policy_dt 0.02 s (50 Hz)", IMU),
@@ -44,33 +41,33 @@ class Export:
     golden: Path
 
     @property
-    def robot(self) -> Path:
+    def robot(self):
         return self.golden / "scene.xml"
 
-    def wired(self, contract: Path | None = None) -> tuple[object, ...]:
+    def wired(self, contract=None):
         return (self.model, "--robot", self.robot, "--contract", contract or self.golden / "contract.yaml")
 
     @property
-    def trace(self) -> Path:
+    def trace(self):
         return self.golden / "trace.npz"
 
 
 @pytest.fixture(params=ASSUMED)
-def task(request: pytest.FixtureRequest) -> str:
+def task(request):
     return str(request.param)
 
 
 @pytest.fixture
-def export(exports: Path, task: str) -> Export:
+def export(exports, task):
     return Export(exports / task / f"{task}.onnx", exports / task / "golden")
 
 
 @pytest.mark.parametrize("task", KNOWN)
-def test_the_metadata_is_what_the_other_tests_take_for_mjlabs(exports: Path, task: str) -> None:
+def test_the_metadata_is_what_the_other_tests_take_for_mjlabs(exports, task):
     assert read_header(exports / task / f"{task}.onnx")[0] == KNOWN[task]
 
 
-def test_nothing_is_missing_that_mjlab_knows(cli: Any, export: Export, task: str) -> None:
+def test_nothing_is_missing_that_mjlab_knows(cli, export, task):
     status, out, error = cli("show", export.model)
     assert (status, error) == (0, "")
     assert out.splitlines()[-1] == f"assumed, no source states it: {'; '.join(ASSUMED[task])}"
@@ -81,7 +78,7 @@ def test_nothing_is_missing_that_mjlab_knows(cli: Any, export: Export, task: str
     assert "contract.yaml (mjlab metadata has it rounded)" in out
 
 
-def test_no_error_is_found(cli: Any, export: Export) -> None:
+def test_no_error_is_found(cli, export):
     for wiring in ((export.model, "--robot", export.robot), export.wired()):
         status, out, error = cli("check", *wiring)
         assert (status, error) == (0, ""), out
@@ -91,7 +88,7 @@ def test_no_error_is_found(cli: Any, export: Export) -> None:
     assert "no torque limit" not in out
 
 
-def test_every_step_of_mjlabs_run_is_computed_again(cli: Any, export: Export, task: str, tmp_path: Path) -> None:
+def test_every_step_of_mjlabs_run_is_computed_again(cli, export, task, tmp_path):
     with np.load(export.trace) as trace:
         assert len(trace["obs"]) == len(trace["target"]) == 60
         assert (np.ptp(trace["obs"], axis=0) > 0.0).mean() > 0.95, "the run moves what the policy observes"
@@ -103,7 +100,7 @@ def test_every_step_of_mjlabs_run_is_computed_again(cli: Any, export: Export, ta
     assert load_checkpoint(stamped).golden == "8 samples of the trainer's run (trace.npz)"
 
 
-def test_without_the_exact_numbers_the_rounding_is_named(cli: Any, export: Export, tmp_path: Path) -> None:
+def test_without_the_exact_numbers_the_rounding_is_named(cli, export, tmp_path):
     output = tmp_path / "x.onnx"
     status, _, error = cli("stamp", export.model, "--robot", export.robot, "--trace", export.trace, "--output", output)
     assert status == 2
@@ -123,9 +120,7 @@ def test_without_the_exact_numbers_the_rounding_is_named(cli: Any, export: Expor
         ("tracking_no_state_estimation", "command", {"relative": True}),
     ],
 )
-def test_a_planted_mistake_is_refused(
-    cli: Any, export: Export, term: str, options: dict[str, object], tmp_path: Path
-) -> None:
+def test_a_planted_mistake_is_refused(cli, export, term, options, tmp_path):
     wrong = tmp_path / "wrong.yaml"
     text = (export.golden / "contract.yaml").read_text(encoding="utf-8")
     wrong.write_text(f"{text}override: {json.dumps({'terms': {term: options}})}\n", encoding="utf-8")
@@ -134,7 +129,7 @@ def test_a_planted_mistake_is_refused(
     assert f"observation {term}[" in error
 
 
-def test_it_is_played(run: Any, export: Export) -> None:
+def test_it_is_played(run, export):
     script = "damp; load_a; wait; start_locomotion; hold 0.4; damp"
     wiring = [str(part) for part in export.wired()[1:]]
     result = run("--policy", str(export.model), *wiring, "--physics-timestep", "0.005", "--script", script)
@@ -144,7 +139,7 @@ def test_it_is_played(run: Any, export: Export) -> None:
     assert len(steps) >= 80, "0.4 s at 200 Hz"
 
 
-def test_rsl_rls_own_export_needs_what_it_does_not_say(cli: Any, exports: Path, tmp_path: Path) -> None:
+def test_rsl_rls_own_export_needs_what_it_does_not_say(cli, exports, tmp_path):
     """The network of the flat task, without metadata and with its tensors in a file beside it."""
     flat = exports / "velocity_flat"
     export = Export(exports / "rsl_rl" / "policy.onnx", flat / "golden")
@@ -171,7 +166,7 @@ def test_rsl_rls_own_export_needs_what_it_does_not_say(cli: Any, exports: Path, 
             np.testing.assert_allclose(*answers, atol=1e-5)
 
 
-def test_mjlabs_motion_is_prepared(exports: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_mjlabs_motion_is_prepared(exports, tmp_path, capsys):
     """The `motion.npz` of mjlab's own converter belongs to the robot of its scene, body by body."""
     tracking = exports / "tracking"
     files = ("--policy", tracking / "tracking.onnx", "--motion", exports / "motion.npz")

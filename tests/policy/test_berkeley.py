@@ -1,13 +1,9 @@
 """Berkeley Humanoid Lite's deployment YAML: what its files in the wild hold, where they lie, and what is refused."""
 
-from pathlib import Path
-from typing import Any
-
 import pytest
 import yaml
 from published import POLICIES, needs_policies
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import contract_layout
@@ -15,7 +11,7 @@ from humanoid_sim.policy.readers.berkeley import find_berkeley, read_berkeley
 from humanoid_sim.policy.readers.merge import merge
 
 JOINTS = ["arm", "hip", "knee"]
-GOOD: dict[str, Any] = {
+GOOD = {
     "policy_checkpoint_path": "checkpoints/legs.onnx",
     "policy_dt": 0.04,
     "num_joints": 3,
@@ -34,30 +30,30 @@ GOOD: dict[str, Any] = {
 }
 
 
-def written(path: Path, **changes: Any) -> Path:
+def written(path, **changes):
     path.parent.mkdir(parents=True, exist_ok=True)
     document = {key: value for key, value in (GOOD | changes).items() if value is not ...}
     path.write_text(yaml.safe_dump(document), encoding="utf-8")
     return path
 
 
-def contract(folder: Path, robot: tuple[str, ...] | None = None, **changes: Any) -> PolicyContract:
+def contract(folder, robot=None, **changes):
     return merge([read_berkeley(written(folder / "legs.yaml", **changes))], "legs.onnx", robot)
 
 
-def test_what_the_file_says(tmp_path: Path) -> None:
+def test_what_the_file_says(tmp_path):
     made = contract(tmp_path)
     assert made.joint_names == ("arm", "hip", "knee")
     assert made.action_joint_names == ("hip", "knee")
     assert (made.joint_stiffness.tolist(), made.joint_damping.tolist()) == ([10.0, 20.0, 30.0], [2.0, 2.0, 2.0])
     assert made.default_joint_pos.tolist() == [0.0, -0.2, 0.4]
-    assert made.effort_limit.tolist() == [4.0, 6.0, 6.0]  # type: ignore[union-attr]
+    assert made.effort_limit.tolist() == [4.0, 6.0, 6.0]
     assert (made.action_scale.tolist(), made.policy_dt) == ([0.25, 0.25], 0.04)
     assert (made.action_clip, made.action_limit) == (200.0, 10_000.0)
     assert made.provenance["action_limit"] == "assumed (Berkeley Humanoid Lite)"
 
 
-def test_the_terms_come_with_the_dialect(tmp_path: Path) -> None:
+def test_the_terms_come_with_the_dialect(tmp_path):
     made = contract(tmp_path)
     assert [term.kind for term in made.terms] == [
         "velocity_command",
@@ -74,18 +70,18 @@ def test_the_terms_come_with_the_dialect(tmp_path: Path) -> None:
     assert longer.history_layout == "per_step"
 
 
-def test_one_number_for_all_and_no_names(tmp_path: Path) -> None:
+def test_one_number_for_all_and_no_names(tmp_path):
     made = contract(tmp_path, ("a", "b", "c"), joints=..., joint_kp=20, effort_limits=7.5)
     assert made.joint_names == ("a", "b", "c")
     assert made.action_joint_names == ("b", "c")
     assert made.joint_stiffness.tolist() == [20.0, 20.0, 20.0]
-    assert made.effort_limit.tolist() == [7.5, 7.5, 7.5]  # type: ignore[union-attr]
+    assert made.effort_limit.tolist() == [7.5, 7.5, 7.5]
     with pytest.raises(InputError, match="no robot is known"):
         contract(tmp_path, None, joints=...)
 
 
 @pytest.mark.parametrize("place", ["checkpoints/legs.yaml", "configs/legs.yaml", "configs/other.yaml"])
-def test_where_the_file_lies(tmp_path: Path, place: str) -> None:
+def test_where_the_file_lies(tmp_path, place):
     model = tmp_path / "checkpoints" / "legs.onnx"
     assert find_berkeley(model) is None
     path = written(tmp_path / place)
@@ -93,7 +89,7 @@ def test_where_the_file_lies(tmp_path: Path, place: str) -> None:
     assert find_berkeley(model.with_name("arms.onnx")) is None
 
 
-def test_a_file_of_another_kind_is_not_taken_for_one(tmp_path: Path) -> None:
+def test_a_file_of_another_kind_is_not_taken_for_one(tmp_path):
     (tmp_path / "legs.yaml").write_text("joint_kp: 3\n", encoding="utf-8")
     assert find_berkeley(tmp_path / "legs.onnx") is None
     (tmp_path / "legs.yaml").write_text("{", encoding="utf-8")
@@ -111,15 +107,15 @@ def test_a_file_of_another_kind_is_not_taken_for_one(tmp_path: Path) -> None:
         ({"policy_dt": "fast"}, "policy_dt is fast, expected a number"),
     ],
 )
-def test_what_is_wrong_is_one_line(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+def test_what_is_wrong_is_one_line(tmp_path, changes, message):
     with pytest.raises(InputError, match=rf"^{tmp_path}/legs\.yaml: {message}"):
         contract(tmp_path, **changes)
 
 
 @needs_policies
-def test_the_published_checkpoint_needs_nothing_else() -> None:
+def test_the_published_checkpoint_needs_nothing_else():
     checkpoint = load_checkpoint(POLICIES / "berkeley_humanoid_lite_biped_50hz/checkpoints/policy_biped_50hz.onnx")
     layout = checkpoint.following().layout
     assert (layout.width, checkpoint.observation_width) == (45, 45)
-    assert checkpoint.contract.effort_limit.tolist() == [5.0] * 12  # type: ignore[union-attr]
+    assert checkpoint.contract.effort_limit.tolist() == [5.0] * 12
     assert checkpoint.contract.policy_dt == 0.02

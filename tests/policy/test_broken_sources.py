@@ -1,9 +1,7 @@
 """Whatever a source holds: a contract, or one line of an `InputError`, and nothing else."""
 
 import json
-from collections.abc import Callable, Mapping
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping
 
 import dialects
 import pytest
@@ -25,7 +23,7 @@ anything = st.recursive(
 )
 
 
-def contract_or_one_line(read: Callable[[], Any]) -> None:
+def contract_or_one_line(read):
     message = ""
     try:
         merge(read(), "policy.onnx", dialects.ROBOT)
@@ -36,7 +34,7 @@ def contract_or_one_line(read: Callable[[], Any]) -> None:
 
 
 @st.composite
-def broken(draw: st.DrawFn, document: Any) -> Any:
+def broken(draw, document):
     """The document with one of its values replaced by something else, or left out."""
     paths = list(_paths(document))
     path = draw(st.sampled_from(paths))
@@ -45,7 +43,7 @@ def broken(draw: st.DrawFn, document: Any) -> Any:
     return _replaced(document, path, value, leave_out)
 
 
-def _paths(document: Any, prefix: tuple[Any, ...] = ()) -> Any:
+def _paths(document, prefix=()):
     items = document.items() if isinstance(document, Mapping) else enumerate(document)
     for key, value in items:
         yield (*prefix, key)
@@ -53,7 +51,7 @@ def _paths(document: Any, prefix: tuple[Any, ...] = ()) -> Any:
             yield from _paths(value, (*prefix, key))
 
 
-def _replaced(document: Any, path: tuple[Any, ...], value: Any, leave_out: bool) -> Any:
+def _replaced(document, path, value, leave_out):
     copy = dict(document) if isinstance(document, Mapping) else list(document)
     if len(path) > 1:
         copy[path[0]] = _replaced(copy[path[0]], path[1:], value, leave_out)
@@ -65,7 +63,7 @@ def _replaced(document: Any, path: tuple[Any, ...], value: Any, leave_out: bool)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("broken")
 
 
@@ -76,14 +74,14 @@ STAMP = json.loads(encode(WALKER))
 
 
 @given(broken(DEPLOY))
-def test_deploy_yaml(folder: Path, document: Any) -> None:
+def test_deploy_yaml(folder, document):
     path = folder / "deploy.yaml"
     path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
     contract_or_one_line(lambda: [read_deploy(path)])
 
 
 @given(broken(CONTRACT) | broken({"override": CONTRACT}))
-def test_contract_yaml(folder: Path, document: Any) -> None:
+def test_contract_yaml(folder, document):
     path = folder / "contract.yaml"
     path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
     contract_or_one_line(lambda: read_contract_file(path))
@@ -93,28 +91,24 @@ def test_contract_yaml(folder: Path, document: Any) -> None:
 @given(
     content=st.binary(max_size=60) | st.text(max_size=60).map(str.encode) | anything.map(yaml.safe_dump).map(str.encode)
 )
-def test_any_file(folder: Path, read: Callable[[Path], Any], content: bytes) -> None:
+def test_any_file(folder, read, content):
     path = folder / "any.yaml"
     path.write_bytes(content)
     contract_or_one_line(lambda: read(path))
 
 
 @given(broken(STAMP))
-def test_stamps(document: Any) -> None:
+def test_stamps(document):
     contract_or_one_line(lambda: metadata_contract({STAMP_KEY: json.dumps(document)}, "policy.onnx"))
 
 
 texts = st.text(max_size=20) | st.sampled_from(["", "1,2", "nan", "1;2,3", "[1, 2", "[]", "{}", '"x"', "null", "1e999"])
-METADATA = {
-    "own": write_metadata(WALKER),
-    "mjlab": dialects.as_mjlab(WALKER),
-    "holosoma": dialects.as_holosoma(WALKER),
-}
+METADATA = {"own": write_metadata(WALKER), "mjlab": dialects.as_mjlab(WALKER), "holosoma": dialects.as_holosoma(WALKER)}
 
 
 @pytest.mark.parametrize("dialect", METADATA)
 @given(data=st.data())
-def test_metadata(dialect: str, data: st.DataObject) -> None:
+def test_metadata(dialect, data):
     metadata = dict(METADATA[dialect])
     for key in data.draw(st.lists(st.sampled_from(sorted(metadata)), min_size=1, max_size=3, unique=True)):
         if data.draw(st.booleans()):
@@ -124,7 +118,7 @@ def test_metadata(dialect: str, data: st.DataObject) -> None:
     contract_or_one_line(lambda: metadata_contract(metadata, "policy.onnx"))
 
 
-def test_deep_nesting_is_no_crash(folder: Path) -> None:
+def test_deep_nesting_is_no_crash(folder):
     path = folder / "deep.yaml"
     path.write_text("[" * 5000)
     contract_or_one_line(lambda: read_contract_file(path))

@@ -1,5 +1,3 @@
-from typing import Literal
-
 import numpy as np
 import pytest
 
@@ -8,7 +6,7 @@ from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.robots.description import load_robot
 
 
-def test_it_answers_zeros_that_nobody_can_change() -> None:
+def test_it_answers_zeros_that_nobody_can_change():
     action = np.asarray(zero_policy(3)(np.ones(5, dtype=np.float32), 9))
     assert action.tolist() == [0.0, 0.0, 0.0]
     assert action.dtype == np.float32
@@ -17,7 +15,7 @@ def test_it_answers_zeros_that_nobody_can_change() -> None:
 
 @pytest.mark.parametrize("robot", ["lite", "lite_neck"])
 @pytest.mark.parametrize("pose", ["a", "b"])
-def test_it_holds_the_pose_that_it_starts_from(robot: str, pose: Literal["a", "b"]) -> None:
+def test_it_holds_the_pose_that_it_starts_from(robot, pose):
     description = load_robot(robot)
     checkpoint = placeholder_checkpoint(description, pose)
     contract = checkpoint.contract

@@ -1,7 +1,5 @@
 """`contract.yaml`: what is wrong with it is said with its path."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,7 @@ from humanoid_sim.policy.readers.contract_yaml import find_contract, parse_contr
 from humanoid_sim.policy.readers.merge import merge
 
 
-def read(path: Path, text: str) -> str:
+def read(path, text):
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError) as caught:
         read_contract_file(path)
@@ -40,7 +38,7 @@ def read(path: Path, text: str) -> str:
         ("observation: [{name: a, scale: 1}]\nterms: {a: {scale: 1}}", "terms.a.scale: is given in observation as"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_named_with_its_place(tmp_path: Path, text: str, message: str) -> None:
+def test_what_is_wrong_is_named_with_its_place(tmp_path, text, message):
     assert read(tmp_path / "contract.yaml", text).startswith(message)
 
 
@@ -58,20 +56,20 @@ def test_what_is_wrong_is_named_with_its_place(tmp_path: Path, text: str, messag
         ("command_ranges: {lin_vel_z: [0, 1]}", "command_ranges: ", "ang_vel_z"),
     ],
 )
-def test_an_unknown_field_is_answered_with_the_known_ones(tmp_path: Path, text: str, place: str, some: str) -> None:
+def test_an_unknown_field_is_answered_with_the_known_ones(tmp_path, text, place, some):
     message = read(tmp_path / "contract.yaml", text)
     assert message.startswith(f"{place}unknown field '")
     assert some in message.partition("; known: ")[2].split(", ")
 
 
-def test_an_empty_file_says_nothing(tmp_path: Path) -> None:
+def test_an_empty_file_says_nothing(tmp_path):
     path = tmp_path / "contract.yaml"
     path.write_text("# nothing yet\n")
     (partial,) = read_contract_file(path)
     assert partial.fields == {}
 
 
-def test_numbers_in_scientific_notation_are_numbers(tmp_path: Path) -> None:
+def test_numbers_in_scientific_notation_are_numbers(tmp_path):
     path = tmp_path / "contract.yaml"
     path.write_text("policy_dt: 2e-2\naction_clip: 1E2\ndefault_joint_pos: [1e-3, -2.5e+1, .5]\n")
     (partial,) = read_contract_file(path)
@@ -80,7 +78,7 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path: Path) -> None:
     assert partial.fields["default_joint_pos"].value.tolist() == [0.001, -25.0, 0.5]
 
 
-def test_python_tags_are_refused(tmp_path: Path) -> None:
+def test_python_tags_are_refused(tmp_path):
     message = read(tmp_path / "contract.yaml", "body_names: !!python/object/apply:os.system [ls]")
     assert message == (
         "is not YAML that can be read (line 1): the tag !!python/object/apply:os.system is not read; "
@@ -88,7 +86,7 @@ def test_python_tags_are_refused(tmp_path: Path) -> None:
     )
 
 
-def test_the_file_of_a_checkpoint_is_found(tmp_path: Path) -> None:
+def test_the_file_of_a_checkpoint_is_found(tmp_path):
     model = tmp_path / "walk.onnx"
     assert find_contract(model) is None
     (tmp_path / "contract.yaml").touch()
@@ -97,7 +95,7 @@ def test_the_file_of_a_checkpoint_is_found(tmp_path: Path) -> None:
     assert find_contract(model) == tmp_path / "walk.contract.yaml"
 
 
-def test_options_in_the_observation_and_in_terms_are_the_same(tmp_path: Path) -> None:
+def test_options_in_the_observation_and_in_terms_are_the_same(tmp_path):
     path = tmp_path / "contract.yaml"
     path.write_text("observation: [{name: a, scale: [1, 2]}, b]\nterms: {b: {clip: [-1, 1], joints: [x]}}\n")
     (partial,) = read_contract_file(path)
@@ -106,12 +104,12 @@ def test_options_in_the_observation_and_in_terms_are_the_same(tmp_path: Path) ->
     assert {name: given.value for name, given in partial.terms["b"].items()} == {"clip": (-1.0, 1.0), "joints": ("x",)}
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
+def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"gone\.yaml: no such file, expected a YAML file"):
         read_contract_file(tmp_path / "gone.yaml")
 
 
-def test_limits_by_joint_and_in_words() -> None:
+def test_limits_by_joint_and_in_words():
     document = {
         "joint_names": ["hip", "knee"],
         "joint_stiffness": 20.0,
@@ -125,10 +123,10 @@ def test_limits_by_joint_and_in_words() -> None:
         "position_clip": "joint_limits",
     }
     contract = merge(parse_contract(document, "contract.yaml", "contract.yaml"), "policy.onnx")
-    assert contract.effort_limit.tolist() == [np.inf, 60.0]  # type: ignore[union-attr]
+    assert contract.effort_limit.tolist() == [np.inf, 60.0]
     assert (contract.action_limit, contract.position_clip) == (440.0, "joint_limits")
     again = decode(encode(contract), "here")
-    assert again.effort_limit.tolist() == [np.inf, 60.0]  # type: ignore[union-attr]
+    assert again.effort_limit.tolist() == [np.inf, 60.0]
     assert (again.action_limit, again.position_clip) == (440.0, "joint_limits")
     for field, value, message in (
         ("effort_limit", {"toe": 1.0}, r"unknown joint in effort_limit 'toe'; known: hip, knee \(contract\.yaml\)"),

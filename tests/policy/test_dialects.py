@@ -1,7 +1,6 @@
 """What each dialect says of a contract is read back as it was; permuted joints mean the same on the robot."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import dialects
 import numpy as np
@@ -9,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import pack, resolve_observation
 from humanoid_sim.controllers.policy_step import action_command, resolve_action
 from humanoid_sim.controllers.reference import no_reference
@@ -26,12 +24,12 @@ NOT_IN_MJLAB = ("policy_dt", "action_offset", "position_clip", "history_layout",
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("dialects")
 
 
 @given(dialects.contracts())
-def test_json_keeps_every_bit(contract: PolicyContract) -> None:
+def test_json_keeps_every_bit(contract):
     text = encode(contract)
     again = decode(text, "here")
     assert encode(again) == text
@@ -40,13 +38,13 @@ def test_json_keeps_every_bit(contract: PolicyContract) -> None:
 
 
 @given(dialects.contracts())
-def test_a_stamp_says_it_all(contract: PolicyContract) -> None:
+def test_a_stamp_says_it_all(contract):
     again = merge(metadata_contract({STAMP_KEY: encode(contract)}, "here"), "here")
     assert dialects.said(again) == dialects.said(contract)
 
 
 @given(dialects.contracts())
-def test_contract_yaml_says_it_all(folder: Path, contract: PolicyContract) -> None:
+def test_contract_yaml_says_it_all(folder, contract):
     path = folder / "contract.yaml"
     path.write_text(dialects.through_yaml(dialects.as_contract_yaml(contract)), encoding="utf-8")
     again = merge(read_contract_file(path), "here")
@@ -55,7 +53,7 @@ def test_contract_yaml_says_it_all(folder: Path, contract: PolicyContract) -> No
 
 
 @given(dialects.walkers())
-def test_deploy_yaml(folder: Path, contract: PolicyContract) -> None:
+def test_deploy_yaml(folder, contract):
     path = folder / "deploy.yaml"
     path.write_text(dialects.through_yaml(dialects.as_deploy(contract)))
     again = merge([read_deploy(path)], "here", dialects.ROBOT)
@@ -63,14 +61,14 @@ def test_deploy_yaml(folder: Path, contract: PolicyContract) -> None:
 
 
 @given(dialects.walkers())
-def test_mjlab_metadata(contract: PolicyContract) -> None:
+def test_mjlab_metadata(contract):
     again = merge(metadata_contract(dialects.as_mjlab(contract), "here"), "here")
     assert dialects.said(again, *NOT_IN_MJLAB) == dialects.said(contract, *NOT_IN_MJLAB)
     assert (again.policy_dt, again.provenance["policy_dt"]) == (0.02, "assumed (mjlab)")
 
 
 @given(dialects.walkers())
-def test_holosoma_metadata_with_the_rest_in_a_contract_yaml(folder: Path, contract: PolicyContract) -> None:
+def test_holosoma_metadata_with_the_rest_in_a_contract_yaml(folder, contract):
     metadata = dialects.as_holosoma(contract)
     rest = dialects.as_contract_yaml(contract)
     for field in ("joint_names", "joint_stiffness", "joint_damping", "command_ranges", "action_scale"):
@@ -84,7 +82,7 @@ def test_holosoma_metadata_with_the_rest_in_a_contract_yaml(folder: Path, contra
 
 
 @given(dialects.walkers())
-def test_several_dialects_of_one_policy_agree(contract: PolicyContract) -> None:
+def test_several_dialects_of_one_policy_agree(contract):
     """Their names for the same terms differ, and the thirteen keys cannot say all that the others do."""
     names = {"joint_pos_rel": "joint_pos", "joint_vel_rel": "joint_vel", "last_action": "actions"}
     mjlab = replace(contract, observation=[replace(t, name=names.get(t.name, t.name), kind="") for t in contract.terms])
@@ -95,10 +93,10 @@ def test_several_dialects_of_one_policy_agree(contract: PolicyContract) -> None:
 
 
 @given(dialects.walkers(), st.randoms(use_true_random=False))
-def test_permuted_joints_are_the_same_robot(contract: PolicyContract, random: object) -> None:
+def test_permuted_joints_are_the_same_robot(contract, random):
     """The policy sees its joints in its own order and drives the same motors, in whichever order it names them."""
     order = list(range(len(contract.joint_names)))
-    random.shuffle(order)  # type: ignore[attr-defined]
+    random.shuffle(order)
     permuted = permute(contract, order)
     rng = np.random.default_rng(0)
     n = len(dialects.ROBOT)
@@ -120,9 +118,8 @@ def test_permuted_joints_are_the_same_robot(contract: PolicyContract, random: ob
         assert seen[1][name].tobytes() == expected.tobytes(), name
 
 
-def permute(contract: PolicyContract, order: list[int]) -> PolicyContract:
+def permute(contract, order):
     joints = tuple(contract.joint_names[i] for i in order)
-    assert contract.action_offset is not None
     terms = [
         replace(term, scale=np.asarray(term.scale)[order]) if np.size(term.scale) == len(order) else term
         for term in contract.terms
@@ -141,7 +138,7 @@ def permute(contract: PolicyContract, order: list[int]) -> PolicyContract:
     )
 
 
-def test_a_whole_checkpoint_folder(tmp_path: Path) -> None:
+def test_a_whole_checkpoint_folder(tmp_path):
     """Unitree's folders: exported/policy.onnx, params/deploy.yaml; a contract.yaml overrides one field."""
     contract = dialects.a_walker()
     (tmp_path / "exported").mkdir()

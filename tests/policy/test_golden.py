@@ -3,8 +3,6 @@
 import json
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnx
@@ -13,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from trainer import JOINTS, Run, contract, save_checkpoint, save_trace, terms
 
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
+from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
@@ -26,14 +24,14 @@ from humanoid_sim.policy.onnx_policy import read_header
 from humanoid_sim.policy_tools.stamp import add_metadata
 
 
-def rewired(stamped: Path, wiring: PolicyContract) -> Path:
+def rewired(stamped, wiring):
     """The same file with another contract stamped into it."""
     path = stamped.with_name("rewired.onnx")
     path.write_bytes(add_metadata(stamped, {**write_metadata(wiring), STAMP_KEY: encode(wiring)}))
     return path
 
 
-MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
+MISTAKES = {
     "permuted joints": (
         {"joint_names": (JOINTS[1], JOINTS[0], *JOINTS[2:])},
         "joint_pos_rel[0] of history step 0 (right_hip)",
@@ -66,7 +64,7 @@ MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_wrong_wiring_is_refused_at_load(stamped: Path, mistake: str) -> None:
+def test_wrong_wiring_is_refused_at_load(stamped, mistake):
     changes, named = MISTAKES[mistake]
     wrong = rewired(stamped, contract(**changes))
     with pytest.raises(InputError) as refusal:
@@ -79,25 +77,25 @@ def test_wrong_wiring_is_refused_at_load(stamped: Path, mistake: str) -> None:
     assert load_checkpoint(wrong, verify=False).golden == ""
 
 
-def test_what_an_exporters_rounding_explains_says_so(stamped: Path) -> None:
+def test_what_an_exporters_rounding_explains_says_so(stamped):
     for scale, is_explained in (([0.2504, 0.4996, 0.3503], True), ([0.2504, 0.4996, 0.36], False)):
         with pytest.raises(InputError, match="target of") as refusal:
             load_checkpoint(rewired(stamped, contract(action_scale=scale)))
         assert ("rounded by its exporter" in str(refusal.value)) == is_explained
 
 
-def test_right_wiring_loads(stamped: Path) -> None:
+def test_right_wiring_loads(stamped):
     assert load_checkpoint(stamped).golden == "8 samples of the trainer's run (trace.npz)"
     assert load_checkpoint(rewired(stamped, contract())).golden
 
 
-def test_an_override_beside_the_checkpoint_is_refused_too(stamped: Path) -> None:
+def test_an_override_beside_the_checkpoint_is_refused_too(stamped):
     stamped.with_name("contract.yaml").write_text("override: {action_scale: 1.0}\n", encoding="utf-8")
     with pytest.raises(InputError, match="target of"):
         load_checkpoint(stamped)
 
 
-def test_another_model_is_refused_by_its_action(stamped: Path) -> None:
+def test_another_model_is_refused_by_its_action(stamped):
     model = onnx.load(str(stamped))
     weights = np.frombuffer(model.graph.initializer[0].raw_data, dtype=np.float32).copy()
     weights[::3] *= 1.01  # the weights towards the first action
@@ -107,7 +105,7 @@ def test_another_model_is_refused_by_its_action(stamped: Path) -> None:
         load_checkpoint(stamped)
 
 
-def test_own_samples_catch_change(walker: Path) -> None:
+def test_own_samples_catch_change(walker):
     checkpoint = load_checkpoint(walker)
     samples = own_samples(checkpoint)
     assert golden_problem(checkpoint, samples) == ""
@@ -119,7 +117,7 @@ def test_own_samples_catch_change(walker: Path) -> None:
     assert "trainer" not in problem
 
 
-def test_every_convention_is_seen_by_a_good_trace(walker: Path, trace: Path) -> None:
+def test_every_convention_is_seen_by_a_good_trace(walker, trace):
     checkpoint = load_checkpoint(walker)
     samples = trainer_samples(checkpoint, read_trace(trace, checkpoint.contract))
     assert blind_spots(checkpoint, samples) == (
@@ -127,7 +125,7 @@ def test_every_convention_is_seen_by_a_good_trace(walker: Path, trace: Path) -> 
     )
 
 
-def test_a_run_at_heading_zero_cannot_tell_frames_apart(tmp_path: Path) -> None:
+def test_a_run_at_heading_zero_cannot_tell_frames_apart(tmp_path):
     """The classic: upright, heading 0, no roll or pitch: body and world frame are the same."""
     run = Run(5)
     run.qpos[:, 3:7] = [1.0, 0.0, 0.0, 0.0]
@@ -137,7 +135,7 @@ def test_a_run_at_heading_zero_cannot_tell_frames_apart(tmp_path: Path) -> None:
     assert "base_ang_vel: frame (body)" in blind_spots(checkpoint, trainer_samples(checkpoint, trace))
 
 
-def test_samples_survive_their_encoding(walker: Path, trace: Path) -> None:
+def test_samples_survive_their_encoding(walker, trace):
     checkpoint = load_checkpoint(walker)
     samples = trainer_samples(checkpoint, read_trace(trace, checkpoint.contract))
     text = encode_samples(samples)
@@ -146,14 +144,13 @@ def test_samples_survive_their_encoding(walker: Path, trace: Path) -> None:
     assert again.joint_position.dtype == np.float64
     assert not again.observation.flags.writeable
     np.testing.assert_array_equal(again.extern["velocity_command"], samples.extern["velocity_command"])
-    assert again.history is not None
     assert np.isnan(again.history[0]).all()  # at activation there is none
     assert len(text) < 30_000
 
 
-def test_broken_stamps_are_one_line(stamped: Path) -> None:
+def test_broken_stamps_are_one_line(stamped):
     document = json.loads(read_header(stamped)[0][GOLDEN_KEY])
-    broken: dict[str, Any] = {
+    broken = {
         "no JSON": "{",
         "a list": "[]",
         "nothing": "",
@@ -181,14 +178,14 @@ def test_broken_stamps_are_one_line(stamped: Path) -> None:
         assert "\n" not in str(refusal.value), name
 
 
-def _with(document: dict[str, Any], array: str, **changes: Any) -> dict[str, Any]:
+def _with(document, array, **changes):
     arrays = document["arrays"]
     return {**document, "arrays": {**arrays, array: {**arrays[array], **changes}}}
 
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_fuzzed_samples_never_raise_anything_else(walker: Path, data: st.DataObject) -> None:
+def test_fuzzed_samples_never_raise_anything_else(walker, data):
     checkpoint = load_checkpoint(walker)
     document = json.loads(encode_samples(own_samples(checkpoint, count=2)))
     places = [*document, *(f"arrays/{name}" for name in document["arrays"])]

@@ -1,8 +1,5 @@
 """Motions inside a model's graph: read to their end, pauses included, and laid out for the policy."""
 
-from pathlib import Path
-from typing import Any
-
 import dialects
 import models
 import numpy as np
@@ -10,7 +7,6 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import VELOCITY_COMMAND
@@ -24,7 +20,7 @@ JOINTS = models.JOINTS
 BODIES = ("pelvis", "torso")
 
 
-def tables(frames: int = 7, seed: int = 0) -> dict[str, np.ndarray]:
+def tables(frames=7, seed=0):
     """A motion of three joints and two bodies, quaternions w x y z."""
     rng = np.random.default_rng(seed)
     quaternions = rng.normal(size=(frames, 2, 4))
@@ -37,7 +33,7 @@ def tables(frames: int = 7, seed: int = 0) -> dict[str, np.ndarray]:
     }
 
 
-def contract(**changes: Any) -> PolicyContract:
+def contract(**changes):
     values = {
         "task_type": "tracking",
         "observation": ("motion_command", "motion_anchor_ori_b", "joint_pos"),
@@ -47,9 +43,7 @@ def contract(**changes: Any) -> PolicyContract:
     return models.contract(**{**values, **changes})
 
 
-def saved(
-    path: Path, motion: dict[str, np.ndarray], made: PolicyContract | None = None, *, clamps: bool = True
-) -> Path:
+def saved(path, motion, made=None, *, clamps=True):
     """A model that answers row `time_step` of each table, like those of whole_body_tracking."""
     frames = len(next(iter(motion.values())))
     nodes = [
@@ -74,17 +68,16 @@ def saved(
     return path
 
 
-def test_a_motion_is_read_as_the_graph_has_it(tmp_path: Path) -> None:
+def test_a_motion_is_read_as_the_graph_has_it(tmp_path):
     motion = tables()
     checkpoint = load_checkpoint(saved(tmp_path / "t.onnx", motion))
     read = checkpoint.motion
-    assert read is not None
     rows = [motion[name].reshape(7, -1) for name in motion]
     assert read.frames.tobytes() == np.concatenate(rows, axis=1).tobytes()
     assert (read.joint_names, read.body_names, read.policy_dt) == (JOINTS, BODIES, 0.02)
 
 
-def test_the_reference_shows_the_anchor_body(tmp_path: Path) -> None:
+def test_the_reference_shows_the_anchor_body(tmp_path):
     motion = tables()
     checkpoint = load_checkpoint(saved(tmp_path / "t.onnx", motion))
     reference = load_policy(checkpoint.contract, checkpoint.policy, checkpoint.motion).reference
@@ -95,29 +88,26 @@ def test_the_reference_shows_the_anchor_body(tmp_path: Path) -> None:
     assert np.array_equal(reference.term("reference_joint_vel", 2), motion["joint_vel"][2])
 
 
-def test_a_pause_is_not_the_end(tmp_path: Path) -> None:
+def test_a_pause_is_not_the_end(tmp_path):
     motion = {name: np.repeat(table, [1, 130, 1, 1, 60, 1, 5], axis=0) for name, table in tables().items()}
     read = load_checkpoint(saved(tmp_path / "t.onnx", motion)).motion
-    assert read is not None
     assert len(read.frames) == 195  # the last pose is shown five times, and held anyway
 
 
-def test_one_frame_is_a_motion(tmp_path: Path) -> None:
+def test_one_frame_is_a_motion(tmp_path):
     read = load_checkpoint(saved(tmp_path / "t.onnx", tables(frames=1))).motion
-    assert read is not None
     assert len(read.frames) == 1
 
 
-def test_quaternions_the_other_way_round(tmp_path: Path) -> None:
+def test_quaternions_the_other_way_round(tmp_path):
     motion = tables()
     turned = {**motion, "body_quat_w": motion["body_quat_w"][..., [1, 2, 3, 0]]}
     path = saved(tmp_path / "t.onnx", turned, contract(reference_quaternion="xyzw"))
     read = load_checkpoint(path).motion
-    assert read is not None
     assert np.array_equal(read.frames[:, 12:].reshape(7, 2, 4), motion["body_quat_w"])
 
 
-def test_a_model_that_gives_the_anchor_alone(tmp_path: Path) -> None:
+def test_a_model_that_gives_the_anchor_alone(tmp_path):
     """holosoma's trackers: the orientation of one body, x y z w as the output's name says."""
     motion = tables()
     alone = {name: motion[name] for name in ("joint_pos", "joint_vel")}
@@ -146,33 +136,32 @@ def test_a_model_that_gives_the_anchor_alone(tmp_path: Path) -> None:
         ({"anchor_body": "head"}, "anchor_body is 'head', expected one of body_names: pelvis, torso"),
     ],
 )
-def test_outputs_that_do_not_fit_are_named(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+def test_outputs_that_do_not_fit_are_named(tmp_path, changes, message):
     path = saved(tmp_path / "t.onnx", tables(), contract(**changes))
     with pytest.raises(InputError, match=message):
         load_checkpoint(path)
 
 
-def test_a_motion_that_is_not_finite_is_refused(tmp_path: Path) -> None:
+def test_a_motion_that_is_not_finite_is_refused(tmp_path):
     motion = tables()
     motion["joint_pos"][2, 1] = np.nan
     with pytest.raises(InputError, match=r"motion in its graph: Motion\.frames: value 1 of frame 2 is nan"):
         load_checkpoint(saved(tmp_path / "t.onnx", motion))
 
 
-def test_a_graph_that_fails_beyond_its_end_ends_there(tmp_path: Path) -> None:
+def test_a_graph_that_fails_beyond_its_end_ends_there(tmp_path):
     read = load_checkpoint(saved(tmp_path / "t.onnx", tables(), clamps=False)).motion
-    assert read is not None
     assert len(read.frames) == 7
 
 
-def test_time_step_selects_the_frame(tmp_path: Path) -> None:
+def test_time_step_selects_the_frame(tmp_path):
     motion = tables()
     policy = OnnxPolicy(saved(tmp_path / "t.onnx", motion))
     (row,) = policy.run(["joint_pos"], np.zeros(15, dtype=np.float32), 4)
     assert np.array_equal(row[0], motion["joint_pos"][4])
 
 
-FILE: dict[str, Any] = {
+FILE = {
     "frames": np.arange(2.0 * 20).reshape(2, 20),
     "body_names": BODIES,
     "joint_names": JOINTS,
@@ -181,7 +170,7 @@ FILE: dict[str, Any] = {
 }
 
 
-def test_a_motion_file_with_joints_and_world_poses(tmp_path: Path) -> None:
+def test_a_motion_file_with_joints_and_world_poses(tmp_path):
     motion = Motion(**FILE, robot="g1")
     write_motion(tmp_path / "m.mcap", motion)
     read = read_motion(tmp_path / "m.mcap")
@@ -197,19 +186,16 @@ def test_a_motion_file_with_joints_and_world_poses(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (
-            {"joint_names": ("a", "b")},
-            "20 values per frame, expected 18, that is 2 for each of 2 joints and 7",
-        ),
+        ({"joint_names": ("a", "b")}, "20 values per frame, expected 18, that is 2 for each of 2 joints and 7"),
         ({"layout": "joints"}, "layout: is 'joints', expected one of bodies_b, joints_bodies_w"),
     ],
 )
-def test_a_motion_of_another_form_is_refused(changes: dict[str, Any], message: str) -> None:
+def test_a_motion_of_another_form_is_refused(changes, message):
     with pytest.raises(FieldError, match=message):
         Motion(**{**FILE, **changes})
 
 
-def test_a_motion_without_what_the_policy_needs_is_refused() -> None:
+def test_a_motion_without_what_the_policy_needs_is_refused():
     policy = contract(joint_names=("a", "b", "d"), action_joint_names=("a", "b"))
     with pytest.raises(InputError, match=r"unknown joint 'd'; known: a, b, c \(joints of the motion\)"):
         load_policy(policy, zero_policy(2), Motion(**FILE))
@@ -217,13 +203,13 @@ def test_a_motion_without_what_the_policy_needs_is_refused() -> None:
         load_policy(contract(anchor_body="head"), zero_policy(2), Motion(**FILE))
 
 
-def test_a_robot_without_an_estimator_is_told_so() -> None:
+def test_a_robot_without_an_estimator_is_told_so():
     loaded = load_policy(contract(), zero_policy(2), Motion(**FILE))
     with pytest.raises(FieldError, match="'motion_anchor_ori_b' needs the robot's anchor pose"):
         PolicyWiring(loaded.contract.joint_names, loaded.contract, loaded.reference, {VELOCITY_COMMAND: 3})
 
 
-def test_named_tensors_are_used(tmp_path: Path) -> None:
+def test_named_tensors_are_used(tmp_path):
     path = saved(tmp_path / "t.onnx", tables())
     (tmp_path / "contract.yaml").write_text("tensors: {action: torque, observation: obs}\n")
     with pytest.raises(InputError, match="has no output 'torque'; its outputs are actions, joint_pos, joint_vel"):

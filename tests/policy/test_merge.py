@@ -1,8 +1,5 @@
 """Sources that agree, round, contradict each other or leave something out; and overrides."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -13,7 +10,7 @@ from humanoid_sim.policy.readers.partial import PartialContract
 from humanoid_sim.policy.readers.partial import given as from_source
 
 MODEL = "policy.onnx"
-WHOLE: dict[str, Any] = {
+WHOLE = {
     "joint_names": ("hip", "knee"),
     "joint_stiffness": np.array([40.179, 99.098]),
     "joint_damping": np.array([2.558, 6.309]),
@@ -24,17 +21,17 @@ WHOLE: dict[str, Any] = {
 }
 
 
-def source(values: Mapping[str, Any] = WHOLE, name: str = "metadata", *left_out: str, **terms: Any) -> PartialContract:
+def source(values=WHOLE, name="metadata", *left_out, **terms):
     fields = {key: value for key, value in values.items() if key not in left_out}
     options = {term: from_source(name, each) for term, each in terms.items()}
     return PartialContract(name, from_source(name, fields), options)
 
 
-def yaml(**document: Any) -> list[PartialContract]:
+def yaml(**document):
     return parse_contract(document, "contract.yaml", "contract.yaml")
 
 
-def refusal(*partials: PartialContract, robot: tuple[str, ...] | None = None) -> str:
+def refusal(*partials, robot=None):
     with pytest.raises(InputError) as caught:
         merge(partials, MODEL, robot)
     text = str(caught.value)
@@ -43,7 +40,7 @@ def refusal(*partials: PartialContract, robot: tuple[str, ...] | None = None) ->
     return text.removeprefix(f"{MODEL}: ")
 
 
-def test_every_field_says_where_it_comes_from() -> None:
+def test_every_field_says_where_it_comes_from():
     contract = merge([source(WHOLE, "metadata", "policy_dt"), *yaml(policy_dt=0.04)], MODEL)
     assert contract.policy_dt == 0.04
     assert contract.provenance["policy_dt"] == "contract.yaml"
@@ -54,7 +51,7 @@ def test_every_field_says_where_it_comes_from() -> None:
     assert contract.provenance["action_clip"] == "default"
 
 
-def test_two_sources_that_contradict_each_other_are_both_shown() -> None:
+def test_two_sources_that_contradict_each_other_are_both_shown():
     assert refusal(source(), *yaml(policy_dt=0.04)) == (
         "policy_dt: 0.02 in metadata contradicts 0.04 in contract.yaml; "
         "if one of them is wrong, write the right one under override: in x.contract.yaml, "
@@ -62,19 +59,19 @@ def test_two_sources_that_contradict_each_other_are_both_shown() -> None:
     )
 
 
-def test_of_two_lists_the_first_place_that_differs_is_shown() -> None:
+def test_of_two_lists_the_first_place_that_differs_is_shown():
     assert refusal(source(), *yaml(joint_stiffness=[40.179, 100.0])).startswith(
         "joint_stiffness[1]: 99.098 in metadata contradicts 100 in contract.yaml; "
     )
 
 
-def test_the_order_of_terms_decides() -> None:
+def test_the_order_of_terms_decides():
     assert refusal(source(), *yaml(observation=["joint_pos", "base_ang_vel", "actions"])).startswith(
         "observation: the order differs: at place 0 base_ang_vel in metadata contradicts joint_pos in contract.yaml; if"
     )
 
 
-def test_of_two_observations_the_terms_that_differ_are_shown() -> None:
+def test_of_two_observations_the_terms_that_differ_are_shown():
     other = source({"observation": ("base_ang_vel", "twist", "joint_pos_rel", "last_action", "phase")}, "deploy.yaml")
     lacking = source({**WHOLE, "observation": ("base_ang_vel", "base_lin_vel", "joint_pos", "actions", "phase")})
     assert refusal(lacking, other).startswith(
@@ -82,7 +79,7 @@ def test_of_two_observations_the_terms_that_differ_are_shown() -> None:
     )
 
 
-def test_the_kind_of_a_term_counts_in_the_comparison() -> None:
+def test_the_kind_of_a_term_counts_in_the_comparison():
     metadata = source({**WHOLE, "observation": ("joint_pos", "clock")})
     deploy = source({"observation": ("joint_pos_rel", "gait_phase")}, "deploy.yaml")
     assert refusal(metadata, deploy).startswith("observation: clock only in metadata; gait_phase only in deploy.yaml;")
@@ -90,19 +87,19 @@ def test_the_kind_of_a_term_counts_in_the_comparison() -> None:
     assert merge([metadata, deploy, *named], MODEL).observation_names == ("joint_pos", "clock")
 
 
-def test_a_command_means_in_both_sources_what_the_command_names_say() -> None:
+def test_a_command_means_in_both_sources_what_the_command_names_say():
     metadata = source({**WHOLE, "observation": ("command",), "command_names": ("motion",)})
     assert merge([metadata, *yaml(observation=["motion_command"])], MODEL).observation_names == ("command",)
 
 
-def test_options_of_a_term_contradict_each_other() -> None:
+def test_options_of_a_term_contradict_each_other():
     other = source({}, "deploy.yaml", base_ang_vel={"scale": np.array([0.2, 0.2, 0.2])})
     assert refusal(source(), other, *yaml(terms={"base_ang_vel": {"scale": 0.25}})).startswith(
         "observation.base_ang_vel.scale: [0.2, 0.2, 0.2] in deploy.yaml contradicts 0.25 in contract.yaml; "
     )
 
 
-def test_an_override_wins_and_says_so() -> None:
+def test_an_override_wins_and_says_so():
     overrides = {"policy_dt": 0.04, "terms": {"joint_pos": {"relative": False, "scale": 2.0}}}
     contract = merge([source(joint_pos={"scale": 1.0}), *yaml(override=overrides)], MODEL)
     assert contract.policy_dt == 0.04
@@ -112,7 +109,7 @@ def test_an_override_wins_and_says_so() -> None:
     assert contract.provenance["observation.joint_pos.scale"] == "contract.yaml override"
 
 
-def test_an_override_decides_between_two_other_sources() -> None:
+def test_an_override_decides_between_two_other_sources():
     deploy = source({"policy_dt": 0.04, "observation": ("joint_pos",)}, "deploy.yaml", joint_pos={"scale": 3.0})
     metadata = source(joint_pos={"scale": 1.0})
     assert refusal(metadata, deploy).startswith("policy_dt: 0.02 in metadata contradicts 0.04 in deploy.yaml; ")
@@ -123,18 +120,18 @@ def test_an_override_decides_between_two_other_sources() -> None:
     assert contract.provenance["observation"] == "contract.yaml override"
 
 
-def test_an_override_does_not_hide_that_others_contradict_each_other_elsewhere() -> None:
+def test_an_override_does_not_hide_that_others_contradict_each_other_elsewhere():
     assert refusal(source(), *yaml(policy_dt=0.04, override={"action_scale": 1.0})).startswith("policy_dt: ")
 
 
-def test_an_overridden_observation_keeps_the_options_of_its_terms() -> None:
+def test_an_overridden_observation_keeps_the_options_of_its_terms():
     partials = [source(base_ang_vel={"scale": 0.25}, actions={"history": 3})]
     contract = merge([*partials, *yaml(override={"observation": ["joint_pos", "base_ang_vel"]})], MODEL)
     assert contract.observation_names == ("joint_pos", "base_ang_vel")
     assert float(contract.terms[1].scale) == 0.25
 
 
-def test_what_is_stated_comes_before_what_is_assumed() -> None:
+def test_what_is_stated_comes_before_what_is_assumed():
     assuming = PartialContract("mjlab metadata", assumed=from_source("assumed (mjlab)", {"policy_dt": 0.02}))
     without = source(WHOLE, "metadata", "policy_dt")
     assert merge([assuming, without], MODEL).provenance["policy_dt"] == "assumed (mjlab)"
@@ -142,7 +139,7 @@ def test_what_is_stated_comes_before_what_is_assumed() -> None:
     assert (contract.policy_dt, contract.provenance["policy_dt"]) == (0.04, "contract.yaml")
 
 
-def test_everything_that_is_missing_is_named_with_what_was_read() -> None:
+def test_everything_that_is_missing_is_named_with_what_was_read():
     lacking = source(WHOLE, "metadata", "policy_dt", "action_scale")
     assert refusal(lacking, *yaml(action_clip=10)) == (
         "the contract lacks action_scale, policy_dt; read: metadata (joint_names, joint_stiffness, joint_damping, "
@@ -161,7 +158,7 @@ def test_everything_that_is_missing_is_named_with_what_was_read() -> None:
         (("command",), "command_names"),
     ],
 )
-def test_terms_need_their_fields(terms: tuple[str, ...], missing: str) -> None:
+def test_terms_need_their_fields(terms, missing):
     assert refusal(source({**WHOLE, "observation": terms})).startswith(f"the contract lacks {missing}; ")
 
 
@@ -175,12 +172,12 @@ def test_terms_need_their_fields(terms: tuple[str, ...], missing: str) -> None:
         (("target_keys",), (), "piano"),
     ],
 )
-def test_the_task_follows_from_the_terms(terms: tuple[str, ...], commands: tuple[str, ...], task: str) -> None:
+def test_the_task_follows_from_the_terms(terms, commands, task):
     values = {**WHOLE, "observation": terms, "command_names": commands}
     assert merge([source(values)], MODEL).task_type == task
 
 
-def test_the_meaning_of_a_term_can_be_given() -> None:
+def test_the_meaning_of_a_term_can_be_given():
     contract = merge([source({**WHOLE, "observation": ("clock",)}), *yaml(
         terms={"clock": {"kind": "gait_phase"}}, phase={"period": 0.8}
     )], MODEL)  # fmt: skip
@@ -189,19 +186,19 @@ def test_the_meaning_of_a_term_can_be_given() -> None:
     assert refusal(without, *yaml(terms={"clock": {"kind": "gait_phase"}})).startswith("the contract lacks phase; ")
 
 
-def test_options_of_a_term_that_is_not_there_are_refused() -> None:
+def test_options_of_a_term_that_is_not_there_are_refused():
     assert refusal(source(), *yaml(terms={"joint_vel": {"scale": 0.05}})) == (
         "unknown observation term 'joint_vel'; known: base_ang_vel, joint_pos, actions (contract.yaml)"
     )
 
 
-def test_a_value_that_does_not_fit_names_its_source() -> None:
+def test_a_value_that_does_not_fit_names_its_source():
     assert refusal(source(), *yaml(override={"joint_damping": [1.0, 2.0, 3.0]})) == (
         "joint_damping: has shape (3,), expected (2,), one value per joint (contract.yaml override)"
     )
 
 
-def test_places_need_a_robot() -> None:
+def test_places_need_a_robot():
     placed = source({**WHOLE, "joint_places": (1, 0)}, "deploy.yaml", "joint_names")
     assert refusal(placed) == (
         "joint_names: deploy.yaml gives the joints by their places on the robot, and no robot is known; "
@@ -217,6 +214,6 @@ def test_places_need_a_robot() -> None:
     assert merge([gaps], MODEL, ("knee", "hip")).joint_names == ("hip", "knee")
 
 
-def test_one_number_for_all_agrees_with_a_list_of_it() -> None:
+def test_one_number_for_all_agrees_with_a_list_of_it():
     contract = merge([source({**WHOLE, "action_scale": np.array([0.25, 0.25])}), *yaml(action_scale=0.25)], MODEL)
     assert contract.action_scale.tolist() == [0.25, 0.25]

@@ -1,5 +1,3 @@
-from typing import Any
-
 import models
 import numpy as np
 import pytest
@@ -16,7 +14,7 @@ GOOD = write_metadata(models.contract())
 KEPT = (*METADATA_KEYS, "action_offset")
 
 
-def parsed(metadata: dict[str, str]) -> PolicyContract:
+def parsed(metadata):
     return merge(metadata_contract(metadata, "model.onnx"), "model.onnx")
 
 
@@ -26,7 +24,7 @@ gains = st.floats(0.0, allow_infinity=False)
 
 
 @st.composite
-def contracts(draw: st.DrawFn) -> PolicyContract:
+def contracts(draw):
     joints = draw(st.lists(names, min_size=1, max_size=6, unique=True))
     actions = draw(st.lists(st.sampled_from(joints), min_size=1, unique=True))
     n, m = len(joints), len(actions)
@@ -48,7 +46,7 @@ def contracts(draw: st.DrawFn) -> PolicyContract:
 
 
 @given(contracts())
-def test_a_contract_survives_its_metadata_bit_for_bit(contract: PolicyContract) -> None:
+def test_a_contract_survives_its_metadata_bit_for_bit(contract):
     metadata = write_metadata(contract)
     assert tuple(metadata) == METADATA_KEYS
     again = parsed(metadata)
@@ -60,7 +58,7 @@ def test_a_contract_survives_its_metadata_bit_for_bit(contract: PolicyContract) 
             assert before == after, field
 
 
-def test_the_keys_are_the_thirteen_of_the_format() -> None:
+def test_the_keys_are_the_thirteen_of_the_format():
     assert len(METADATA_KEYS) == 13
     assert GOOD == {
         "task_type": "locomotion",
@@ -79,7 +77,7 @@ def test_the_keys_are_the_thirteen_of_the_format() -> None:
     }
 
 
-def test_one_number_stands_for_all_and_spaces_do_not_matter() -> None:
+def test_one_number_stands_for_all_and_spaces_do_not_matter():
     contract = parsed(
         {**GOOD, "joint_stiffness": " 5 ", "action_scale": "0.5", "joint_names": " a, b ,c ", "task_type": " piano\n"}
     )
@@ -89,11 +87,11 @@ def test_one_number_stands_for_all_and_spaces_do_not_matter() -> None:
     assert contract.task_type == "piano"
 
 
-def test_other_keys_are_ignored() -> None:
+def test_other_keys_are_ignored():
     assert parsed({**GOOD, "run_path": "user/run"}).joint_names == ("a", "b", "c")
 
 
-def message(metadata: dict[str, str]) -> str:
+def message(metadata):
     with pytest.raises(InputError) as caught:
         parsed(metadata)
     text = str(caught.value)
@@ -103,7 +101,7 @@ def message(metadata: dict[str, str]) -> str:
     return text.removeprefix("model.onnx: ").removesuffix(" (metadata)")
 
 
-WRONG: list[tuple[str, str, str]] = [
+WRONG = [
     ("task_type", "dancing", "task_type: is 'dancing', expected one of tracking, piano, locomotion"),
     ("task_type", "", "task_type: is '', expected one of tracking, piano, locomotion"),
     ("joint_names", "", "joint_names: is empty, expected at least one name"),
@@ -142,15 +140,15 @@ WRONG: list[tuple[str, str, str]] = [
 
 
 @pytest.mark.parametrize(("key", "value", "expected"), WRONG)
-def test_a_wrong_value_is_named_with_what_is_accepted(key: str, value: str, expected: str) -> None:
+def test_a_wrong_value_is_named_with_what_is_accepted(key, value, expected):
     assert message({**GOOD, key: value}) == expected
 
 
-def test_every_key_that_can_be_wrong_was_wrong_once() -> None:
+def test_every_key_that_can_be_wrong_was_wrong_once():
     assert {key for key, _, _ in WRONG} == set(METADATA_KEYS) - {"dataset_repo_id"}  # any text will do
 
 
-def test_future_keys_need_their_lookahead() -> None:
+def test_future_keys_need_their_lookahead():
     assert message({**GOOD, "observation_names": "target_keys_future"}) == (
         "lookahead_steps: is empty, but the observation has target_keys_future"
     )
@@ -158,8 +156,8 @@ def test_future_keys_need_their_lookahead() -> None:
 
 @pytest.mark.parametrize("name", ["left,elbow", " left", "left\n"])
 @pytest.mark.parametrize("key", ["joint_names", "observation_names", "command_names", "body_names"])
-def test_names_that_csv_cannot_keep_are_not_written(key: str, name: str) -> None:
-    changes: dict[str, Any] = {"observation" if key == "observation_names" else key: (name,)}
+def test_names_that_csv_cannot_keep_are_not_written(key, name):
+    changes = {"observation" if key == "observation_names" else key: (name,)}
     if key == "joint_names":
         changes |= {
             "action_joint_names": (name,),

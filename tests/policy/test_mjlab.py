@@ -1,9 +1,15 @@
 """What mjlab's metadata says and implies."""
 
+import json
+from pathlib import Path
+
 import numpy as np
+import pytest
+from dialects import as_mjlab
 
 from humanoid_sim.controllers.policy_step import advance_phase
 from humanoid_sim.controllers.terms import HeightScan
+from humanoid_sim.errors import InputError
 from humanoid_sim.policy.contract_json import encode, read_stamp
 from humanoid_sim.policy.readers.contract_yaml import parse_contract
 from humanoid_sim.policy.readers.merge import merge
@@ -21,12 +27,11 @@ WALKER = {
 }
 
 
-def test_the_term_phase_implies_its_clock() -> None:
+def test_the_term_phase_implies_its_clock():
     stated = parse_contract({"phase": {"period": 0.6}}, "contract.yaml", "contract.yaml")
     contract = merge([read_mjlab(WALKER, "policy.onnx"), *stated], "policy.onnx")
     assert contract.terms[2].kind == "gait_phase"
     rule = contract.phase
-    assert rule is not None
     assert (rule.offsets.tolist(), rule.standing_threshold, rule.standing_value) == ([0.0], 0.1, None)
     assert contract.provenance["phase.standing_value"] == "assumed (mjlab)"
     # In training the first observation shows the clock at its start, and the clock runs on while the robot stands.
@@ -37,7 +42,7 @@ def test_the_term_phase_implies_its_clock() -> None:
     np.testing.assert_allclose(shown, [0.0, np.nan, 2 * 2 * np.pi * 0.02 / 0.6])
 
 
-def test_a_height_scan_is_that_of_its_velocity_task() -> None:
+def test_a_height_scan_is_that_of_its_velocity_task():
     seeing = {**WALKER, "observation_names": "base_ang_vel,height_scan", "observation_terms_scale": "1.000,0.200"}
     contract = merge([read_mjlab(seeing, "policy.onnx")], "policy.onnx")
     assert contract.height_scan == HeightScan(
@@ -59,3 +64,76 @@ def test_a_height_scan_is_that_of_its_velocity_task() -> None:
         assert other.provenance["observation.height_scan.grid"] == "contract.yaml"
         assert other.provenance["observation.height_scan.range"] == "assumed (mjlab)"
         assert other.terms[0].at == "base"
+
+
+WRITTEN = json.loads((Path(__file__).parents[1] / "data" / "mjlab_metadata.json").read_text(encoding="utf-8"))
+"""By task, of the Unitree G1."""
+
+WALKER_FILE = {
+    **dict.fromkeys(("joint_stiffness", "joint_damping", "default_joint_pos", "action_scale"), "1.000,2.000"),
+    "joint_names": "hip,knee",
+    "command_names": "twist",
+    "observation_names": "base_ang_vel,command,joint_pos,actions",
+}
+
+
+def contract(metadata):
+    return merge([read_mjlab(metadata, "policy.onnx")], "policy.onnx")
+
+
+@pytest.mark.parametrize("task", WRITTEN)
+def test_what_mjlab_writes_is_all_that_a_contract_needs(task):
+    made = contract(WRITTEN[task])
+    assert made.task_type == ("tracking" if task.startswith("tracking") else "locomotion")
+    assert (len(made.joint_names), made.joint_names[3]) == (29, "left_knee_joint")
+    assert (made.joint_stiffness[3], made.joint_damping[3], made.default_joint_pos[3]) == (99.098, 6.309, 0.669)
+    assert (made.action_scale[3], made.policy_dt) == (0.351, 0.02)
+    assert made.observation_names == tuple(WRITTEN[task]["observation_names"].split(","))
+    assert {(term.history, term.clip) for term in made.terms} == {(1, None)}
+    assert {term.name: term.scale for term in made.terms if term.scale != 1.0} == (
+        {"height_scan": 0.2} if task == "velocity_rough" else {}
+    )
+    assert made.anchor_body == ("torso_link" if made.task_type == "tracking" else "")
+
+
+@pytest.mark.parametrize("task", WRITTEN)
+def test_the_dialect_of_the_tests_is_mjlabs_to_the_letter(task):
+    assert as_mjlab(contract(WRITTEN[task]), ".3f") == WRITTEN[task]
+
+
+def test_the_velocity_of_the_base_is_the_imus_in_files_of_mjlab_1_6():
+    made = contract(WRITTEN["velocity_flat"])
+    assert {term.name: term.at for term in made.terms}["base_lin_vel"] == "imu"
+    assert "observation term base_lin_vel: at imu: assumed (mjlab)" in assumptions(made)
+    older = {key: text for key, text in WRITTEN["velocity_flat"].items() if not key.startswith("observation_terms")}
+    assert {term.name: term.at for term in contract(older).terms}["base_lin_vel"] == "base"
+    stated = parse_contract({"terms": {"base_lin_vel": {"at": "base"}}}, "contract.yaml", "contract.yaml")
+    both = merge([read_mjlab(WRITTEN["velocity_flat"], "policy.onnx"), *stated], "policy.onnx")
+    assert {term.name: term.at for term in both.terms}["base_lin_vel"] == "base"
+
+
+HISTORY, FLAT = "observation_terms_history_length", "observation_terms_flatten_history_dim"
+
+
+@pytest.mark.parametrize(("counts", "flags"), [("3.000", "1.000"), ("3", "True")])
+def test_counts_and_flags_are_written_as_numbers_or_as_words(counts, flags):
+    written = {HISTORY: f"{counts},0,0,1.000", FLAT: ",".join([flags] * 4)}
+    assert [term.history for term in contract(WALKER_FILE | written).terms] == [3, 1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("written", "problem"),
+    [
+        ({HISTORY: "0.500,0,0,0"}, f"{HISTORY} is '0.500,0,0,0', expected integers"),
+        ({HISTORY: "nan,0,0,0"}, f"{HISTORY} is 'nan,0,0,0', expected integers"),
+        ({HISTORY: "inf,0,0,0"}, f"{HISTORY} is 'inf,0,0,0', expected integers"),
+        ({HISTORY: "3,0,0,0", FLAT: "0.000,1,1,1"}, f"{FLAT} is False for base_ang_vel"),
+        ({HISTORY: "3,0,0,0", FLAT: "False,True,True,True"}, f"{FLAT} is False for base_ang_vel"),
+        ({FLAT: "2.000,1,1,1"}, f"{FLAT} is '2.000,1,1,1', expected True or False"),
+        ({FLAT: "yes,1,1,1"}, f"{FLAT} is 'yes,1,1,1', expected True or False"),
+    ],
+)
+def test_other_counts_and_flags_are_refused(written, problem):
+    with pytest.raises(InputError) as refused:
+        contract(WALKER_FILE | written)
+    assert str(refused.value).startswith(f"policy.onnx: {problem}")

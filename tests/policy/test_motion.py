@@ -9,21 +9,14 @@ from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.policy.motion import (
-    MOTION_ATTACHMENT,
-    Motion,
-    motion_bytes,
-    parse_motion,
-    read_motion,
-    write_motion,
-)
+from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion, read_motion, write_motion
 from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, schema_text
 from humanoid_sim.ros2.messages import encode_float32_array
 
 BODIES = ("left_hand", "right_hand")
 
 
-def make_motion(frames: int = 7, policy_dt: float = 0.02) -> Motion:
+def make_motion(frames=7, policy_dt=0.02):
     values = np.random.default_rng(0).normal(size=(frames, 18)).astype(np.float32)
     return Motion(frames=values, body_names=BODIES, policy_dt=policy_dt, task_type="tracking", robot="lite")
 
@@ -172,7 +165,7 @@ def test_a_wrong_motion_cannot_be_made(change, reason):
     assert reason in str(caught.value)
 
 
-def attached(data: bytes) -> bytes:
+def attached(data):
     """A recording's way of carrying a motion, and nothing else."""
     stream = BytesIO()
     writer = Writer(stream)

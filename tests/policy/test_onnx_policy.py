@@ -2,7 +2,6 @@ import hashlib
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import models
@@ -24,7 +23,7 @@ from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.onnx_policy import OnnxPolicy, has_onnxruntime, read_header
 
 
-def test_a_checkpoint_is_loaded_with_all_that_it_says(tmp_path: Path) -> None:
+def test_a_checkpoint_is_loaded_with_all_that_it_says(tmp_path):
     path = models.saved(tmp_path / "policy.onnx")
     checkpoint = load_checkpoint(path)
     assert checkpoint.source == str(path)
@@ -38,17 +37,17 @@ def test_a_checkpoint_is_loaded_with_all_that_it_says(tmp_path: Path) -> None:
     assert np.asarray(checkpoint.policy(observation, 7)).tobytes() == action.tobytes()
 
 
-def test_metadata_can_be_read_without_running_the_model(tmp_path: Path) -> None:
+def test_metadata_can_be_read_without_running_the_model(tmp_path):
     assert read_header(models.saved(tmp_path / "policy.onnx"))[0] == write_metadata(models.contract())
 
 
-def test_a_dynamic_batch_is_a_batch_of_one(tmp_path: Path) -> None:
+def test_a_dynamic_batch_is_a_batch_of_one(tmp_path):
     model = models.linear_model(input_shape=["batch", 8], output_shape=["batch", 2])
     checkpoint = load_checkpoint(models.saved(tmp_path / "policy.onnx", model))
     assert np.asarray(checkpoint.policy(np.ones(8, dtype=np.float32), 0)).shape == (2,)
 
 
-def test_further_outputs_are_not_asked_for(tmp_path: Path) -> None:
+def test_further_outputs_are_not_asked_for(tmp_path):
     model = models.linear_model()
     model.graph.node.append(helper.make_node("Identity", ["observation"], ["copy"]))
     model.graph.output.append(helper.make_tensor_value_info("copy", TensorProto.FLOAT, [1, 8]))
@@ -56,7 +55,7 @@ def test_further_outputs_are_not_asked_for(tmp_path: Path) -> None:
     assert policy.action_width == 2
 
 
-def test_a_graph_that_loops_is_run_as_any_other(tmp_path: Path) -> None:
+def test_a_graph_that_loops_is_run_as_any_other(tmp_path):
     checkpoint = load_checkpoint(models.saved(tmp_path / "policy.onnx", models.looping_model(1000.0)))
     observation = np.linspace(-1.0, 1.0, 8, dtype=np.float32)
     assert isinstance(checkpoint.policy, OnnxPolicy)
@@ -68,7 +67,7 @@ def test_a_graph_that_loops_is_run_as_any_other(tmp_path: Path) -> None:
     np.testing.assert_array_equal(checkpoint.policy(observation, 0), straight(observation, 0))
 
 
-def test_a_graph_that_loops_for_ever_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_graph_that_loops_for_ever_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(onnx_policy, "ONNX_SECONDS", 0.2)
     path = models.saved(tmp_path / "policy.onnx", models.looping_model(9e18))
     with pytest.raises(InputError) as caught:
@@ -78,7 +77,7 @@ def test_a_graph_that_loops_for_ever_is_refused(tmp_path: Path, monkeypatch: pyt
     )
 
 
-def test_one_that_loops_for_some_observation_is_a_fault_in_that_tick(tmp_path: Path) -> None:
+def test_one_that_loops_for_some_observation_is_a_fault_in_that_tick(tmp_path):
     checkpoint = load_checkpoint(models.saved(tmp_path / "policy.onnx", models.looping_model(1.0, 9e18)))
     checkpoint.limit_inference(0.1)
     wiring = PolicyWiring(models.JOINTS, checkpoint.contract, no_reference(), {}, 100.0)
@@ -88,11 +87,11 @@ def test_one_that_loops_for_some_observation_is_a_fault_in_that_tick(tmp_path: P
     assert isinstance(infer(wiring, checkpoint.policy, np.zeros(8, dtype=np.float32), 0), PolicyStep)
 
 
-def test_one_thread_runs_a_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_thread_runs_a_model(tmp_path, monkeypatch):
     seen = []
     real = onnxruntime.InferenceSession
 
-    def session(path: str, options: onnxruntime.SessionOptions, **kwargs: object) -> object:
+    def session(path, options, **kwargs):
         seen.append((options.intra_op_num_threads, options.inter_op_num_threads, options.execution_mode))
         return real(path, options, **kwargs)
 
@@ -101,7 +100,7 @@ def test_one_thread_runs_a_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert seen == [(1, 1, onnxruntime.ExecutionMode.ORT_SEQUENTIAL)]
 
 
-def refusal(path: Path, load: Callable[[Path], object] = load_checkpoint) -> str:
+def refusal(path, load=load_checkpoint):
     with pytest.raises(InputError) as caught:
         load(path)
     text = str(caught.value)
@@ -110,7 +109,7 @@ def refusal(path: Path, load: Callable[[Path], object] = load_checkpoint) -> str
     return text.removeprefix(f"{path}: ")
 
 
-def two_inputs(second: str = "time_step") -> onnx.ModelProto:
+def two_inputs(second="time_step"):
     graph = helper.make_graph(
         [helper.make_node("Add", ["obs", second], ["action"])],
         "policy",
@@ -120,13 +119,13 @@ def two_inputs(second: str = "time_step") -> onnx.ModelProto:
     return models.finished(graph, None)
 
 
-def no_output() -> onnx.ModelProto:
+def no_output():
     model = models.linear_model()
     del model.graph.output[:]
     return model
 
 
-def fails_when_it_runs() -> onnx.ModelProto:
+def fails_when_it_runs():
     """The declared shapes are right; that it looks up row 99 of 8 shows only when it runs."""
     graph = helper.make_graph(
         [
@@ -148,7 +147,7 @@ def fails_when_it_runs() -> onnx.ModelProto:
     return models.finished(graph, None)
 
 
-MODELS: dict[str, tuple[Callable[[], onnx.ModelProto], str]] = {
+MODELS = {
     "float64": (
         lambda: models.linear_model(dtype=TensorProto.DOUBLE),
         "input 'observation' is tensor(double), expected tensor(float)",
@@ -199,7 +198,7 @@ MODELS: dict[str, tuple[Callable[[], onnx.ModelProto], str]] = {
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_a_model_of_another_form_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
+def test_a_model_of_another_form_is_refused_in_one_line(name, tmp_path):
     make, expected = MODELS[name]
     message = refusal(models.saved(tmp_path / "policy.onnx", make()))
     assert message.startswith(expected)
@@ -207,16 +206,16 @@ def test_a_model_of_another_form_is_refused_in_one_line(name: str, tmp_path: Pat
         assert message == expected
 
 
-def _missing(path: Path) -> None:
+def _missing(path):
     pass
 
 
-def _truncated(path: Path) -> None:
+def _truncated(path):
     models.saved(path)
     path.write_bytes(path.read_bytes()[:-40])
 
 
-FILES: dict[str, tuple[Callable[[Path], object], str]] = {
+FILES = {
     "missing": (_missing, "no such file, expected an ONNX file"),
     "directory": (Path.mkdir, "is a directory, expected an ONNX file"),
     "empty": (Path.touch, "is empty, expected an ONNX file"),
@@ -228,27 +227,21 @@ FILES: dict[str, tuple[Callable[[Path], object], str]] = {
 
 @pytest.mark.parametrize("load", [load_checkpoint, read_header])
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_that_is_no_model_is_refused_in_one_line(
-    name: str, load: Callable[[Path], object], tmp_path: Path
-) -> None:
+def test_a_file_that_is_no_model_is_refused_in_one_line(name, load, tmp_path):
     make, expected = FILES[name]
     path = tmp_path / "policy.onnx"
     make(path)
     assert refusal(path, load).startswith(expected)
 
 
-def with_external_tensors(path: Path) -> Path:
+def with_external_tensors(path):
     onnx.save_model(
-        models.linear_model(),
-        str(path),
-        save_as_external_data=True,
-        location=f"{path.name}.data",
-        size_threshold=0,
+        models.linear_model(), str(path), save_as_external_data=True, location=f"{path.name}.data", size_threshold=0
     )
     return path
 
 
-def test_external_tensors_beside_the_model_are_loaded(tmp_path: Path) -> None:
+def test_external_tensors_beside_the_model_are_loaded(tmp_path):
     path = with_external_tensors(tmp_path / "policy.onnx")
     data = tmp_path / "policy.onnx.data"
     assert data.stat().st_size == 8 * 2 * 4
@@ -260,7 +253,7 @@ def test_external_tensors_beside_the_model_are_loaded(tmp_path: Path) -> None:
     assert checkpoint.sha256 == hashlib.sha256(path.read_bytes() + data.read_bytes()).hexdigest()
 
 
-def test_external_tensors_that_are_missing_or_cut_are_named(tmp_path: Path) -> None:
+def test_external_tensors_that_are_missing_or_cut_are_named(tmp_path):
     path = with_external_tensors(tmp_path / "policy.onnx")
     data = tmp_path / "policy.onnx.data"
     data.write_bytes(data.read_bytes()[:10])
@@ -272,7 +265,7 @@ def test_external_tensors_that_are_missing_or_cut_are_named(tmp_path: Path) -> N
     assert refusal(path) == "keeps its tensors in 'policy.onnx.data', which is not beside it; copy that file as well"
 
 
-def test_the_digest_tells_weights_apart_wherever_they_lie(tmp_path: Path) -> None:
+def test_the_digest_tells_weights_apart_wherever_they_lie(tmp_path):
     path = with_external_tensors(tmp_path / "policy.onnx")
     before = file_digest(path)
     data = tmp_path / "policy.onnx.data"
@@ -280,7 +273,7 @@ def test_the_digest_tells_weights_apart_wherever_they_lie(tmp_path: Path) -> Non
     assert file_digest(path) != before
 
 
-def test_onnxruntime_keeps_no_files_and_calls_nobody(tmp_path: Path) -> None:
+def test_onnxruntime_keeps_no_files_and_calls_nobody(tmp_path):
     home = tmp_path / "home"
     home.mkdir()
     environ = {k: v for k, v in os.environ.items() if not k.startswith(("XDG", "ORT"))} | {"HOME": str(home)}
@@ -290,17 +283,17 @@ def test_onnxruntime_keeps_no_files_and_calls_nobody(tmp_path: Path) -> None:
     assert list(home.rglob("*")) == []
 
 
-def test_onnxruntime_is_here() -> None:
+def test_onnxruntime_is_here():
     assert has_onnxruntime()
 
 
-def test_onnxruntime_that_cannot_be_imported_is_not_here(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_onnxruntime_that_cannot_be_imported_is_not_here(monkeypatch):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     assert not has_onnxruntime()
 
 
 @pytest.mark.parametrize("text", [b"locomotion", b"observation"], ids=["metadata", "a tensor's name"])
-def test_what_is_no_utf8_is_refused(tmp_path: Path, text: bytes, capfd: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_utf8_is_refused(tmp_path, text, capfd):
     path = models.saved(tmp_path / "policy.onnx")
     path.write_bytes(path.read_bytes().replace(text, b"\xff\xfe" + text[2:]))
     for load in (load_checkpoint, read_header):
@@ -309,9 +302,7 @@ def test_what_is_no_utf8_is_refused(tmp_path: Path, text: bytes, capfd: pytest.C
 
 
 @pytest.mark.parametrize("data", [b"\x08\x09\x12", b"\x00" * 64, bytes(range(256)) * 8], ids=["cut", "zeros", "any"])
-def test_no_library_prints_anything_about_a_bad_model(
-    tmp_path: Path, data: bytes, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_no_library_prints_anything_about_a_bad_model(tmp_path, data, capfd):
     path = tmp_path / "policy.onnx"
     path.write_bytes(data)
     refusal(path)

@@ -1,25 +1,20 @@
 """The deliberate mistakes that the published policies describe: a stamped copy that is wired so is refused."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from published import HOLOSOMA_REST, MJLAB, POLICIES, needs_policies
 
-from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.golden.make import trainer_samples
-from humanoid_sim.policy.golden.samples import GoldenSamples
 from humanoid_sim.policy.golden.trace import read_trace
 from humanoid_sim.policy.golden.verify import golden_problem
 from humanoid_sim.policy_tools.stamp import body_reader
 from humanoid_sim.robots.description import load_robot
 
-pytestmark = needs_policies
+pytestmark = [needs_policies, pytest.mark.usefixtures("near_ends")]
 
-Change = Callable[[PolicyContract], dict[str, Any]]
 FILES = {
     "unitree": ("unitree_g1_velocity_v0/exported/policy.onnx", "unitree_g1_velocity_v0/trace.npz"),
     "waltz": ("beyondmimic_g1/Waltz.onnx", "beyondmimic_g1/trace_Waltz.npz"),
@@ -29,7 +24,7 @@ FILES = {
 
 
 @pytest.fixture(scope="module")
-def loaded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Checkpoint, GoldenSamples]]:
+def loaded(tmp_path_factory):
     """Each policy with golden vectors of its trace."""
     rest = tmp_path_factory.mktemp("rest") / "rest.yaml"
     rest.write_text(HOLOSOMA_REST, encoding="utf-8")
@@ -43,20 +38,20 @@ def loaded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Checkpoi
     return policies
 
 
-def term(name: str, **options: Any) -> Change:
+def term(name, **options):
     """A change of one term's options."""
     return lambda wiring: {
         "observation": [replace(term, **options) if term.name == name else term for term in wiring.terms]
     }
 
 
-def mjcf_order(wiring: PolicyContract) -> dict[str, Any]:
+def mjcf_order(wiring):
     """The robot's own joint order taken for the policy's."""
     names = load_robot(str(POLICIES / "models" / "unitree_g1" / "scene.xml")).joint_names
     return {"joint_names": names, "action_joint_names": names}
 
 
-MISTAKES: list[tuple[str, str, Change, str]] = [
+MISTAKES = [
     ("unitree", "gravity sign", term("projected_gravity", scale=-1.0), "projected_gravity"),
     ("unitree", "gyro zero", term("base_ang_vel", scale=0.0), "base_ang_vel"),
     ("unitree", "absolute positions", term("joint_pos_rel", relative=False), "joint_pos_rel"),
@@ -85,9 +80,7 @@ MISTAKES: list[tuple[str, str, Change, str]] = [
 
 
 @pytest.mark.parametrize(("policy", "what", "change", "named"), MISTAKES, ids=[f"{m[0]}: {m[1]}" for m in MISTAKES])
-def test_the_mistake_is_named(
-    loaded: dict[str, tuple[Checkpoint, GoldenSamples]], policy: str, what: str, change: Change, named: str
-) -> None:
+def test_the_mistake_is_named(loaded, policy, what, change, named):
     checkpoint, samples = loaded[policy]
     assert golden_problem(checkpoint, samples) == ""
     wrong = replace(checkpoint, contract=replace(checkpoint.contract, **change(checkpoint.contract)))
@@ -95,9 +88,7 @@ def test_the_mistake_is_named(
 
 
 @pytest.mark.parametrize("policy", FILES)
-def test_a_forgotten_action_scale_shows_in_the_targets(
-    loaded: dict[str, tuple[Checkpoint, GoldenSamples]], policy: str
-) -> None:
+def test_a_forgotten_action_scale_shows_in_the_targets(loaded, policy):
     checkpoint, samples = loaded[policy]
     wrong = replace(checkpoint, contract=replace(checkpoint.contract, action_scale=1.0))
     assert "target of left_hip_pitch_joint" in golden_problem(wrong, samples)

@@ -1,7 +1,6 @@
 """Random songs keep to what they promise, whatever the seed."""
 
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from tools.samples.songs import most_onsets
 HANDS = (tuple(range(20, 46)), tuple(range(38, 64)))
 
 
-def test_songs_keep_within_reach_pace_and_room() -> None:
+def test_songs_keep_within_reach_pace_and_room():
     keys = np.zeros(88, dtype=int)
     for seed in range(60):
         song = random_song(np.random.default_rng(seed), HANDS, seconds=12.0)
@@ -37,7 +36,7 @@ def test_songs_keep_within_reach_pace_and_room() -> None:
     assert keys.sum() == keys[20:64].sum() > 1000
 
 
-def test_songs_differ_from_one_another_and_are_the_same_again() -> None:
+def test_songs_differ_from_one_another_and_are_the_same_again():
     first, second = held_out_songs(HANDS, 2)
     assert first.notes != second.notes
     assert held_out_songs(HANDS, 1)[0].notes == first.notes
@@ -46,23 +45,22 @@ def test_songs_differ_from_one_another_and_are_the_same_again() -> None:
     assert np.abs(goals(first, 0.02).sum(axis=1)).max() <= 2
 
 
-def test_onsets_are_counted_within_a_second() -> None:
+def test_onsets_are_counted_within_a_second():
     notes = tuple(Note(30, start, start + 0.1) for start in (0.0, 0.5, 0.9, 1.0, 1.4))
     assert most_onsets(Song(notes, ())) == 4
     assert most_onsets(Song(notes, ()), 0.45) == 2
     assert most_onsets(Song((), ())) == 0
 
 
-def test_hands_without_keys_are_refused() -> None:
+def test_hands_without_keys_are_refused():
     with pytest.raises(FieldError, match=r"hands\[1\]: is \[\], expected keys of 0 to 87"):
         random_song(np.random.default_rng(0), ((1, 2), ()))
     with pytest.raises(FieldError, match=r"0 notes a second"):
         random_song(np.random.default_rng(0), HANDS, notes_per_second=0)
 
 
-def test_songs_by_name(tmp_path: Path) -> None:
+def test_songs_by_name(tmp_path):
     robot = load_robot("lite_piano")
-    assert robot.piano is not None
     assert named_song("random:3", robot) == held_out_songs(robot.piano.hands, 4)[3]
     assert len(named_song("twinkle", robot).notes) == 66
     (tmp_path / "mine.mid").write_bytes(song_path("leaps").read_bytes())
@@ -77,6 +75,6 @@ def test_songs_by_name(tmp_path: Path) -> None:
         ("random:1", "lite", r"^song: is 'random:1', but 'lite' has no piano"),
     ],
 )
-def test_a_song_that_there_is_not(name: str, robot: str, message: str) -> None:
+def test_a_song_that_there_is_not(name, robot, message):
     with pytest.raises(InputError, match=message):
         named_song(name, load_robot(robot))

@@ -1,6 +1,5 @@
 """A recording's header rebuilds policies with histories, phases, live inputs and anchors bit for bit."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import models
@@ -8,17 +7,17 @@ import numpy as np
 import pytest
 
 from humanoid_sim.controllers.base import RL_POLICY
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
+from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.messages import SessionHeader, TickInput
+from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, Extern, MITState
-from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
+from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import Motion
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.stack import build_supervisor, rebuild_supervisor, run_header
 
-LITE: RobotDescription = load_robot("lite")
+LITE = load_robot("lite")
 JOINTS = LITE.joint_names
 N = len(JOINTS)
 PERIOD = 0.01
@@ -63,14 +62,14 @@ TRACKER = replace(
 )
 
 
-def motion() -> Motion:
+def motion():
     rng = np.random.default_rng(3)
     frames = rng.normal(size=(20, 2 * N + 7))
     frames[:, -4:] /= np.sqrt((frames[:, -4:] ** 2).sum(axis=1, keepdims=True))
     return Motion(frames.astype(np.float32), ("chest",), 0.02, layout="joints_bodies_w", joint_names=JOINTS)
 
 
-def ticks() -> Iterator[TickInput]:
+def ticks():
     rng = np.random.default_rng(5)
     for index in range(80):
         time = index * PERIOD
@@ -90,29 +89,29 @@ def ticks() -> Iterator[TickInput]:
         yield TickInput(state, ())
 
 
-def policy(observation: np.ndarray, frame: int) -> np.ndarray:
+def policy(observation, frame):
     """Six numbers that depend on all that is seen."""
     return np.array([3.0 * np.tanh(observation[i::6].sum()) + 0.01 * frame for i in range(6)], dtype=np.float32)
 
 
-def commands(controller: object) -> list[bytes]:
+def commands(controller):
     assert isinstance(controller, RLPolicyController)
     memory, found = None, []
     for tick in ticks():
         memory = controller.activate(tick) if memory is None else memory
-        memory, command = controller.update(memory, tick)  # type: ignore[arg-type,misc]
-        found.append(command.position.tobytes() + memory.policy.last_action.tobytes())  # type: ignore[union-attr]
+        memory, command = controller.update(memory, tick)
+        found.append(command.position.tobytes() + memory.policy.last_action.tobytes())
     return found
 
 
-def header(loaded: LoadedPolicy, **documents: str) -> SessionHeader:
+def header(loaded, **documents):
     followed = motion() if loaded.contract.task_type == "tracking" else None
     head = run_header(LITE, PERIOD, loaded, followed, settings={})
     return replace(head, documents={**head.documents, **documents})
 
 
 @pytest.mark.parametrize("contract", [WALKER, TRACKER], ids=["walker", "tracker"])
-def test_a_run_is_repeated_bit_for_bit(contract: PolicyContract) -> None:
+def test_a_run_is_repeated_bit_for_bit(contract):
     loaded = load_policy(contract, policy, motion() if contract.task_type == "tracking" else None)
     ran = commands(build_supervisor(LITE, PERIOD, loaded).controllers[RL_POLICY])
     again = commands(rebuild_supervisor(header(loaded), policy).controllers[RL_POLICY])

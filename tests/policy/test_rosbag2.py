@@ -1,7 +1,5 @@
 """Motions in bags that `rosbags`, an independent writer of rosbag2's format, has written."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -14,14 +12,7 @@ STORE = get_typestore(Stores.LATEST)
 ROWS = np.random.default_rng(0).normal(size=(5, 18)).astype(np.float32)
 
 
-def write_bag(
-    folder: Path,
-    storage: StoragePlugin,
-    topics: tuple[str, ...] = ("/motion",),
-    *,
-    compressed: bool = False,
-    text: bool = False,
-) -> Path:
+def write_bag(folder, storage, topics=("/motion",), *, compressed=False, text=False):
     array = STORE.types["std_msgs/msg/Float32MultiArray"]
     layout = STORE.types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
     bag = Writer(folder, version=9, storage_plugin=storage)
@@ -44,14 +35,14 @@ STORAGES = pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin
 
 
 @STORAGES
-def test_a_bag_with_one_topic_is_a_motion(tmp_path: Path, storage: StoragePlugin) -> None:
+def test_a_bag_with_one_topic_is_a_motion(tmp_path, storage):
     motion = read_motion(write_bag(tmp_path / "bag", storage))
     assert motion.frames.tobytes() == ROWS.tobytes()
     assert motion.policy_dt == 0.02
 
 
 @STORAGES
-def test_the_topic_is_named_where_there_are_others(tmp_path: Path, storage: StoragePlugin) -> None:
+def test_the_topic_is_named_where_there_are_others(tmp_path, storage):
     bag = write_bag(tmp_path / "bag", storage, ("/other", "/motion"), text=True)
     with pytest.raises(InputError, match=r"/bag: has the topics '/other' and '/motion', expected exactly one; `play"):
         read_motion(bag)
@@ -64,7 +55,7 @@ def test_the_topic_is_named_where_there_are_others(tmp_path: Path, storage: Stor
         read_motion(bag, "/rosout")
 
 
-def test_the_file_of_a_bag_is_a_motion_too(tmp_path: Path) -> None:
+def test_the_file_of_a_bag_is_a_motion_too(tmp_path):
     bag = write_bag(tmp_path / "bag", StoragePlugin.MCAP, ("/other", "/motion"))
     (file,) = bag.glob("*.mcap")
     assert read_motion(file, "/other").frames.tobytes() == ROWS.tobytes()
@@ -79,7 +70,7 @@ def test_the_file_of_a_bag_is_a_motion_too(tmp_path: Path) -> None:
         (("bag.db3", "gone.db3"), "gone.db3: no such file, expected a file of the bag"),
     ],
 )
-def test_a_damaged_bag_is_one_line(tmp_path: Path, change: tuple[str, str], why: str) -> None:
+def test_a_damaged_bag_is_one_line(tmp_path, change, why):
     bag = write_bag(tmp_path / "bag", StoragePlugin.SQLITE3)
     metadata = bag / "metadata.yaml"
     text = metadata.read_text()
@@ -90,19 +81,19 @@ def test_a_damaged_bag_is_one_line(tmp_path: Path, change: tuple[str, str], why:
 
 
 @pytest.mark.parametrize("content", [b"", b"no database", b"SQLite format 3\0" + bytes(2000)])
-def test_a_file_that_is_not_a_database_is_one_line(tmp_path: Path, content: bytes) -> None:
+def test_a_file_that_is_not_a_database_is_one_line(tmp_path, content):
     bag = write_bag(tmp_path / "bag", StoragePlugin.SQLITE3)
     (bag / "bag.db3").write_bytes(content)
     with pytest.raises(InputError, match=r"/bag/bag.db3: not a database of rosbag2: "):
         read_motion(bag)
 
 
-def test_a_bag_that_is_compressed_as_a_whole_is_refused(tmp_path: Path) -> None:
+def test_a_bag_that_is_compressed_as_a_whole_is_refused(tmp_path):
     bag = write_bag(tmp_path / "bag", StoragePlugin.SQLITE3, compressed=True)
     with pytest.raises(InputError, match=r"metadata.yaml: compression_mode: is 'file', expected a bag that is not"):
         read_motion(bag)
 
 
-def test_a_folder_that_is_not_a_bag_is_refused(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_a_bag_is_refused(tmp_path):
     with pytest.raises(InputError, match=r": is a directory, expected a motion file \(.mcap\) or a folder of rosbag2$"):
         read_motion(tmp_path)

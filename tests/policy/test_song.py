@@ -1,7 +1,6 @@
 """MIDI files become notes, and notes the keys to be held down."""
 
 import contextlib
-from pathlib import Path
 
 import mido
 import numpy as np
@@ -15,22 +14,22 @@ BEAT = 480
 """Ticks; half a second at the tempo that a file has without one."""
 
 
-def write(path: Path, *tracks: list, **options: object) -> Path:
+def write(path, *tracks, **options):
     file = mido.MidiFile(ticks_per_beat=BEAT, **options)
     file.tracks.extend(mido.MidiTrack(track) for track in tracks)
     file.save(path)
     return path
 
 
-def struck(note: int, ticks: int, wait: int = 0, **options: int) -> list:
+def struck(note, ticks, wait=0, **options):
     return [Message("note_on", note=note, time=wait, **options), Message("note_off", note=note, time=ticks)]
 
 
-def spans(song: Song) -> list[tuple[int, float, float]]:
+def spans(song):
     return [(note.key, round(note.start, 6), round(note.end, 6)) for note in song.notes]
 
 
-def test_notes_follow_every_change_of_tempo(tmp_path: Path) -> None:
+def test_notes_follow_every_change_of_tempo(tmp_path):
     tempo = [MetaMessage("set_tempo", tempo=1_000_000, time=BEAT), MetaMessage("set_tempo", tempo=250_000, time=BEAT)]
     melody = [MetaMessage("track_name", name="right"), *struck(60, BEAT), *struck(62, BEAT), *struck(64, BEAT)]
     song = read_song(write(tmp_path / "x.mid", tempo, melody))
@@ -38,7 +37,7 @@ def test_notes_follow_every_change_of_tempo(tmp_path: Path) -> None:
     assert (song.tracks, song.seconds) == (("", "right"), 1.75)
 
 
-def test_a_note_that_is_struck_again_ends_and_one_without_an_end_lasts_to_the_end(tmp_path: Path) -> None:
+def test_a_note_that_is_struck_again_ends_and_one_without_an_end_lasts_to_the_end(tmp_path):
     track = [
         Message("note_on", note=60, velocity=50),
         Message("note_on", note=60, velocity=90, time=BEAT),
@@ -52,7 +51,7 @@ def test_a_note_that_is_struck_again_ends_and_one_without_an_end_lasts_to_the_en
     assert [note.velocity for note in song.notes] == [50, 90, 64]
 
 
-def test_the_pedal_holds_notes_if_asked(tmp_path: Path) -> None:
+def test_the_pedal_holds_notes_if_asked(tmp_path):
     pedal = {"control": 64}
     track = [
         Message("control_change", value=127, **pedal),
@@ -65,14 +64,14 @@ def test_the_pedal_holds_notes_if_asked(tmp_path: Path) -> None:
     assert spans(read_song(path, sustain=True)) == [(39, 0.0, 0.5), (39, 0.5, 1.5)]
 
 
-def test_tracks_are_chosen(tmp_path: Path) -> None:
+def test_tracks_are_chosen(tmp_path):
     path = write(tmp_path / "x.mid", struck(60, BEAT), struck(48, BEAT))
     assert spans(read_song(path, tracks=[1])) == [(27, 0.0, 0.5)]
     with pytest.raises(InputError, match=r"x\.mid: has no track 2; tracks: 0 '', 1 ''"):
         read_song(path, tracks=[2])
 
 
-def test_what_is_no_song_is_one_line(tmp_path: Path) -> None:
+def test_what_is_no_song_is_one_line(tmp_path):
     broken = tmp_path / "broken.mid"
     broken.write_bytes(b"MThd\x00\x00\x00\x06\x00\x01\x00\x01\x01\xe0MTrk\xff\xff\xff\xff\x00")
     with pytest.raises(InputError, match=r"broken\.mid: is not a MIDI file that can be read: "):
@@ -89,7 +88,7 @@ def test_what_is_no_song_is_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_any_damage_is_one_line_or_a_song(tmp_path: Path, seed: int) -> None:
+def test_any_damage_is_one_line_or_a_song(tmp_path, seed):
     rng = np.random.default_rng(seed)
     whole = bytearray(write(tmp_path / "x.mid", struck(60, BEAT) * 20, struck(40, BEAT) * 20).read_bytes())
     for i in range(60):
@@ -102,13 +101,13 @@ def test_any_damage_is_one_line_or_a_song(tmp_path: Path, seed: int) -> None:
             assert all(note.end > note.start for note in read_song(path).notes)
 
 
-def test_names_of_keys() -> None:
+def test_names_of_keys():
     assert [key_name(key) for key in (0, 1, 39, 87)] == ["A0", "A#0", "C4", "C8"]
     assert [key_number(name) for name in ("A0", "a#0", "C4", "Db4", "C8")] == [0, 1, 39, 40, 87]
     assert [key_number(name) for name in ("G0", "H4", "C9", "", "4C")] == [None] * 5
 
 
-def test_goals_of_notes_and_the_gap_before_the_same_key() -> None:
+def test_goals_of_notes_and_the_gap_before_the_same_key():
     song = Song((Note(3, 0.0, 0.1), Note(3, 0.1, 0.2), Note(5, 0.05, 0.051)), ())
     table = goals(song, 0.02, gap=0.04)
     assert table[:, 3].tolist() == [1, 1, 1, 0, 0, 1, 1, 1, 1, 1, 0]
@@ -117,12 +116,12 @@ def test_goals_of_notes_and_the_gap_before_the_same_key() -> None:
     assert table.sum() == 9
 
 
-def test_a_trill_too_fast_for_a_gap_keeps_a_step_each() -> None:
+def test_a_trill_too_fast_for_a_gap_keeps_a_step_each():
     song = Song(tuple(Note(3, 0.04 * i, 0.04 * (i + 1)) for i in range(3)), ())
     assert goals(song, 0.02, gap=0.5)[:, 3].tolist() == [1, 0, 1, 0, 1, 1, 0]
 
 
-def test_voices_and_reach() -> None:
+def test_voices_and_reach():
     chord = [Note(key, 1.0, 2.0, velocity) for key, velocity in ((30, 10), (33, 90), (36, 20), (40, 10))]
     song = Song((Note(20, 0.0, 3.0), Note(60, 0.0, 1.0), *chord), ())
     played, dropped = thin_out(song, range(20, 50), voices=3)
@@ -138,6 +137,6 @@ def test_voices_and_reach() -> None:
     assert ([note.key for note in everything.notes][:2], nothing) == ([22, 62], ())
 
 
-def test_a_song_that_is_too_long_is_refused() -> None:
+def test_a_song_that_is_too_long_is_refused():
     with pytest.raises(InputError, match="the song lasts 100000 s, expected at most"):
         goals(Song((Note(0, 0.0, 1e5),), ()), 0.02)

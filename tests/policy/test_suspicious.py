@@ -1,16 +1,13 @@
 """Values that look like a slip, and those that do not."""
 
-from typing import Any
-
 import pytest
 from findings import found, lite_contract
 from trainer import contract
 
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.policy.suspicious import suspicious_findings
-from humanoid_sim.robots.description import RobotDescription
 
-SUSPICIOUS: dict[str, tuple[dict[str, Any], str, str, str]] = {
+SUSPICIOUS = {
     "kp 1": ({"joint_stiffness": 1.0, "joint_damping": 0.1}, "warning", "joint_stiffness", "placeholder"),
     "all equal": ({"joint_stiffness": 30.0}, "info", "joint_stiffness", "for all 4 joints"),
     "swapped": (
@@ -28,16 +25,16 @@ SUSPICIOUS: dict[str, tuple[dict[str, Any], str, str, str]] = {
 
 
 @pytest.mark.parametrize("name", SUSPICIOUS)
-def test_suspicious_values(name: str) -> None:
+def test_suspicious_values(name):
     changes, severity, field, text = SUSPICIOUS[name]
     assert text in found(suspicious_findings(contract(**changes)), severity, field).message
 
 
-def test_the_sound_contract_is_not_suspicious() -> None:
+def test_the_sound_contract_is_not_suspicious():
     assert tuple(suspicious_findings(contract())) == ()
 
 
-def test_suspicious_joints() -> None:
+def test_suspicious_joints():
     wiring = contract(
         joint_stiffness=[0.0, 41.0, 50.0, 51.0], joint_damping=[1.5, 0.0, 30.0, 2.1], action_scale=[0.25, 0.0, -0.1]
     )
@@ -49,7 +46,7 @@ def test_suspicious_joints() -> None:
     assert "negative" in found(findings, "warning", "action_scale", "right_hip").message
 
 
-def test_a_joint_whose_damping_stands_out() -> None:
+def test_a_joint_whose_damping_stands_out():
     wiring = contract(joint_stiffness=[40.0, 40.0, 40.0, 40.0], joint_damping=[1.0, 1.0, 1.0, 15.0])
     assert (
         "the other joints' is about"
@@ -57,7 +54,7 @@ def test_a_joint_whose_damping_stands_out() -> None:
     )
 
 
-def test_suspicious_terms() -> None:
+def test_suspicious_terms():
     wiring = contract(
         observation=[
             Term("base_ang_vel", scale=0.0),
@@ -76,7 +73,7 @@ def test_suspicious_terms() -> None:
     assert "10000" in found(findings, "warning", "observation term joint_vel").message
 
 
-def test_three_decimals_of_an_exporter() -> None:
+def test_three_decimals_of_an_exporter():
     rounded = {"joint_stiffness": [40.179, 99.098, 14.251, 28.501], "joint_damping": [0.051, 0.907, 1.8, 2.5]}
     sources = {"joint_stiffness": "mjlab metadata", "joint_damping": "mjlab metadata"}
     findings = tuple(suspicious_findings(contract(**rounded, provenance=sources)))
@@ -89,13 +86,13 @@ def test_three_decimals_of_an_exporter() -> None:
     assert fields == []
 
 
-def test_the_robots_own_gains_are_not_suspicious(lite: RobotDescription) -> None:
+def test_the_robots_own_gains_are_not_suspicious(lite):
     findings = suspicious_findings(lite_contract(lite), lite)
     assert [finding for finding in findings if finding.field.startswith("joint_")] == []
     assert found(suspicious_findings(lite_contract(lite)), "info", "joint_stiffness").value == 50.0
 
 
-def test_a_joint_that_the_model_brakes() -> None:
+def test_a_joint_that_the_model_brakes():
     wiring = {"joint_damping": [1.5, 0.0, 2.0, 2.1]}
     braked = tuple(suspicious_findings(contract(**wiring), own_damping={"right_hip": 0.3}))
     assert not any("nothing brakes" in finding.message for finding in braked)

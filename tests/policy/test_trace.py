@@ -1,26 +1,9 @@
 """Traces: the trainer's run in a file, with what it may leave out, and what is refused."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
-from trainer import (
-    DRIVEN,
-    HISTORY,
-    JOINTS,
-    MJCF,
-    ROBOT_JOINTS,
-    WIDTH,
-    Run,
-    contract,
-    network,
-    save_checkpoint,
-    save_trace,
-    terms,
-)
+import trainer
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
@@ -31,24 +14,24 @@ from humanoid_sim.robots.description import load_robot
 
 
 @pytest.fixture
-def checkpoint(tmp_path: Path) -> Checkpoint:
-    return load_checkpoint(save_checkpoint(tmp_path / "walker.onnx"))
+def checkpoint(tmp_path):
+    return load_checkpoint(trainer.save_checkpoint(tmp_path / "walker.onnx"))
 
 
-def fits(checkpoint: Checkpoint, path: Path) -> None:
+def fits(checkpoint, path):
     trainer_samples(checkpoint, read_trace(path, checkpoint.contract))
 
 
-def test_reads_states_without_qpos(checkpoint: Checkpoint, tmp_path: Path) -> None:
-    run = Run()
+def test_reads_states_without_qpos(checkpoint, tmp_path):
+    run = trainer.Run()
     fits(
         checkpoint,
-        save_trace(
+        trainer.save_trace(
             tmp_path / "t.npz",
             run,
             qpos=None,
             qvel=None,
-            joint_names=np.array(ROBOT_JOINTS),
+            joint_names=np.array(trainer.ROBOT_JOINTS),
             joint_position=run.qpos[:, 7:],
             joint_velocity=run.qvel[:, 6:],
             imu_quaternion=run.qpos[:, 3:7],
@@ -57,38 +40,38 @@ def test_reads_states_without_qpos(checkpoint: Checkpoint, tmp_path: Path) -> No
     )
 
 
-def test_other_names_and_a_command_per_step(checkpoint: Checkpoint, tmp_path: Path) -> None:
-    run = Run()
+def test_other_names_and_a_command_per_step(checkpoint, tmp_path):
+    run = trainer.Run()
     changes = {"obs": None, "action": None, "cmd": None, "observation": run.obs, "actions": run.action}
     changes["velocity_command"] = np.tile(run.cmd, (run.steps, 1))
-    changes["joint_names"] = np.array(ROBOT_JOINTS)  # without the free joint
-    fits(checkpoint, save_trace(tmp_path / "t.npz", run, **changes))
+    changes["joint_names"] = np.array(trainer.ROBOT_JOINTS)  # without the free joint
+    fits(checkpoint, trainer.save_trace(tmp_path / "t.npz", run, **changes))
 
 
-def test_joints_that_the_policy_lacks_are_left_out(checkpoint: Checkpoint, tmp_path: Path) -> None:
-    run = Run()
+def test_joints_that_the_policy_lacks_are_left_out(checkpoint, tmp_path):
+    run = trainer.Run()
     trace = read_trace(
-        save_trace(
+        trainer.save_trace(
             tmp_path / "t.npz",
             run,
             qpos=np.insert(run.qpos, 9, 0.4, axis=1),
             qvel=np.insert(run.qvel, 8, 0.1, axis=1),
             target=np.insert(run.target, 2, 0.0, axis=1),
-            joint_names=np.array(["root", *ROBOT_JOINTS[:2], "waist", *ROBOT_JOINTS[2:]]),
+            joint_names=np.array(["root", *trainer.ROBOT_JOINTS[:2], "waist", *trainer.ROBOT_JOINTS[2:]]),
         ),
         checkpoint.contract,
     )
-    assert trace.recorded.joint_names == ROBOT_JOINTS
+    assert trace.recorded.joint_names == trainer.ROBOT_JOINTS
     assert trainer_samples(checkpoint, trace).target_origin == "trainer"
 
 
-def test_a_run_that_does_not_start_at_activation_gives_its_memory(checkpoint: Checkpoint, tmp_path: Path) -> None:
-    run, start = Run(), 7
+def test_a_run_that_does_not_start_at_activation_gives_its_memory(checkpoint, tmp_path):
+    run, start = trainer.Run(), 7
     arrays = {name: table[start:] for name, table in run.arrays().items() if len(table) == run.steps}
-    late = save_trace(tmp_path / "late.npz", run, **arrays)
+    late = trainer.save_trace(tmp_path / "late.npz", run, **arrays)
     with pytest.raises(InputError, match=r"joint_pos_rel|last_action|sin_phase"):
         fits(checkpoint, late)
-    before = np.arange(start, run.steps)[:, None] - np.arange(HISTORY, 0, -1)
+    before = np.arange(start, run.steps)[:, None] - np.arange(trainer.HISTORY, 0, -1)
     history = run_steps(run)[before]
     memory = {
         "last_action": run.action[start - 1 : -1],
@@ -96,22 +79,22 @@ def test_a_run_that_does_not_start_at_activation_gives_its_memory(checkpoint: Ch
         "walked": 2.0 * np.pi * 0.02 / 0.8 * np.arange(start, run.steps),
         "history": history,
     }
-    fits(checkpoint, save_trace(tmp_path / "whole.npz", run, **arrays, **memory))
+    fits(checkpoint, trainer.save_trace(tmp_path / "whole.npz", run, **arrays, **memory))
 
 
-def run_steps(run: Run) -> np.ndarray:
+def run_steps(run):
     """What each step alone shows: the observation with the newest of the joint positions only."""
-    newest = 9 + 4 * (HISTORY - 1)
+    newest = 9 + 4 * (trainer.HISTORY - 1)
     return np.concatenate([run.obs[:, :9], run.obs[:, newest:]], axis=1)
 
 
-def test_a_robots_model_tells_imu_and_anchor(tmp_path: Path) -> None:
+def test_a_robots_model_tells_imu_and_anchor(tmp_path):
     mjcf = tmp_path / "walker.xml"
-    mjcf.write_text(MJCF, encoding="utf-8")
-    run = Run(3)
-    path = save_trace(tmp_path / "t.npz", run)
+    mjcf.write_text(trainer.MJCF, encoding="utf-8")
+    run = trainer.Run(3)
+    path = trainer.save_trace(tmp_path / "t.npz", run)
     robot = load_robot(str(mjcf))
-    trace = read_trace(path, contract(), body_reader(robot, "left_thigh"))
+    trace = read_trace(path, trainer.contract(), body_reader(robot, "left_thigh"))
     state = trace.recorded.state(1)
     np.testing.assert_allclose(state.imu_angular_velocity, run.qvel[1, 3:6], atol=1e-12)
     np.testing.assert_allclose(state.extern["base_linear_velocity"].value, run.qvel[1, :3], atol=1e-12)
@@ -122,7 +105,7 @@ def test_a_robots_model_tells_imu_and_anchor(tmp_path: Path) -> None:
         body_reader(robot, "left_shin")
 
 
-BROKEN: dict[str, tuple[Callable[[Run], dict[str, np.ndarray | None]], str]] = {
+BROKEN = {
     "no action": (lambda _: {"action": None}, "action is missing"),
     "no observation": (lambda _: {"obs": None}, "observation is missing"),
     "no names": (lambda _: {"joint_names": None}, "joint_names is missing"),
@@ -152,24 +135,24 @@ BROKEN: dict[str, tuple[Callable[[Run], dict[str, np.ndarray | None]], str]] = {
 
 
 @pytest.mark.parametrize("what", BROKEN)
-def test_broken_traces_are_one_line(tmp_path: Path, what: str) -> None:
+def test_broken_traces_are_one_line(tmp_path, what):
     change, expected = BROKEN[what]
-    run = Run(10)
-    path = save_trace(tmp_path / "t.npz", run, **change(run))
+    run = trainer.Run(10)
+    path = trainer.save_trace(tmp_path / "t.npz", run, **change(run))
     with pytest.raises(InputError) as refusal:
-        read_trace(path, contract())
+        read_trace(path, trainer.contract())
     assert str(refusal.value).startswith(f"{path}: {expected}")
     assert "\n" not in str(refusal.value)
 
 
-def test_an_observation_of_another_width_is_named(checkpoint: Checkpoint, tmp_path: Path) -> None:
-    run = Run(10)
-    path = save_trace(tmp_path / "t.npz", run, obs=run.obs[:, :-1])
+def test_an_observation_of_another_width_is_named(checkpoint, tmp_path):
+    run = trainer.Run(10)
+    path = trainer.save_trace(tmp_path / "t.npz", run, obs=run.obs[:, :-1])
     with pytest.raises(InputError, match="31 values, the contract's terms make 32"):
         fits(checkpoint, path)
 
 
-def test_files_that_are_no_trace(tmp_path: Path) -> None:
+def test_files_that_are_no_trace(tmp_path):
     texts = {"text.npz": b"hello", "empty.npz": b"", "zip.npz": b"PK\x03\x04 and no more"}
     paths = [tmp_path / "missing.npz", tmp_path]
     for name, content in texts.items():
@@ -183,16 +166,16 @@ def test_files_that_are_no_trace(tmp_path: Path) -> None:
     np.savez(tmp_path / "objects.npz", action=np.array([{"a": 1}], dtype=object))
     for path in (*paths, tmp_path / "one.npy", tmp_path / "objects.npz"):
         with pytest.raises(InputError) as refusal:
-            read_trace(path, contract())
+            read_trace(path, trainer.contract())
         assert str(refusal.value).startswith(f"{path}: ")
         assert "\n" not in str(refusal.value)
 
 
-def test_terms_that_the_trace_says_nothing_about(tmp_path: Path) -> None:
-    def wants(*observation: str) -> PolicyContract:
-        return contract(observation=observation)
+def test_terms_that_the_trace_says_nothing_about(tmp_path):
+    def wants(*observation):
+        return trainer.contract(observation=observation)
 
-    path = save_trace(tmp_path / "t.npz", Run(3))
+    path = trainer.save_trace(tmp_path / "t.npz", trainer.Run(3))
     for term, array in {
         "imu_linear_acceleration": "imu_linear_acceleration",
         "motion_anchor_pos_b": "anchor_pose",
@@ -202,47 +185,49 @@ def test_terms_that_the_trace_says_nothing_about(tmp_path: Path) -> None:
             read_trace(path, wants("joint_pos", term))
 
 
-def test_the_rig_is_not_trivial() -> None:
-    assert [JOINTS.index(name) for name in ROBOT_JOINTS] != [0, 1, 2, 3]
-    assert DRIVEN != JOINTS
-    run = Run()
+def test_the_rig_is_not_trivial():
+    assert [trainer.JOINTS.index(name) for name in trainer.ROBOT_JOINTS] != [0, 1, 2, 3]
+    assert trainer.DRIVEN != trainer.JOINTS
+    run = trainer.Run()
     assert np.abs(run.action).max() < 10.0
     assert np.abs(np.diff(run.action, axis=0)).max(axis=0).min() > 0.01
 
 
 SCAN = Term("height_scan", at="left_thigh", grid=(0.2, 0.0), resolution=0.2, scale=0.5, clip=(0.0, 3.0))
 SEEING = Checkpoint(
-    contract(observation=[*terms(), SCAN]), lambda observation, _: observation[:WIDTH] @ network(), "seeing.onnx"
+    trainer.contract(observation=[*trainer.terms(), SCAN]),
+    lambda observation, _: observation[: trainer.WIDTH] @ trainer.network(),
+    "seeing.onnx",
 )
 SLOPE = '<worldbody><geom type="plane" size="0 0 1" euler="0 -0.4636476090008061 0"/>'
 """Rises by half a metre per metre along x."""
 
 
-def scanned(run: Run) -> np.ndarray:
+def scanned(run):
     """The scan of a run above the slope, by hand: shape (F, 2), m."""
     w, x, y, z = run.qpos[:, 3:7].T
     hip = np.stack([2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)], axis=1)
     middle = run.qpos[:, :3] + 0.1 * hip  # of the thigh, whose hip has turned it as well
-    pitch = run.qpos[:, 7 + ROBOT_JOINTS.index("left_hip")]
+    pitch = run.qpos[:, 7 + trainer.ROBOT_JOINTS.index("left_hip")]
     ahead = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z)], axis=1) * np.cos(pitch)[:, None]
     ahead -= np.stack([2 * (x * z + w * y), 2 * (y * z - w * x)], axis=1) * np.sin(pitch)[:, None]
     yaw = np.arctan2(ahead[:, 1], ahead[:, 0])
     return np.stack([middle[:, 2] - 0.5 * (middle[:, 0] + side * np.cos(yaw)) for side in (-0.1, 0.1)], axis=1)
 
 
-def seen(run: Run, heights: np.ndarray) -> np.ndarray:
+def seen(run, heights):
     return np.concatenate([run.obs, 0.5 * np.clip(heights, 0.0, 3.0)], axis=1).astype(np.float32)
 
 
-def test_a_height_scan_is_in_the_trace_or_follows_from_the_ground_in_the_robots_model(tmp_path: Path) -> None:
-    run = Run()
+def test_a_height_scan_is_in_the_trace_or_follows_from_the_ground_in_the_robots_model(tmp_path):
+    run = trainer.Run()
     heights = scanned(run)
-    with_array = save_trace(tmp_path / "a.npz", run, obs=seen(run, heights), height_scan=heights)
+    with_array = trainer.save_trace(tmp_path / "a.npz", run, obs=seen(run, heights), height_scan=heights)
     fits(SEEING, with_array)
     mjcf = tmp_path / "scene.xml"
-    mjcf.write_text(MJCF.replace("<worldbody>", SLOPE), encoding="utf-8")
+    mjcf.write_text(trainer.MJCF.replace("<worldbody>", SLOPE), encoding="utf-8")
     bodies = body_reader(load_robot(str(mjcf)), "", (), SEEING.contract.height_scan)
-    without = save_trace(tmp_path / "b.npz", run, obs=seen(run, heights))
+    without = trainer.save_trace(tmp_path / "b.npz", run, obs=seen(run, heights))
     by_rays = read_trace(without, SEEING.contract, bodies)
     np.testing.assert_allclose(by_rays.recorded.extern["height_scan"], heights, rtol=0.0, atol=1e-9)
     trainer_samples(SEEING, by_rays)
@@ -251,12 +236,12 @@ def test_a_height_scan_is_in_the_trace_or_follows_from_the_ground_in_the_robots_
     ):
         read_trace(without, SEEING.contract)
     with pytest.raises(InputError, match=r"height_scan has shape \(30, 3\), expected \(30, 2\), finite numbers"):
-        read_trace(save_trace(tmp_path / "c.npz", run, height_scan=np.zeros((30, 3))), SEEING.contract)
+        read_trace(trainer.save_trace(tmp_path / "c.npz", run, height_scan=np.zeros((30, 3))), SEEING.contract)
 
 
-def test_a_height_scan_in_another_order_is_refused(tmp_path: Path) -> None:
-    run = Run()
+def test_a_height_scan_in_another_order_is_refused(tmp_path):
+    run = trainer.Run()
     heights = scanned(run)
-    path = save_trace(tmp_path / "t.npz", run, obs=seen(run, heights[:, ::-1]), height_scan=heights)
+    path = trainer.save_trace(tmp_path / "t.npz", run, obs=seen(run, heights[:, ::-1]), height_scan=heights)
     with pytest.raises(InputError, match=r"height_scan\[0\]"):
         fits(SEEING, path)

@@ -1,10 +1,7 @@
 """Published policies on the states of a published run: each observation, term by term, and each action."""
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,25 +10,16 @@ from dialects import said
 from published import HOLOSOMA_REST, MJLAB, POLICIES, needs_policies
 
 from humanoid_sim.controllers.base import Fault
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
-from humanoid_sim.messages import PolicyStep, TickInput
-from humanoid_sim.mit import (
-    ANCHOR_POSE,
-    BASE_LINEAR_VELOCITY,
-    VELOCITY_COMMAND,
-    Extern,
-    FloatArray,
-    MITState,
-    point_velocity,
-)
-from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.messages import TickInput
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, VELOCITY_COMMAND, Extern, MITState, point_velocity
+from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
-from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
+from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import motion_bytes, parse_motion
 from humanoid_sim.policy.readers.sources import assemble_contract, assumptions
 
-pytestmark = needs_policies
+pytestmark = [needs_policies, pytest.mark.usefixtures("near_ends")]
 
 UNITREE = "unitree_g1_velocity_v0/exported/policy.onnx", "unitree_g1_velocity_v0/trace.npz"
 WALTZ = "beyondmimic_g1/Waltz.onnx", "beyondmimic_g1/trace_Waltz.npz"
@@ -41,32 +29,32 @@ DT = 0.02
 
 
 @pytest.fixture(scope="module")
-def model() -> mujoco.MjModel:
+def model():
     return mujoco.MjModel.from_xml_path(str(POLICIES / "models" / "unitree_g1" / "scene.xml"))
 
 
 @pytest.fixture(scope="module")
-def robot(model: mujoco.MjModel) -> tuple[str, ...]:
+def robot(model):
     return tuple(model.joint(index).name for index in range(1, model.njnt))
 
 
 @pytest.fixture(scope="module")
-def contract_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def contract_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("holosoma") / "contract.yaml"
     path.write_text(HOLOSOMA_REST)
     return path
 
 
-def recorded(name: str) -> dict[str, Any]:
+def recorded(name):
     with np.load(POLICIES / TRACES[name][1]) as trace:
         return dict(trace)
 
 
-def checkpoint(name: str, robot: tuple[str, ...], contract_file: Path) -> Checkpoint:
+def checkpoint(name, robot, contract_file):
     return load_checkpoint(POLICIES / TRACES[name][0], contract_file if name == "holosoma" else None, robot)
 
 
-def states(model: mujoco.MjModel, trace: Any, contract: PolicyContract) -> Iterator[TickInput]:
+def states(model, trace, contract):
     """The ticks of a run from its positions and velocities: poses by forward kinematics, in the world frame."""
     data = mujoco.MjData(model)
     for index, (qpos, qvel) in enumerate(zip(trace["qpos"], trace["qvel"], strict=True)):
@@ -85,7 +73,7 @@ def states(model: mujoco.MjModel, trace: Any, contract: PolicyContract) -> Itera
         yield TickInput(MITState(time, qpos[7:], qvel[6:], zeros, zeros, qpos[3:7], qvel[3:6], np.zeros(3), extern), ())
 
 
-def imu_velocity(model: mujoco.MjModel, data: mujoco.MjData, qvel: FloatArray) -> FloatArray:
+def imu_velocity(model, data, qvel):
     """The velocity of the IMU's site, m/s, world frame; the poses are those of the step."""
     data.qvel[:] = qvel
     mujoco.mj_comPos(model, data)
@@ -96,7 +84,7 @@ def imu_velocity(model: mujoco.MjModel, data: mujoco.MjData, qvel: FloatArray) -
     return velocity[3:]
 
 
-def steps(loaded: LoadedPolicy, robot: tuple[str, ...], ticks: Iterator[TickInput]) -> Iterator[PolicyStep]:
+def steps(loaded, robot, ticks):
     controller = RLPolicyController(robot, loaded.contract, loaded.reference, loaded.policy, DT, extern=loaded.extern)
     memory = None
     for tick in ticks:
@@ -111,14 +99,12 @@ def steps(loaded: LoadedPolicy, robot: tuple[str, ...], ticks: Iterator[TickInpu
         memory = answer[0]
 
 
-def loaded_policy(check: Checkpoint) -> LoadedPolicy:
+def loaded_policy(check):
     return load_policy(check.contract, check.policy, check.motion, check.observation_width, source=check.source)
 
 
 @pytest.mark.parametrize("name", TRACES)
-def test_observations_term_by_term_and_actions(
-    name: str, model: mujoco.MjModel, robot: tuple[str, ...], contract_file: Path
-) -> None:
+def test_observations_term_by_term_and_actions(name, model, robot, contract_file):
     check = checkpoint(name, robot, contract_file)
     loaded = loaded_policy(check)
     trace = recorded(name)
@@ -137,7 +123,7 @@ def test_observations_term_by_term_and_actions(
     assert count == len(trace["obs"]) >= 60
 
 
-WRONG: dict[str, tuple[str, str]] = {
+WRONG = {
     "gravity sign": ("unitree", "{terms: {projected_gravity: {scale: -1}}}"),
     "no gyro": ("unitree", "{terms: {base_ang_vel: {scale: 0}}}"),
     "absolute joints": ("unitree", "{terms: {joint_pos_rel: {relative: false}}}"),
@@ -174,9 +160,7 @@ SEEN_BY_THE_ROBOT_ALONE = ("action scale 1", "holosoma's action scale 1")
 
 
 @pytest.mark.parametrize("mistake", WRONG)
-def test_every_deliberate_mistake_can_be_written_down(
-    mistake: str, model: mujoco.MjModel, robot: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_every_deliberate_mistake_can_be_written_down(mistake, model, robot, tmp_path):
     """The READMEs' wrong players as overrides: the observation differs from the trace's, or else the action."""
     name, override = WRONG[mistake]
     path = tmp_path / "contract.yaml"
@@ -199,7 +183,7 @@ def test_every_deliberate_mistake_can_be_written_down(
         assert difference > 0.01
 
 
-def turned(tick: TickInput) -> TickInput:
+def turned(tick):
     """The anchor turned about the vertical by 2 rad, as if the robot stood elsewhere."""
     pose = tick.state.extern[ANCHOR_POSE].value
     half = np.array([np.cos(1.0), 0.0, 0.0, np.sin(1.0)])
@@ -211,18 +195,15 @@ def turned(tick: TickInput) -> TickInput:
 
 
 @pytest.mark.parametrize("name", TRACES)
-def test_a_stamp_replaces_every_side_file(
-    name: str, robot: tuple[str, ...], contract_file: Path, tmp_path: Path
-) -> None:
+def test_a_stamp_replaces_every_side_file(name, robot, contract_file, tmp_path):
     check = checkpoint(name, robot, contract_file)
     alone = assemble_contract(tmp_path / "copy.onnx", {STAMP_KEY: encode(check.contract)})
     assert said(alone) == said(check.contract)
     assert alone.provenance == check.contract.provenance
 
 
-def test_a_motion_in_the_graph_can_be_kept_in_a_file(robot: tuple[str, ...], contract_file: Path) -> None:
+def test_a_motion_in_the_graph_can_be_kept_in_a_file(robot, contract_file):
     motion = checkpoint("waltz", robot, contract_file).motion
-    assert motion is not None
     assert motion.frames.shape == (945, 2 * 29 + 7 * 14)
     again = parse_motion(motion_bytes(motion), "motion.mcap")
     assert again.frames.tobytes() == motion.frames.tobytes()
@@ -230,7 +211,7 @@ def test_a_motion_in_the_graph_can_be_kept_in_a_file(robot: tuple[str, ...], con
     assert (again.layout, again.policy_dt) == ("joints_bodies_w", DT)
 
 
-def test_what_is_assumed_is_told(robot: tuple[str, ...], contract_file: Path) -> None:
+def test_what_is_assumed_is_told(robot, contract_file):
     assert assumptions(checkpoint("waltz", robot, contract_file).contract) == (
         "policy_dt 0.02: assumed (mjlab)",
         "reference_quaternion wxyz: assumed (mjlab)",

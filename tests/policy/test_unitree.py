@@ -1,8 +1,5 @@
 """Unitree's deploy.yaml: what its files in the wild hold, and what is refused."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 import yaml
@@ -16,7 +13,7 @@ from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.policy.readers.unitree import find_deploy, read_deploy
 
 ROBOT = ("a", "b", "c", "d")
-GOOD: dict[str, Any] = {
+GOOD = {
     "joint_ids_map": [2, 0, 3, 1],
     "step_dt": 0.02,
     "stiffness": [10.0, 11.0, 12.0, 13.0],
@@ -34,24 +31,24 @@ GOOD: dict[str, Any] = {
 }
 
 
-def written(path: Path, **changes: Any) -> Path:
+def written(path, **changes):
     path.write_text(yaml.safe_dump({**GOOD, **changes}, sort_keys=False))
     return path
 
 
-def contract(path: Path, **changes: Any) -> Any:
+def contract(path, **changes):
     return merge([read_deploy(written(path / "deploy.yaml", **changes))], "policy.onnx", ROBOT)
 
 
-def observations(**changes: Any) -> dict[str, Any]:
+def observations(**changes):
     return {**GOOD["observations"], **changes}
 
 
-def action(**changes: Any) -> dict[str, Any]:
+def action(**changes):
     return {"JointPositionAction": {**GOOD["actions"]["JointPositionAction"], **changes}}
 
 
-def test_gains_are_in_the_robots_order_and_the_rest_in_the_policys(tmp_path: Path) -> None:
+def test_gains_are_in_the_robots_order_and_the_rest_in_the_policys(tmp_path):
     made = contract(tmp_path)
     assert made.joint_names == ("c", "a", "d", "b")
     assert made.joint_stiffness.tolist() == [12.0, 10.0, 13.0, 11.0]
@@ -59,7 +56,7 @@ def test_gains_are_in_the_robots_order_and_the_rest_in_the_policys(tmp_path: Pat
     assert made.default_joint_pos.tolist() == [0.2, 0.0, 0.3, 0.1]
 
 
-def test_terms(tmp_path: Path) -> None:
+def test_terms(tmp_path):
     gyro, joints, phase = contract(tmp_path).terms
     assert (gyro.history, joints.history, phase.history) == (5, 1, 1)
     assert (gyro.clip, joints.clip) == (None, (-10.0, 10.0))
@@ -67,14 +64,14 @@ def test_terms(tmp_path: Path) -> None:
     assert float(joints.scale) == 1.0
 
 
-def test_a_gait_phase_brings_its_rule(tmp_path: Path) -> None:
+def test_a_gait_phase_brings_its_rule(tmp_path):
     rule = contract(tmp_path).phase
     assert rule.period == 0.6
     assert rule.offsets.tolist() == [0.0]
     assert rule.advance_first
 
 
-def test_a_gait_phase_implies_that_its_clock_shows_nothing_while_the_robot_stands(tmp_path: Path) -> None:
+def test_a_gait_phase_implies_that_its_clock_shows_nothing_while_the_robot_stands(tmp_path):
     made = contract(tmp_path)
     rule = made.phase
     assert (rule.standing_threshold, rule.standing_value, rule.standing_restarts) == (0.1, None, False)
@@ -85,25 +82,25 @@ def test_a_gait_phase_implies_that_its_clock_shows_nothing_while_the_robot_stand
     )
 
 
-def test_what_is_stated_of_the_clock_comes_before_what_a_gait_phase_implies(tmp_path: Path) -> None:
+def test_what_is_stated_of_the_clock_comes_before_what_a_gait_phase_implies(tmp_path):
     stated = parse_contract({"phase": {"standing_threshold": 0.0}}, "contract.yaml", "contract.yaml")
     made = merge([read_deploy(written(tmp_path / "deploy.yaml")), *stated], "policy.onnx", ROBOT)
-    assert (made.phase.period, made.phase.standing_threshold) == (0.6, 0.0)  # type: ignore[union-attr]
+    assert (made.phase.period, made.phase.standing_threshold) == (0.6, 0.0)
     assert made.provenance["phase.standing_threshold"] == "contract.yaml"
 
 
-def test_a_clock_without_a_period_is_refused(tmp_path: Path) -> None:
+def test_a_clock_without_a_period_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"the contract lacks phase\.period; "):
         contract(tmp_path, observations=observations(gait_phase={"params": {}}))
 
 
-def test_without_a_clock_nothing_is_assumed_of_one(tmp_path: Path) -> None:
+def test_without_a_clock_nothing_is_assumed_of_one(tmp_path):
     made = contract(tmp_path, observations={"joint_pos_rel": None})
     assert made.phase is None
     assert not [name for name in made.provenance if name.startswith("phase.")]
 
 
-def test_commands(tmp_path: Path) -> None:
+def test_commands(tmp_path):
     made = contract(tmp_path)
     assert made.command_names == ("base_velocity",)
     assert made.command_ranges.tolist() == [[-1.0, 1.0], [0.0, 0.0], [-2.0, 2.0]]
@@ -121,7 +118,7 @@ def test_commands(tmp_path: Path) -> None:
         (None, ["d", "c"], ("c", "d")),
     ],
 )
-def test_a_subset_of_the_joints_is_driven(tmp_path: Path, ids: Any, names: list[str], driven: tuple[str, ...]) -> None:
+def test_a_subset_of_the_joints_is_driven(tmp_path, ids, names, driven):
     n = len(driven)
     changed = action(joint_ids=ids, joint_names=names, scale=[0.5] * n, offset=[0.1] * n)
     made = contract(tmp_path, actions=changed)
@@ -129,7 +126,7 @@ def test_a_subset_of_the_joints_is_driven(tmp_path: Path, ids: Any, names: list[
     assert made.action_scale.tolist() == [0.5] * n
 
 
-def test_a_term_shows_a_subset_of_the_joints(tmp_path: Path) -> None:
+def test_a_term_shows_a_subset_of_the_joints(tmp_path):
     asset = {"asset_cfg": {"name": "robot", "joint_ids": [3, 0]}}
     made = contract(tmp_path, observations=observations(joint_pos_rel={"params": asset, "scale": [1.0, 1.0]}))
     assert made.terms[1].joints == ("b", "c")
@@ -148,7 +145,7 @@ observations:
     ("bounds", "joints"),
     [("null, null, null", None), ("0, 2, null", ("c", "a")), ("null, null, -1", ("b", "d", "a", "c"))],
 )
-def test_a_python_slice_is_read_without_calling_python(tmp_path: Path, bounds: str, joints: Any) -> None:
+def test_a_python_slice_is_read_without_calling_python(tmp_path, bounds, joints):
     path = tmp_path / "deploy.yaml"
     rest = {key: value for key, value in GOOD.items() if key != "observations"}
     path.write_text(yaml.safe_dump(rest) + SLICE % bounds)
@@ -156,7 +153,7 @@ def test_a_python_slice_is_read_without_calling_python(tmp_path: Path, bounds: s
 
 
 @pytest.mark.parametrize("bounds", ["1, 2", "null, x, null", "1.5, null, null", "true, null, null"])
-def test_another_slice_is_refused(tmp_path: Path, bounds: str) -> None:
+def test_another_slice_is_refused(tmp_path, bounds):
     path = tmp_path / "deploy.yaml"
     path.write_text(SLICE % bounds)
     with pytest.raises(InputError, match=r"line 6\): a slice is \[start, stop, step\], each an integer or null"):
@@ -164,36 +161,36 @@ def test_another_slice_is_refused(tmp_path: Path, bounds: str) -> None:
 
 
 @pytest.mark.parametrize("tag", ["python/object/apply:os.system", "python/tuple", "python/name:os.system", "mine"])
-def test_any_other_tag_is_refused_by_name(tmp_path: Path, tag: str) -> None:
+def test_any_other_tag_is_refused_by_name(tmp_path, tag):
     path = tmp_path / "deploy.yaml"
     path.write_text(f"joint_ids_map: !!{tag} [1]\n")
     with pytest.raises(InputError, match=rf"the tag !!{tag} is not read"):
         read_deploy(path)
 
 
-def test_history_by_steps(tmp_path: Path) -> None:
+def test_history_by_steps(tmp_path):
     terms = {name: {**term, "history_length": 3} for name, term in GOOD["observations"].items()}
     assert contract(tmp_path, observations={"use_gym_history": True, **terms}).history_layout == "per_step"
     assert contract(tmp_path, observations=terms).history_layout == "per_term"
 
 
-def test_scaling_first_moves_the_clip(tmp_path: Path) -> None:
+def test_scaling_first_moves_the_clip(tmp_path):
     terms = {"scale_first": True, "joint_vel_rel": {"clip": [-1.0, 2.0], "scale": [0.05] * 4}}
     assert contract(tmp_path, observations=terms).terms[0].clip == pytest.approx((-20.0, 40.0))
 
 
-def test_a_group_of_terms_is_unwrapped(tmp_path: Path) -> None:
+def test_a_group_of_terms_is_unwrapped(tmp_path):
     made = contract(tmp_path, observations={"obs": {"use_gym_history": False, **GOOD["observations"]}})
     assert made.observation_names == tuple(GOOD["observations"])
 
 
-def test_positions_are_clipped(tmp_path: Path) -> None:
+def test_positions_are_clipped(tmp_path):
     limits = [[-1.0, 1.0], [-2.0, 2.0], [-3.0, 3.0], [-4.0, 4.0]]
     assert contract(tmp_path, actions=action(clip=limits)).position_clip.tolist() == limits
     assert contract(tmp_path, actions=action(clip=[-1, 1])).position_clip.tolist() == [[-1.0, 1.0]] * 4
 
 
-def test_a_robot_that_lacks_joints_of_the_full_one(tmp_path: Path) -> None:
+def test_a_robot_that_lacks_joints_of_the_full_one(tmp_path):
     """Places count the joints of the full robot; gains come for all of those, or for the joints that are there."""
     places = [0, 6, 2, 4]
     for stiffness in ([10.0, 0.0, 11.0, 0.0, 12.0, 0.0, 13.0], [10.0, 11.0, 12.0, 13.0]):
@@ -243,7 +240,7 @@ def test_a_robot_that_lacks_joints_of_the_full_one(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_is_wrong_is_named_with_its_place(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+def test_what_is_wrong_is_named_with_its_place(tmp_path, changes, message):
     path = written(tmp_path / "deploy.yaml", **changes)
     with pytest.raises(InputError) as caught:
         read_deploy(path)
@@ -251,7 +248,7 @@ def test_what_is_wrong_is_named_with_its_place(tmp_path: Path, changes: dict[str
     assert "\n" not in str(caught.value)
 
 
-def test_where_the_file_lies(tmp_path: Path) -> None:
+def test_where_the_file_lies(tmp_path):
     model = tmp_path / "exported" / "policy.onnx"
     (tmp_path / "exported").mkdir()
     (tmp_path / "params").mkdir()
@@ -263,7 +260,7 @@ def test_where_the_file_lies(tmp_path: Path) -> None:
     assert find_deploy(model) == tmp_path / "exported" / "deploy.yaml"
 
 
-def test_names_that_the_robot_lacks_show_that_it_is_another_one(tmp_path: Path) -> None:
+def test_names_that_the_robot_lacks_show_that_it_is_another_one(tmp_path):
     assert contract(tmp_path, actions=action(joint_names=["[ab]", "c|d"])).joint_names == ("c", "a", "d", "b")
     terms = observations(joint_pos_rel={"params": {"asset_cfg": {"joint_names": ["left_knee"]}}})
     for changes in ({"actions": action(joint_names=["[abcd]", "left_knee"])}, {"observations": terms}):
@@ -279,7 +276,7 @@ def test_names_that_the_robot_lacks_show_that_it_is_another_one(tmp_path: Path) 
     assert merge([read, *named], "policy.onnx", ROBOT).joint_names == ("a", "b", "c", "d")
 
 
-def test_without_a_robot_joints_are_called_by_their_places(tmp_path: Path) -> None:
+def test_without_a_robot_joints_are_called_by_their_places(tmp_path):
     read = read_deploy(written(tmp_path / "deploy.yaml", actions=action(joint_names=["left_.*"])))
     with pytest.raises(UnnamedJointsError) as caught:
         merge([read], "policy.onnx")
@@ -289,8 +286,8 @@ def test_without_a_robot_joints_are_called_by_their_places(tmp_path: Path) -> No
     assert made.action_count == 4
 
 
-def test_a_height_scan_is_isaac_labs(tmp_path: Path) -> None:
-    term: dict[str, Any] = {"params": {"sensor_cfg": {"name": "height_scanner"}}, "clip": [-1.0, 1.0], "scale": None}
+def test_a_height_scan_is_isaac_labs(tmp_path):
+    term = {"params": {"sensor_cfg": {"name": "height_scanner"}}, "clip": [-1.0, 1.0], "scale": None}
     made = contract(tmp_path, observations=observations(height_scanner=term))
     assert made.terms[-1].kind == "height_scan"
     assert made.terms[-1].clip == (-1.0, 1.0)

@@ -2,38 +2,35 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnx
+import pytest
 from findings import errors, found, lite_contract
 from models import linear_model
 from msgspec.structs import replace as change
 from published import HOLOSOMA_REST, MJLAB, POLICIES, needs_policies
 from trainer import contract, network, save_checkpoint, terms
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.metadata import write_metadata
-from humanoid_sim.policy.robot_check import Finding, effort_findings, naming_findings, range_findings, sorted_findings
+from humanoid_sim.policy.robot_check import effort_findings, naming_findings, range_findings, sorted_findings
 from humanoid_sim.policy.suspicious import suspicious_findings
 from humanoid_sim.policy_tools.check import check_checkpoint
 from humanoid_sim.policy_tools.stamp import add_metadata
-from humanoid_sim.robots.description import RobotDescription
 
 G1 = POLICIES / "models" / "unitree_g1" / "scene.xml"
 
 
-def test_a_sound_checkpoint_has_no_errors(walker: Path, robot: RobotDescription) -> None:
+def test_a_sound_checkpoint_has_no_errors(walker, robot):
     findings = check_checkpoint(walker, robot)
     assert errors(findings) == []
     assert "none" in found(findings, "info", "golden vectors").message
     assert "no motors" in found(findings, "info", "robot").message
 
 
-def test_exit_status_and_json(cli, walker: Path, robot: RobotDescription, tmp_path: Path) -> None:
+def test_exit_status_and_json(cli, walker, robot, tmp_path):
     mjcf = robot.mjcf_path
     status, out, error = cli("check", walker, "--robot", mjcf)
     assert (status, error) == (0, "")
@@ -56,7 +53,7 @@ def test_exit_status_and_json(cli, walker: Path, robot: RobotDescription, tmp_pa
     assert cli("check", walker)[0] == 2  # which robot?
 
 
-def test_widths_that_do_not_add_up(walker: Path, robot: RobotDescription) -> None:
+def test_widths_that_do_not_add_up(walker, robot):
     narrow = contract(observation=terms()[:-1])
     walker.write_bytes(add_metadata(walker, {**write_metadata(narrow), STAMP_KEY: encode(narrow)}))
     finding = found(check_checkpoint(walker, robot), "error", "observation")
@@ -64,7 +61,7 @@ def test_widths_that_do_not_add_up(walker: Path, robot: RobotDescription) -> Non
     assert "joint_pos_rel 12" in finding.message
 
 
-def test_a_contract_that_cannot_be_is_a_finding(cli, walker: Path, robot: RobotDescription, tmp_path: Path) -> None:
+def test_a_contract_that_cannot_be_is_a_finding(cli, walker, robot, tmp_path):
     walker.write_bytes(add_metadata(walker, {}))
     file = tmp_path / "negative.yaml"
     file.write_text("override: {joint_damping: [1, -2, 1, 1]}\n", encoding="utf-8")
@@ -75,19 +72,19 @@ def test_a_contract_that_cannot_be_is_a_finding(cli, walker: Path, robot: RobotD
     assert cli("check", walker, "--robot", robot.mjcf_path, "--contract", file)[0] == 1
 
 
-def _check_lite(tmp_path: Path, lite: RobotDescription, **changes: Any) -> tuple[Finding, ...]:
+def _check_lite(tmp_path, lite, **changes):
     wiring = lite_contract(lite, **changes)
     model = save_model(tmp_path / "lite.onnx", wiring, len(wiring.joint_names))
     return check_checkpoint(model, lite)
 
 
-def save_model(path: Path, wiring: PolicyContract, width: int) -> Path:
+def save_model(path, wiring, width):
     """A linear policy of `width` observations for a contract."""
     onnx.save(linear_model(write_metadata(wiring), inputs=width, outputs=wiring.action_count), str(path))
     return path
 
 
-def test_gains_that_the_motors_cannot_encode(tmp_path: Path, lite: RobotDescription) -> None:
+def test_gains_that_the_motors_cannot_encode(tmp_path, lite):
     damping, stiffness = np.full(14, 2.0), np.full(14, 50.0)
     damping[3], damping[6], stiffness[4] = 6.0, 0.001, 501.0
     findings = _check_lite(tmp_path, lite, joint_damping=damping, joint_stiffness=stiffness)
@@ -100,12 +97,12 @@ def test_gains_that_the_motors_cannot_encode(tmp_path: Path, lite: RobotDescript
     assert len(steps) == 1
 
 
-def test_gains_at_the_limit_are_accepted(tmp_path: Path, lite: RobotDescription) -> None:
+def test_gains_at_the_limit_are_accepted(tmp_path, lite):
     findings = _check_lite(tmp_path, lite, joint_damping=np.full(14, 5.0), joint_stiffness=np.full(14, 500.0))
     assert not [finding for finding in findings if "encodes" in finding.message]
 
 
-def test_unstable_damping_names_joint_and_step(tmp_path: Path, lite: RobotDescription) -> None:
+def test_unstable_damping_names_joint_and_step(tmp_path, lite):
     model = save_model(tmp_path / "lite.onnx", lite_contract(lite), 14)
     assert errors(check_checkpoint(model, lite)) == []
     findings = check_checkpoint(model, lite, physics_timestep=0.004)
@@ -118,7 +115,7 @@ def test_unstable_damping_names_joint_and_step(tmp_path: Path, lite: RobotDescri
     assert errors(check_checkpoint(model, lite, physics_timestep=0.95 * longest)) == []
 
 
-def test_poses_and_actions_beyond_the_joints(robot: RobotDescription) -> None:
+def test_poses_and_actions_beyond_the_joints(robot):
     wiring = contract(
         default_joint_pos=[-0.2, 0.1, 0.6, 0.5],
         action_scale=[2.0, 0.01, 0.3],
@@ -137,7 +134,7 @@ def test_poses_and_actions_beyond_the_joints(robot: RobotDescription) -> None:
     assert "wider than" in found(range_findings(wide, robot), "warning", "position_clip", "right_knee").message
 
 
-def test_joints_whose_torque_nothing_limits_are_named(robot: RobotDescription) -> None:
+def test_joints_whose_torque_nothing_limits_are_named(robot):
     (free,) = effort_findings(contract(), robot)
     assert str(free) == (
         "effort_limit: 4 of 4 joints have no torque limit, neither in the contract nor in 'walker' (left_hip, "
@@ -153,7 +150,7 @@ def test_joints_whose_torque_nothing_limits_are_named(robot: RobotDescription) -
     assert list(effort_findings(contract(effort_limit=25.0), robot)) == []
 
 
-def test_guards_that_are_off_are_named(walker: Path, robot: RobotDescription) -> None:
+def test_guards_that_are_off_are_named(walker, robot):
     message = found(check_checkpoint(walker, robot), "info", "guards").message
     assert message.startswith("following is off for 4 of 4 joints, which lack an effort limit of the robot's own")
     joints = tuple(change(joint, effort_limit=50.0, lower=-2.0, upper=2.0) for joint in robot.joints)
@@ -161,7 +158,7 @@ def test_guards_that_are_off_are_named(walker: Path, robot: RobotDescription) ->
     assert "guards" not in [finding.field for finding in watched]
 
 
-def test_gravity_that_points_up_stands_first(robot: RobotDescription) -> None:
+def test_gravity_that_points_up_stands_first(robot):
     terms = contract().terms
     upside_down = contract(
         observation=tuple(replace(term, scale=-1.0) if term.name == "projected_gravity" else term for term in terms),
@@ -175,14 +172,14 @@ def test_gravity_that_points_up_stands_first(robot: RobotDescription) -> None:
     assert "policy_dt" in [finding.field for finding in findings[1:]], "an equal that was found earlier"
 
 
-def test_a_robot_that_is_weaker_than_the_one_of_the_training_is_named(lite: RobotDescription) -> None:
+def test_a_robot_that_is_weaker_than_the_one_of_the_training_is_named(lite):
     wiring = lite_contract(lite, effort_limit=5.0)
     weaker = [finding.joint for finding in effort_findings(wiring, lite)]
     assert weaker == [joint.name for joint in lite.joints if joint.effort_limit < 5.0]
     assert "is 5 N·m, but 'lite' allows 4, which stays" in str(next(effort_findings(wiring, lite)))
 
 
-def test_joints_that_only_their_places_tell_are_a_warning(robot: RobotDescription) -> None:
+def test_joints_that_only_their_places_tell_are_a_warning(robot):
     placed = contract(provenance={"joint_names": "deploy.yaml and the robot"})
     (finding,) = naming_findings(placed, robot)
     assert finding.severity == "warning"
@@ -191,11 +188,11 @@ def test_joints_that_only_their_places_tell_are_a_warning(robot: RobotDescriptio
     assert list(naming_findings(contract(provenance={"joint_names": "robot's own order"}), robot)) != []
 
 
-def test_a_rounded_limit_is_no_error(robot: RobotDescription) -> None:
+def test_a_rounded_limit_is_no_error(robot):
     assert errors(range_findings(contract(default_joint_pos=[-1.5004, 0.1, 0.6, 0.5]), robot)) == []
 
 
-def test_hardware_needs_an_estimator_motors_and_a_rate(tmp_path: Path, robot: RobotDescription) -> None:
+def test_hardware_needs_an_estimator_motors_and_a_rate(tmp_path, robot):
     wiring = contract(observation=[*terms()[:-1], Term("base_lin_vel")], policy_dt=0.03)
     model = save_model(tmp_path / "m.onnx", wiring, 33)
     model.write_bytes(add_metadata(model, {STAMP_KEY: encode(wiring)}))
@@ -207,11 +204,11 @@ def test_hardware_needs_an_estimator_motors_and_a_rate(tmp_path: Path, robot: Ro
     assert "simulation knows" in found(simulated, "info", "observation term base_lin_vel").message
 
 
-def test_the_models_answers(tmp_path: Path, robot: RobotDescription) -> None:
+def test_the_models_answers(tmp_path, robot):
     path = save_checkpoint(tmp_path / "walker.onnx")
     model = onnx.load(str(path))
 
-    def with_weights(weights: np.ndarray) -> tuple[Finding, ...]:
+    def with_weights(weights):
         model.graph.initializer[0].raw_data = weights.astype(np.float32).tobytes()
         onnx.save(model, str(path))
         return check_checkpoint(path, robot)
@@ -225,7 +222,7 @@ def test_the_models_answers(tmp_path: Path, robot: RobotDescription) -> None:
     assert "not finite" in found(with_weights(broken), "error", "model", "left_hip").message
 
 
-def test_golden_vectors_that_do_not_fit(stamped: Path, robot: RobotDescription) -> None:
+def test_golden_vectors_that_do_not_fit(stamped, robot):
     assert "trainer's run" in found(check_checkpoint(stamped, robot), "info", "golden vectors").message
     wiring = contract(observation=terms(last_action={"form": "scaled"}))
     stamped.write_bytes(add_metadata(stamped, {STAMP_KEY: encode(wiring)}))
@@ -233,7 +230,8 @@ def test_golden_vectors_that_do_not_fit(stamped: Path, robot: RobotDescription) 
 
 
 @needs_policies
-def test_published_policies(cli, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("near_ends")
+def test_published_policies(cli, tmp_path):
     rest = tmp_path / "rest.yaml"
     rest.write_text(HOLOSOMA_REST, encoding="utf-8")
     for model, *extra in (

@@ -1,7 +1,6 @@
 """A contract with a live input is checked, shown and stamped without samples; programs that cannot feed it say so."""
 
 import json
-from pathlib import Path
 
 import pytest
 from trainer import contract, save_checkpoint, terms
@@ -13,31 +12,30 @@ from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY
 from humanoid_sim.policy.onnx_policy import read_header
-from humanoid_sim.robots.description import RobotDescription
 
 
 @pytest.fixture
-def live(tmp_path: Path) -> Path:
+def live(tmp_path):
     """The trainer's policy, with two values of a sensor of its own in the place of a clock's."""
     observed = [Term("foot_contact", width=2) if term.name == "sin_phase" else term for term in terms()]
     return save_checkpoint(tmp_path / "live.onnx", contract(observation=observed))
 
 
-def test_check_accepts_it_and_names_it(cli, live: Path, robot: RobotDescription) -> None:
+def test_check_accepts_it_and_names_it(cli, live, robot):
     status, out, error = cli("check", live, "--robot", robot.mjcf_path)
     assert status == 0, error
     assert "observation term foot_contact: is a live input of width 2: programs send it by /foot_contact, or" in out
     assert "a policy with live inputs has none" in out
 
 
-def test_show_shows_it(cli, live: Path) -> None:
+def test_show_shows_it(cli, live):
     status, out, error = cli("show", live)
     assert status == 0, error
     (line,) = [line for line in out.splitlines() if "foot_contact" in line and "live input" in line]
     assert "2" in line
 
 
-def test_show_says_by_which_topic_it_comes_and_when_it_is_stale(cli, live: Path, tmp_path: Path) -> None:
+def test_show_says_by_which_topic_it_comes_and_when_it_is_stale(cli, live, tmp_path):
     file = tmp_path / "live.yaml"
     for options, told in (
         ("", "from other programs by /foot_contact, stale after 0.5 s"),
@@ -62,9 +60,7 @@ def test_show_says_by_which_topic_it_comes_and_when_it_is_stale(cli, live: Path,
         ("timeout: -1", "observation term 'foot_contact': timeout is -1.0, expected seconds > 0, or .inf"),
     ],
 )
-def test_declarations_that_are_refused(
-    live: Path, tmp_path: Path, options: str, problem: str, capsys: pytest.CaptureFixture[str], robot: RobotDescription
-) -> None:
+def test_declarations_that_are_refused(live, tmp_path, options, problem, capsys, robot):
     file = tmp_path / "live.yaml"
     file.write_text(f"terms:\n  foot_contact: {{{options}}}\n", encoding="utf-8")
     given = ["--policy", str(live), "--robot", str(robot.mjcf_path), "--contract", str(file)]
@@ -74,7 +70,7 @@ def test_declarations_that_are_refused(
     assert error.count("\n") == 1
 
 
-def test_the_width_may_come_from_a_contract_file(cli, walker: Path, tmp_path: Path, robot: RobotDescription) -> None:
+def test_the_width_may_come_from_a_contract_file(cli, walker, tmp_path, robot):
     plain = save_checkpoint(tmp_path / "plain.onnx", contract(observation=[*terms()[:-2], "foot", "cos_phase"]))
     status, out, _ = cli("check", plain, "--robot", robot.mjcf_path)
     assert status == 1
@@ -90,7 +86,7 @@ def test_the_width_may_come_from_a_contract_file(cli, walker: Path, tmp_path: Pa
     assert "observation term 'joint_pos_rel': width is 4, expected none: only a live input has one of its own" in out
 
 
-def test_stamp_writes_the_contract_without_samples(cli, live: Path, tmp_path: Path) -> None:
+def test_stamp_writes_the_contract_without_samples(cli, live, tmp_path):
     output = tmp_path / "stamped.onnx"
     status, out, error = cli("stamp", live, "-o", output)
     assert status == 0, error
@@ -101,22 +97,20 @@ def test_stamp_writes_the_contract_without_samples(cli, live: Path, tmp_path: Pa
     assert dict(load_checkpoint(output).contract.live_inputs) == {"foot_contact": 2}
 
 
-def test_a_trace_is_refused(cli, live: Path, trace: Path, tmp_path: Path) -> None:
+def test_a_trace_is_refused(cli, live, trace, tmp_path):
     output = tmp_path / "stamped.onnx"
     status, out, error = cli("stamp", live, "-o", output, "--trace", trace)
     assert (status, out, output.exists()) == (2, "", False)
     assert error == f"error: --trace: is '{trace}', but {live} observes the live input 'foot_contact': no samples\n"
 
 
-def test_doctor_refuses_it(cli, live: Path, robot: RobotDescription) -> None:
+def test_doctor_refuses_it(cli, live, robot):
     status, out, error = cli("doctor", live, "--robot", robot.mjcf_path)
     assert (status, out) == (2, "")
     assert error == f"error: {live}: needs the live input 'foot_contact' of width 2, and doctor has none\n"
 
 
-def test_play_says_who_must_feed_it_and_refuses_to_start_where_nobody_does(
-    live: Path, robot: RobotDescription, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_play_says_who_must_feed_it_and_refuses_to_start_where_nobody_does(live, robot, capsys):
     options = ["--policy", str(live), "--robot", str(robot.mjcf_path), "--video", "none", "--record", "none"]
     assert run_program(play, options) == 1
     printed = capsys.readouterr().out

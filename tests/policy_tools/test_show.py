@@ -3,7 +3,6 @@
 import json
 import re
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,7 +20,7 @@ from humanoid_sim.policy_tools.stamp import add_metadata
 G1 = POLICIES / "models" / "unitree_g1" / "scene.xml"
 
 
-def test_tables(cli, stamped: Path) -> None:
+def test_tables(cli, stamped):
     status, out, error = cli("show", stamped)
     assert (status, error) == (0, "")
     assert "32 values in 8 terms" in out
@@ -43,13 +42,13 @@ def test_tables(cli, stamped: Path) -> None:
     assert "vx -1 to 1, vy -0.5 to 0.5" in out
 
 
-def test_a_policy_that_ships_goes_by_its_name(cli) -> None:
+def test_a_policy_that_ships_goes_by_its_name(cli):
     status, out, error = cli("show", "lite_biped_velocity")
     assert (status, error) == (0, "")
     assert "lite_biped_velocity.onnx" in out
 
 
-def test_json_is_complete(cli, stamped: Path) -> None:
+def test_json_is_complete(cli, stamped):
     status, out, _ = cli("show", stamped, "--json")
     assert status == 0
     document = json.loads(out, parse_constant=pytest.fail)  # no Infinity, no NaN: other programs read it
@@ -66,7 +65,7 @@ def test_json_is_complete(cli, stamped: Path) -> None:
     assert document["model"]["inputs"] == [{"name": "obs", "type": "tensor(float)", "shape": [1, 32]}]
 
 
-def test_a_refused_checkpoint_is_shown_with_its_problem(cli, stamped: Path) -> None:
+def test_a_refused_checkpoint_is_shown_with_its_problem(cli, stamped):
     wrong = stamped.with_name("wrong.onnx")
     wiring = contract(observation=terms(projected_gravity={"scale": -1.0}))
     wrong.write_bytes(add_metadata(stamped, {STAMP_KEY: encode(wiring)}))
@@ -79,7 +78,7 @@ def test_a_refused_checkpoint_is_shown_with_its_problem(cli, stamped: Path) -> N
     assert "projected_gravity[0]" in json.loads(out)["golden"]["problem"]
 
 
-def test_conventions_that_differ_are_named() -> None:
+def test_conventions_that_differ_are_named():
     wiring = contract(
         observation=terms(
             base_ang_vel={"frame": "world", "clip": (-5.0, 5.0)},
@@ -96,7 +95,7 @@ def test_conventions_that_differ_are_named() -> None:
     assert lines["projected_gravity"].conventions == ""
 
 
-def test_steps_that_lie_together_start_within_the_first() -> None:
+def test_steps_that_lie_together_start_within_the_first():
     names = [term.name for term in terms()]
     wiring = contract(history_layout="per_step", observation=terms(**{name: {"history": 2} for name in names}))
     lines = term_lines(wiring, contract_layout(wiring))
@@ -104,7 +103,7 @@ def test_steps_that_lie_together_start_within_the_first() -> None:
     assert sum(line.width for line in lines) == 48
 
 
-def test_sources_and_assumptions() -> None:
+def test_sources_and_assumptions():
     wiring = contract(
         provenance={
             "policy_dt": "assumed (mjlab)",
@@ -120,7 +119,7 @@ def test_sources_and_assumptions() -> None:
 
 
 @needs_policies
-def test_published_policies(cli, tmp_path: Path) -> None:
+def test_published_policies(cli, tmp_path):
     rest = tmp_path / "rest.yaml"
     rest.write_text(HOLOSOMA_REST, encoding="utf-8")
     for arguments, texts in (
@@ -142,14 +141,14 @@ def test_published_policies(cli, tmp_path: Path) -> None:
 
 
 @needs_policies
-def test_joints_by_place_are_shown_by_their_places_without_the_robot(cli) -> None:
+def test_joints_by_place_are_shown_by_their_places_without_the_robot(cli):
     status, out, error = cli("show", POLICIES / "unitree_g1_velocity_v0/exported/policy.onnx")
     assert (status, error) == (0, "")
     assert out.startswith("no source names the joints, so they are shown by their places on the robot; --robot gives")
     assert "joint 28 of the robot" in out
 
 
-def test_bad_input_is_one_line(cli, tmp_path: Path, walker: Path) -> None:
+def test_bad_input_is_one_line(cli, tmp_path, walker):
     text = tmp_path / "text.onnx"
     text.write_text("no model")
     bare = tmp_path / "bare.onnx"
@@ -174,7 +173,7 @@ action_clip: .inf
 """
 
 
-def test_what_is_known_of_a_contract_that_lacks_fields(cli, tmp_path: Path, walker: Path) -> None:
+def test_what_is_known_of_a_contract_that_lacks_fields(cli, tmp_path, walker):
     bare = tmp_path / "bare.onnx"
     model = onnx.load(str(walker))
     del model.metadata_props[:]
@@ -199,9 +198,7 @@ def test_what_is_known_of_a_contract_that_lacks_fields(cli, tmp_path: Path, walk
     assert document["model"]["inputs"][0]["shape"] == [1, 32]
 
 
-def test_a_network_of_which_nothing_is_known_shows_its_tensors_and_what_is_missing(
-    cli, tmp_path: Path, walker: Path
-) -> None:
+def test_a_network_of_which_nothing_is_known_shows_its_tensors_and_what_is_missing(cli, tmp_path, walker):
     bare = tmp_path / "bare.onnx"
     model = onnx.load(str(walker))
     del model.metadata_props[:]
@@ -216,7 +213,7 @@ def test_a_network_of_which_nothing_is_known_shows_its_tensors_and_what_is_missi
     assert (status, json.loads(out)["known"]) == (1, {})
 
 
-def test_a_skeleton_states_nothing_until_it_is_filled_in(cli, tmp_path: Path, walker: Path) -> None:
+def test_a_skeleton_states_nothing_until_it_is_filled_in(cli, tmp_path, walker):
     bare, file = tmp_path / "bare.onnx", tmp_path / "bare.contract.yaml"
     model = onnx.load(str(walker))
     del model.metadata_props[:]
@@ -252,7 +249,7 @@ def test_a_skeleton_states_nothing_until_it_is_filled_in(cli, tmp_path: Path, wa
     assert error == f"error: --skeleton: nothing is missing from the contract of {walker}\n"
 
 
-def test_keys_of_a_piano_policy_follow_from_the_models_input() -> None:
+def test_keys_of_a_piano_policy_follow_from_the_models_input():
     wiring = contract(
         task_type="piano",
         observation=("joint_pos", "target_keys", "target_keys_future", "key_pressed"),
@@ -264,7 +261,7 @@ def test_keys_of_a_piano_policy_follow_from_the_models_input() -> None:
     assert contract_layout(wiring, 17).width == 9  # no whole number of keys: the check of widths says so
 
 
-def test_help_and_unknown_options(cli) -> None:
+def test_help_and_unknown_options(cli):
     status, out, _ = cli("--help")
     assert status == 0
     for verb in ("show", "check", "stamp", "doctor"):
@@ -273,7 +270,7 @@ def test_help_and_unknown_options(cli) -> None:
     assert cli("look", "x.onnx")[0] == 2
 
 
-def test_a_complete_checkpoint_shows_the_same_from_its_thirteen_keys(cli, tmp_path: Path) -> None:
+def test_a_complete_checkpoint_shows_the_same_from_its_thirteen_keys(cli, tmp_path):
     """What the keys say is read alike with and without the stamp."""
     plain = contract(observation=("joint_pos", "joint_vel", "actions", "twist"), phase=None, command_ranges=None)
     outputs = []
@@ -288,10 +285,10 @@ def test_a_complete_checkpoint_shows_the_same_from_its_thirteen_keys(cli, tmp_pa
     np.testing.assert_array_equal(outputs[0]["joint_damping"], plain.joint_damping)
 
 
-def test_the_doctor_is_reached(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_doctor_is_reached(cli, tmp_path, monkeypatch):
     heard = []
 
-    def doctor(config: DoctorConfig) -> int:
+    def doctor(config):
         heard.append(config)
         return 3
 

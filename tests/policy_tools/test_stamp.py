@@ -2,7 +2,6 @@
 
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import onnx
@@ -32,10 +31,11 @@ PUBLISHED = {
 
 
 @needs_policies
+@pytest.mark.usefixtures("near_ends")
 @pytest.mark.parametrize("name", PUBLISHED)
-def test_published_policy(cli, tmp_path: Path, name: str) -> None:
+def test_published_policy(cli, tmp_path, name):
     model, trace, rest = PUBLISHED[name]
-    extra: list[object] = []
+    extra = []
     if rest:
         file = tmp_path / "rest.yaml"
         file.write_text(rest, encoding="utf-8")
@@ -73,7 +73,8 @@ def test_published_policy(cli, tmp_path: Path, name: str) -> None:
 
 
 @needs_policies
-def test_mjlabs_velocity_is_not_that_of_the_bases_origin(cli, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("near_ends")
+def test_mjlabs_velocity_is_not_that_of_the_bases_origin(cli, tmp_path):
     model, trace = (POLICIES / name for name in MJLAB)
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text("terms: {base_lin_vel: {at: base}}", encoding="utf-8")
@@ -83,7 +84,7 @@ def test_mjlabs_velocity_is_not_that_of_the_bases_origin(cli, tmp_path: Path) ->
     assert "observation base_lin_vel[" in error
 
 
-def test_writes_the_thirteen_keys_the_contract_and_the_samples(stamped: Path) -> None:
+def test_writes_the_thirteen_keys_the_contract_and_the_samples(stamped):
     metadata = read_header(stamped)[0]
     assert set(metadata) == {*METADATA_KEYS, STAMP_KEY, GOLDEN_KEY, TENSORS_KEY}
     thirteen = read_own(metadata, "stamped").fields
@@ -98,7 +99,7 @@ def test_writes_the_thirteen_keys_the_contract_and_the_samples(stamped: Path) ->
     )
 
 
-def test_keeps_other_metadata(cli, walker: Path, tmp_path: Path) -> None:
+def test_keeps_other_metadata(cli, walker, tmp_path):
     model = onnx.load(str(walker))
     entry = model.metadata_props.add()
     entry.key, entry.value = "run_path", "team/walk/17"
@@ -108,7 +109,7 @@ def test_keeps_other_metadata(cli, walker: Path, tmp_path: Path) -> None:
     assert read_header(output)[0]["run_path"] == "team/walk/17"
 
 
-def test_without_a_trace_the_samples_only_show_drift(cli, walker: Path, tmp_path: Path) -> None:
+def test_without_a_trace_the_samples_only_show_drift(cli, walker, tmp_path):
     output = tmp_path / "out.onnx"
     status, out, _ = cli("stamp", walker, "-o", output)
     assert status == 0
@@ -117,7 +118,7 @@ def test_without_a_trace_the_samples_only_show_drift(cli, walker: Path, tmp_path
     assert "drift only" in cli("show", output)[1]
 
 
-def test_external_tensors_move_into_the_copy(cli, walker: Path, tmp_path: Path) -> None:
+def test_external_tensors_move_into_the_copy(cli, walker, tmp_path):
     folder = tmp_path / "external"
     folder.mkdir()
     model = folder / "policy.onnx"
@@ -132,7 +133,7 @@ def test_external_tensors_move_into_the_copy(cli, walker: Path, tmp_path: Path) 
     np.testing.assert_array_equal(load_checkpoint(output).policy(observation, 0), expected.policy(observation, 0))
 
 
-def outside(stamped: Path, folder: Path) -> tuple[Path, Path]:
+def outside(stamped, folder):
     """A stamped model whose tensors somebody has taken out again, and their file."""
     folder.mkdir()
     arguments = {"save_as_external_data": True, "location": "policy.onnx.data", "size_threshold": 0}
@@ -140,7 +141,7 @@ def outside(stamped: Path, folder: Path) -> tuple[Path, Path]:
     return folder / "policy.onnx", folder / "policy.onnx.data"
 
 
-def test_external_tensors_of_another_model_are_told_though_they_are_as_long(cli, stamped: Path, tmp_path: Path) -> None:
+def test_external_tensors_of_another_model_are_told_though_they_are_as_long(cli, stamped, tmp_path):
     model, data = outside(stamped, tmp_path / "outside")
     assert load_checkpoint(model).golden == "8 samples of the trainer's run (trace.npz)"
     values = np.frombuffer(data.read_bytes(), dtype=np.float32).copy()
@@ -154,7 +155,7 @@ def test_external_tensors_of_another_model_are_told_though_they_are_as_long(cli,
         )
 
 
-def test_golden_vectors_name_external_tensors_where_no_digest_tells(stamped: Path, tmp_path: Path) -> None:
+def test_golden_vectors_name_external_tensors_where_no_digest_tells(stamped, tmp_path):
     model, data = outside(stamped, tmp_path / "outside")
     older = onnx.load(str(model), load_external_data=False)
     kept = [entry for entry in older.metadata_props if entry.key != TENSORS_KEY]
@@ -169,7 +170,7 @@ def test_golden_vectors_name_external_tensors_where_no_digest_tells(stamped: Pat
         load_checkpoint(model)
 
 
-def test_missing_external_tensors_are_one_line(cli, walker: Path, tmp_path: Path) -> None:
+def test_missing_external_tensors_are_one_line(cli, walker, tmp_path):
     model = tmp_path / "policy.onnx"
     arguments = {"save_as_external_data": True, "location": "policy.onnx.data", "size_threshold": 0}
     onnx.save(onnx.load(str(walker)), str(model), **arguments)
@@ -180,7 +181,7 @@ def test_missing_external_tensors_are_one_line(cli, walker: Path, tmp_path: Path
     assert error.count("\n") == 1
 
 
-def test_refuses_to_overwrite(cli, walker: Path, tmp_path: Path) -> None:
+def test_refuses_to_overwrite(cli, walker, tmp_path):
     output = tmp_path / "out.onnx"
     output.write_text("mine")
     status, _, error = cli("stamp", walker, "-o", output)
@@ -191,7 +192,7 @@ def test_refuses_to_overwrite(cli, walker: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("where", ["itself", "folder", "nowhere"])
-def test_refuses_an_output_that_is_no_new_file(cli, walker: Path, tmp_path: Path, where: str) -> None:
+def test_refuses_an_output_that_is_no_new_file(cli, walker, tmp_path, where):
     output = {"itself": walker, "folder": tmp_path, "nowhere": tmp_path / "no" / "out.onnx"}[where]
     before = walker.read_bytes()
     status, _, error = cli("stamp", walker, "-o", output, "--overwrite")
@@ -200,7 +201,7 @@ def test_refuses_an_output_that_is_no_new_file(cli, walker: Path, tmp_path: Path
     assert walker.read_bytes() == before
 
 
-def test_a_wrongly_wired_checkpoint_is_not_stamped(cli, tmp_path: Path) -> None:
+def test_a_wrongly_wired_checkpoint_is_not_stamped(cli, tmp_path):
     wrong = save_checkpoint(tmp_path / "wrong.onnx", contract(default_joint_pos=[0.1, -0.2, 0.6, 0.5]))
     trace = save_trace(tmp_path / "trace.npz", Run())
     output = tmp_path / "out.onnx"
@@ -212,7 +213,7 @@ def test_a_wrongly_wired_checkpoint_is_not_stamped(cli, tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["trace.npz", "wrong.onnx"]
 
 
-def test_says_what_the_samples_cannot_show(cli, walker: Path, tmp_path: Path) -> None:
+def test_says_what_the_samples_cannot_show(cli, walker, tmp_path):
     run = Run()
     trace = save_trace(tmp_path / "bare.npz", run, target=None)
     _, out, _ = cli("stamp", walker, "-o", tmp_path / "out.onnx", "--trace", trace)
@@ -223,7 +224,7 @@ def test_says_what_the_samples_cannot_show(cli, walker: Path, tmp_path: Path) ->
     ]
 
 
-def test_a_key_changed_after_stamping_is_refused(stamped: Path) -> None:
+def test_a_key_changed_after_stamping_is_refused(stamped):
     """The thirteen keys and the stamped contract say the same; neither may silently win over the other."""
     slower = write_metadata(contract(policy_dt=0.04))["policy_dt"]
     stamped.write_bytes(add_metadata(stamped, {"policy_dt": slower}))
@@ -231,7 +232,7 @@ def test_a_key_changed_after_stamping_is_refused(stamped: Path) -> None:
         load_checkpoint(stamped)
 
 
-def test_a_motion_from_a_file_goes_into_the_samples(cli, tmp_path: Path) -> None:
+def test_a_motion_from_a_file_goes_into_the_samples(cli, tmp_path):
     motion, policy, output = asset_path("motions", "wave.mcap"), tmp_path / "bare.onnx", tmp_path / "out.onnx"
     model = onnx.load(str(asset_path("policies", "lite_tracking.onnx")))
     kept = {entry.key: entry.value for entry in model.metadata_props if entry.key not in (GOLDEN_KEY, STAMP_KEY)}

@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
+from humanoid_sim.prepare.conventions import Conventions, interpret
 from humanoid_sim.prepare.skeleton import Skeleton
+from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from tools.samples.motions import pose_a
@@ -44,6 +46,26 @@ def state_of(q: np.ndarray, bodies: tuple[str, ...] | None = None, fps: float = 
         "body_lin_vel_w": np.zeros_like(position, dtype=np.float32),
         "body_ang_vel_w": np.zeros_like(position, dtype=np.float32),
     }
+
+
+def source_of(bodies: tuple[str, ...]) -> SourceMotion:
+    """The same as a file's content whose conventions are not known yet."""
+    state = state_of(joint_path(), bodies)
+    return SourceMotion(
+        source="dance.npz",
+        kind="npz",
+        fps=FPS,
+        joint_position=state["joint_pos"],
+        joint_velocity=state["joint_vel"],
+        body_position=state["body_pos_w"],
+        body_quaternion=state["body_quat_w"],
+    )
+
+
+def motion_of(bodies: tuple[str, ...]) -> SourceMotion:
+    """The same, read as what it is."""
+    skeleton = Skeleton(lite())
+    return interpret(source_of(bodies), Conventions(skeleton.joints, bodies, "wxyz"), skeleton)
 
 
 def write_npz(path: Path, **changes: Any) -> Path:

@@ -1,17 +1,14 @@
 """Motions of bodies alone, and of joints alone."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from motion_samples import joint_path, lite
 
 from humanoid_sim.assets import asset_path
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import read_contract
-from humanoid_sim.prepare.acceptance import INVERSE, Findings, accept
+from humanoid_sim.prepare.acceptance import INVERSE, accept
 from humanoid_sim.prepare.conventions import Conventions
 from humanoid_sim.prepare.motion_fit import Tolerance
 from humanoid_sim.prepare.skeleton import Skeleton
@@ -24,13 +21,13 @@ TOLERANCE = Tolerance(0.01, np.radians(2.0))
 
 
 @pytest.fixture(scope="module")
-def contract() -> PolicyContract:
+def contract():
     return read_contract(asset_path("policies", "lite_tracking.onnx"))
 
 
-def bodies_alone(order: tuple[int, ...] = (0, 1, 2, 3), **changes: Any) -> SourceMotion:
+def bodies_alone(order=(0, 1, 2, 3), **changes):
     position, rotation = ForwardKinematics(lite(), BODIES)(joint_path(300))
-    fields: dict[str, Any] = {
+    fields = {
         "source": "dances episode 0",
         "kind": "lerobot",
         "fps": 50.0,
@@ -41,13 +38,13 @@ def bodies_alone(order: tuple[int, ...] = (0, 1, 2, 3), **changes: Any) -> Sourc
     return SourceMotion(**fields | changes)
 
 
-def found(source: SourceMotion, contract: PolicyContract) -> Findings:
+def found(source, contract):
     joints = () if source.joint_position is None else SKELETON.joints
     bodies = () if source.body_position is None else BODIES
     return accept(source, Conventions(joints, bodies, source.quaternion_order), contract, SKELETON, TOLERANCE)
 
 
-def test_bodies_that_the_robot_can_reach(contract: PolicyContract) -> None:
+def test_bodies_that_the_robot_can_reach(contract):
     findings = found(bodies_alone(), contract)
     assert findings.method == INVERSE
     assert [check.name for check in findings.bodies] == list(BODIES)
@@ -56,19 +53,14 @@ def test_bodies_that_the_robot_can_reach(contract: PolicyContract) -> None:
 
 
 @pytest.mark.parametrize("order", [(2, 3, 0, 1), (1, 0, 2, 3), (0, 3, 2, 1)])
-def test_bodies_in_each_others_place_cannot_be_reached(contract: PolicyContract, order: tuple[int, ...]) -> None:
+def test_bodies_in_each_others_place_cannot_be_reached(contract, order):
     with pytest.raises(InputError, match="no pose of the robot that was found puts body"):
         found(bodies_alone(order), contract)
 
 
-@pytest.mark.parametrize(
-    ("length", "conjugate"),
-    [(100.0, False), (1.0, True), (1000.0, True)],
-)
-def test_bodies_alone_in_other_units(contract: PolicyContract, length: float, conjugate: bool) -> None:
+@pytest.mark.parametrize(("length", "conjugate"), [(100.0, False), (1.0, True), (1000.0, True)])
+def test_bodies_alone_in_other_units(contract, length, conjugate):
     motion = bodies_alone()
-    assert motion.body_position is not None
-    assert motion.body_quaternion is not None
     wrong = bodies_alone(
         body_position=length * motion.body_position,
         body_quaternion=motion.body_quaternion * ([1.0, -1.0, -1.0, -1.0] if conjugate else 1.0),
@@ -77,29 +69,28 @@ def test_bodies_alone_in_other_units(contract: PolicyContract, length: float, co
         found(wrong, contract)
 
 
-def test_bodies_in_the_world_without_joints(contract: PolicyContract) -> None:
+def test_bodies_in_the_world_without_joints(contract):
     with pytest.raises(
         InputError, match="can only be verified from positions and orientations in the robot's base frame"
     ):
         found(bodies_alone(frame="world"), contract)
 
 
-def joints_alone(**changes: Any) -> SourceMotion:
+def joints_alone(**changes):
     fields = {"source": "a.csv", "kind": "csv", "fps": 50.0, "joint_position": joint_path()}
     return SourceMotion(**fields | changes)
 
 
-def test_joints_alone_are_not_called_verified(contract: PolicyContract) -> None:
+def test_joints_alone_are_not_called_verified(contract):
     findings = found(joints_alone(), contract)
     assert (findings.method, findings.bodies, findings.rate, findings.beyond_limits) == ("", (), None, None)
     assert "could not be verified" in findings.notes[0]
 
 
-def test_a_little_beyond_a_limit_is_noted(contract: PolicyContract) -> None:
+def test_a_little_beyond_a_limit_is_noted(contract):
     path = joint_path()
     path[7, 3] = lite().upper[3] + 0.01
     findings = found(joints_alone(joint_position=path), contract)
-    assert findings.beyond_limits is not None
     assert (findings.beyond_limits.joint, findings.beyond_limits.frame) == (SKELETON.joints[3], 7)
     assert findings.beyond_limits.excess == pytest.approx(0.01)
     assert "joint left_elbow_pitch is at" in findings.notes[1]

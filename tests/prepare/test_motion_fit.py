@@ -1,19 +1,11 @@
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
-from motion_samples import FPS, joint_path, lite, state_of
+from motion_samples import joint_path, lite, motion_of
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.prepare.conventions import Conventions, interpret
-from humanoid_sim.prepare.motion_fit import (
-    Tolerance,
-    check_bodies,
-    is_upside_down,
-    orders_within_limits,
-    worst_excess,
-)
+from humanoid_sim.prepare.motion_fit import Tolerance, check_bodies, is_upside_down, orders_within_limits, worst_excess
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import load_robot
@@ -23,35 +15,20 @@ TOLERANCE = Tolerance(0.01, np.radians(2.0))
 
 
 @pytest.fixture(scope="module")
-def skeleton() -> Skeleton:
+def skeleton():
     return Skeleton(lite())
 
 
-def named(skeleton: Skeleton, bodies: tuple[str, ...]) -> SourceMotion:
-    state = state_of(joint_path(), bodies)
-    source = SourceMotion(
-        source="dance.npz",
-        kind="npz",
-        fps=FPS,
-        joint_position=state["joint_pos"],
-        joint_velocity=state["joint_vel"],
-        body_position=state["body_pos_w"],
-        body_quaternion=state["body_quat_w"],
-    )
-    return interpret(source, Conventions(skeleton.joints, bodies, "wxyz"), skeleton)
-
-
 @pytest.mark.parametrize("bodies", [("chest", *BODIES), BODIES])
-def test_the_robots_own_motion_fits_wherever_its_base_is(skeleton: Skeleton, bodies: tuple[str, ...]) -> None:
-    checks = check_bodies(named(skeleton, bodies), skeleton, TOLERANCE)
+def test_the_robots_own_motion_fits_wherever_its_base_is(skeleton, bodies):
+    checks = check_bodies(motion_of(bodies), skeleton, TOLERANCE)
     assert [check.name for check in checks] == list(bodies)
     assert max(check.position_max for check in checks) < 1e-5
     assert max(check.angle_max for check in checks) < 1e-5
 
 
-def test_an_error_is_measured_and_placed(skeleton: Skeleton) -> None:
-    motion = named(skeleton, ("chest", *BODIES))
-    assert motion.body_position is not None
+def test_an_error_is_measured_and_placed(skeleton):
+    motion = motion_of(("chest", *BODIES))
     moved = motion.body_position.copy()
     moved[17, 2] += [0.0, 0.03, 0.04]
     checks = check_bodies(replace(motion, body_position=moved), skeleton, TOLERANCE)
@@ -63,13 +40,13 @@ def test_an_error_is_measured_and_placed(skeleton: Skeleton) -> None:
     assert checks[1].excess(TOLERANCE) < 0.01
 
 
-def test_nothing_to_compare(skeleton: Skeleton) -> None:
-    motion = named(skeleton, BODIES)
+def test_nothing_to_compare(skeleton):
+    motion = motion_of(BODIES)
     assert check_bodies(replace(motion, joint_position=None), skeleton, TOLERANCE) == ()
     assert check_bodies(replace(motion, body_position=None), skeleton, TOLERANCE) == ()
 
 
-def test_a_floating_robot_needs_its_base() -> None:
+def test_a_floating_robot_needs_its_base():
     biped = load_robot("lite_biped")
     skeleton = Skeleton(biped)
     motion = SourceMotion(
@@ -85,19 +62,19 @@ def test_a_floating_robot_needs_its_base() -> None:
         check_bodies(motion, skeleton, TOLERANCE)
 
 
-def joints_alone(**changes: Any) -> SourceMotion:
+def joints_alone(**changes):
     fields = {"source": "a.csv", "kind": "csv", "fps": 50.0, "joint_position": joint_path()}
     return SourceMotion(**fields | changes)
 
 
-def test_limits(skeleton: Skeleton) -> None:
+def test_limits(skeleton):
     path = joint_path()
     assert worst_excess(path, lite()) is None
     orders = {"robot": skeleton.joints, "breadth_first": skeleton.joint_orders["breadth_first"], "short": ("a",)}
     assert orders_within_limits(path, orders, lite(), 0.02) == ["robot"]
 
 
-def test_which_way_is_up() -> None:
+def test_which_way_is_up():
     turned = np.tile([1.0, 0.0, 0.0, 0.0], (40, 1))  # upright as w x y z, on its head as x y z w
     source = joints_alone(base_position=np.zeros((40, 3)), base_quaternion=turned, quaternion_order="xyzw")
     assert is_upside_down(source)

@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_samples import FPS, joint_path, lite, state_of
+from motion_samples import lite, source_of
 
 from humanoid_sim.prepare.acceptance import what_would_fit
 from humanoid_sim.prepare.conventions import Conventions
 from humanoid_sim.prepare.motion_fit import Tolerance
 from humanoid_sim.prepare.skeleton import Skeleton
-from humanoid_sim.prepare.source_motion import SourceMotion
 
 SKELETON = Skeleton(lite())
 TOLERANCE = Tolerance(0.01, np.radians(2.0))
@@ -18,24 +17,8 @@ JOINT_ORDERS = {order: SKELETON.joint_orders[order] for order in ("robot", "brea
 BODY_ORDERS = SKELETON.body_orders
 
 
-def source(bodies: tuple[str, ...] = SKELETON.bodies) -> SourceMotion:
-    state = state_of(joint_path(), bodies)
-    return SourceMotion(
-        source="dance.npz",
-        kind="npz",
-        fps=FPS,
-        joint_position=state["joint_pos"],
-        joint_velocity=state["joint_vel"],
-        body_position=state["body_pos_w"],
-        body_quaternion=state["body_quat_w"],
-    )
-
-
-def with_columns(motion: SourceMotion, joints=None, bodies=None, xyzw=False) -> SourceMotion:
+def with_columns(motion, joints=None, bodies=None, xyzw=False):
     """The same motion with its columns in another order."""
-    assert motion.joint_position is not None
-    assert motion.body_position is not None
-    assert motion.body_quaternion is not None
     position = motion.joint_position if joints is None else motion.joint_position[:, joints]
     place = motion.body_position if bodies is None else motion.body_position[:, bodies]
     turn = motion.body_quaternion if bodies is None else motion.body_quaternion[:, bodies]
@@ -43,12 +26,12 @@ def with_columns(motion: SourceMotion, joints=None, bodies=None, xyzw=False) -> 
     return replace(motion, joint_position=position, joint_velocity=None, body_position=place, body_quaternion=turn)
 
 
-def fit(motion: SourceMotion, bodies: tuple[str, ...] = SKELETON.bodies) -> str:
+def fit(motion, bodies=SKELETON.bodies):
     conventions = Conventions(SKELETON.joints, bodies, "wxyz")
     return what_would_fit(motion, conventions, SKELETON, TOLERANCE, JOINT_ORDERS, BODY_ORDERS)
 
 
-def places(order: tuple[str, ...], of: tuple[str, ...]) -> list[int]:
+def places(order, of):
     return [of.index(name) for name in order]
 
 
@@ -72,12 +55,11 @@ BREADTH_BODIES = places(SKELETON.body_orders["breadth_first"], SKELETON.bodies)
         ),
     ],
 )
-def test_orders_with_a_name(changes, words: str) -> None:
-    assert fit(with_columns(source(), **changes)) == f"it would fit with {words}"
+def test_orders_with_a_name(changes, words):
+    assert fit(with_columns(source_of(SKELETON.bodies), **changes)) == f"it would fit with {words}"
 
 
-def test_the_motion_of_another_robot() -> None:
-    motion = source()
-    assert motion.joint_position is not None
+def test_the_motion_of_another_robot():
+    motion = source_of(SKELETON.bodies)
     noise = 0.5 * np.random.default_rng(0).normal(size=motion.joint_position.shape)
     assert fit(replace(motion, joint_position=motion.joint_position + noise)) == ""

@@ -1,9 +1,7 @@
 """Where `prepare` takes its checkpoint from, and what it copies."""
 
 import sys
-from pathlib import Path
 
-import pytest
 from fake_wandb import File, Service
 from motion_samples import write_npz
 
@@ -14,9 +12,7 @@ from humanoid_sim.prepare import main
 POLICY = asset_path("policies", "lite_tracking.onnx")
 
 
-def test_a_run_s_checkpoint(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_s_checkpoint(tmp_path, monkeypatch, capsys):
     service = Service()
     service.add("lab/arms/7xk2").inside.append(File("model_300.onnx", POLICY.read_bytes(), service))
     monkeypatch.setitem(sys.modules, "wandb", service.module())
@@ -34,12 +30,12 @@ def test_a_run_s_checkpoint(
     assert "is the copy in" in capsys.readouterr().out
 
 
-def test_no_checkpoint(capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_checkpoint(capsys):
     assert run_program(main, ["--motion", "dance.npz"]) == 2
     assert "--policy and --wandb-run-path: neither is given" in capsys.readouterr().err
 
 
-def test_the_contract_yaml_goes_with_the_checkpoint(tmp_path: Path) -> None:
+def test_the_contract_yaml_goes_with_the_checkpoint(tmp_path):
     source = tmp_path / "trained"
     source.mkdir()
     (source / "arms.onnx").write_bytes(POLICY.read_bytes())
@@ -50,9 +46,7 @@ def test_the_contract_yaml_goes_with_the_checkpoint(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "arms.contract.yaml").read_text() == "override: {action_clip: 5.0}\n"
 
 
-def test_lerobot_and_its_dataset_are_only_needed_for_one(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_lerobot_and_its_dataset_are_only_needed_for_one(monkeypatch, capsys, tmp_path):
     """Without --motion it is the checkpoint's own dataset; without lerobot that is one line."""
     monkeypatch.setitem(sys.modules, "lerobot", None)
     assert run_program(main, ["--policy", str(POLICY), "--output", str(tmp_path / "out")]) == 2

@@ -1,8 +1,6 @@
 """`prepare` from its options to its files."""
 
 import json
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,12 +17,12 @@ from tools.samples.motions import BODIES, joint_frames
 POLICY = asset_path("policies", "lite_tracking.onnx")
 
 
-def prepare(tmp_path: Path, motion: Path | None, *options: str) -> int:
+def prepare(tmp_path, motion, *options):
     given = [] if motion is None else ["--motion", str(motion)]
     return run_program(main, ["--policy", str(POLICY), "--output", str(tmp_path / "out"), *given, *options])
 
 
-def refusal(capsys: pytest.CaptureFixture[str], tmp_path: Path, motion: Path | None, *options: str) -> str:
+def refusal(capsys, tmp_path, motion, *options):
     """The one line of a refused run, which leaves nothing behind."""
     assert prepare(tmp_path, motion, *options) == 2
     error = capsys.readouterr().err
@@ -34,7 +32,7 @@ def refusal(capsys: pytest.CaptureFixture[str], tmp_path: Path, motion: Path | N
     return error
 
 
-def test_a_motion_becomes_a_file_that_plays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_motion_becomes_a_file_that_plays(tmp_path, capsys):
     assert prepare(tmp_path, write_npz(tmp_path / "dance.npz")) == 0
     out = tmp_path / "out"
     assert sorted(path.name for path in out.iterdir()) == ["dance.json", "dance.mcap", "lite_tracking.onnx"]
@@ -51,7 +49,7 @@ def test_a_motion_becomes_a_file_that_plays(tmp_path: Path, capsys: pytest.Captu
     assert summary.is_file()
 
 
-def test_the_report(tmp_path: Path) -> None:
+def test_the_report(tmp_path):
     assert prepare(tmp_path, write_npz(tmp_path / "dance.npz"), "--name", "first") == 0
     report = json.loads((tmp_path / "out" / "first.json").read_text())
     assert report["verified"] is True
@@ -72,14 +70,14 @@ def test_the_report(tmp_path: Path) -> None:
     assert report["rate"]["fps"] == pytest.approx(50.0, rel=1e-3)
 
 
-def arrays(**changes: Any) -> dict[str, Any]:
+def arrays(**changes):
     return changes
 
 
 SAMPLE = state_of(joint_path())
 LEAD = np.roll(np.arange(14), 1)
 
-WRONG: dict[str, tuple[dict[str, Any], str]] = {
+WRONG = {
     "joints": (
         arrays(joint_pos=SAMPLE["joint_pos"][:, LEAD], joint_vel=SAMPLE["joint_vel"][:, LEAD]),
         "no other order of joints, bodies or quaternions that was tried fits",
@@ -156,18 +154,18 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_wrong_motion_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+def test_a_wrong_motion_is_refused(tmp_path, capsys, name):
     changes, reason = WRONG[name]
     assert reason in refusal(capsys, tmp_path, write_npz(tmp_path / "dance.npz", **changes))
 
 
-def test_the_suggested_options_make_it_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_suggested_options_make_it_fit(tmp_path, capsys):
     path = write_npz(tmp_path / "dance.npz", body_quat_w=np.roll(SAMPLE["body_quat_w"], -1, -1))
     assert "it would fit with --quaternions xyzw" in refusal(capsys, tmp_path, path)
     assert prepare(tmp_path, path, "--quaternions", "xyzw") == 0
 
 
-def test_any_order_can_be_named(tmp_path: Path) -> None:
+def test_any_order_can_be_named(tmp_path):
     path = write_npz(
         tmp_path / "dance.npz", joint_pos=SAMPLE["joint_pos"][:, LEAD], joint_vel=SAMPLE["joint_vel"][:, LEAD]
     )
@@ -178,7 +176,7 @@ def test_any_order_can_be_named(tmp_path: Path) -> None:
     )
 
 
-def test_other_units_and_inverse_rotations_can_be_read(tmp_path: Path) -> None:
+def test_other_units_and_inverse_rotations_can_be_read(tmp_path):
     path = write_npz(tmp_path / "dance.npz", **WRONG["all of them"][0])
     options = ["--quaternions", "xyzw", "--conjugate", "--angle-unit", "deg", "--length-unit", "mm"]
     assert prepare(tmp_path, path, *options) == 0
@@ -189,20 +187,20 @@ def test_other_units_and_inverse_rotations_can_be_read(tmp_path: Path) -> None:
     assert (report["conjugate"], report["angle_unit"], report["length_unit"]) == (True, "deg", "mm")
 
 
-def test_a_wider_tolerance_lets_a_small_error_through(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wider_tolerance_lets_a_small_error_through(tmp_path, capsys):
     path = write_npz(tmp_path / "dance.npz", **WRONG["a body"][0])
     assert prepare(tmp_path, path, "--tolerance", "0.025") == 0
     assert "left_hand" in capsys.readouterr().out
 
 
-def test_velocities_can_be_computed_from_the_positions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_velocities_can_be_computed_from_the_positions(tmp_path, capsys):
     path = write_npz(tmp_path / "dance.npz", joint_vel=0.0 * SAMPLE["joint_vel"])
     assert prepare(tmp_path, path, "--velocities", "positions") == 0
     assert "computed from the joint positions" in capsys.readouterr().out
     assert json.loads((tmp_path / "out" / "dance.json").read_text())["velocities"] == []
 
 
-def test_another_rate_is_resampled_only_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_rate_is_resampled_only_on_request(tmp_path, capsys):
     state = state_of(joint_path()[::2], fps=25.0)
     path = tmp_path / "dance.npz"
     np.savez(path, **state)
@@ -214,14 +212,14 @@ def test_another_rate_is_resampled_only_on_request(tmp_path: Path, capsys: pytes
     np.testing.assert_allclose(motion.frames, joint_frames(lite(), joint_path()[:39]), atol=0.01)
 
 
-def write_csv(path: Path, header: bool, q: np.ndarray) -> Path:
+def write_csv(path, header, q):
     names = ",".join(lite().joint_names) + "\n" if header else ""
     path.write_text(names + "".join(",".join(f"{value:.7f}" for value in row) + "\n" for row in q))
     return path
 
 
 @pytest.mark.parametrize("header", [True, False])
-def test_a_csv_of_joints(tmp_path: Path, capsys: pytest.CaptureFixture[str], header: bool) -> None:
+def test_a_csv_of_joints(tmp_path, capsys, header):
     path = write_csv(tmp_path / "dance.csv", header, joint_path())
     assert prepare(tmp_path, path, "--fps", "50") == 0
     assert "the order of its joints could not be verified" in " ".join(capsys.readouterr().out.split())
@@ -230,7 +228,7 @@ def test_a_csv_of_joints(tmp_path: Path, capsys: pytest.CaptureFixture[str], hea
     np.testing.assert_allclose(motion.frames, joint_frames(lite(), joint_path()), atol=2e-6)
 
 
-def test_a_csv_whose_joints_are_beyond_their_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_csv_whose_joints_are_beyond_their_limits(tmp_path, capsys):
     order = [lite().joint_names.index(name) for name in Skeleton(lite()).joint_orders["breadth_first"]]
     path = write_csv(tmp_path / "dance.csv", False, joint_path()[:, order])
     error = refusal(capsys, tmp_path, path, "--fps", "50")
@@ -238,7 +236,7 @@ def test_a_csv_whose_joints_are_beyond_their_limits(tmp_path: Path, capsys: pyte
     assert "it stays within all limits with --joint-order breadth_first" in error
 
 
-def test_a_csv_with_its_quaternion_in_the_other_order(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_csv_with_its_quaternion_in_the_other_order(tmp_path, capsys):
     base = np.tile([0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0], (40, 1))
     path = write_csv(tmp_path / "dance.csv", False, np.concatenate([base, joint_path()], axis=1))
     error = refusal(capsys, tmp_path, path, "--fps", "50")
@@ -246,7 +244,7 @@ def test_a_csv_with_its_quaternion_in_the_other_order(tmp_path: Path, capsys: py
     assert prepare(tmp_path, path, "--fps", "50", "--quaternions", "wxyz") == 0
 
 
-def test_a_csv_in_degrees(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_csv_in_degrees(tmp_path, capsys):
     path = write_csv(tmp_path / "dance.csv", True, np.degrees(joint_path()))
     error = refusal(capsys, tmp_path, path, "--fps", "50")
     assert "it stays within all limits with --angle-unit deg\n" in error
@@ -265,16 +263,14 @@ def test_a_csv_in_degrees(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         (8000.0, "the base is at 8e+03 m, and the robot is about 0.51 m high; --length-unit m says that it is right"),
     ],
 )
-def test_a_csv_whose_base_is_far_too_high(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], height: float, words: str
-) -> None:
+def test_a_csv_whose_base_is_far_too_high(tmp_path, capsys, height, words):
     base = np.tile([0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0], (40, 1))
     path = write_csv(tmp_path / "dance.csv", False, np.concatenate([base, joint_path()], axis=1))
     assert words in refusal(capsys, tmp_path, path, "--fps", "50")
     assert prepare(tmp_path, path, "--fps", "50", "--length-unit", "m") == 0
 
 
-def test_a_high_base_is_noted_where_the_bodies_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_high_base_is_noted_where_the_bodies_fit(tmp_path, capsys):
     path = write_npz(tmp_path / "dance.npz", body_pos_w=SAMPLE["body_pos_w"] + [0.0, 0.0, 78.0])
     assert prepare(tmp_path, path) == 0
     assert "note: the base is at 78.5 m" in " ".join(capsys.readouterr().out.split())
@@ -282,7 +278,7 @@ def test_a_high_base_is_noted_where_the_bodies_fit(tmp_path: Path, capsys: pytes
     assert "note:" not in capsys.readouterr().out
 
 
-def test_nothing_is_replaced_unless_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_replaced_unless_asked(tmp_path, capsys):
     path = write_npz(tmp_path / "dance.npz")
     assert prepare(tmp_path, path) == 0
     before = (tmp_path / "out" / "dance.mcap").read_bytes()
@@ -307,19 +303,17 @@ def test_nothing_is_replaced_unless_asked(tmp_path: Path, capsys: pytest.Capture
         (["--robot", "nobody"], "unknown robot 'nobody'"),
     ],
 )
-def test_options_that_make_no_sense(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], reason: str
-) -> None:
+def test_options_that_make_no_sense(tmp_path, capsys, options, reason):
     assert reason in refusal(capsys, tmp_path, None, *options)
 
 
-def test_a_file_that_is_no_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_no_motion(tmp_path, capsys):
     path = tmp_path / "dance.bvh"
     path.write_text("HIERARCHY")
     assert "is neither an .npz or .csv file nor a folder" in refusal(capsys, tmp_path, path)
 
 
-def test_a_folder_that_is_no_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_that_is_no_dataset(tmp_path, capsys):
     folder = tmp_path / "dances"
     (folder / "meta").mkdir(parents=True)
     assert "is not a LeRobot dataset: it has no meta/info.json" in refusal(capsys, tmp_path, folder)
@@ -329,7 +323,7 @@ def test_a_folder_that_is_no_dataset(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "is not JSON" in refusal(capsys, tmp_path, folder)
 
 
-def test_a_policy_that_follows_no_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_policy_that_follows_no_motion(tmp_path, capsys):
     path = walker(tmp_path / "walk.onnx")
     arguments = ["--policy", str(path), "--output", str(tmp_path / "out")]
     assert run_program(main, arguments) == 0
@@ -339,7 +333,7 @@ def test_a_policy_that_follows_no_motion(tmp_path: Path, capsys: pytest.CaptureF
     assert f"--motion: is given, but {path} follows no motion" in capsys.readouterr().err
 
 
-def walker(path: Path) -> Path:
+def walker(path):
     """The sample policy, called a locomotion policy that sees no motion."""
     import onnx  # noqa: PLC0415
     from onnx import helper, numpy_helper  # noqa: PLC0415

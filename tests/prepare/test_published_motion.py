@@ -1,8 +1,6 @@
 """The motion inside a published tracking policy of the G1, as its trainer would have saved it."""
 
 import json
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,23 +8,23 @@ from published import POLICIES, needs_policies
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.policy.checkpoint import load_checkpoint
-from humanoid_sim.policy.motion import Motion, read_motion
+from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.prepare import main
 
-pytestmark = needs_policies
+pytestmark = [needs_policies, pytest.mark.usefixtures("near_ends")]
 
 POLICY = POLICIES / "beyondmimic_g1" / "Waltz.onnx"
 ROBOT = POLICIES / "models" / "unitree_g1" / "scene.xml"
 
 
 @pytest.fixture(scope="module")
-def waltz() -> Motion:
+def waltz():
     motion = load_checkpoint(POLICY).motion
     assert motion is not None
     return motion
 
 
-def parts(motion: Motion) -> dict[str, Any]:
+def parts(motion):
     frames, joints, bodies = motion.frames, len(motion.joint_names), len(motion.body_names)
     position, velocity, place, turn = np.split(frames, np.cumsum([joints, joints, 3 * bodies]), axis=1)
     return {
@@ -38,12 +36,12 @@ def parts(motion: Motion) -> dict[str, Any]:
     }
 
 
-def prepare(tmp_path: Path, motion: Path, *options: str) -> int:
+def prepare(tmp_path, motion, *options):
     arguments = ["--policy", str(POLICY), "--robot", str(ROBOT), "--motion", str(motion), *options]
     return run_program(main, [*arguments, "--output", str(tmp_path / "out")])
 
 
-def test_the_saved_motion_is_the_graphs(tmp_path: Path, waltz: Motion) -> None:
+def test_the_saved_motion_is_the_graphs(tmp_path, waltz):
     np.savez(tmp_path / "waltz.npz", **parts(waltz))
     assert prepare(tmp_path, tmp_path / "waltz.npz") == 0
     made = read_motion(tmp_path / "out" / "waltz.mcap")
@@ -55,7 +53,7 @@ def test_the_saved_motion_is_the_graphs(tmp_path: Path, waltz: Motion) -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_joints_in_another_order(tmp_path: Path, waltz: Motion, capsys: pytest.CaptureFixture[str], seed: int) -> None:
+def test_joints_in_another_order(tmp_path, waltz, capsys, seed):
     state = parts(waltz)
     order = np.random.default_rng(seed).permutation(29)
     permuted = state | {key: state[key][:, order] for key in ("joint_pos", "joint_vel")}
@@ -68,7 +66,7 @@ def test_joints_in_another_order(tmp_path: Path, waltz: Motion, capsys: pytest.C
     np.testing.assert_allclose(made["joint_pos"], state["joint_pos"], atol=1e-6)
 
 
-def test_bodies_in_another_order(tmp_path: Path, waltz: Motion, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bodies_in_another_order(tmp_path, waltz, capsys):
     order = np.random.default_rng(1).permutation(14)
     state = parts(waltz)
     np.savez(tmp_path / "waltz.npz", **(state | {key: state[key][:, order] for key in ("body_pos_w", "body_quat_w")}))
@@ -79,7 +77,7 @@ def test_bodies_in_another_order(tmp_path: Path, waltz: Motion, capsys: pytest.C
 
 
 @pytest.mark.parametrize("xyzw", [True, False])
-def test_the_same_as_a_csv(tmp_path: Path, waltz: Motion, capsys: pytest.CaptureFixture[str], xyzw: bool) -> None:
+def test_the_same_as_a_csv(tmp_path, waltz, capsys, xyzw):
     state = parts(waltz)
     robot_order = [waltz.joint_names.index(joint) for joint in mjcf_joints()]
     turn = state["body_quat_w"][:, 0]
@@ -98,7 +96,7 @@ def test_the_same_as_a_csv(tmp_path: Path, waltz: Motion, capsys: pytest.Capture
     np.testing.assert_allclose(sign * made["body_quat_w"], state["body_quat_w"], atol=1e-4)
 
 
-def test_a_csv_in_the_policys_order(tmp_path: Path, waltz: Motion, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_csv_in_the_policys_order(tmp_path, waltz, capsys):
     state = parts(waltz)
     turn = np.roll(state["body_quat_w"][:, 0], -1, axis=-1)
     rows = np.concatenate([state["body_pos_w"][:, 0], turn, state["joint_pos"]], axis=1)
@@ -107,16 +105,14 @@ def test_a_csv_in_the_policys_order(tmp_path: Path, waltz: Motion, capsys: pytes
     assert "it stays within all limits with --joint-order contract" in capsys.readouterr().err
 
 
-def test_a_policy_that_carries_its_motion_needs_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_policy_that_carries_its_motion_needs_none(tmp_path, capsys):
     arguments = ["--policy", str(POLICY), "--robot", str(ROBOT), "--output", str(tmp_path / "out")]
     assert run_program(main, arguments) == 0
     assert "carries its motion itself; nothing else to prepare" in capsys.readouterr().out
     assert [file.name for file in (tmp_path / "out").iterdir()] == ["Waltz.onnx"]
 
 
-def test_a_policy_that_needs_files_beside_it_stays_where_it_is(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_policy_that_needs_files_beside_it_stays_where_it_is(tmp_path, capsys):
     policy = POLICIES / "unitree_g1_velocity_v0" / "exported" / "policy.onnx"
     arguments = ["--policy", str(policy), "--robot", str(ROBOT), "--output", str(tmp_path / "out")]
     assert run_program(main, arguments) == 0
@@ -124,7 +120,7 @@ def test_a_policy_that_needs_files_beside_it_stays_where_it_is(
     assert "is not copied" in capsys.readouterr().out
 
 
-def mjcf_joints() -> list[str]:
+def mjcf_joints():
     from humanoid_sim.robots.description import load_robot  # noqa: PLC0415
 
     return list(load_robot(ROBOT).joint_names)

@@ -2,7 +2,7 @@ from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.robots.description import load_robot
 
 
-def test_orders_of_the_lite() -> None:
+def test_orders_of_the_lite():
     skeleton = Skeleton(load_robot("lite"))
     assert skeleton.base == skeleton.bodies[0] == "chest"
     assert skeleton.joint_orders["robot"] == skeleton.joint_orders["mjcf"] == load_robot("lite").joint_names

@@ -1,7 +1,6 @@
 """`prepare --song`: files of a song, and what is said of it."""
 
 import json
-from pathlib import Path
 
 import mido
 import numpy as np
@@ -17,7 +16,7 @@ POLICY = asset_path("policies", "lite_tracking.onnx")
 
 
 @pytest.fixture
-def midi(tmp_path: Path) -> Path:
+def midi(tmp_path):
     track = mido.MidiTrack()
     for note in (60, 64, 67, 100):
         track += [mido.Message("note_on", note=note), mido.Message("note_off", note=note, time=480)]
@@ -28,11 +27,11 @@ def midi(tmp_path: Path) -> Path:
     return path
 
 
-def run(midi: Path, *words: str) -> int:
+def run(midi, *words):
     return run_program(prepare.main, ["--song", str(midi), "--output", str(midi.parent / "out"), *words])
 
 
-def test_a_song_becomes_goals_a_report_and_a_picture(midi: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_song_becomes_goals_a_report_and_a_picture(midi, capsys):
     assert run(midi, "--keys", "C4-C6", "--fps", "25") == 0
     out = midi.parent / "out"
     assert sorted(path.name for path in out.iterdir()) == ["a_tune.json", "a_tune.mcap", "a_tune.png"]
@@ -58,7 +57,7 @@ def test_a_song_becomes_goals_a_report_and_a_picture(midi: Path, capsys: pytest.
         (["--motion", "x.npz"], "--motion and --song: both are given, expected one of them"),
     ],
 )
-def test_mistakes_leave_nothing(midi: Path, words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_mistakes_leave_nothing(midi, words, message, capsys):
     assert run(midi, *words) == 2
     assert message in capsys.readouterr().err
     assert not (midi.parent / "out").exists()

@@ -1,5 +1,3 @@
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -9,8 +7,8 @@ from humanoid_sim.prepare.source_motion import SourceMotion, swap_quaternion_ord
 UNIT = np.tile([1.0, 0.0, 0.0, 0.0], (4, 2, 1))
 
 
-def motion(**changes: Any) -> SourceMotion:
-    fields: dict[str, Any] = {
+def motion(**changes):
+    fields = {
         "source": "dance.npz",
         "kind": "npz",
         "fps": 50.0,
@@ -21,7 +19,7 @@ def motion(**changes: Any) -> SourceMotion:
     return SourceMotion(**fields | changes)
 
 
-def test_a_good_one() -> None:
+def test_a_good_one():
     good = motion(fps=25)
     assert good.frame_count == 4
     assert set(good.arrays()) == {"joint_position", "body_position", "body_quaternion"}
@@ -47,17 +45,17 @@ def test_a_good_one() -> None:
         ({"joint_position": None, "body_position": None, "body_quaternion": None}, "holds neither"),
     ],
 )
-def test_a_motion_that_contradicts_itself(changes: dict[str, Any], reason: str) -> None:
+def test_a_motion_that_contradicts_itself(changes, reason):
     with pytest.raises(InputError) as caught:
         motion(**changes)
     assert str(caught.value).startswith("dance.npz: ")
     assert reason in str(caught.value)
 
 
-def test_quaternions_are_made_unit() -> None:
+def test_quaternions_are_made_unit():
     np.testing.assert_allclose(motion(body_quaternion=1.01 * UNIT).body_quaternion, UNIT)
 
 
-def test_quaternion_orders() -> None:
+def test_quaternion_orders():
     assert swap_quaternion_order(np.array([1.0, 2.0, 3.0, 4.0]), "xyzw").tolist() == [4.0, 1.0, 2.0, 3.0]
     assert swap_quaternion_order(np.array([1.0, 2.0, 3.0, 4.0]), "wxyz").tolist() == [1.0, 2.0, 3.0, 4.0]

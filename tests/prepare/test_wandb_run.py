@@ -1,7 +1,5 @@
 import sys
 import time
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from fake_wandb import Artifact, CommError, File, Service
@@ -13,7 +11,7 @@ RUN = "lab/arms/7xk2"
 
 
 @pytest.fixture
-def service(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Service]:
+def service(monkeypatch, tmp_path):
     service = Service()
     monkeypatch.setitem(sys.modules, "wandb", service.module())
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
@@ -21,11 +19,11 @@ def service(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Service
     service.released.set()
 
 
-def fetch(name: str | None = None, timeout: float = 5.0, **options) -> Path:
+def fetch(name=None, timeout=5.0, **options):
     return fetch_checkpoint(RUN, name, timeout=timeout, **options)[0]
 
 
-def test_the_newest_model_by_its_number(service: Service) -> None:
+def test_the_newest_model_by_its_number(service):
     service.add(RUN, "config.yaml", "model_900.onnx", "model_1500.onnx", "model_1500.pt", "other_9999.onnx")
     path = fetch()
     assert path == cache_folder() / RUN / "model_1500.onnx"
@@ -34,14 +32,14 @@ def test_the_newest_model_by_its_number(service: Service) -> None:
     assert [file.name for file in path.parent.iterdir()] == ["model_1500.onnx"]
 
 
-def test_a_file_by_name_and_its_external_tensors(service: Service) -> None:
+def test_a_file_by_name_and_its_external_tensors(service):
     service.add(RUN, "exported/policy.onnx", "exported/policy.onnx.data", "model_3.onnx")
     path = fetch("exported/policy.onnx")
     assert path == cache_folder() / RUN / "exported" / "policy.onnx"
     assert path.with_name("policy.onnx.data").is_file()
 
 
-def test_what_is_in_the_cache_is_not_fetched_again(service: Service) -> None:
+def test_what_is_in_the_cache_is_not_fetched_again(service):
     run = service.add(RUN, "model_3.onnx")
     fetch()
     fetch()
@@ -51,7 +49,7 @@ def test_what_is_in_the_cache_is_not_fetched_again(service: Service) -> None:
     assert service.downloads == ["model_3.onnx"] * 2
 
 
-def test_a_run_whose_checkpoint_is_an_artifact(service: Service) -> None:
+def test_a_run_whose_checkpoint_is_an_artifact(service):
     run = service.add(RUN, "config.yaml")
     older, newer = (File(f"model_{number}.onnx", b"weights", service) for number in (100, 50))
     run.artifacts = [Artifact([older]), Artifact([newer]), Artifact([File("table.json", b"{}", service)])]
@@ -66,24 +64,24 @@ def test_a_run_whose_checkpoint_is_an_artifact(service: Service) -> None:
         (["a.onnx"], "c.onnx", r"--wandb-file: run lab/arms/7xk2 has no 'c\.onnx'; it has: a\.onnx"),
     ],
 )
-def test_a_run_without_the_checkpoint(service: Service, files: list[str], name: str | None, reason: str) -> None:
+def test_a_run_without_the_checkpoint(service, files, name, reason):
     service.add(RUN, *files)
     with pytest.raises(InputError, match=reason):
         fetch(name)
 
 
-def test_a_run_that_does_not_exist(service: Service) -> None:
+def test_a_run_that_does_not_exist(service):
     with pytest.raises(InputError, match="--wandb-run-path: Could not find run"):
         fetch()
 
 
 @pytest.mark.parametrize("path", ["run", "lab/run", "lab/arms/7xk2/more", "lab//x", "lab/my project/x"])
-def test_a_path_that_is_none(service: Service, path: str) -> None:
+def test_a_path_that_is_none(service, path):
     with pytest.raises(InputError, match="expected entity/project/run"):
         fetch_checkpoint(path, None, timeout=1.0)
 
 
-def test_no_answer_is_no_hang(service: Service) -> None:
+def test_no_answer_is_no_hang(service):
     service.hangs = True
     before = time.monotonic()
     with pytest.raises(InputError, match=r"run lab/arms/7xk2 cannot be reached: no answer within 0\.2 s"):
@@ -91,14 +89,14 @@ def test_no_answer_is_no_hang(service: Service) -> None:
     assert time.monotonic() - before < 5.0
 
 
-def test_a_download_that_is_torn(service: Service) -> None:
+def test_a_download_that_is_torn(service):
     service.add(RUN, "model_3.onnx").inside[0].torn = True
     with pytest.raises(InputError, match=r"'model_3\.onnx' of run lab/arms/7xk2 arrived incomplete"):
         fetch()
     assert list((cache_folder() / RUN).iterdir()) == []
 
 
-def test_offline(service: Service) -> None:
+def test_offline(service):
     service.add(RUN, "model_3.onnx", "model_4.onnx")
     fetch("model_3.onnx")
     service.fails = ConnectionError("name resolution")
@@ -111,14 +109,14 @@ def test_offline(service: Service) -> None:
     assert "no connection; model_3.onnx is the copy in" in notice
 
 
-def test_offline_inside_the_package_s_own_error(service: Service) -> None:
+def test_offline_inside_the_package_s_own_error(service):
     service.fails = CommError("Network error")
     service.fails.__cause__ = ConnectionError()
     with pytest.raises(InputError, match="cannot be reached: no connection; --policy takes a file"):
         fetch()
 
 
-def test_without_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_package(monkeypatch):
     monkeypatch.setitem(sys.modules, "wandb", None)
     with pytest.raises(
         MissingPackageError, match=r"'wandb', which is not installed: pip install 'humanoid_sim\[wandb\]'"

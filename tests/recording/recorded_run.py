@@ -2,16 +2,7 @@
 
 import numpy as np
 
-from humanoid_sim.messages import (
-    Intent,
-    RemoteCommand,
-    SafetyFlag,
-    SafetyLevel,
-    SafetyStatus,
-    SessionHeader,
-    TickInput,
-    TickRecord,
-)
+from humanoid_sim import messages
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.policy.checkpoint import placeholder_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
@@ -20,16 +11,16 @@ from humanoid_sim.stack import build_supervisor, run_header
 
 PERIOD = 0.02
 INTENTS = {
-    1: Intent.DAMP,
-    2: Intent.LOAD_A,
-    3: Intent.LOAD_B,  # refused
-    210: Intent.START_LOCOMOTION,
-    260: Intent.LOAD_B,
-    480: Intent.START_REMOTE,
-    540: Intent.QUIT,
+    1: messages.Intent.DAMP,
+    2: messages.Intent.LOAD_A,
+    3: messages.Intent.LOAD_B,  # refused
+    210: messages.Intent.START_LOCOMOTION,
+    260: messages.Intent.LOAD_B,
+    480: messages.Intent.START_REMOTE,
+    540: messages.Intent.QUIT,
 }
 COUNT = 560
-HEALTHY = SafetyStatus(source="can0")
+HEALTHY = messages.SafetyStatus(source="can0")
 
 
 class Wobble:
@@ -49,7 +40,7 @@ class Wobble:
         return action
 
 
-def run(policy, settings=None) -> tuple[SessionHeader, list[TickRecord]]:
+def run(policy, settings=None) -> tuple[messages.SessionHeader, list[messages.TickRecord]]:
     """A run through all five modes on a robot that obeys at once, with faults of every kind on the way."""
     description = load_robot("lite")
     checkpoint = placeholder_checkpoint(description, policy_dt=2 * PERIOD)
@@ -68,12 +59,16 @@ def run(policy, settings=None) -> tuple[SessionHeader, list[TickRecord]]:
         if index >= 500 and index % 3 == 0:
             position, *others = rng.normal(size=(5, joints)) ** 2
             within = -0.5 * np.tanh(position)  # every joint's limits: the guards would end REMOTE
-            remote = RemoteCommand(MITCommand(within, *others), time - 0.001)
+            remote = messages.RemoteCommand(MITCommand(within, *others), time - 0.001)
         intent = INTENTS.get(index)
-        status = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.RX_TIMEOUT, "can0", "wrist") if index == 530 else HEALTHY
-        tick_input = TickInput(state, (status,), (intent,) if intent else (), remote)
+        status = (
+            messages.SafetyStatus(messages.SafetyLevel.FAULT, messages.SafetyFlag.RX_TIMEOUT, "can0", "wrist")
+            if index == 530
+            else HEALTHY
+        )
+        tick_input = messages.TickInput(state, (status,), (intent,) if intent else (), remote)
         memory, output = supervisor.step(memory, tick_input)
-        ticks.append(TickRecord(index, tick_input, output, 1e-4, False))
+        ticks.append(messages.TickRecord(index, tick_input, output, 1e-4, False))
         position = output.command.position
     settings = settings or {"policy": "placeholder"}
     header = run_header(description, PERIOD, loaded, settings=settings, remote=True)

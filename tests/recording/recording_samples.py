@@ -8,23 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from humanoid_sim.messages import (
-    ControlMode,
-    Event,
-    FaultReport,
-    Intent,
-    Mode,
-    PolicyStep,
-    RemoteCommand,
-    SafetyFlag,
-    SafetyLevel,
-    SafetyStatus,
-    SessionHeader,
-    StandbyState,
-    TickInput,
-    TickOutput,
-    TickRecord,
-)
+from humanoid_sim import messages
 from humanoid_sim.mit import Extern, MITCommand, MITState
 from humanoid_sim.recording.recorder import McapRecorder
 
@@ -48,7 +32,7 @@ def bits(value):
     return type(value).__name__, value
 
 
-def make_header(**changes) -> SessionHeader:
+def make_header(**changes) -> messages.SessionHeader:
     fields = {
         "robot": "lite",
         "joint_names": JOINTS,
@@ -58,28 +42,32 @@ def make_header(**changes) -> SessionHeader:
         "attachments": {"motion.mcap": bytes(range(256))},
         "observation_terms": (("joint_pos", 3), ("actions", 2)),
     }
-    return SessionHeader(**fields | changes)
+    return messages.SessionHeader(**fields | changes)
 
 
-def make_tick(index: int, **output) -> TickRecord:
+def make_tick(index: int, **output) -> messages.TickRecord:
     """A tick of a plausible run: STANDBY at first, then a policy at 50 Hz."""
     rng = np.random.default_rng(index)
     time = index * PERIOD
     state = MITState(time, *rng.normal(size=(4, 3)), rng.normal(size=4), rng.normal(size=3), rng.normal(size=3))
     running = index >= 40
-    mode = ControlMode(Mode.LOCOMOTION, "rl_policy_controller", "START_LOCOMOTION accepted")
+    mode = messages.ControlMode(messages.Mode.LOCOMOTION, "rl_policy_controller", "START_LOCOMOTION accepted")
     fields = {
         "command": MITCommand(*rng.normal(size=(5, 3))),
-        "control_mode": mode if running else ControlMode(Mode.STANDBY, "standby_controller_a", "LOAD_A accepted"),
-        "standby": None if running else StandbyState(index // 20, 2, index % 20 / 20, index == 39),
-        "policy_step": PolicyStep(index // 4, *np.split(rng.normal(size=7).astype(np.float32), [5]))
+        "control_mode": mode
+        if running
+        else messages.ControlMode(messages.Mode.STANDBY, "standby_controller_a", "LOAD_A accepted"),
+        "standby": None if running else messages.StandbyState(index // 20, 2, index % 20 / 20, index == 39),
+        "policy_step": messages.PolicyStep(index // 4, *np.split(rng.normal(size=7).astype(np.float32), [5]))
         if running and index % 4 == 0
         else None,
     }
-    return TickRecord(
+    return messages.TickRecord(
         index=index,
-        input=TickInput(state, (SafetyStatus(source="simulation"),), (Intent.LOAD_A,) if index == 0 else ()),
-        output=TickOutput(**fields | output),
+        input=messages.TickInput(
+            state, (messages.SafetyStatus(source="simulation"),), (messages.Intent.LOAD_A,) if index == 0 else ()
+        ),
+        output=messages.TickOutput(**fields | output),
         duration=1e-4,
         overrun=index % 50 == 7,
         qpos=rng.normal(size=3),
@@ -93,7 +81,7 @@ def write_recording(path, ticks, header=None, events=()) -> None:
     for record in ticks:
         recorder.tick(record)
     for time, text in events:
-        recorder.event(Event(time, text))
+        recorder.event(messages.Event(time, text))
     recorder.close()
     assert recorder.error is None
 
@@ -126,7 +114,7 @@ def any_array(count: int, dtype=np.float64):
 
 
 @st.composite
-def tick_records(draw, joints: int | None = None) -> TickRecord:
+def tick_records(draw, joints: int | None = None) -> messages.TickRecord:
     """Any record that one robot's tick can be."""
     n = draw(st.integers(1, 5)) if joints is None else joints
 
@@ -145,12 +133,16 @@ def tick_records(draw, joints: int | None = None) -> TickRecord:
         extern,
     )
     safety = st.builds(
-        SafetyStatus, st.sampled_from(SafetyLevel), st.integers(0, 2**32 - 1).map(SafetyFlag), any_text, any_text
+        messages.SafetyStatus,
+        st.sampled_from(messages.SafetyLevel),
+        st.integers(0, 2**32 - 1).map(messages.SafetyFlag),
+        any_text,
+        any_text,
     )
-    fault = st.builds(FaultReport, any_text, any_text, any_text, st.booleans())
+    fault = st.builds(messages.FaultReport, any_text, any_text, any_text, st.booleans())
     count = st.integers(0, 2**32 - 1)
     step = st.builds(
-        PolicyStep,
+        messages.PolicyStep,
         st.integers(-(2**63), 2**63 - 1),
         st.integers(0, 5).flatmap(lambda width: any_array(width, np.float32)),
         st.one_of(
@@ -159,18 +151,18 @@ def tick_records(draw, joints: int | None = None) -> TickRecord:
             any_array(1, np.float32).map(lambda action: action.reshape(())),
         ),
     )
-    return TickRecord(
+    return messages.TickRecord(
         index=draw(st.integers(0, 2**64 - 1)),
-        input=TickInput(
+        input=messages.TickInput(
             state,
             tuple(draw(st.lists(safety, max_size=3))),
-            tuple(draw(st.lists(st.sampled_from(Intent), max_size=3))),
-            RemoteCommand(command(), draw(any_float)) if draw(st.booleans()) else None,
+            tuple(draw(st.lists(st.sampled_from(messages.Intent), max_size=3))),
+            messages.RemoteCommand(command(), draw(any_float)) if draw(st.booleans()) else None,
         ),
-        output=TickOutput(
+        output=messages.TickOutput(
             command(),
-            ControlMode(draw(st.sampled_from(Mode)), draw(any_text), draw(any_text)),
-            draw(st.none() | st.builds(StandbyState, count, count, any_float, st.booleans())),
+            messages.ControlMode(draw(st.sampled_from(messages.Mode)), draw(any_text), draw(any_text)),
+            draw(st.none() | st.builds(messages.StandbyState, count, count, any_float, st.booleans())),
             draw(st.booleans()),
             tuple(draw(st.lists(fault, max_size=2))),
             tuple(draw(st.lists(any_text, max_size=2))),

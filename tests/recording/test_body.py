@@ -1,8 +1,6 @@
 """A recording's body: /tf as an independent reader sees it, against MuJoCo's forward kinematics."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -14,12 +12,12 @@ from humanoid_sim.controllers.rotation import matrix
 from humanoid_sim.messages import SessionHeader, TickInput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.recording.body import BodyError, RecordedBody
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.stack import run_header
 
 
-def tick_of(description: RobotDescription, index: int, position: np.ndarray, qpos: np.ndarray | None) -> TickRecord:
+def tick_of(description, index, position, qpos):
     """A tick at 50 Hz in which the robot has these joint positions."""
     n = description.joint_count
     zeros = np.zeros(n)
@@ -32,15 +30,15 @@ def tick_of(description: RobotDescription, index: int, position: np.ndarray, qpo
     return TickRecord(index, TickInput(state), output, 0.001, False, qpos)
 
 
-def topics(path: Path) -> dict[str, list[Any]]:
-    found: dict[str, list[Any]] = {}
+def topics(path):
+    found = {}
     with AnyReader([path]) as reader:
         for connection, _, data in reader.messages():
             found.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
     return found
 
 
-def tree(message: Any) -> dict[str, tuple[str, np.ndarray]]:
+def tree(message):
     """By child its parent and the transform (4, 4)."""
     found = {}
     for stamped in message.transforms:
@@ -52,7 +50,7 @@ def tree(message: Any) -> dict[str, tuple[str, np.ndarray]]:
     return found
 
 
-def in_world(links: dict[str, tuple[str, np.ndarray]], name: str) -> np.ndarray:
+def in_world(links, name):
     pose = np.eye(4)
     while name != "world":
         name, step = links[name]
@@ -61,7 +59,7 @@ def in_world(links: dict[str, tuple[str, np.ndarray]], name: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", ["lite", "lite_biped"])
-def test_links_are_where_mujoco_has_them(name: str, tmp_path: Path) -> None:
+def test_links_are_where_mujoco_has_them(name, tmp_path):
     description = load_robot(name)
     model, rng = bare_model(description), np.random.default_rng(7)
     data, ticks, expected = mujoco.MjData(model), [], []
@@ -94,7 +92,7 @@ def test_links_are_where_mujoco_has_them(name: str, tmp_path: Path) -> None:
     assert "offered_qos_profiles" not in found
 
 
-def test_frames_are_sent_at_50_hz_and_the_description_once(tmp_path: Path) -> None:
+def test_frames_are_sent_at_50_hz_and_the_description_once(tmp_path):
     lite = load_robot("lite")
     ticks = [tick_of(lite, index, np.zeros(14), None) for index in range(40)]
     write_recording(tmp_path / "run.mcap", ticks, run_header(lite, 0.005, None, settings={}))
@@ -102,11 +100,10 @@ def test_frames_are_sent_at_50_hz_and_the_description_once(tmp_path: Path) -> No
     assert (len(found["/tf"]), len(found["/tf_static"]), len(found["/robot_description"])) == (10, 1, 1)
 
 
-def test_without_a_simulation_the_imu_turns_the_base() -> None:
+def test_without_a_simulation_the_imu_turns_the_base():
     biped = load_robot("lite_biped")
     header = run_header(biped, 0.02, None, settings={})
     body = RecordedBody.of(header)
-    assert body is not None
     record = tick_of(biped, 0, np.zeros(biped.joint_count), None)
     (pose,) = body.floating_poses(record)
     imu = bare_model(biped).site(biped.imu).quat
@@ -115,10 +112,9 @@ def test_without_a_simulation_the_imu_turns_the_base() -> None:
     assert not body.knows_base(record)
 
 
-def test_a_silent_joint_stays_where_it_was() -> None:
+def test_a_silent_joint_stays_where_it_was():
     lite = load_robot("lite")
     body = RecordedBody.of(run_header(lite, 0.02, None, settings={}))
-    assert body is not None
     heard = np.linspace(0.1, 1.4, 14)
     assert sorted(body.joint_values(tick_of(lite, 0, heard, None))) == heard.tolist()
     silent = heard.copy()
@@ -145,12 +141,12 @@ def test_a_silent_joint_stays_where_it_was() -> None:
         ),
     ],
 )
-def test_a_damaged_body_is_refused(documents: dict[str, str], problem: str) -> None:
+def test_a_damaged_body_is_refused(documents, problem):
     header = SessionHeader("lite", ("a",), 0.02, 0, documents=documents)
     with pytest.raises(BodyError) as refused:
         RecordedBody.of(header)
     assert problem in str(refused.value)
 
 
-def test_a_header_of_another_program_has_no_body() -> None:
+def test_a_header_of_another_program_has_no_body():
     assert RecordedBody.of(SessionHeader("lite", ("a",), 0.02, 0)) is None

@@ -1,23 +1,21 @@
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from recorded_run import PERIOD, Wobble, run
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Mode, TickRecord
-from humanoid_sim.recording.episodes import Episode, read_episodes
-from humanoid_sim.recording.reader import Recording, open_recording
+from humanoid_sim.messages import Mode
+from humanoid_sim.recording.episodes import read_episodes
+from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder
 
 BOTH = frozenset((Mode.LOCOMOTION, Mode.REMOTE))
 
 
 @pytest.fixture
-def record(tmp_path: Path) -> Callable[[list[TickRecord]], Recording]:
-    def record(ticks: list[TickRecord]) -> Recording:
+def record(tmp_path):
+    def record(ticks):
         recorder = McapRecorder(tmp_path / "run.mcap")
         recorder.start(run(Wobble())[0])
         for tick in ticks:
@@ -29,20 +27,20 @@ def record(tmp_path: Path) -> Callable[[list[TickRecord]], Recording]:
     return record
 
 
-def in_mode(ticks: list[TickRecord], mode: Mode) -> list[TickRecord]:
+def in_mode(ticks, mode):
     return [tick for tick in ticks if tick.output.control_mode.mode is mode]
 
 
-def shifted(tick: TickRecord, seconds: float) -> TickRecord:
+def shifted(tick, seconds):
     state = replace(tick.input.state, time=float(tick.input.state.time) + seconds)
     return replace(tick, input=replace(tick.input, state=state))
 
 
-def episodes(recording: Recording, modes: frozenset[Mode] = BOTH, fps: float | None = None) -> list[Episode]:
+def episodes(recording, modes=BOTH, fps=None):
     return list(read_episodes(recording, modes, fps))
 
 
-def test_one_episode_for_each_stretch(record) -> None:
+def test_one_episode_for_each_stretch(record):
     _, ticks = run(Wobble())
     locomotion, remote = episodes(record(ticks))
     assert (locomotion.mode, locomotion.fps) == (Mode.LOCOMOTION, pytest.approx(25.0))  # a policy step every other tick
@@ -61,12 +59,12 @@ def test_one_episode_for_each_stretch(record) -> None:
     assert set(remote.motion_frame) == {-1}
 
 
-def test_only_the_modes_that_are_asked_for(record) -> None:
+def test_only_the_modes_that_are_asked_for(record):
     recording = record(run(Wobble())[1])
     assert [episode.mode for episode in episodes(recording, frozenset((Mode.REMOTE,)))] == [Mode.REMOTE]
 
 
-def test_another_rate(record) -> None:
+def test_another_rate(record):
     _, ticks = run(Wobble())
     recording = record(ticks)
     every, fifth = episodes(recording, fps=50.0)[0], episodes(recording, fps=10.0)[0]
@@ -78,7 +76,7 @@ def test_another_rate(record) -> None:
 
 
 @pytest.mark.parametrize("gap", ["time", "ticks"])
-def test_a_gap_ends_an_episode(record, gap: str) -> None:
+def test_a_gap_ends_an_episode(record, gap):
     _, ticks = run(Wobble())
     first = ticks.index(in_mode(ticks, Mode.REMOTE)[0])
     cut = first + 20
@@ -89,14 +87,14 @@ def test_a_gap_ends_an_episode(record, gap: str) -> None:
     assert len(before) + len(after) == len(in_mode(made, Mode.REMOTE))
 
 
-def test_an_uneven_clock_is_no_gap(record) -> None:
+def test_an_uneven_clock_is_no_gap(record):
     _, ticks = run(Wobble())
     rng = np.random.default_rng(0)
     made = [shifted(tick, float(rng.uniform(-0.2, 0.2)) * PERIOD) for tick in ticks]
     assert len(episodes(record(made))) == 2
 
 
-def test_a_joint_that_was_never_heard(record) -> None:
+def test_a_joint_that_was_never_heard(record):
     _, ticks = run(Wobble())
     silent = in_mode(ticks, Mode.REMOTE)[10]
     position = silent.input.state.joint_position.copy()
@@ -107,7 +105,7 @@ def test_a_joint_that_was_never_heard(record) -> None:
         episodes(record(ticks))
 
 
-def test_a_stretch_of_one_frame_is_no_episode(record) -> None:
+def test_a_stretch_of_one_frame_is_no_episode(record):
     _, ticks = run(Wobble())
     first = in_mode(ticks, Mode.REMOTE)[0].index
     assert [episode.mode for episode in episodes(record(ticks[: first + 1]))] == [Mode.LOCOMOTION]

@@ -2,8 +2,6 @@
 
 import json
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import pytest
 from recording_samples import make_header, make_tick, write_recording
@@ -30,12 +28,12 @@ GOOD = {
 }
 
 
-def parse(**changes: str) -> Any:
+def parse(**changes):
     fields = {**GOOD, **changes}
     return parse_header({**fields, "digest": header_module._digest(fields, {})}, {}, {})
 
 
-def test_a_sound_header() -> None:
+def test_a_sound_header():
     assert parse().joint_names == ("a", "b")
     assert parse().control_period == 0.02
 
@@ -57,14 +55,14 @@ def test_a_sound_header() -> None:
         ({"observation_terms": '[["x", 1000000000]]'}, "observation_terms: more than 1000000 values"),
     ],
 )
-def test_an_absurd_header_is_refused(changes: dict[str, str], problem: str) -> None:
+def test_an_absurd_header_is_refused(changes, problem):
     with pytest.raises(HeaderError) as refused:
         parse(**changes)
     assert problem in str(refused.value)
 
 
 @pytest.mark.parametrize("settings", ["{", "[" * 100_000, "[]", "null", "NaN"], ids=lambda text: text[:4])
-def test_settings_that_are_no_json_object(tmp_path: Path, settings: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_settings_that_are_no_json_object(tmp_path, settings, capsys):
     path = tmp_path / "run.mcap"
     write_recording(path, [make_tick(0), make_tick(1)], make_header(documents={"settings": settings}))
     with pytest.raises(InputError, match="'settings'"):
@@ -80,6 +78,6 @@ def test_settings_that_are_no_json_object(tmp_path: Path, settings: str, capsys:
         with_recorded_options(PlayConfig(again=str(path)))
 
 
-def test_settings_that_are_missing_are_empty(tmp_path: Path) -> None:
+def test_settings_that_are_missing_are_empty(tmp_path):
     assert recorded_settings(tmp_path, make_header(documents={})) == {}
     assert recorded_settings(tmp_path, make_header(documents={"settings": json.dumps({"a": 1})})) == {"a": 1}

@@ -1,11 +1,8 @@
 """A run that loaded another policy: its recording holds both, and is repeated with each in its time."""
 
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from humanoid_sim.cli import run_program
@@ -14,7 +11,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Event, EventKind, Intent, SessionHeader, TickInput, TickRecord
 from humanoid_sim.mit import MITState
 from humanoid_sim.policy.checkpoint import placeholder_checkpoint
-from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
+from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, read_motion
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder
@@ -32,16 +29,16 @@ INTENTS = {1: Intent.DAMP, 2: Intent.LOAD_A, BEFORE: Intent.START_LOCOMOTION, 21
 INTENTS |= {250: Intent.DAMP, 252: Intent.LOAD_A, 458: Intent.START_LOCOMOTION}
 
 
-def policy(observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
+def policy(observation, frame):
     return np.tanh(observation[:14]).astype(np.float32)
 
 
-def loaded(observation: tuple[str, ...]) -> LoadedPolicy:
+def loaded(observation):
     contract = replace(placeholder_checkpoint(LITE, policy_dt=2 * PERIOD).contract, observation=observation)
     return load_policy(contract, policy, None)
 
 
-def entries() -> Iterator[SessionHeader | TickRecord | Event]:
+def entries():
     """A run without a policy that loads one of 28 values, and later one of 42 that has another rate."""
     supervisor = build_supervisor(LITE, PERIOD, None, loads=True)
     header = run_header(LITE, PERIOD, None, settings={"policy": None}, loads=True)
@@ -64,13 +61,13 @@ def entries() -> Iterator[SessionHeader | TickRecord | Event]:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory):
     path = tmp_path_factory.mktemp("run") / "run.mcap"
     write(path, list(entries()))
     return path
 
 
-def write(path: Path, items: list[SessionHeader | TickRecord | Event]) -> None:
+def write(path, items):
     header, *rest = items
     assert isinstance(header, SessionHeader)
     recorder = McapRecorder(path)
@@ -84,7 +81,7 @@ def write(path: Path, items: list[SessionHeader | TickRecord | Event]) -> None:
     assert recorder.error is None
 
 
-def test_it_is_repeated_bit_for_bit_with_each_policy_in_its_time(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_is_repeated_bit_for_bit_with_each_policy_in_its_time(run, capsys):
     ticks = {tick.index: tick.output for tick in open_recording(run).ticks()}
     (refusal,) = ticks[BEFORE].refusals
     assert refusal == "START_LOCOMOTION refused: no policy is loaded: humanoid_sim.mode load POLICY loads one"
@@ -92,7 +89,7 @@ def test_it_is_repeated_bit_for_bit_with_each_policy_in_its_time(run: Path, caps
     assert capsys.readouterr().out == "480 ticks, bit for bit identical\n"
 
 
-def test_it_holds_what_each_policy_was_with_the_moment(run: Path) -> None:
+def test_it_holds_what_each_policy_was_with_the_moment(run):
     recording = open_recording(run)
     assert recorded_contract(recording.header) is None
     changes = [entry for entry in recording.entries() if isinstance(entry, Event) and entry.header is not None]
@@ -105,7 +102,7 @@ def test_it_holds_what_each_policy_was_with_the_moment(run: Path) -> None:
     ]
 
 
-def test_whoever_wants_one_policy_gets_the_steps_of_that_one(run: Path) -> None:
+def test_whoever_wants_one_policy_gets_the_steps_of_that_one(run):
     first, last = open_recording(run).of_last_policy(5.0), open_recording(run).of_last_policy()
     for recording, width in ((first, 28), (last, 42)):
         steps = [tick.output.policy_step for tick in recording.ticks()]
@@ -116,13 +113,13 @@ def test_whoever_wants_one_policy_gets_the_steps_of_that_one(run: Path) -> None:
     assert all(tick.output.policy_step is None for tick in open_recording(run).ticks())
 
 
-def test_a_recovered_file_replays_too(run: Path, tmp_path: Path) -> None:
+def test_a_recovered_file_replays_too(run, tmp_path):
     (tmp_path / "cut.mcap").write_bytes(run.read_bytes()[:-20_000])
     recover(tmp_path / "cut.mcap", tmp_path / "whole.mcap")
     assert run_program(replay_main, [str(tmp_path / "whole.mcap")]) == 0
 
 
-def test_a_policy_that_was_lost_is_named(run: Path, tmp_path: Path) -> None:
+def test_a_policy_that_was_lost_is_named(run, tmp_path):
     """A bit of its contract: the digest of its header is wrong, whatever else is sound."""
     data = bytearray(run.read_bytes())
     place = data.rfind(b'"observation":', 0, data.rfind(b"3.onnx"))
@@ -135,7 +132,7 @@ def test_a_policy_that_was_lost_is_named(run: Path, tmp_path: Path) -> None:
     assert run_program(replay_main, [str(tmp_path / "damaged.mcap")]) == 2
 
 
-def test_a_recording_is_read_as_the_motion_of_its_last_policy(tmp_path: Path) -> None:
+def test_a_recording_is_read_as_the_motion_of_its_last_policy(tmp_path):
     motions = [Motion(np.full((frames, 3), 0.5, np.float32), (), PERIOD) for frames in (3, 5)]
     header = run_header(LITE, PERIOD, None, settings={})
     headers = [replace(header, attachments={MOTION_ATTACHMENT: motion_bytes(motion)}) for motion in motions]

@@ -242,10 +242,7 @@ def test_a_bad_file_is_one_line_and_status_2(tmp_path, capsys):
     path.write_text("no recording")
     assert replay([str(path), "--infer"]) == 2
     errors = capsys.readouterr().err.splitlines()
-    assert errors == [
-        f"error: {path}: no such file, expected a recording (.mcap)",
-        f"error: {path}: not an MCAP file",
-    ]
+    assert errors == [f"error: {path}: no such file, expected a recording (.mcap)", f"error: {path}: not an MCAP file"]
 
 
 def test_a_header_without_a_robot_is_refused(sample, recorded, capsys):

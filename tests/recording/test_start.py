@@ -16,11 +16,11 @@ from humanoid_sim.mit import MITCommand
 from humanoid_sim.recording.start import START_DOCUMENT, start_document, start_memory
 
 
-def header(text: str) -> SessionHeader:
+def header(text):
     return SessionHeader("lite", ("a",), 0.02, 0, {START_DOCUMENT: text})
 
 
-def test_a_policys_memory_comes_back_bit_for_bit() -> None:
+def test_a_policys_memory_comes_back_bit_for_bit():
     random = np.random.default_rng(3)
     policy = PolicyMemory(
         7,
@@ -33,7 +33,6 @@ def test_a_policys_memory_comes_back_bit_for_bit() -> None:
     own = RLPolicyMemory(policy=policy, held_ticks=3, command=MITCommand(*random.random((5, 2))), policy_step=step)
     guards = GuardMemory(1.5, -np.ones((3, 2)), np.ones(2), np.zeros(2))
     memory = start_memory(header(start_document(SupervisorMemory("rl_policy_controller", own, "said", guards))))
-    assert memory is not None
     assert (memory.controller, memory.status_message) == ("rl_policy_controller", "said")
     back = memory.controller_memory
     assert isinstance(back, RLPolicyMemory)
@@ -46,14 +45,14 @@ def test_a_policys_memory_comes_back_bit_for_bit() -> None:
     assert memory.guards.held.tolist() == [[-1.0, -1.0]] * 3
 
 
-def test_what_is_not_a_number_stays_so() -> None:
+def test_what_is_not_a_number_stays_so():
     document = start_document(SupervisorMemory("remote_policy_controller", RemoteMemory(age=math.inf)))
     memory = start_memory(header(document))
     assert memory.controller_memory.age == math.inf
     assert math.isnan(memory.controller_memory.stamp)
 
 
-def test_a_run_from_its_beginning_has_none() -> None:
+def test_a_run_from_its_beginning_has_none():
     assert start_memory(SessionHeader("lite", ("a",), 0.02, 0, {})) is None
 
 
@@ -85,11 +84,11 @@ def test_a_run_from_its_beginning_has_none() -> None:
         },
     ],
 )
-def test_a_document_that_is_none(document: object) -> None:
+def test_a_document_that_is_none(document):
     with pytest.raises(InputError, match="its header's 'start' is damaged"):
         start_memory(header(json.dumps(document)))
 
 
-def test_a_foreign_controllers_memory_is_refused() -> None:
+def test_a_foreign_controllers_memory_is_refused():
     with pytest.raises(TypeError, match="memory holds a set"):
         start_document(SupervisorMemory("x", {1}))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from recording_samples import PERIOD, make_header, make_tick
 
-from humanoid_sim.messages import ControlMode, FaultReport, Mode, SafetyLevel, SafetyStatus, TickRecord
+from humanoid_sim.messages import ControlMode, FaultReport, Mode, SafetyLevel, SafetyStatus
 from humanoid_sim.recording.topics import ViewerTopics
 from humanoid_sim.ros2.messages import SESSION_FRAME, decode_safety_status
 from humanoid_sim.ros2.topics import SAFETY_TOPIC
@@ -14,27 +14,27 @@ POLICY = "rl_policy_controller"
 DAMPED = ControlMode(Mode.DAMPING, "damping_controller")
 
 
-def tick(index: int, *, mode: ControlMode = DAMPED, faults: tuple[FaultReport, ...] = ()) -> TickRecord:
+def tick(index, *, mode=DAMPED, faults=()):
     record = make_tick(index)
     output = replace(record.output, control_mode=mode, faults=faults)
     return replace(record, input=replace(record.input, safety=WELL), output=output)
 
 
-def said(topics: ViewerTopics, record: TickRecord) -> list[tuple[str, int, str]]:
+def said(topics, record):
     found = [message.data for message in topics.messages(record, 0) if message.topic == SAFETY_TOPIC]
     statuses = [decode_safety_status(data) for data in found]
     assert {status.frame for status in statuses} <= {SESSION_FRAME}
     return [(status.source, status.level, status.message) for status in statuses]
 
 
-def test_statuses_come_when_they_change_and_once_a_second() -> None:
+def test_statuses_come_when_they_change_and_once_a_second():
     topics, second = ViewerTopics(make_header()), round(1.0 / PERIOD)
     heard = {index: said(topics, tick(index)) for index in range(2 * second + 1)}
     assert {index for index, statuses in heard.items() if statuses} == {0, second, 2 * second}
     assert heard[second] == [("can0", int(SafetyLevel.OK), "")]
 
 
-def test_a_controller_that_fails_is_a_source_until_it_drives_again() -> None:
+def test_a_controller_that_fails_is_a_source_until_it_drives_again():
     topics = ViewerTopics(make_header())
     said(topics, tick(1))
     fault = FaultReport(POLICY, "damping_controller", "action is not finite")

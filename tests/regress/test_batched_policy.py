@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import onnx
 import pytest
@@ -18,9 +16,7 @@ BATCHES = "in batches"
 WEIGHTS = np.random.default_rng(3).standard_normal((6, 4)).astype(np.float32)
 
 
-def network(
-    tmp_path: Path, nodes, constants=(), *, rows: int | str = 1, time_step: bool = False, outputs=()
-) -> OnnxPolicy:
+def network(tmp_path, nodes, constants=(), *, rows=1, time_step=False, outputs=()):
     """A model of 6 observations and 4 actions from a few operators."""
     inputs = [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [rows, 6])]
     if time_step:
@@ -37,7 +33,7 @@ def network(
     return OnnxPolicy(path)
 
 
-def check(policy: OnnxPolicy, batching: str = BATCHES, count: int = 9) -> None:
+def check(policy, batching=BATCHES, count=9):
     batched = BatchedPolicy(policy)
     assert batched.batching == batching
     observation = np.random.default_rng(1).standard_normal((count, policy.observation_width)).astype(np.float32)
@@ -49,7 +45,7 @@ def check(policy: OnnxPolicy, batching: str = BATCHES, count: int = 9) -> None:
     assert batched(observation[3:4], frame[3:4]).tobytes() == alone[3:4].tobytes()
 
 
-def test_the_sample_policy_runs_in_batches_as_it_is() -> None:
+def test_the_sample_policy_runs_in_batches_as_it_is():
     policy = OnnxPolicy(SAMPLE)
     assert policy.model.inputs[0].shape == ("batch", 78)
     check(policy)
@@ -66,7 +62,7 @@ def test_the_sample_policy_runs_in_batches_as_it_is() -> None:
         "playground_berkeley_humanoid/bh_policy.onnx",
     ],
 )
-def test_published_policies_all_declare_a_batch_of_one_and_run_in_batches(path: str) -> None:
+def test_published_policies_all_declare_a_batch_of_one_and_run_in_batches(path):
     policy = OnnxPolicy(POLICIES / path)
     assert policy.model.inputs[0].shape[0] == 1
     check(policy)
@@ -97,27 +93,27 @@ SHAPED_CONSTANTS = [
 
 
 @pytest.mark.parametrize("rows", [1, "batch"])
-def test_a_plain_network(tmp_path: Path, rows: int | str) -> None:
+def test_a_plain_network(tmp_path, rows):
     check(network(tmp_path, MATMUL, rows=rows))
 
 
-def test_row_by_row_where_a_constant_shape_fixes_the_batch(tmp_path: Path) -> None:
+def test_row_by_row_where_a_constant_shape_fixes_the_batch(tmp_path):
     check(network(tmp_path, SHAPED, SHAPED_CONSTANTS), "row by row: the model runs on no batch")
 
 
-def test_a_frame_takes_part(tmp_path: Path) -> None:
+def test_a_frame_takes_part(tmp_path):
     nodes = [("MatMul", ["obs", "w"], ["product"], {}), ("Add", ["product", "time_step"], ["actions"], {})]
     check(network(tmp_path, nodes, time_step=True))
 
 
-def test_what_the_action_does_not_need_keeps_nothing_from_running_in_batches(tmp_path: Path) -> None:
+def test_what_the_action_does_not_need_keeps_nothing_from_running_in_batches(tmp_path):
     """A motion's `Reshape` takes one frame and no more."""
     nodes = [*MATMUL, ("Reshape", ["time_step", "row"], ["motion"], {})]
     motion = helper.make_tensor_value_info("motion", TensorProto.FLOAT, [1])
     check(network(tmp_path, nodes, [("row", np.array([1]))], time_step=True, outputs=[motion]))
 
 
-def test_constants_that_an_old_model_lists_among_its_inputs(tmp_path: Path) -> None:
+def test_constants_that_an_old_model_lists_among_its_inputs(tmp_path):
     nodes = [("Gather", ["obs", "order"], ["chosen"], {"axis": 1}), ("Mul", ["chosen", "scale"], ["actions"], {})]
     constants = [("order", np.array([5, 0, 1, 3])), ("scale", np.full((1, 4), 0.3, dtype=np.float32))]
     path = network(tmp_path, nodes, constants).model.path
@@ -127,12 +123,12 @@ def test_constants_that_an_old_model_lists_among_its_inputs(tmp_path: Path) -> N
     check(OnnxPolicy(path))
 
 
-def test_softmax_keeps_to_its_row(tmp_path: Path) -> None:
+def test_softmax_keeps_to_its_row(tmp_path):
     nodes = [("Softmax", ["obs"], ["soft"], {"axis": -1}), ("MatMul", ["soft", "w"], ["actions"], {})]
     check(network(tmp_path, nodes))
 
 
-def test_row_by_row_where_a_batch_would_mix_its_rows(tmp_path: Path) -> None:
+def test_row_by_row_where_a_batch_would_mix_its_rows(tmp_path):
     """The mean over the first axis is that of one row as exported, and of all rows once the batch is free."""
     nodes = [
         ("ReduceMean", ["obs"], ["mean"], {"axes": [0], "keepdims": 1}),
@@ -141,7 +137,7 @@ def test_row_by_row_where_a_batch_would_mix_its_rows(tmp_path: Path) -> None:
     check(network(tmp_path, nodes), "row by row: in a batch its answers differ")
 
 
-def test_rows_that_raise_are_not_a_number_and_the_others_are_answered(tmp_path: Path) -> None:
+def test_rows_that_raise_are_not_a_number_and_the_others_are_answered(tmp_path):
     """A Gather beyond the table's end raises in ONNX Runtime: at frames 4 and 5 here."""
     nodes = [
         ("Cast", ["time_step"], ["index"], {"to": TensorProto.INT64}),

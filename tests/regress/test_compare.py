@@ -16,25 +16,25 @@ from humanoid_sim.regress.compare import (
     mean_of_cases,
     student_quantile,
 )
-from humanoid_sim.regress.results import FAILING, Candidate, Comparison, Episode, PolicyRun, describe_change
-from humanoid_sim.regress.suite import Case, Suite, Tolerance
+from humanoid_sim.regress.results import FAILING, Candidate, describe_change
+from humanoid_sim.regress.suite import Case, Tolerance
 
 CASES = ("a", "b")
 
 
-def measured(mean: float, *, seed: int = 0, seeds: range = range(10), spread: float = 0.1) -> PolicyRun:
+def measured(mean, *, seed=0, seeds=range(10), spread=0.1):
     """A metric around a mean, 2 in case a and 4 in case b times `mean`, with noise that is drawn per run."""
     generator = np.random.default_rng(seed)
     level = {"a": 2.0, "b": 4.0}
     return values("joint_error", lambda case, _: mean * level[case] + spread * generator.normal(), CASES, seeds)
 
 
-def compare(suite: Suite, baseline: PolicyRun, candidate: PolicyRun) -> Comparison:
+def compare(suite, baseline, candidate):
     """The first metric's."""
     return compare_runs(suite, suite.metrics, baseline, candidate)[0]
 
 
-def test_a_policy_is_the_same_as_itself() -> None:
+def test_a_policy_is_the_same_as_itself():
     comparison = compare(tiny_suite(), measured(1.0), measured(1.0))
     assert (comparison.verdict, comparison.change, comparison.low, comparison.high) == (
         "no difference seen",
@@ -59,12 +59,12 @@ def test_a_policy_is_the_same_as_itself() -> None:
         (1.05, 0.1, "worse, perhaps beyond tolerance"),
     ],
 )
-def test_verdicts(factor: float, spread: float, verdict: str) -> None:
+def test_verdicts(factor, spread, verdict):
     comparison = compare(tiny_suite(), measured(1.0, seed=1, spread=spread), measured(factor, seed=2, spread=spread))
     assert comparison.verdict == verdict
 
 
-def test_higher_is_better_where_it_is() -> None:
+def test_higher_is_better_where_it_is():
     suite = tiny_suite(survival=Tolerance(absolute=0.05))
     full = values("survival", lambda *_: 1.0, CASES, range(5))
     half = values("survival", lambda _, seed: 0.5 if seed % 2 else 0.7, CASES, range(5))
@@ -72,13 +72,13 @@ def test_higher_is_better_where_it_is() -> None:
     assert compare(suite, half, full).verdict == "better"
 
 
-def test_pairs_see_what_the_spread_of_the_seeds_hides() -> None:
+def test_pairs_see_what_the_spread_of_the_seeds_hides():
     """Seeds differ by far more than the policies, but in the same way for both."""
 
-    def baseline(_: str, seed: int) -> float:
+    def baseline(_, seed):
         return 1.0 + seed
 
-    def candidate(_: str, seed: int) -> float:
+    def candidate(_, seed):
         return (1.0 + seed) * 1.1 + 0.001 * (seed % 3)
 
     suite = tiny_suite()
@@ -92,18 +92,18 @@ def test_pairs_see_what_the_spread_of_the_seeds_hides() -> None:
     assert unpaired.change == pytest.approx(paired.change, rel=1e-12)
 
 
-def test_a_run_of_some_of_the_seeds_is_still_paired() -> None:
+def test_a_run_of_some_of_the_seeds_is_still_paired():
     baseline, candidate = measured(1.0), measured(1.0, seeds=range(3))
     some = run(e for e in baseline.episodes if e.seed < 3)
     assert compare(tiny_suite(), baseline, some).change == 0.0
     assert compare(tiny_suite(), baseline, candidate).episodes == 6
 
 
-def test_failed_episodes_are_left_out_of_errors_on_both_sides() -> None:
-    def baseline(_: str, seed: int) -> float:
+def test_failed_episodes_are_left_out_of_errors_on_both_sides():
+    def baseline(_, seed):
         return float(seed)
 
-    def candidate(_: str, seed: int) -> float | None:
+    def candidate(_, seed):
         return None if seed == 9 else float(seed)
 
     suite = tiny_suite()
@@ -114,7 +114,7 @@ def test_failed_episodes_are_left_out_of_errors_on_both_sides() -> None:
     assert comparison.baseline == comparison.candidate == 4.0
 
 
-def test_nothing_to_compare_is_unmeasured_and_the_failures_tell() -> None:
+def test_nothing_to_compare_is_unmeasured_and_the_failures_tell():
     suite = tiny_suite(joint_error=Tolerance(relative=0.05), faults=Tolerance(absolute=0.01))
     good = run(episode("a", seed, {"joint_error": 1.0, "faults": 0.0}) for seed in range(6))
     bad = run(episode("a", seed, {"joint_error": None, "faults": 1.0}, "action is nan") for seed in range(6))
@@ -126,7 +126,7 @@ def test_nothing_to_compare_is_unmeasured_and_the_failures_tell() -> None:
     assert Candidate(run=bad, passed=False, comparisons=(errors, faults, losses)).worse == ("joint_error", "faults")
 
 
-def test_failures_are_judged_whether_a_suite_names_them_or_not() -> None:
+def test_failures_are_judged_whether_a_suite_names_them_or_not():
     suite = tiny_suite()
     assert [metric.name for metric in suite.metrics] == ["joint_error", "losses", "faults"]
     assert suite.tolerance("faults", 0.0) == 0.0
@@ -136,13 +136,11 @@ def test_failures_are_judged_whether_a_suite_names_them_or_not() -> None:
     assert verdicts == {"joint_error": "lost", "losses": "no difference seen", "faults": "worse beyond tolerance"}
 
 
-def width(comparison: Comparison) -> float:
-    assert comparison.low is not None
-    assert comparison.high is not None
+def width(comparison):
     return comparison.high - comparison.low
 
 
-def test_more_metrics_do_not_mean_more_false_alarms() -> None:
+def test_more_metrics_do_not_mean_more_false_alarms():
     """Each interval is wider where more of them are to hold together."""
     suite = tiny_suite()
     alone = compare(suite, measured(1.0), measured(1.0, seed=3))
@@ -150,7 +148,7 @@ def test_more_metrics_do_not_mean_more_false_alarms() -> None:
     assert width(among_many) > 1.2 * width(alone)
 
 
-def test_no_false_alarm_with_other_seeds() -> None:
+def test_no_false_alarm_with_other_seeds():
     """20 tries of the same policy with other seeds, at the tolerance of the shipped suites."""
     suite = tiny_suite()
     baseline = measured(1.0, seed=100, spread=0.3)
@@ -161,7 +159,7 @@ def test_no_false_alarm_with_other_seeds() -> None:
     assert verdicts.count("worse beyond tolerance") == 0
 
 
-def test_the_change_that_is_announced_is_found_as_often_as_announced() -> None:
+def test_the_change_that_is_announced_is_found_as_often_as_announced():
     """Of 100 candidates that are worse by just that much, with other seeds, about 80 are found."""
     suite = tiny_suite()
     found = 0
@@ -175,31 +173,31 @@ def test_the_change_that_is_announced_is_found_as_often_as_announced() -> None:
     assert 65 <= found <= 95
 
 
-def test_what_is_announced_depends_on_the_number_of_seeds() -> None:
+def test_what_is_announced_depends_on_the_number_of_seeds():
     baseline = measured(1.0)
     few, many = (detectable_changes(tiny_suite(seeds=n), tiny_suite().metrics, baseline)[0] for n in (2, 50))
     assert few.tolerance == many.tolerance < many.change < few.change
 
 
-def test_some_failures_in_ten_announce_by_laplaces_rule() -> None:
+def test_some_failures_in_ten_announce_by_laplaces_rule():
     suite = tiny_suite(faults=Tolerance(absolute=0.01))
     some = values("faults", lambda case, seed: float(case == "a" and seed == 0), CASES, range(5))
     (announced,) = detectable_changes(suite, suite.metrics[:1], some)
     assert 0.1 < announced.change < 0.8
 
 
-def test_cases_weigh_equally() -> None:
+def test_cases_weigh_equally():
     cases = [np.array([1.0, 3.0]), np.array([10.0, 10.0, 10.0, 10.0])]
     assert mean_of_cases(cases) == 6.0
     assert math.isnan(mean_of_cases([]))
 
 
-def test_no_spread_no_interval() -> None:
+def test_no_spread_no_interval():
     interval = mean_interval([np.full(5, 2.0), np.full(3, 4.0)], [], 0.95, 1000)
     assert (interval.mean, interval.low, interval.high) == (3.0, 3.0, 3.0)
 
 
-def test_an_interval_of_a_large_sample_is_that_of_the_normal_distribution() -> None:
+def test_an_interval_of_a_large_sample_is_that_of_the_normal_distribution():
     values = np.random.default_rng(1).normal(loc=5.0, scale=2.0, size=400)
     interval = mean_interval([values], [], 0.95, 5000)
     half = 1.96 * values.std(ddof=1) / 20.0
@@ -208,7 +206,7 @@ def test_an_interval_of_a_large_sample_is_that_of_the_normal_distribution() -> N
     assert interval.high == pytest.approx(values.mean() + half, abs=0.01)
 
 
-def test_samples_that_are_not_paired_add_their_variances() -> None:
+def test_samples_that_are_not_paired_add_their_variances():
     generator = np.random.default_rng(2)
     plus, minus = generator.normal(3.0, 2.0, 300), generator.normal(1.0, 1.5, 200)
     interval = mean_interval([plus], [minus], 0.95, 5000)
@@ -217,7 +215,7 @@ def test_samples_that_are_not_paired_add_their_variances() -> None:
     assert interval.high - interval.low == pytest.approx(2.0 * half, rel=0.03)
 
 
-def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
+def test_intervals_cover_the_truth_as_often_as_they_say():
     """300 experiments of three cases with ten seeds: 95 % of the intervals hold the mean, give or take chance."""
     generator = np.random.default_rng(3)
     covered = 0
@@ -228,7 +226,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
     assert 0.91 <= covered / 300 <= 0.98
 
 
-def test_student_quantiles_of_the_tables() -> None:
+def test_student_quantiles_of_the_tables():
     for freedom, probability, expected in (
         (1, 0.975, 12.706),
         (2, 0.995, 9.925),
@@ -241,7 +239,7 @@ def test_student_quantiles_of_the_tables() -> None:
     assert student_quantile(0.975, [], []) == pytest.approx(1.95996, abs=1e-4)
 
 
-def test_few_seeds_are_not_trusted_more_than_they_deserve() -> None:
+def test_few_seeds_are_not_trusted_more_than_they_deserve():
     """400 experiments with three seeds: an interval that took the measured spread for the true one would hold 75 %."""
     generator = np.random.default_rng(4)
     covered = 0
@@ -251,7 +249,7 @@ def test_few_seeds_are_not_trusted_more_than_they_deserve() -> None:
     assert covered / 400 >= 0.90
 
 
-def flags(metric: str, failing: set[tuple[str, int]], name: str = "policy", seeds: range = range(12)) -> PolicyRun:
+def flags(metric, failing, name="policy", seeds=range(12)):
     """A run in which some episodes failed, as a fault or a loss."""
     return run(
         (
@@ -271,7 +269,7 @@ def flags(metric: str, failing: set[tuple[str, int]], name: str = "policy", seed
 
 @pytest.mark.parametrize("metric", ["faults", "losses"])
 @pytest.mark.parametrize("count", [1, 5])
-def test_a_failure_where_the_baseline_had_none_fails(metric: str, count: int) -> None:
+def test_a_failure_where_the_baseline_had_none_fails(metric, count):
     """The tolerance for the share of failures, and the interval, do not cover for it."""
     suite = tiny_suite("abcd", 12, joint_error=Tolerance(relative=0.05), **{metric: Tolerance(absolute=0.3)})
     failing = {("a", seed) for seed in range(count)}
@@ -288,7 +286,7 @@ def test_a_failure_where_the_baseline_had_none_fails(metric: str, count: int) ->
     assert text.endswith(f"; without {count} of 48 pairs in which an episode failed")
 
 
-def test_a_metric_of_some_cases_leaves_out_failures_of_those_alone() -> None:
+def test_a_metric_of_some_cases_leaves_out_failures_of_those_alone():
     """How much of vx is reached is not measured on the way sideways, whether the robot falls there or not."""
     ways = {"forward": (0.5, 0.0, 0.0), "sideways": (0.0, 0.5, 0.0)}
     suite = replace(
@@ -299,7 +297,7 @@ def test_a_metric_of_some_cases_leaves_out_failures_of_those_alone() -> None:
     )
     fallen = {("sideways", 0), ("sideways", 1), ("forward", 2)}
 
-    def walk(case: str, seed: int) -> Episode:
+    def walk(case, seed):
         fell = (case, seed) in fallen
         reached = 0.8 + 0.01 * seed if case == "forward" and not fell else None
         metrics = {"vx_reached": reached, "tilt": None if fell else 0.1, "falls": float(fell), "faults": 0.0}
@@ -314,7 +312,7 @@ def test_a_metric_of_some_cases_leaves_out_failures_of_those_alone() -> None:
     assert [metric.name for metric in aside.metrics] == ["tilt", "falls", "faults"]
 
 
-def test_a_failure_in_a_case_that_fails_anyway_is_for_the_statistics() -> None:
+def test_a_failure_in_a_case_that_fails_anyway_is_for_the_statistics():
     suite = tiny_suite("abcd", 12, faults=Tolerance(absolute=0.01))
     old = flags("faults", {("a", 1), ("a", 2)})
     for failing, verdict in (
@@ -328,7 +326,7 @@ def test_a_failure_in_a_case_that_fails_anyway_is_for_the_statistics() -> None:
         assert candidate.passed is (verdict != "worse beyond tolerance")
 
 
-def test_new_failures_are_found_with_other_seeds_too() -> None:
+def test_new_failures_are_found_with_other_seeds_too():
     suite = tiny_suite("abcd", 12)
     candidate = judge(suite, flags("losses", set()), flags("losses", {("c", 105)}, seeds=range(100, 112)))
     assert candidate.worse == ("losses",)
@@ -337,7 +335,7 @@ def test_new_failures_are_found_with_other_seeds_too() -> None:
     assert describe_change(suite.metrics[0], errors).endswith("; without 1 episodes that failed")
 
 
-def test_unclear_fails_where_it_is_asked_to() -> None:
+def test_unclear_fails_where_it_is_asked_to():
     suite = tiny_suite("abcd", 12)
     old, new = flags("faults", {("a", 1), ("a", 2)}), flags("faults", {("a", 3), ("a", 4)})
     assert judge(suite, old, new).unclear == ("faults",)
@@ -346,7 +344,7 @@ def test_unclear_fails_where_it_is_asked_to() -> None:
     assert judge(suite, old, old, strict=True).passed
 
 
-def test_worse_by_more_or_less_than_tolerated_is_open() -> None:
+def test_worse_by_more_or_less_than_tolerated_is_open():
     """It passes, as nothing is shown to be beyond the tolerance, and fails where verdicts have to be clear."""
     old, new = measured(1.0, seed=1), measured(1.05, seed=2)
     candidate = judge(tiny_suite(), old, new)
@@ -354,7 +352,7 @@ def test_worse_by_more_or_less_than_tolerated_is_open() -> None:
     assert not judge(tiny_suite(), old, new, strict=True).passed
 
 
-def test_few_seeds_leave_it_undecided_where_they_cannot_judge() -> None:
+def test_few_seeds_leave_it_undecided_where_they_cannot_judge():
     """Nobody may take a run that could not see a fall for one that saw none."""
     old = values("joint_error", lambda _, s: 1.0 + 0.1 * s, "ab", [0, 1])
     new = values("joint_error", lambda _, s: 1.1 - 0.1 * s, "ab", [0, 1])
@@ -370,7 +368,7 @@ def test_few_seeds_leave_it_undecided_where_they_cannot_judge() -> None:
     assert (enough.unclear, enough.few_seeds, enough.passed) == (("joint_error",), None, True)
 
 
-def one_motion(factor: float, spread: float = 0.01, seed: int = 0) -> PolicyRun:
+def one_motion(factor, spread=0.01, seed=0):
     """Four motions, of which the first is worse by a factor."""
     generator = np.random.default_rng(seed)
     return values(
@@ -381,7 +379,7 @@ def one_motion(factor: float, spread: float = 0.01, seed: int = 0) -> PolicyRun:
     )
 
 
-def test_one_motion_that_is_17_percent_worse_fails_inside_a_mean_that_is_not() -> None:
+def test_one_motion_that_is_17_percent_worse_fails_inside_a_mean_that_is_not():
     suite = tiny_suite("abcd", 12)
     comparison = compare(suite, one_motion(1.0), one_motion(1.17, seed=1))
     assert comparison.relative is not None
@@ -396,7 +394,7 @@ def test_one_motion_that_is_17_percent_worse_fails_inside_a_mean_that_is_not() -
     )
 
 
-def test_a_worsening_that_is_tolerated_is_said() -> None:
+def test_a_worsening_that_is_tolerated_is_said():
     suite = tiny_suite("abcd", 12, joint_error=Tolerance(relative=0.2))
     old = one_motion(1.0)
     assert compare(suite, old, one_motion(1.17, seed=1)).verdict == "worse within tolerance"
@@ -404,7 +402,7 @@ def test_a_worsening_that_is_tolerated_is_said() -> None:
     assert judge(suite, old, one_motion(1.17, seed=1), strict=True).passed
 
 
-def test_pairs_detect_less_than_other_seeds() -> None:
+def test_pairs_detect_less_than_other_seeds():
     """A seed makes 35 % between episodes, and 1 % between the two of a pair."""
     suite = tiny_suite("abcd", 12)
     baseline = one_motion(1.0)
@@ -414,7 +412,7 @@ def test_pairs_detect_less_than_other_seeds() -> None:
     assert announced.tolerance < pairs < announced.tolerance + 0.1 * (announced.change - announced.tolerance)
 
 
-def test_one_failure_is_enough_where_there_was_none() -> None:
+def test_one_failure_is_enough_where_there_was_none():
     """The share of failures of which 48 episodes show one with 80 % probability."""
     suite = tiny_suite("abcd", 12)
     found = {d.metric: d for d in detectable_changes(suite, suite.metrics, flags("faults", set()))}
@@ -424,7 +422,7 @@ def test_one_failure_is_enough_where_there_was_none() -> None:
     assert compared["faults"].detectable == found["faults"].change
 
 
-def test_a_single_value_has_no_spread() -> None:
+def test_a_single_value_has_no_spread():
     suite = tiny_suite("a", 2)
     old = values("joint_error", lambda *_: 1.0, "a", [0])
     assert compare(suite, old, values("joint_error", lambda *_: 2.0, "a", [0])).verdict == "unclear"

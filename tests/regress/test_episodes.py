@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from regress_runs import standing_policy, yaml_suite
 from humanoid_sim.evaluation.tracking import TrackingErrors
 from humanoid_sim.regress.episodes import LONGEST_TRACE, EpisodeBatch, Step, episode_keys, run_episodes, thinned
 from humanoid_sim.regress.metrics import METRICS
-from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepare_suite
+from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.suite import Case, Disturbance, Pushes, Suite, Tolerance
 from humanoid_sim.regress.suite_file import load_suite
 from humanoid_sim.simulation.batch import Randomisation
@@ -23,18 +22,18 @@ from humanoid_sim.simulation.batch import Randomisation
 QUIET = Disturbance(Randomisation())
 
 
-def make(folder: Path, policy: Path = SAMPLE) -> PreparedCase:
+def make(folder, policy=SAMPLE):
     """The first case of the short suite with a policy."""
     suite, where = load_suite(str(yaml_suite(folder)))
     return prepare_policy(prepare_suite(suite, where), policy).cases[0]
 
 
 @pytest.fixture(scope="module")
-def short(tmp_path_factory: pytest.TempPathFactory) -> PreparedCase:
+def short(tmp_path_factory):
     return make(tmp_path_factory.mktemp("suite"))
 
 
-def test_an_episode_is_the_same_in_any_company(short: PreparedCase) -> None:
+def test_an_episode_is_the_same_in_any_company(short):
     together = run_episodes(short, [0, 1, 2, 3, 7], short.suite.disturbance, threads=2)
     alone = run_episodes(short, [3], short.suite.disturbance, threads=1)
     others = run_episodes(short, [7, 3, 0], short.suite.disturbance)
@@ -43,7 +42,7 @@ def test_an_episode_is_the_same_in_any_company(short: PreparedCase) -> None:
     assert len({episode.metrics["joint_error"] for episode in together}) == 5
 
 
-def test_a_batch_can_be_run_again(short: PreparedCase) -> None:
+def test_a_batch_can_be_run_again(short):
     batch = EpisodeBatch(short, [0, 1], short.suite.disturbance)
     try:
         first = batch.run()
@@ -52,13 +51,13 @@ def test_a_batch_can_be_run_again(short: PreparedCase) -> None:
         batch.simulation.close()
 
 
-def test_cases_and_seeds_draw_their_own() -> None:
+def test_cases_and_seeds_draw_their_own():
     keys = {int(key) for case in ("wave", "drum") for key in episode_keys(case, range(5))}
     assert len(keys) == 10
     assert episode_keys("wave", [3]) == episode_keys("wave", range(5))[3:4]
 
 
-def test_what_an_episode_says_of_itself(short: PreparedCase) -> None:
+def test_what_an_episode_says_of_itself(short):
     (episode,) = run_episodes(short, [5], short.suite.disturbance)
     assert (episode.case, episode.seed, episode.steps, episode.failure, episode.kind) == ("wave", 5, 20, "", "")
     assert episode.duration == pytest.approx(0.4)
@@ -76,7 +75,7 @@ def test_what_an_episode_says_of_itself(short: PreparedCase) -> None:
     assert episode.traces["action_rate"][0] is None  # nothing before the first step
 
 
-def test_body_errors_are_those_of_the_tracking_report(short: PreparedCase) -> None:
+def test_body_errors_are_those_of_the_tracking_report(short):
     """Against `TrackingErrors`, which has kinematics of its own, on the states of an undisturbed episode."""
     steps = list[Step]()
     (episode,) = run_episodes(short, [0], QUIET, watch=steps)
@@ -93,7 +92,7 @@ def test_body_errors_are_those_of_the_tracking_report(short: PreparedCase) -> No
     assert episode.metrics["body_orientation_error"] == pytest.approx(orientation, rel=1e-6)
 
 
-def test_joint_errors_are_against_the_inverse_kinematics_of_the_motion(short: PreparedCase) -> None:
+def test_joint_errors_are_against_the_inverse_kinematics_of_the_motion(short):
     steps = list[Step]()
     (episode,) = run_episodes(short, [0], QUIET, watch=steps)
     reached = np.array([step.state.joint_position[0] for step in steps[1:]])
@@ -108,7 +107,7 @@ def test_joint_errors_are_against_the_inverse_kinematics_of_the_motion(short: Pr
         (1e6, "action of left_shoulder_pitch is .*, expected a magnitude <= 100: --action-limit, .*"),
     ],
 )
-def test_actions_that_the_controller_refuses_are_counted(tmp_path: Path, value: float, failure: str) -> None:
+def test_actions_that_the_controller_refuses_are_counted(tmp_path, value, failure):
     case = make(tmp_path, failing_copy(SAMPLE, tmp_path / "bad.onnx", value))
     episodes = run_episodes(case, [0, 1], case.suite.disturbance)
     for episode in episodes:
@@ -118,7 +117,7 @@ def test_actions_that_the_controller_refuses_are_counted(tmp_path: Path, value: 
         assert episode.metrics["joint_error"] is None
 
 
-def test_an_arm_that_goes_elsewhere_is_lost(tmp_path: Path) -> None:
+def test_an_arm_that_goes_elsewhere_is_lost(tmp_path):
     """Shoulder pitch and roll in each other's place: from the start on the hand is far off."""
     suite, where = load_suite(str(yaml_suite(tmp_path)))
     suite = replace(suite, cases=(Case(name="reach", motion="reach", duration=3.0),))
@@ -143,12 +142,12 @@ STANDING = Suite(
 
 
 @pytest.fixture(scope="module")
-def standing(tmp_path_factory: pytest.TempPathFactory) -> PreparedCase:
+def standing(tmp_path_factory):
     folder = tmp_path_factory.mktemp("standing")
     return prepare_policy(prepare_suite(STANDING, folder), standing_policy(folder / "standing.onnx")).cases[0]
 
 
-def test_a_robot_that_stands_neither_moves_nor_slips(standing: PreparedCase) -> None:
+def test_a_robot_that_stands_neither_moves_nor_slips(standing):
     (episode,) = run_episodes(standing, [0], QUIET)
     metrics = episode.metrics
     assert list(metrics) == list(METRICS["velocity"])
@@ -160,7 +159,7 @@ def test_a_robot_that_stands_neither_moves_nor_slips(standing: PreparedCase) -> 
     assert episode.traces["velocity_error"][0] is None  # not settled yet
 
 
-def test_errors_are_against_the_command(standing: PreparedCase) -> None:
+def test_errors_are_against_the_command(standing):
     """The robot stands: what it is told is what it misses."""
     case = Case(name="go", command=(0.6, 0.8, -0.7), duration=1.0)
     (episode,) = run_episodes(dataclasses.replace(standing, case=case), [0], QUIET)
@@ -170,7 +169,7 @@ def test_errors_are_against_the_command(standing: PreparedCase) -> None:
         assert episode.metrics[name] == pytest.approx(0.0, abs=0.05)
 
 
-def test_a_speed_is_reached_along_the_axes_that_are_commanded(standing: PreparedCase) -> None:
+def test_a_speed_is_reached_along_the_axes_that_are_commanded(standing):
     """Against the way that the base went; a command too small to divide by asks for no speed."""
     suite = replace(STANDING, cases=(Case(name="go", command=(0.5, 0.0, 0.05), duration=3.0),), settle=1.5)
     (case,) = prepare_policy(prepare_suite(suite, WALKER.path.parent), WALKER.path).cases
@@ -187,7 +186,7 @@ def test_a_speed_is_reached_along_the_axes_that_are_commanded(standing: Prepared
     assert episode.metrics["vx_reached"] is None or episode.metrics["vx_reached"] <= 1.0
 
 
-def test_a_push_moves_the_base_and_a_hard_one_topples_it(standing: PreparedCase) -> None:
+def test_a_push_moves_the_base_and_a_hard_one_topples_it(standing):
     still, pushed, toppled = (
         run_episodes(standing, [4], Disturbance(Randomisation(), pushes))[0]
         for pushes in (None, Pushes(speed=0.1, interval=0.4), Pushes(speed=3.0, interval=0.4))
@@ -200,13 +199,13 @@ def test_a_push_moves_the_base_and_a_hard_one_topples_it(standing: PreparedCase)
     assert toppled.metrics["falls"] == 1.0
 
 
-def test_a_short_episode_keeps_every_step() -> None:
+def test_a_short_episode_keeps_every_step():
     times, traces = thinned({"effort": np.array([1.0, 2.0, 4.0])}, 0.02)
     assert times == (0.02, 0.04, 0.06)
     assert traces == {"effort": (1.0, 2.0, 4.0)}
 
 
-def test_a_long_one_keeps_means_of_stretches() -> None:
+def test_a_long_one_keeps_means_of_stretches():
     values = np.arange(4 * LONGEST_TRACE, dtype=np.float64)
     times, traces = thinned({"effort": values}, 0.01)
     assert len(times) == LONGEST_TRACE
@@ -214,7 +213,7 @@ def test_a_long_one_keeps_means_of_stretches() -> None:
     assert times[:2] == (0.025, 0.065)
 
 
-def test_steps_without_a_value_do_not_count() -> None:
+def test_steps_without_a_value_do_not_count():
     nan = np.nan
     values = np.tile([nan, 3.0], LONGEST_TRACE)
     values[:2] = nan
@@ -223,5 +222,5 @@ def test_steps_without_a_value_do_not_count() -> None:
     assert "nothing" not in traces
 
 
-def test_nothing_was_run() -> None:
+def test_nothing_was_run():
     assert thinned({"effort": np.empty(0)}, 0.02) == ((), {})

@@ -6,7 +6,6 @@ import pickle
 import socket
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from policies import SAMPLE, noisy_copy
@@ -20,7 +19,7 @@ from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.suite_file import load_suite
 
 
-def test_a_case_that_travelled_gives_the_same_episodes(tmp_path: Path) -> None:
+def test_a_case_that_travelled_gives_the_same_episodes(tmp_path):
     suite, folder = load_suite(str(yaml_suite(tmp_path)))
     policy = noisy_copy(SAMPLE, tmp_path / "noisy.onnx", 0.05)
     case = prepare_policy(prepare_suite(suite, folder), policy).cases[1]
@@ -33,7 +32,7 @@ def test_a_case_that_travelled_gives_the_same_episodes(tmp_path: Path) -> None:
 
 
 @needs_policies
-def test_tensors_beside_the_model_travel_too() -> None:
+def test_tensors_beside_the_model_travel_too():
     suite, folder = load_suite("velocity")
     robot = POLICIES / "models" / "unitree_g1" / "scene.xml"
     policy = POLICIES / "unitree_g1_velocity_v0" / "exported" / "policy.onnx"
@@ -43,7 +42,7 @@ def test_tensors_beside_the_model_travel_too() -> None:
     assert unpack_case(parcel).policy.batching == case.policy.batching
 
 
-def test_a_cluster_that_is_not_there() -> None:
+def test_a_cluster_that_is_not_there():
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{free.getsockname()[1]}"
@@ -52,11 +51,11 @@ def test_a_cluster_that_is_not_there() -> None:
 
 
 @pytest.mark.slow
-def test_two_workers_of_a_local_ray_give_the_same_file(tmp_path: Path) -> None:
+def test_two_workers_of_a_local_ray_give_the_same_file(tmp_path):
     """In processes of their own: Ray leaves threads behind, and takes its time."""
     yaml_suite(tmp_path)
 
-    def regress(output: str, *options: str) -> bytes:
+    def regress(output, *options):
         command = [sys.executable, "-m", "humanoid_sim.regress", str(SAMPLE), "--suite", "suite.yaml", "--quiet"]
         subprocess.run([*command, "--json", output, *options], cwd=tmp_path, check=True, timeout=300)
         return (tmp_path / output).read_bytes()

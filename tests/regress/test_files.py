@@ -1,6 +1,5 @@
 """Results on disk: baselines, and JUnit XML that continuous integration understands."""
 
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -16,7 +15,7 @@ from humanoid_sim.regress.suite import Tolerance
 SUITE = tiny_suite(joint_error=Tolerance(relative=0.05), effort=Tolerance(), faults=Tolerance())
 
 
-def results(factor: float, *, margin: str = "within tolerance", baseline: bool = True, strict: bool = False) -> Results:
+def results(factor, *, margin="within tolerance", baseline=True, strict=False):
     good = run(episode("a", s, {"joint_error": 0.1, "effort": None, "faults": 0.0}) for s in range(6))
     failed = episode("a", 5, {"joint_error": None, "effort": None, "faults": 0.0}, "strayed: \x00 <left_hand> & more")
     other = run(
@@ -44,7 +43,7 @@ def results(factor: float, *, margin: str = "within tolerance", baseline: bool =
     )
 
 
-def test_a_regression_is_a_failure_that_names_the_metric() -> None:
+def test_a_regression_is_a_failure_that_names_the_metric():
     root = ElementTree.fromstring(junit_xml(results(1.2)))
     assert root.attrib == {"name": "regress tiny", "tests": "5", "failures": "1", "skipped": "2"}
     cases = {case.get("name"): case for case in root.iter("testcase")}
@@ -59,13 +58,13 @@ def test_a_regression_is_a_failure_that_names_the_metric() -> None:
     assert cases["faults"].find("failure") is None
 
 
-def test_a_margin_that_is_worse_fails_too() -> None:
+def test_a_margin_that_is_worse_fails_too():
     root = ElementTree.fromstring(junit_xml(results(1.0, margin="worse beyond tolerance")))
     (failure,) = root.iter("failure")
     assert failure.get("message") == "margin delay: worse beyond tolerance: up to 10 ms, was 30 ms"
 
 
-def test_a_metric_that_no_episode_has_any_more_fails() -> None:
+def test_a_metric_that_no_episode_has_any_more_fails():
     whole = results(1.0)
     candidate = whole.candidates[0]
     lost = replace(candidate.comparisons[0], verdict="lost", candidate=None, change=None)
@@ -74,18 +73,18 @@ def test_a_metric_that_no_episode_has_any_more_fails() -> None:
     assert failure.get("message") == "joint_error: lost: no episode got to its end"
 
 
-def test_names_and_reasons_are_escaped() -> None:
+def test_names_and_reasons_are_escaped():
     text = junit_xml(results(1.0)).decode()
     assert "strayed: ? &lt;left_hand&gt; &amp; more" in text
     assert 'name="tiny: new &lt;policy&gt;"' in text
 
 
-def test_without_a_baseline_every_metric_is_skipped() -> None:
+def test_without_a_baseline_every_metric_is_skipped():
     root = ElementTree.fromstring(junit_xml(results(1.0, baseline=False)))
     assert (root.get("failures"), root.get("skipped")) == ("0", "4")
 
 
-def test_round_trip(tmp_path: Path) -> None:
+def test_round_trip(tmp_path):
     written = run([episode("a", 0, {"joint_error": 0.1, "effort": None}), episode("a", 1, {}, "fell")])
     (tmp_path / "base.json").write_bytes(json_of(written))
     assert read_baseline(tmp_path / "base.json") == written
@@ -101,7 +100,7 @@ def test_round_trip(tmp_path: Path) -> None:
         ('{"format": "humanoid_sim.regress/9"}', "is not a baseline.*humanoid_sim.regress/9"),
     ],
 )
-def test_what_is_no_baseline(tmp_path: Path, text: str, message: str) -> None:
+def test_what_is_no_baseline(tmp_path, text, message):
     path = tmp_path / "base.json"
     path.write_text(text)
     with pytest.raises(InputError, match=message) as error:
@@ -109,32 +108,32 @@ def test_what_is_no_baseline(tmp_path: Path, text: str, message: str) -> None:
     assert str(error.value).startswith(f"{path}: ")
 
 
-def test_a_baseline_without_episodes(tmp_path: Path) -> None:
+def test_a_baseline_without_episodes(tmp_path):
     (tmp_path / "base.json").write_bytes(json_of(run([])))
     with pytest.raises(InputError, match="holds no episodes"):
         read_baseline(tmp_path / "base.json")
 
 
-def test_a_result_taken_for_a_baseline(tmp_path: Path) -> None:
+def test_a_result_taken_for_a_baseline(tmp_path):
     path = tmp_path / "out.json"
     path.write_text('{"suite": {}, "candidates": []}')
     with pytest.raises(InputError, match="is a result of --json, expected a baseline of --write-baseline"):
         read_baseline(path)
 
 
-def test_no_such_file(tmp_path: Path) -> None:
+def test_no_such_file(tmp_path):
     with pytest.raises(InputError, match=r"no such file, expected a baseline \(.json\) or a checkpoint \(.onnx\)"):
         read_baseline(tmp_path / "base.json")
 
 
-def test_times_are_the_seconds_of_the_candidate_shared_among_its_cases() -> None:
+def test_times_are_the_seconds_of_the_candidate_shared_among_its_cases():
     root = ElementTree.fromstring(junit_xml(results(1.0), [2.5]))
     (suite,) = root
     assert (root.get("time"), suite.get("time")) == ("2.500", "2.500")
     assert [case.get("time") for case in suite.iter("testcase")] == ["0.500"] * 5
 
 
-def test_what_is_unclear_fails_where_it_has_to_be_clear() -> None:
+def test_what_is_unclear_fails_where_it_has_to_be_clear():
     for strict, failures in ((False, 0), (True, 1)):
         whole = results(1.0, strict=strict)
         candidate = whole.candidates[0]

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-
 import pytest
 from policies import SAMPLE
 from regress_runs import SHORT, episode, yaml_suite
 
-from humanoid_sim.regress.executors import Advance, local_executor
+from humanoid_sim.regress.executors import local_executor
 from humanoid_sim.regress.margins import compare_margins, disturbance_at, measure_margins, planned_levels
-from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepare_suite
-from humanoid_sim.regress.results import Episode, Margin
-from humanoid_sim.regress.suite import Disturbance, Pushes, Sweep
+from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
+from humanoid_sim.regress.results import Margin
+from humanoid_sim.regress.suite import Pushes, Sweep
 from humanoid_sim.regress.suite_file import load_suite
 from humanoid_sim.simulation.batch import Randomisation
 
 
 @pytest.fixture(scope="module")
-def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[PreparedCase, ...]:
+def short(tmp_path_factory):
     suite, folder = load_suite(str(yaml_suite(tmp_path_factory.mktemp("suite"))))
     return prepare_policy(prepare_suite(suite, folder), SAMPLE).cases
 
@@ -27,23 +24,21 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[PreparedCase, ...]:
 class FailsBeyond:
     """Runs nothing: an episode is off by as much as it is disturbed, and lost beyond a delay or below some gains."""
 
-    def __init__(self) -> None:
-        self.ran: list[tuple[str, tuple[int, ...]]] = []
+    def __init__(self):
+        self.ran = []
 
-    def __call__(
-        self, cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
-    ) -> list[Episode]:
+    def __call__(self, cases, seeds, disturbance, advance):
         self.ran += [(case.case.name, tuple(seeds)) for case in cases]
         return [self._episode(case, seed, disturbance) for case in cases for seed in seeds]
 
-    def _episode(self, case: PreparedCase, seed: int, disturbance: Disturbance) -> Episode:
+    def _episode(self, case, seed, disturbance):
         drawn = disturbance.randomisation
         error = drawn.command_delay[0]
         failure = "fell" if drawn.stiffness[0] < 0.1 and seed == 1 else ""
         return episode(case.case.name, seed, {"body_position_error": None if failure else error}, failure)
 
 
-def test_a_sweep_ends_where_an_episode_fails_and_is_narrowed_down(short: tuple[PreparedCase, ...]) -> None:
+def test_a_sweep_ends_where_an_episode_fails_and_is_narrowed_down(short):
     """Delays are tried in whole steps of physics, of half a millisecond."""
     executor, done = FailsBeyond(), list[int]()
     delay, gains = measure_margins(short, executor, done.append)
@@ -62,7 +57,7 @@ def test_a_sweep_ends_where_an_episode_fails_and_is_narrowed_down(short: tuple[P
     assert set(executor.ran) == {("wave", (0, 1))}
 
 
-def test_a_sweep_is_not_halved_below_a_step_of_physics(tmp_path: Path) -> None:
+def test_a_sweep_is_not_halved_below_a_step_of_physics(tmp_path):
     text = SHORT.replace("[0.01, 0.02, 0.1]", "[0.02, 0.021]").replace("margins:\n", "margins:\n  bisections: 9\n")
     suite, folder = load_suite(str(yaml_suite(tmp_path, text)))
     cases = prepare_policy(prepare_suite(suite, folder), SAMPLE).cases
@@ -70,20 +65,19 @@ def test_a_sweep_is_not_halved_below_a_step_of_physics(tmp_path: Path) -> None:
     assert delay.levels == pytest.approx((0.02, 0.0205, 0.021))
 
 
-def test_a_sweep_that_nothing_fails_in_says_so(short: tuple[PreparedCase, ...]) -> None:
+def test_a_sweep_that_nothing_fails_in_says_so(short):
     class Fine(FailsBeyond):
-        def _episode(self, case: PreparedCase, seed: int, disturbance: Disturbance) -> Episode:
+        def _episode(self, case, seed, disturbance):
             return episode(case.case.name, seed, {"body_position_error": 0.001})
 
     delay, _ = measure_margins(short, Fine(), lambda _: None)
     assert (delay.limit, delay.reached_end, delay.failure) == (0.1, True, "")
 
 
-def test_the_lite_bears_some_delay_and_no_gains_at_all(short: tuple[PreparedCase, ...]) -> None:
+def test_the_lite_bears_some_delay_and_no_gains_at_all(short):
     delay, gains = measure_margins(short, local_executor(), lambda _: None)
     assert delay.limit >= 0.02
     assert 0.01 < gains.limit <= 0.5
-    assert gains.fails_at is not None
     assert gains.limit - gains.fails_at == pytest.approx(0.49 / 8)
     assert not gains.reached_end
 
@@ -106,18 +100,18 @@ def test_the_lite_bears_some_delay_and_no_gains_at_all(short: tuple[PreparedCase
         ),
     ],
 )
-def test_each_axis_disturbs_one_thing(axis: str, level: float, expected: Randomisation) -> None:
+def test_each_axis_disturbs_one_thing(axis, level, expected):
     disturbance = disturbance_at(Sweep(axis=axis, levels=(level,)), level, Pushes(speed=1.0), 0.002)
     assert (disturbance.randomisation, disturbance.pushes) == (expected, None)
 
 
-def test_pushes_keep_the_suites_interval() -> None:
+def test_pushes_keep_the_suites_interval():
     sweep = Sweep(axis="push", levels=(0.5,))
     assert disturbance_at(sweep, 0.5, Pushes(speed=0.2, interval=2.5), 0.002).pushes == Pushes(speed=0.5, interval=2.5)
     assert disturbance_at(sweep, 0.5, None, 0.002).pushes == Pushes(speed=0.5)
 
 
-def margin(limit: float, fails_at: float | None) -> Margin:
+def margin(limit, fails_at):
     levels = (limit,) if fails_at is None else (limit, fails_at)
     return Margin(axis="delay", unit="s", nominal=0.0, limit=limit, reached_end=fails_at is None, levels=levels)
 
@@ -135,9 +129,7 @@ def margin(limit: float, fails_at: float | None) -> Margin:
         ((0.0, 0.01), (0.0, 0.001), "within tolerance"),
     ],
 )
-def test_a_margin_is_worse_where_even_the_level_that_failed_lies_too_far_below(
-    tmp_path: Path, before: tuple[float, float | None], after: tuple[float, float | None], verdict: str
-) -> None:
+def test_a_margin_is_worse_where_even_the_level_that_failed_lies_too_far_below(tmp_path, before, after, verdict):
     """15 % less is tolerated."""
     suite, _ = load_suite(str(yaml_suite(tmp_path)))
     (comparison,) = compare_margins(suite, [margin(*before)], [margin(*after)])

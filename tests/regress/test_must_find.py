@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
@@ -18,9 +17,8 @@ from humanoid_sim.regress.compare import detectable_changes, judge
 from humanoid_sim.regress.executors import local_executor
 from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
-from humanoid_sim.regress.results import Candidate, PolicyRun, describe_share
+from humanoid_sim.regress.results import describe_share
 from humanoid_sim.regress.run import run_policy
-from humanoid_sim.regress.suite import Suite
 from humanoid_sim.regress.suite_file import load_suite
 
 pytestmark = pytest.mark.slow
@@ -31,25 +29,25 @@ TRACKING = {"body_position_error", "body_orientation_error", "joint_error"}
 class Field:
     """A shipped suite, by default the Lite's, with a policy as its baseline."""
 
-    def __init__(self, name: str = "lite_tracking", policy: Path = SAMPLE, robot: str | None = None) -> None:
+    def __init__(self, name="lite_tracking", policy=SAMPLE, robot=None):
         self.suite, self.folder = load_suite(name)
         self.policy, self.robot = policy, robot
 
     @cached_property
-    def baseline(self) -> PolicyRun:
+    def baseline(self):
         return self.run(self.policy)
 
-    def run(self, policy: Path, suite: Suite | None = None) -> PolicyRun:
+    def run(self, policy, suite=None):
         """All episodes of a policy."""
         prepared = prepare_suite(self.suite if suite is None else suite, self.folder, self.robot)
         return run_policy(prepared, prepare_policy(prepared, policy), local_executor())
 
-    def judge(self, policy: Path, seeds: int | None = None) -> Candidate:
+    def judge(self, policy, seeds=None):
         """A policy against the baseline, with the suite's seeds or more."""
         suite = replace(self.suite, seeds=self.suite.seeds if seeds is None else seeds)
         return judge(self.suite, self.baseline, self.run(policy, suite))
 
-    def alarms(self, tries: int) -> list[str]:
+    def alarms(self, tries):
         """The metrics that the baseline's own policy is called worse in, with seeds that the baseline did not have."""
         suite = replace(self.suite, first_seed=1000, seeds=tries * self.suite.seeds)
         everything = self.run(self.policy, suite)
@@ -65,31 +63,31 @@ class Field:
 
 
 @pytest.fixture(scope="module")
-def field() -> Field:
+def field():
     return Field()
 
 
-def change(candidate: Candidate, metric: str) -> float:
+def change(candidate, metric):
     (comparison,) = (c for c in candidate.comparisons if c.metric == metric)
     assert comparison.relative is not None
     return comparison.relative
 
 
-def test_the_sample_policy_is_the_same_as_itself(field: Field) -> None:
+def test_the_sample_policy_is_the_same_as_itself(field):
     candidate = field.judge(SAMPLE)
     assert candidate.passed
     assert {comparison.verdict for comparison in candidate.comparisons} == {"no difference seen"}
     assert candidate.run.episodes == field.baseline.episodes
 
 
-def test_it_says_beforehand_that_it_finds_a_tenth(field: Field) -> None:
+def test_it_says_beforehand_that_it_finds_a_tenth(field):
     announced = {d.metric: d for d in detectable_changes(field.suite, field.suite.metrics, field.baseline)}
     for metric in TRACKING:
         assert announced[metric].change < 0.1 * announced[metric].baseline
 
 
 @pytest.mark.timeout(1800)
-def test_weight_noise_that_makes_tracking_15_percent_worse_is_found(field: Field, tmp_path: Path) -> None:
+def test_weight_noise_that_makes_tracking_15_percent_worse_is_found(field, tmp_path):
     """The noise is raised until the error is 15 % worse, and what was announced to be found by then is found."""
     scale, worse = 0.01, 0.0
     while worse < 0.15:
@@ -104,14 +102,14 @@ def test_weight_noise_that_makes_tracking_15_percent_worse_is_found(field: Field
 
 
 @pytest.mark.parametrize(("first", "second"), [(0, 1), (5, 12)])
-def test_two_joints_in_each_others_place_are_found(field: Field, tmp_path: Path, first: int, second: int) -> None:
+def test_two_joints_in_each_others_place_are_found(field, tmp_path, first, second):
     candidate = field.judge(swapped_copy(SAMPLE, tmp_path / "swapped.onnx", first, second))
     assert not candidate.passed
     assert set(candidate.worse) >= TRACKING
 
 
 @pytest.mark.timeout(1800)
-def test_a_tenth_of_the_training_is_found(field: Field, tmp_path: Path) -> None:
+def test_a_tenth_of_the_training_is_found(field, tmp_path):
     pytest.importorskip("torch")
     policy = tmp_path / "tenth.onnx"
     command = [sys.executable, "-m", "tools.samples", "train-sample", "--output", str(policy)]
@@ -124,16 +122,15 @@ def test_a_tenth_of_the_training_is_found(field: Field, tmp_path: Path) -> None:
 
 
 @pytest.mark.timeout(3600)
-def test_no_false_alarm_in_many_tries_with_other_seeds(field: Field, request: pytest.FixtureRequest) -> None:
+def test_no_false_alarm_in_many_tries_with_other_seeds(field, request):
     """One run over 240 seeds of each case is 20 sets of 12 that the baseline was not run with; 6 by default."""
     assert field.alarms(20 if request.config.getoption("--complete") else 6) == []
 
 
-Row = tuple[str, ...]
 HEADINGS = ("policy", "candidate", "verdict", "metric", "change", "between", "s")
 
 
-def table_row(policy: str, name: str, candidate: Candidate, metric: str, seconds: float) -> Row:
+def table_row(policy, name, candidate, metric, seconds):
     (found,) = (c for c in candidate.comparisons if c.metric == metric)
     unit = METRICS["velocity"][metric].info.unit
     change, low, high = (
@@ -142,7 +139,7 @@ def table_row(policy: str, name: str, candidate: Candidate, metric: str, seconds
     return policy, name, found.verdict, metric, f"{change}; {found.reasons}", f"{low} to {high}", f"{seconds:.0f}"
 
 
-def test_nine_tenths_of_the_command_are_found(tmp_path: Path) -> None:
+def test_nine_tenths_of_the_command_are_found(tmp_path):
     """A sample of the campaign below: it passed as not worse where velocity errors alone were judged."""
     field = Field("velocity", WALKER.path, "lite_biped")
     cases = tuple(case for case in field.suite.cases if case.name in ("forward", "backward", "curve"))
@@ -156,9 +153,7 @@ def test_nine_tenths_of_the_command_are_found(tmp_path: Path) -> None:
 @needs_policies
 @pytest.mark.timeout(10800)
 @pytest.mark.parametrize("robot", ["lite_biped", "g1"])
-def test_walking_candidates(
-    robot: str, tmp_path: Path, request: pytest.FixtureRequest, table_of: Callable[[str, Row], list[Row]]
-) -> None:
+def test_walking_candidates(robot, tmp_path, request, table_of):
     if not request.config.getoption("--complete"):
         pytest.skip("an hour of episodes: with --complete")
     walker, place, amplitude = (WALKER, robot, 0.3) if robot == "lite_biped" else (G1_WALKER, str(G1_SCENE), 0.5)

@@ -14,8 +14,8 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.piano_score import score
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.regress import main
-from humanoid_sim.regress.episodes import Step, run_episodes
-from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepare_suite
+from humanoid_sim.regress.episodes import run_episodes
+from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.suite import Case, Disturbance, Suite, Tolerance
 from humanoid_sim.simulation.batch import Randomisation
 
@@ -23,7 +23,7 @@ BASELINE = asset_path("suites", "lite_piano.json")
 QUIET = Disturbance(Randomisation())
 
 
-def suite(*cases: Case, **changes: object) -> Suite:
+def suite(*cases, **changes):
     return Suite(
         name="songs",
         task="piano",
@@ -32,18 +32,18 @@ def suite(*cases: Case, **changes: object) -> Suite:
         seeds=2,
         tolerances={"f1": Tolerance()},
         actuation="implicit",
-        **changes,  # type: ignore[arg-type]
+        **changes,
     )
 
 
 @pytest.fixture(scope="module")
-def short() -> PreparedCase:
+def short():
     songs = suite(Case(name="five", song="five_fingers", duration=3.0))
     return prepare_policy(prepare_suite(songs, Path()), PIANO_POLICY).cases[0]
 
 
-def test_an_episode_is_scored_as_a_run_is(short: PreparedCase) -> None:
-    steps: list[Step] = []
+def test_an_episode_is_scored_as_a_run_is(short):
+    steps = []
     (episode,) = run_episodes(short, [0], QUIET, threads=1, watch=steps)
     pressed = np.stack([step.state.extern[KEY_PRESSED].value[0] for step in steps[1:]])
     expected = score(pressed, short.motion.frames[1:151], 0.02)
@@ -58,7 +58,7 @@ def test_an_episode_is_scored_as_a_run_is(short: PreparedCase) -> None:
     assert episode.metrics["hard_touches"] == 0.0
 
 
-def test_a_key_that_is_touched_too_hard_is_counted(short: PreparedCase) -> None:
+def test_a_key_that_is_touched_too_hard_is_counted(short):
     description = short.description
     assert description.piano is not None
     gentle = replace(description, piano=replace(description.piano, key_force_limit=1.0))
@@ -68,14 +68,14 @@ def test_a_key_that_is_touched_too_hard_is_counted(short: PreparedCase) -> None:
     assert episode.metrics["hard_touches"] == 1.0
 
 
-def test_an_episode_of_a_song_is_the_same_in_any_company(short: PreparedCase) -> None:
+def test_an_episode_of_a_song_is_the_same_in_any_company(short):
     disturbed = Disturbance(Randomisation(mass=(0.9, 1.1)))
     together = run_episodes(short, [0, 1, 2], disturbed, threads=2)
     assert run_episodes(short, [1], disturbed, threads=1)[0] == together[1]
     assert together[0].metrics["effort"] != together[1].metrics["effort"]
 
 
-def test_a_digest_knows_the_song_and_not_its_name(tmp_path: Path) -> None:
+def test_a_digest_knows_the_song_and_not_its_name(tmp_path):
     (tmp_path / "mine.mid").write_bytes(asset_path("songs", "twinkle.mid").read_bytes())
     digests = [
         prepare_suite(suite(Case(name="a", song=song)), tmp_path).digests["a"]
@@ -99,13 +99,13 @@ def test_a_digest_knows_the_song_and_not_its_name(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_does_not_fit_is_one_line(case: Case, robot: str | None, policy: Path, message: str) -> None:
+def test_what_does_not_fit_is_one_line(case, robot, policy, message):
     with pytest.raises(InputError) as error:
         prepare_policy(prepare_suite(suite(case), Path(), robot), policy)
     assert message in str(error.value)
 
 
-def test_the_baseline_is_of_the_shipped_policy() -> None:
+def test_the_baseline_is_of_the_shipped_policy():
     baseline = json.loads(BASELINE.read_bytes())
     assert baseline["sha256"] == sha256(PIANO_POLICY.read_bytes()).hexdigest()
     assert len(baseline["episodes"]) == 64
@@ -113,7 +113,7 @@ def test_the_baseline_is_of_the_shipped_policy() -> None:
 
 
 @pytest.mark.slow
-def test_the_shipped_policy_passes_against_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_shipped_policy_passes_against_it(capsys):
     arguments = ["--suite", "lite_piano", "--baseline", str(BASELINE), "--only", "ode_to_joy", "--quiet"]
     assert main([str(PIANO_POLICY), *arguments]) == 0
     assert capsys.readouterr().out.startswith("PASS lite_piano")

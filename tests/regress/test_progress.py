@@ -5,7 +5,7 @@ from rich.console import Console
 from humanoid_sim.regress.progress import EpisodeProgress
 
 
-def shown(label: str, steps: list[tuple[float, int]], total: int) -> list[str]:
+def shown(label, steps, total):
     """The lines where nobody watches, of episodes that end at these times, s."""
     now, out = [0.0], io.StringIO()
     with EpisodeProgress(Console(file=out, width=200), label, total, lambda: now[0]) as progress:
@@ -15,7 +15,7 @@ def shown(label: str, steps: list[tuple[float, int]], total: int) -> list[str]:
     return out.getvalue().splitlines()
 
 
-def test_a_line_every_ten_seconds_says_how_long_it_will_take() -> None:
+def test_a_line_every_ten_seconds_says_how_long_it_will_take():
     steps = [(5.0, 2), (12.0, 4), (15.0, 2), (30.0, 4), (60.0, 12)]
     assert shown("baseline", steps, 24) == [
         "baseline: episodes 6 of 24, about 36 s left",
@@ -23,6 +23,6 @@ def test_a_line_every_ten_seconds_says_how_long_it_will_take() -> None:
     ]
 
 
-def test_a_short_run_and_a_quiet_one_say_nothing() -> None:
+def test_a_short_run_and_a_quiet_one_say_nothing():
     assert shown("[v1]", [(5.0, 12), (9.9, 12)], 24) == []
     assert shown("", [(20.0, 12), (40.0, 12)], 24) == []

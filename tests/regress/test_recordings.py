@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,8 +14,8 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.repeat import repeat_run
-from humanoid_sim.regress.episodes import Step, run_episodes
-from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepare_suite
+from humanoid_sim.regress.episodes import run_episodes
+from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
 from humanoid_sim.regress.suite import Case, Pushes, Suite, Tolerance
 from humanoid_sim.regress.suite_file import load_suite
@@ -24,14 +23,14 @@ from humanoid_sim.replay import main as replay
 from humanoid_sim.stack import rebuild_supervisor
 
 
-def make(folder: Path, policy: Path, case: Case) -> PreparedCase:
+def make(folder, policy, case):
     suite, where = load_suite(str(yaml_suite(folder)))
     return prepare_policy(prepare_suite(replace(suite, cases=(case,)), where), policy).cases[0]
 
 
-def check(path: Path, case: PreparedCase, seed: int) -> list[Mode]:
+def check(path, case, seed):
     """Record an episode, repeat the recording, compare it with the episode; returns the modes that it passes."""
-    steps: list[Step] = []
+    steps = []
     (failed,) = run_episodes(case, [seed], case.suite.disturbance, watch=steps)
     assert failed.failure
     record_episode(path, case, failed, case.suite.disturbance)
@@ -57,7 +56,7 @@ def check(path: Path, case: PreparedCase, seed: int) -> list[Mode]:
     return [record.output.control_mode.mode for record in records]
 
 
-def test_an_arm_that_strays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_arm_that_strays(tmp_path, capsys):
     policy = swapped_copy(SAMPLE, tmp_path / "swapped.onnx", 0, 1)
     case = make(tmp_path, policy, Case(name="reach", motion="reach", duration=3.0))
     modes = check(tmp_path / "lost.mcap", case, 1)
@@ -68,14 +67,14 @@ def test_an_arm_that_strays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert "actions, bit for bit identical" in capsys.readouterr().out
 
 
-def test_an_action_that_is_refused_at_once(tmp_path: Path) -> None:
+def test_an_action_that_is_refused_at_once(tmp_path):
     policy = failing_copy(SAMPLE, tmp_path / "nan.onnx")
     case = make(tmp_path, policy, Case(name="wave", motion="wave", duration=0.4))
     modes = check(tmp_path / "fault.mcap", case, 0)
     assert modes == [Mode.DAMPING, Mode.STANDBY, Mode.STANDBY, Mode.DAMPING]
 
 
-def test_a_robot_that_falls(tmp_path: Path) -> None:
+def test_a_robot_that_falls(tmp_path):
     suite = Suite(
         name="standing",
         task="velocity",
@@ -94,7 +93,7 @@ def test_a_robot_that_falls(tmp_path: Path) -> None:
     assert np.isclose(header.control_period, 0.02)
 
 
-def test_an_episode_that_does_not_repeat_is_not_recorded(tmp_path: Path) -> None:
+def test_an_episode_that_does_not_repeat_is_not_recorded(tmp_path):
     case = make(tmp_path, SAMPLE, Case(name="wave", motion="wave", duration=0.1))
     other = episode("wave", 0, {"joint_error": 1.0}, "fell")
     with pytest.raises(InputError, match="wave, seed 0 goes otherwise on this machine, '' instead of 'fell'"):
@@ -102,7 +101,7 @@ def test_an_episode_that_does_not_repeat_is_not_recorded(tmp_path: Path) -> None
     assert not (tmp_path / "x.mcap").exists()
 
 
-def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_there(tmp_path):
     policy = failing_copy(SAMPLE, tmp_path / "nan.onnx")
     case = make(tmp_path, policy, Case(name="wave", motion="wave", duration=0.1))
     (failed,) = run_episodes(case, [0], case.suite.disturbance)
@@ -110,12 +109,12 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
         record_episode(tmp_path / "no" / "x.mcap", case, failed, case.suite.disturbance)
 
 
-def test_the_first_failure_of_each_case_comes_first() -> None:
+def test_the_first_failure_of_each_case_comes_first():
     failures = [("a", 0), ("a", 1), ("a", 2), ("b", 5), ("c", 7), ("c", 8)]
     episodes = [episode("a", 9, {}), *(episode(case, seed, {}, "fell") for case, seed in failures)]
     chosen = [(e.case, e.seed) for e in choose_failures(episodes, 4)]
     assert chosen == [("a", 0), ("b", 5), ("c", 7), ("a", 1)]
 
 
-def test_names_that_any_file_system_takes() -> None:
+def test_names_that_any_file_system_takes():
     assert recording_name("run 3/policy", episode("walk: fast", 4, {}, "fell")) == "run_3_policy-walk_fast-4.mcap"

@@ -5,15 +5,8 @@ import math
 import msgspec
 import pytest
 
+from humanoid_sim.regress import results
 from humanoid_sim.regress.metrics import METRICS
-from humanoid_sim.regress.results import (
-    CaseComparison,
-    Comparison,
-    Margin,
-    describe_detectable,
-    describe_limit,
-    quantity,
-)
 
 
 @pytest.mark.parametrize(
@@ -30,19 +23,19 @@ from humanoid_sim.regress.results import (
         (math.nan, "m", "-"),
     ],
 )
-def test_quantities(value: float | None, unit: str, text: str) -> None:
-    assert quantity(value, unit) == text
+def test_quantities(value, unit, text):
+    assert results.quantity(value, unit) == text
 
 
-def test_changes_have_a_sign() -> None:
-    assert quantity(0.001, "m", signed=True) == "+1 mm"
+def test_changes_have_a_sign():
+    assert results.quantity(0.001, "m", signed=True) == "+1 mm"
 
 
-def announced(metric: str, baseline: float, change: float | None) -> str:
-    return describe_detectable(METRICS["tracking"][metric].info, change, baseline)
+def announced(metric, baseline, change):
+    return results.describe_detectable(METRICS["tracking"][metric].info, change, baseline)
 
 
-def test_what_a_suite_finds() -> None:
+def test_what_a_suite_finds():
     assert announced("body_position_error", 0.004, 0.0003) == "+0.3 mm (7.5 %)"
     assert announced("survival", 0.8, 0.2) == "-20 % (25.0 %)"
     assert announced("faults", 0.0, 0.11) == "+11 %"
@@ -50,8 +43,8 @@ def test_what_a_suite_finds() -> None:
     assert announced("faults", 0.0, None) == "-"
 
 
-def test_what_makes_a_metric_worse_whatever_its_mean() -> None:
-    case = CaseComparison(
+def test_what_makes_a_metric_worse_whatever_its_mean():
+    case = results.CaseComparison(
         case="wave",
         verdict="worse beyond tolerance",
         baseline=2.0,
@@ -62,7 +55,7 @@ def test_what_makes_a_metric_worse_whatever_its_mean() -> None:
         tolerance=0.1,
     )
     same = msgspec.structs.replace(case, case="drum", verdict="no difference seen")
-    comparison = Comparison(
+    comparison = results.Comparison(
         metric="joint_error",
         verdict="worse beyond tolerance",
         baseline=2.0,
@@ -81,8 +74,8 @@ def test_what_makes_a_metric_worse_whatever_its_mean() -> None:
     assert failed.reasons == "5 new: wave, seed 0; wave, seed 1; wave, seed 2 and 2 more"
 
 
-def test_how_far_a_margin_reaches() -> None:
-    margin = Margin(
+def test_how_far_a_margin_reaches():
+    margin = results.Margin(
         axis="gains down",
         unit="×",
         nominal=1.0,
@@ -92,8 +85,8 @@ def test_how_far_a_margin_reaches() -> None:
         failed_share=(0.0, 0.0, 0.5, 1.0),
     )
     assert margin.fails_at == 0.45
-    assert describe_limit(margin) == "0.5×"
+    assert results.describe_limit(margin) == "0.5×"
     end = msgspec.structs.replace(margin, reached_end=True)
     assert end.fails_at is None
-    assert describe_limit(end) == "≥ 0.5×"
-    assert describe_limit(None) == "-"
+    assert results.describe_limit(end) == "≥ 0.5×"
+    assert results.describe_limit(None) == "-"

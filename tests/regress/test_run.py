@@ -26,17 +26,15 @@ ONE = SHORT.replace("  - {name: drum, motion: drum, duration: 0.3}\n", "").repla
 
 
 @pytest.fixture
-def suite(tmp_path: Path) -> str:
+def suite(tmp_path):
     return str(yaml_suite(tmp_path, ONE))
 
 
-def results(path: Path) -> Results:
+def results(path):
     return msgspec.json.decode(path.read_bytes(), type=Results)
 
 
-def test_the_sample_policy_passes_against_itself(
-    suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_sample_policy_passes_against_itself(suite, tmp_path, capsys):
     base, out, junit = tmp_path / "base.json", tmp_path / "out.json", tmp_path / "out.xml"
     assert main([str(SAMPLE), "--suite", suite, "--write-baseline", str(base)]) == 0
     assert "lite_tracking: 3 episodes, 0 failed; no baseline to compare with" in capsys.readouterr().out
@@ -58,15 +56,13 @@ def test_the_sample_policy_passes_against_itself(
     assert ElementTree.parse(junit).getroot().get("failures") == "0"
 
 
-def test_the_same_command_writes_the_same_bytes(suite: str, tmp_path: Path) -> None:
+def test_the_same_command_writes_the_same_bytes(suite, tmp_path):
     for name in ("one.json", "two.json"):
         main([str(SAMPLE), "--suite", suite, "--json", str(tmp_path / name), "--quiet"])
     assert (tmp_path / "one.json").read_bytes() == (tmp_path / "two.json").read_bytes()
 
 
-def test_a_policy_that_is_worse_fails_and_is_named_beside_one_that_is_not(
-    suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_policy_that_is_worse_fails_and_is_named_beside_one_that_is_not(suite, tmp_path, capsys):
     worse = swapped_copy(SAMPLE, tmp_path / "swapped.onnx", 0, 1)
     assert main([str(SAMPLE), str(worse), "--suite", suite, "--baseline", str(SAMPLE), "--quiet"]) == 1
     passed, failed, same = capsys.readouterr().out.splitlines()
@@ -77,9 +73,7 @@ def test_a_policy_that_is_worse_fails_and_is_named_beside_one_that_is_not(
     assert same == "  no difference seen: losses (seen from 41.5 %), faults (seen from 41.5 %)"
 
 
-def test_actions_that_are_no_number_fail_the_episodes_and_not_the_run(
-    suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_actions_that_are_no_number_fail_the_episodes_and_not_the_run(suite, tmp_path, capsys):
     policy = failing_copy(SAMPLE, tmp_path / "nan.onnx")
     folder = tmp_path / "failures"
     arguments = [str(policy), "--suite", suite, "--baseline", str(SAMPLE), "--record-failures", str(folder)]
@@ -97,16 +91,14 @@ def test_actions_that_are_no_number_fail_the_episodes_and_not_the_run(
     assert sorted(path.name for path in folder.iterdir()) == ["nan-wave-0.mcap", "nan-wave-1.mcap"]
 
 
-def test_other_seeds_are_compared_case_by_case(suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_other_seeds_are_compared_case_by_case(suite, tmp_path, capsys):
     base = tmp_path / "base.json"
     main([str(SAMPLE), "--suite", suite, "--write-baseline", str(base), "--quiet"])
     assert main([str(SAMPLE), "--suite", suite, "--baseline", str(base), "--first-seed", "50"]) == 1, "undecided"
     assert "other seeds than the baseline's: compared case by case, not pair by pair" in capsys.readouterr().out
 
 
-def test_two_seeds_that_cannot_judge_are_undecided_and_no_pass(
-    suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_two_seeds_that_cannot_judge_are_undecided_and_no_pass(suite, tmp_path, capsys):
     base = tmp_path / "base.json"
     main([str(SAMPLE), "--suite", suite, "--write-baseline", str(base), "--quiet", "--seeds", "2"])
     arguments = [str(SAMPLE), "--suite", suite, "--baseline", str(base), "--first-seed", "50", "--seeds", "2"]
@@ -118,14 +110,14 @@ def test_two_seeds_that_cannot_judge_are_undecided_and_no_pass(
     assert unclear.startswith("  unclear: body_position_error ")
 
 
-def test_margins(suite: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_margins(suite, capsys):
     assert main([str(SAMPLE), "--suite", suite, "--margins", "--baseline", str(SAMPLE)]) == 0
     printed = capsys.readouterr().out
     assert "robustness margins" in printed
     assert "gains down" in printed
 
 
-def test_few_seeds_are_warned_of(suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_few_seeds_are_warned_of(suite, tmp_path, capsys):
     out = tmp_path / "out.json"
     arguments = [str(SAMPLE), "--suite", suite, "--baseline", str(SAMPLE), "--json", str(out), "--quiet"]
     assert main([*arguments, "--seeds", "5"]) == 0
@@ -137,9 +129,7 @@ def test_few_seeds_are_warned_of(suite: str, tmp_path: Path, capsys: pytest.Capt
     assert results(out).warnings == ()
 
 
-def test_one_episode_is_run_and_recorded_whether_it_fails_or_not(
-    suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_episode_is_run_and_recorded_whether_it_fails_or_not(suite, tmp_path, capsys):
     folder = tmp_path / "one"
     assert (
         main([str(SAMPLE), "--suite", suite, "--episode", "wave:7", "--record-failures", str(folder), "--quiet"]) == 0
@@ -150,7 +140,7 @@ def test_one_episode_is_run_and_recorded_whether_it_fails_or_not(
     assert replay([str(path)]) == 0
 
 
-def test_two_policies_of_the_same_name_are_told_apart(suite: str, tmp_path: Path) -> None:
+def test_two_policies_of_the_same_name_are_told_apart(suite, tmp_path):
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "policy.onnx").write_bytes(SAMPLE.read_bytes())
@@ -160,7 +150,7 @@ def test_two_policies_of_the_same_name_are_told_apart(suite: str, tmp_path: Path
     assert [candidate.run.name for candidate in results(out).candidates] == ["first", "second"]
 
 
-def test_the_report_is_made_of_the_results(suite: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_report_is_made_of_the_results(suite, tmp_path, monkeypatch):
     """What is on the page is tested with the report itself."""
     monkeypatch.setattr(page_module, "report_page", lambda found, pictures: f"<p>{found.passed} {pictures}</p>")
     page = tmp_path / "report.html"
@@ -181,11 +171,11 @@ def test_the_report_is_made_of_the_results(suite: str, tmp_path: Path, monkeypat
         (["a/policy.onnx", "a/policy.onnx"], ["policy", "policy"]),
     ],
 )
-def test_policies_are_named_by_what_differs_in_their_paths(paths: list[str], names: list[str]) -> None:
+def test_policies_are_named_by_what_differs_in_their_paths(paths, names):
     assert distinct_names([Path(path) for path in paths]) == names
 
 
-def test_a_baseline_file_of_the_same_name_is_called_by_its_file(suite: str, tmp_path: Path) -> None:
+def test_a_baseline_file_of_the_same_name_is_called_by_its_file(suite, tmp_path):
     (tmp_path / "policy.onnx").write_bytes(SAMPLE.read_bytes())
     policy, golden, out = str(tmp_path / "policy.onnx"), tmp_path / "golden.json", tmp_path / "out.json"
     main([policy, "--suite", suite, "--write-baseline", str(golden), "--quiet"])
@@ -195,14 +185,14 @@ def test_a_baseline_file_of_the_same_name_is_called_by_its_file(suite: str, tmp_
     assert (baseline.name, results(out).candidates[0].run.name) == ("golden", "policy")
 
 
-def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+def complaint(capsys, *arguments):
     """The one line on stderr of a program that ends with status 2."""
     assert run_program(main, arguments) == 2
     (line,) = capsys.readouterr().err.splitlines()
     return line.removeprefix("error: ")
 
 
-def test_options_that_cannot_be(suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_options_that_cannot_be(suite, tmp_path, capsys):
     there = tmp_path / "there.json"
     there.write_text("{}")
     policy, short = str(SAMPLE), ("--suite", suite)
@@ -237,7 +227,7 @@ def test_options_that_cannot_be(suite: str, tmp_path: Path, capsys: pytest.Captu
         assert complaint(capsys, *arguments).startswith(expected)
 
 
-def test_policies_and_baselines_that_do_not_fit(suite: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_policies_and_baselines_that_do_not_fit(suite, tmp_path, capsys):
     walker = standing_policy(tmp_path / "walker.onnx")
     line = complaint(capsys, str(walker), "--suite", suite, "--robot", "lite_biped")
     assert line == (
@@ -281,9 +271,7 @@ def test_policies_and_baselines_that_do_not_fit(suite: str, tmp_path: Path, caps
     assert line == f"{base}: unknown case 'circle'; known: wave"
 
 
-def test_a_baseline_made_before_a_metric_was_is_no_baseline_for_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_baseline_made_before_a_metric_was_is_no_baseline_for_it(tmp_path, capsys):
     older = json.loads(asset_path("suites", "velocity.lite_biped.json").read_bytes())
     for episode in older["episodes"]:
         del episode["metrics"]["vx_reached"], episode["metrics"]["vy_reached"]
@@ -299,13 +287,13 @@ def test_a_baseline_made_before_a_metric_was_is_no_baseline_for_it(
     assert "made before vx_reached could" in complaint(capsys, *arguments, "--only", "forward")
 
 
-def test_a_motion_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_motion_that_is_not_there(tmp_path, capsys):
     other = yaml_suite(tmp_path, ONE.replace("motion: wave", "motion: no.mcap"))
     line = complaint(capsys, str(SAMPLE), "--suite", str(other))
     assert line.startswith("case 'wave': unknown motion 'no.mcap'; known: circle, drum")
 
 
-def test_a_policy_is_compared_with_itself_across_plants(suite: str, tmp_path: Path) -> None:
+def test_a_policy_is_compared_with_itself_across_plants(suite, tmp_path):
     """What the implicit plant changes is small; a baseline stored on one plant is none for the other."""
     out, base = tmp_path / "out.json", tmp_path / "base.json"
     plants = ["--actuation", "implicit", "--baseline-actuation", "affine"]

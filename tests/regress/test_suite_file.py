@@ -1,7 +1,5 @@
 """Suites: the shipped ones, and one clear line for whatever is wrong with another."""
 
-from pathlib import Path
-
 import pytest
 from regress_runs import SHORT, yaml_suite
 
@@ -11,7 +9,7 @@ from humanoid_sim.regress.suite_file import load_suite, shipped_suites
 
 
 @pytest.mark.parametrize("name", ["lite_tracking", "velocity", "lite_piano"])
-def test_shipped_suites(name: str) -> None:
+def test_shipped_suites(name):
     assert name in shipped_suites()
     suite, _ = load_suite(name)
     assert suite.name == name
@@ -20,7 +18,7 @@ def test_shipped_suites(name: str) -> None:
     assert set(ALWAYS[suite.task]) <= set(suite.tolerances)
 
 
-def test_a_suite_of_ones_own(tmp_path: Path) -> None:
+def test_a_suite_of_ones_own(tmp_path):
     suite, folder = load_suite(str(yaml_suite(tmp_path)))
     assert folder == tmp_path.resolve()
     assert [case.name for case in suite.cases] == ["wave", "drum"]
@@ -37,11 +35,7 @@ def test_a_suite_of_ones_own(tmp_path: Path) -> None:
     [
         ("", "- 1\n", "is not a suite, expected a mapping"),
         ("", "name: x\n", "misses required field 'task'"),
-        (
-            "task: tracking",
-            "task: drums",
-            "task: is 'drums', expected one of tracking, velocity, piano",
-        ),
+        ("task: tracking", "task: drums", "task: is 'drums', expected one of tracking, velocity, piano"),
         ("mass: [0.9, 1.1]", "mass: [0, 1]", "randomisation: mass is (0.0, 1.0), expected more than 0"),
         (
             "command_delay: [0.0, 0.004]",
@@ -74,7 +68,7 @@ def test_a_suite_of_ones_own(tmp_path: Path) -> None:
         ("", "seeds: 1\nseeds: 2\n", "'seeds' is given twice"),
     ],
 )
-def test_a_bad_suite_is_one_line(tmp_path: Path, before: str, after: str, message: str) -> None:
+def test_a_bad_suite_is_one_line(tmp_path, before, after, message):
     """The short suite with something in another's place; with nothing before: this and nothing else."""
     assert before in SHORT
     path = yaml_suite(tmp_path, SHORT.replace(before, after) if before else after)
@@ -85,7 +79,7 @@ def test_a_bad_suite_is_one_line(tmp_path: Path, before: str, after: str, messag
     assert "\n" not in str(error.value)
 
 
-def test_no_such_suite(tmp_path: Path) -> None:
+def test_no_such_suite(tmp_path):
     with pytest.raises(InputError, match=r"--suite: unknown suite 'walking' \(did you mean 'velocity'\?\); known: "):
         load_suite("walking")
     with pytest.raises(InputError, match="--suite: unknown suite 'nowhere'; known: lite_piano, lite_tracking, v"):
@@ -94,7 +88,7 @@ def test_no_such_suite(tmp_path: Path) -> None:
         load_suite(str(tmp_path))
 
 
-def test_every_metric_says_what_it_is() -> None:
+def test_every_metric_says_what_it_is():
     for metrics in METRICS.values():
         for name, metric in metrics.items():
             assert metric.info.name == name

@@ -11,7 +11,7 @@ from humanoid_sim.regress import main
 BASELINE = asset_path("suites", "velocity.lite_biped.json")
 
 
-def test_it_is_of_the_shipped_policy() -> None:
+def test_it_is_of_the_shipped_policy():
     baseline = json.loads(BASELINE.read_bytes())
     assert baseline["sha256"] == sha256(WALKING_POLICY.read_bytes()).hexdigest()
     assert len(baseline["episodes"]) == 96
@@ -19,7 +19,7 @@ def test_it_is_of_the_shipped_policy() -> None:
 
 
 @pytest.mark.slow
-def test_the_shipped_policy_passes_against_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_shipped_policy_passes_against_it(capsys):
     arguments = ["--suite", "velocity", "--robot", "lite_biped", "--baseline", str(BASELINE), "--only", "forward"]
     assert main([str(WALKING_POLICY), *arguments, "--quiet"]) == 0
     assert capsys.readouterr().out.startswith("PASS lite_biped_velocity")

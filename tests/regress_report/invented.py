@@ -5,15 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from humanoid_sim.regress.compare import compare_runs, detectable_changes
-from humanoid_sim.regress.results import (
-    Candidate,
-    Episode,
-    Margin,
-    MarginComparison,
-    PolicyRun,
-    Results,
-    SuiteInfo,
-)
+from humanoid_sim.regress.results import Candidate, Episode, Margin, MarginComparison, PolicyRun, Results, SuiteInfo
 from humanoid_sim.regress.suite_file import load_suite
 
 SUITE, _ = load_suite("lite_tracking")

@@ -23,13 +23,13 @@ VOID = {"img", "meta", "br"}
 class Page(HTMLParser):
     """Checks that elements nest, and keeps what a test may ask for."""
 
-    def __init__(self, html: str) -> None:
+    def __init__(self, html):
         super().__init__()
-        self.open: list[str] = []
-        self.ids: list[str] = []
-        self.links: list[str] = []
-        self.elements: list[str] = []
-        self.words: list[str] = []
+        self.open = []
+        self.ids = []
+        self.links = []
+        self.elements = []
+        self.words = []
         self.feed(html)
         self.close()
         assert self.open == []
@@ -57,17 +57,17 @@ class Page(HTMLParser):
             self.words.append(data)
 
     @property
-    def text(self) -> str:
+    def text(self):
         return re.sub(r"\s+", " ", " ".join(self.words))
 
 
 @pytest.fixture(scope="module")
-def worse_html() -> str:
+def worse_html():
     return report_page(invented.worse(with_margins=True))
 
 
 @pytest.fixture(scope="module")
-def worse_page(worse_html: str) -> Page:
+def worse_page(worse_html):
     return Page(worse_html)
 
 

@@ -1,13 +1,11 @@
 """Ticks without a robot, and a small model whose pictures are easy to predict."""
 
-from collections.abc import Callable
-
 import mujoco
 import numpy as np
 import pytest
 
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
-from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.mit import MITCommand, MITState
 
 PENDULUM = """
 <mujoco>
@@ -21,19 +19,15 @@ PENDULUM = """
 </mujoco>
 """
 
-MakeTick = Callable[..., TickRecord]
-
 
 @pytest.fixture
-def pendulum() -> mujoco.MjModel:
+def pendulum():
     return mujoco.MjModel.from_xml_string(PENDULUM)
 
 
 @pytest.fixture
-def make_tick() -> MakeTick:
-    def make(
-        index: int, time: float, qpos: FloatArray | None, mode: Mode = Mode.STANDBY, message: str = ""
-    ) -> TickRecord:
+def make_tick():
+    def make(index, time, qpos, mode=Mode.STANDBY, message=""):
         output = TickOutput(MITCommand.zeros(1), ControlMode(mode, "standby_controller_a", message))
         pose = None if qpos is None else np.asarray(qpos, dtype=np.float64)
         return TickRecord(index, TickInput(MITState.unknown(1, time)), output, 0.001, False, pose)

@@ -4,7 +4,6 @@ from io import BytesIO
 
 import mujoco
 import numpy as np
-import pytest
 from PIL import Image
 
 from humanoid_sim.rendering.animation import animated_poses, animated_webp
@@ -18,7 +17,7 @@ SLIDER = """<mujoco>
 </mujoco>"""
 
 
-def test_an_animated_picture_repeats_and_keeps_its_times() -> None:
+def test_an_animated_picture_repeats_and_keeps_its_times():
     frames = [Image.new("RGB", (16, 8), colour) for colour in ("red", "green", "blue")]
     with Image.open(BytesIO(animated_webp(frames, [80, 900, 80]))) as picture:
         assert picture.format == "WEBP"
@@ -30,7 +29,7 @@ def test_an_animated_picture_repeats_and_keeps_its_times() -> None:
         assert picture.info["duration"] == 900
 
 
-def test_poses_are_drawn_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_poses_are_drawn_one_after_the_other(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "disable")
     model = mujoco.MjModel.from_xml_string(SLIDER)
     poses = [np.array([y]) for y in (-0.2, 0.0, 0.2)]

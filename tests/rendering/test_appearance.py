@@ -21,7 +21,7 @@ LIMBS = """
 GREY = 'rgba="0.5 0.5 0.5 1"'
 
 
-def test_limbs_of_a_robot_of_one_colour_get_one_each() -> None:
+def test_limbs_of_a_robot_of_one_colour_get_one_each():
     model = mujoco.MjModel.from_xml_string(LIMBS.format(colour=GREY))
     assert tint_limbs(model)
     floor, trunk, left, end, right = (model.geom_rgba[geom, :3].astype(float) for geom in range(5))
@@ -35,7 +35,7 @@ def test_limbs_of_a_robot_of_one_colour_get_one_each() -> None:
     assert not tint_limbs(model), "it has colours now"
 
 
-def test_colours_that_a_robot_has_are_left_as_they_are() -> None:
+def test_colours_that_a_robot_has_are_left_as_they_are():
     text = (
         LIMBS.format(colour=GREY)
         .replace('name="right"', 'name="right" rgba="0.9 0.1 0.1 1"', 1)
@@ -47,13 +47,13 @@ def test_colours_that_a_robot_has_are_left_as_they_are() -> None:
     np.testing.assert_array_equal(model.geom_rgba, before)
 
 
-def test_a_world_without_a_robot_has_no_box() -> None:
+def test_a_world_without_a_robot_has_no_box():
     model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
     assert robot_box(model) is None
     assert not tint_limbs(model)
 
 
-def test_the_box_of_a_robot_that_moves_holds_its_reach(pendulum: mujoco.MjModel) -> None:
+def test_the_box_of_a_robot_that_moves_holds_its_reach(pendulum):
     at_rest = robot_box(pendulum)
     assert at_rest is not None
     np.testing.assert_allclose(at_rest, [[-0.08, -0.08, -0.68], [0.08, 0.08, 0.08]], atol=1e-6)
@@ -62,6 +62,5 @@ def test_the_box_of_a_robot_that_moves_holds_its_reach(pendulum: mujoco.MjModel)
         "<geom type='capsule' fromto='0 0 0 0 0 -0.6' size='0.08'/></body></worldbody></mujoco>"
     )
     reach = robot_box(swinging, moving=True)
-    assert reach is not None
     assert reach[1][1] == pytest.approx(0.68, abs=0.03)
     assert reach[0][1] == pytest.approx(-0.68, abs=0.03)

@@ -25,9 +25,7 @@ DISPLAY = {"DISPLAY": ":0"}
         ({"MUJOCO_GL": ""}, (), False, "none"),
     ],
 )
-def test_the_first_that_is_asked_for_or_there_is_taken(
-    environ: dict[str, str], libraries: tuple[str, ...], egl_works: bool, expected: str
-) -> None:
+def test_the_first_that_is_asked_for_or_there_is_taken(environ, libraries, egl_works, expected):
     choice = choose_backend(
         environ,
         platform="linux",
@@ -48,22 +46,19 @@ def test_the_first_that_is_asked_for_or_there_is_taken(
         ({"MUJOCO_GL": "off"}, ("OSMesa",), "software painter (MUJOCO_GL=off)"),
     ],
 )
-def test_it_says_what_and_why(environ: dict[str, str], libraries: tuple[str, ...], said: str) -> None:
+def test_it_says_what_and_why(environ, libraries, said):
     choice = choose_backend(
-        environ,
-        platform="linux",
-        find_library=lambda name: name if name in libraries else None,
-        try_egl=lambda: False,
+        environ, platform="linux", find_library=lambda name: name if name in libraries else None, try_egl=lambda: False
     )
     assert str(choice) == said
 
 
-def test_a_value_that_mujoco_does_not_know_is_refused() -> None:
+def test_a_value_that_mujoco_does_not_know_is_refused():
     with pytest.raises(InputError, match=r"MUJOCO_GL: is 'vulkan', accepted: glfw, osmesa, egl, disable"):
         choose_backend({"MUJOCO_GL": "vulkan"}, platform="linux")
 
 
-def test_a_desktop_without_x_has_a_display() -> None:
+def test_a_desktop_without_x_has_a_display():
     assert has_display({}, platform="darwin")
     assert has_display({}, platform="win32")
     assert not has_display({}, platform="linux")

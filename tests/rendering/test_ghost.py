@@ -19,7 +19,7 @@ from humanoid_sim.simulation.model import build_model, joint_addresses
 RECORDING = Path(__file__).parents[1] / "data" / "recordings" / "simulated_locomotion.mcap"
 
 
-def test_a_motion_of_bodies_is_reached_by_the_ghosts_joints() -> None:
+def test_a_motion_of_bodies_is_reached_by_the_ghosts_joints():
     lite, motion = load_robot("lite"), read_motion(asset_path("motions", "wave.mcap"))
     bodies = motion.body_names
     wide = 3 * len(bodies)
@@ -46,7 +46,7 @@ WALKER = """
 
 
 @pytest.mark.parametrize("aligned", [False, True])
-def test_the_base_is_where_the_anchor_body_needs_it(aligned: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_base_is_where_the_anchor_body_needs_it(aligned, monkeypatch):
     model = mujoco.MjModel.from_xml_string(WALKER)
     half = np.sqrt(0.5)
     terms = {
@@ -58,7 +58,7 @@ def test_the_base_is_where_the_anchor_body_needs_it(aligned: bool, monkeypatch: 
     class Description:
         joint_names = ("waist",)
 
-    ghost = ReferenceGhost(Description(), ("waist",), (), "chest", aligned, MotionReference(2, terms))  # type: ignore[arg-type]
+    ghost = ReferenceGhost(Description(), ("waist",), (), "chest", aligned, MotionReference(2, terms))
     assert ghost.has_place is not aligned
     ghost.align(np.array([5.0, 0.0, 1.25, half, 0.0, 0.0, half]))  # the robot looks along +y, 5 m away
     assert ghost.has_place
@@ -72,17 +72,16 @@ def test_the_base_is_where_the_anchor_body_needs_it(aligned: bool, monkeypatch: 
     np.testing.assert_allclose(data.body("chest").xquat, heading, atol=1e-6)
 
 
-def test_a_command_pulls_joints_that_have_a_stiffness() -> None:
+def test_a_command_pulls_joints_that_have_a_stiffness():
     model = mujoco.MjModel.from_xml_string(WALKER)
     addresses, own = joint_addresses(model, ("waist",)), mujoco.MjData(model).qpos.copy()
     zero, one = np.zeros(1), np.ones(1)
     pulled = commanded_pose(MITCommand(0.4 * one, zero, zero, 50.0 * one, one), own, addresses)
-    assert pulled is not None
     assert pulled.tolist() == [*own[:7].tolist(), 0.4]
     assert commanded_pose(MITCommand(0.4 * one, zero, zero, zero, one), own, addresses) is None
 
 
-def test_the_frame_that_is_shown_is_the_latest_that_the_policy_saw() -> None:
+def test_the_frame_that_is_shown_is_the_latest_that_the_policy_saw():
     shown, seen, modes = ShownReference(), [], []
     for record in open_recording(RECORDING).ticks():
         shown.look(record)
@@ -93,8 +92,8 @@ def test_the_frame_that_is_shown_is_the_latest_that_the_policy_saw() -> None:
     assert {frame for frame, mode in zip(seen, modes, strict=True) if mode is not Mode.LOCOMOTION} == {None}
 
 
-def test_a_ghost_is_seen_where_it_differs_from_the_robot(pendulum: mujoco.MjModel) -> None:
-    def blue(angle: float) -> int:
+def test_a_ghost_is_seen_where_it_differs_from_the_robot(pendulum):
+    def blue(angle):
         camera = mujoco.MjvCamera()
         camera.azimuth, camera.elevation, camera.distance = 180.0, 0.0, 3.0
         data, ghost = mujoco.MjData(pendulum), mujoco.MjData(pendulum)

@@ -16,17 +16,17 @@ WHITE, BLACK = (0.9, 0.9, 0.9), (0.1, 0.1, 0.1)
 
 
 @pytest.fixture
-def piano() -> mujoco.MjModel:
+def piano():
     return build_model(load_robot("lite_piano"))
 
 
-def colour(model: mujoco.MjModel, name: str) -> tuple[float, ...]:
+def colour(model, name):
     geom = model.geom(name)
     assert int(geom.matid[0]) == -1
     return tuple(np.round(geom.rgba[:3].astype(float), 3).tolist())
 
 
-def test_right_wrong_and_missing_keys(piano: mujoco.MjModel) -> None:
+def test_right_wrong_and_missing_keys(piano):
     goals = np.zeros((2, 88), dtype=np.bool_)
     goals[1, [3, 4]] = True
     lights = KeyLights(piano, goals)
@@ -41,14 +41,14 @@ def test_right_wrong_and_missing_keys(piano: mujoco.MjModel) -> None:
     assert [colour(piano, name) for name in names] == [WHITE, BLACK, GREEN]
 
 
-def test_a_model_without_a_piano_stays_as_it_is() -> None:
+def test_a_model_without_a_piano_stays_as_it_is():
     model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1' rgba='1 0 0 1'/></worldbody></mujoco>")
     KeyLights(model).show([Stroke(0.0, 3, True)])
     assert model.geom_rgba[0].tolist() == [1.0, 0.0, 0.0, 1.0]
     assert keyboard_box(model) is None
 
 
-def test_the_keys_are_seen_from_above(piano: mujoco.MjModel) -> None:
+def test_the_keys_are_seen_from_above(piano):
     box = keyboard_box(piano)
     assert box is not None
     middle, half = box

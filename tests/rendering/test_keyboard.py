@@ -2,7 +2,7 @@ from humanoid_sim.rendering.piano_roll import draw_reach
 from humanoid_sim.robots.piano import PIANOS
 
 
-def test_keys_have_the_colours_of_the_hands_that_reach_them() -> None:
+def test_keys_have_the_colours_of_the_hands_that_reach_them():
     image = draw_reach(PIANOS["dep20"].keys, ([0, 2], [2, 87]), "reach")
     # The lower half of the first, second and third white key, of the last one, and of middle C.
     scale = (1280 - 24) / 1.195

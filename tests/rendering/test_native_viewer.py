@@ -2,7 +2,6 @@ import shutil
 import subprocess
 import sys
 
-import mujoco
 import pytest
 
 from humanoid_sim.errors import InputError
@@ -35,18 +34,14 @@ print("slowest tick under 50 ms:", slowest < 0.05)
 """
 
 
-def test_without_a_display_it_says_what_to_use_instead(
-    pendulum: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_display_it_says_what_to_use_instead(pendulum, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(InputError, match=r"^viewer native: no display .*; use --video out\.mp4 instead$"):
         NativeViewerSink(lambda: pendulum)
 
 
-def test_a_display_that_does_not_answer_is_refused_too(
-    pendulum: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_display_that_does_not_answer_is_refused_too(pendulum, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":4711")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(InputError, match=r"^viewer native: the display opens no window \(.+\); use --video out\.mp4"):
@@ -55,7 +50,7 @@ def test_a_display_that_does_not_answer_is_refused_too(
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="xvfb-run is not installed (xvfb)")
-def test_a_window_opens_follows_and_closes() -> None:
+def test_a_window_opens_follows_and_closes():
     # In a process of its own: a window leaves GLFW, and its display, behind.
     done = subprocess.run(
         ["xvfb-run", "-a", sys.executable, "-c", UNDER_XVFB], check=False, capture_output=True, text=True, timeout=120

@@ -15,11 +15,11 @@ OSMESA, PAINTER = Choice("osmesa", "asked for"), Choice("none", "asked for")
 
 
 @pytest.fixture(autouse=True)
-def _no_memory_of_failures(monkeypatch: pytest.MonkeyPatch) -> None:
+def _no_memory_of_failures(monkeypatch):
     monkeypatch.setattr(offscreen, "_failures", {})
 
 
-def silhouette(model: mujoco.MjModel, choice: Choice) -> tuple[str, np.ndarray]:
+def silhouette(model, choice):
     data = mujoco.MjData(model)
     update_pose(model, data, np.array([0.8]))
     renderer = make_renderer(model, 320, 240, choice=choice)
@@ -33,7 +33,7 @@ def silhouette(model: mujoco.MjModel, choice: Choice) -> tuple[str, np.ndarray]:
 
 
 @pytest.mark.skipif(ctypes.util.find_library("OSMesa") is None, reason="libOSMesa is not installed (libosmesa6)")
-def test_osmesa_and_the_painter_show_the_same(pendulum: mujoco.MjModel) -> None:
+def test_osmesa_and_the_painter_show_the_same(pendulum):
     name, reference = silhouette(pendulum, OSMESA)
     assert name == "osmesa (asked for)"
     painter_name, painted = silhouette(pendulum, PAINTER)
@@ -43,7 +43,7 @@ def test_osmesa_and_the_painter_show_the_same(pendulum: mujoco.MjModel) -> None:
 
 
 @pytest.mark.skipif(ctypes.util.find_library("OSMesa") is None, reason="libOSMesa is not installed (libosmesa6)")
-def test_pictures_may_be_larger_than_the_models_buffer(pendulum: mujoco.MjModel) -> None:
+def test_pictures_may_be_larger_than_the_models_buffer(pendulum):
     renderer = make_renderer(pendulum, 800, 600, choice=OSMESA)
     data = mujoco.MjData(pendulum)
     update_pose(pendulum, data, np.zeros(1))
@@ -54,9 +54,7 @@ def test_pictures_may_be_larger_than_the_models_buffer(pendulum: mujoco.MjModel)
 
 @pytest.mark.skipif(ctypes.util.find_library("OSMesa") is None, reason="libOSMesa is not installed (libosmesa6)")
 @pytest.mark.parametrize(("ground", "drawn_by"), [("plane", "software painter"), ("hfield", "osmesa")])
-def test_a_height_field_is_never_left_to_the_painter(
-    ground: str, drawn_by: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_height_field_is_never_left_to_the_painter(ground, drawn_by, monkeypatch):
     """It is faster, but has no surface for one."""
     spec = mujoco.MjSpec()
     if ground == "hfield":
@@ -77,9 +75,7 @@ def test_a_height_field_is_never_left_to_the_painter(
     pictures.close()
 
 
-def test_a_window_that_cannot_be_opened_gives_way_to_the_painter_every_time(
-    pendulum: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_window_that_cannot_be_opened_gives_way_to_the_painter_every_time(pendulum, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":4711")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     for _ in range(2):
@@ -88,35 +84,31 @@ def test_a_window_that_cannot_be_opened_gives_way_to_the_painter_every_time(
         assert painted.any()
 
 
-def test_an_egl_that_makes_no_context_is_never_tried_in_this_process(
-    pendulum: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_egl_that_makes_no_context_is_never_tried_in_this_process(pendulum, monkeypatch):
     monkeypatch.setattr(offscreen, "egl_works", lambda: False)
     name, painted = silhouette(pendulum, Choice("egl", "MUJOCO_GL=egl"))
     assert name == "software painter (egl (MUJOCO_GL=egl): makes no context)"
     assert painted.any()
 
 
-def test_a_driver_whose_error_has_no_text_gives_way_too(
-    pendulum: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_driver_whose_error_has_no_text_gives_way_too(pendulum, monkeypatch):
     class DriverError(Exception):
-        def __str__(self) -> str:
+        def __str__(self):
             raise RuntimeError("the driver is gone")
 
-    def fail(*_: object) -> None:
+    def fail(*_):
         raise DriverError
 
     monkeypatch.setattr(offscreen, "_OpenGLRenderer", fail)
     assert silhouette(pendulum, OSMESA)[0] == "software painter (osmesa (asked for): DriverError:)"
 
 
-def test_an_unknown_camera_is_an_input_error(pendulum: mujoco.MjModel) -> None:
+def test_an_unknown_camera_is_an_input_error(pendulum):
     with pytest.raises(InputError, match=r"unknown camera 'top'; known: none"):
         make_renderer(pendulum, 32, 32, "top", choice=PAINTER)
 
 
-def test_a_pose_that_is_not_finite_is_not_taken(pendulum: mujoco.MjModel) -> None:
+def test_a_pose_that_is_not_finite_is_not_taken(pendulum):
     data = mujoco.MjData(pendulum)
     assert update_pose(pendulum, data, np.array([0.5]))
     before = data.geom_xpos.copy()
@@ -125,7 +117,7 @@ def test_a_pose_that_is_not_finite_is_not_taken(pendulum: mujoco.MjModel) -> Non
     np.testing.assert_array_equal(data.geom_xpos, before)
 
 
-def test_an_unknown_camera_is_named_with_those_that_exist() -> None:
+def test_an_unknown_camera_is_named_with_those_that_exist():
     model = mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><camera name="left"/><camera name="right"/></worldbody></mujoco>'
     )
@@ -135,7 +127,7 @@ def test_an_unknown_camera_is_named_with_those_that_exist() -> None:
 
 
 @pytest.mark.parametrize(("mass", "follows"), [(10.0, True), (0.1, False)])
-def test_a_robot_that_can_walk_away_is_followed_and_a_ball_is_not(mass: float, follows: bool) -> None:
+def test_a_robot_that_can_walk_away_is_followed_and_a_ball_is_not(mass, follows):
     model = mujoco.MjModel.from_xml_string(
         f'<mujoco><worldbody><body pos="1 0 0">{BALL.format(mass=1.0)}<joint/></body>'
         f'<body name="loose"><freejoint/>{BALL.format(mass=mass)}</body></worldbody></mujoco>'
@@ -146,7 +138,7 @@ def test_a_robot_that_can_walk_away_is_followed_and_a_ball_is_not(mass: float, f
         assert camera.trackbodyid == model.body("loose").id
 
 
-def test_it_looks_at_the_front_of_the_robot() -> None:
+def test_it_looks_at_the_front_of_the_robot():
     model = mujoco.MjModel.from_xml_string(
         '<mujoco><statistic center="0 0 0" extent="1"/><worldbody><geom size="0.1"/></worldbody></mujoco>'
     )

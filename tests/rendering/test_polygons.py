@@ -2,13 +2,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.rendering.polygons import Mesh, tessellate
+from humanoid_sim.rendering.polygons import tessellate
 
 EMPTY = mujoco.MjModel.from_xml_string("<mujoco/>")
 GEOM = mujoco.mjtGeom
 
 
-def enclosed_volume(mesh: Mesh) -> float:
+def enclosed_volume(mesh):
     """By the divergence theorem; negative if the faces turn inward."""
     vertices, faces = mesh
     a, b, c, d = (vertices[faces[:, corner]] for corner in range(4))
@@ -26,20 +26,18 @@ def enclosed_volume(mesh: Mesh) -> float:
     ],
 )
 @pytest.mark.parametrize("cell", [0.02, np.inf])
-def test_faces_turn_outward_and_enclose_the_volume(
-    kind: int, size: tuple[float, float, float], volume: float, cell: float
-) -> None:
+def test_faces_turn_outward_and_enclose_the_volume(kind, size, volume, cell):
     mesh = tessellate(EMPTY, kind, size, cell=cell)
     assert mesh is not None
     assert enclosed_volume(mesh) == pytest.approx(volume, rel=0.12 if cell == np.inf else 0.03)
 
 
-def test_planes_have_no_polygons_of_their_own() -> None:
+def test_planes_have_no_polygons_of_their_own():
     assert tessellate(EMPTY, GEOM.mjGEOM_PLANE, (0.0, 0.0, 1.0)) is None
 
 
 @pytest.mark.parametrize("rings", [6, 60])
-def test_meshes_keep_their_shape_when_they_are_simplified(rings: int) -> None:
+def test_meshes_keep_their_shape_when_they_are_simplified(rings):
     angles = np.linspace(0, np.pi, rings)
     around = np.linspace(0, 2 * np.pi, 2 * rings, endpoint=False)
     polar, turn = np.meshgrid(angles[1:-1], around, indexing="ij")
@@ -52,7 +50,6 @@ def test_meshes_keep_their_shape_when_they_are_simplified(rings: int) -> None:
         '<worldbody><geom type="mesh" mesh="ball"/></worldbody></mujoco>'
     )
     mesh = tessellate(model, GEOM.mjGEOM_MESH, (0.1, 0.1, 0.1), mesh=0)
-    assert mesh is not None
     assert len(mesh[1]) < 5000
     assert (len(mesh[1]) < model.nmeshface) == (rings == 60)
     assert enclosed_volume(mesh) == pytest.approx(4 / 3 * np.pi * 0.1**3, rel=0.25 if rings == 6 else 0.05)

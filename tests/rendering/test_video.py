@@ -5,7 +5,6 @@ import subprocess
 import sys
 import threading
 import wave
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
@@ -13,29 +12,27 @@ from pathlib import Path
 from time import monotonic, sleep
 
 import av
-import mujoco
 import numpy as np
 import pytest
 from PIL import Image
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.messages import Mode
 from humanoid_sim.mit import Extern
 from humanoid_sim.rendering.caption import Caption, draw_caption
 from humanoid_sim.rendering.drawing import Job, Moment, draw_video
 from humanoid_sim.rendering.piano_sound import Stroke
 from humanoid_sim.rendering.video import VideoSink, save_snapshot
 
-MakeTick = Callable[..., TickRecord]
 SIZE = (160, 120)
 
 
 @pytest.fixture(autouse=True)
-def _painter(monkeypatch: pytest.MonkeyPatch) -> None:
+def _painter(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "off")
 
 
-def decode(path: Path) -> tuple[list[np.ndarray], float, str]:
+def decode(path):
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         frames = [frame.to_ndarray(format="rgb24").astype(np.int64) for frame in container.decode(stream)]
@@ -43,17 +40,17 @@ def decode(path: Path) -> tuple[list[np.ndarray], float, str]:
         return frames, float(stream.average_rate), f"{stream.codec_context.name} {stream.codec_context.pix_fmt}"
 
 
-def times(path: Path) -> list[float]:
+def times(path):
     """s, of each frame."""
     with av.open(str(path)) as container:
         return [float(frame.time) for frame in container.decode(video=0)]
 
 
-def test_a_second_of_ticks_is_a_second_of_video(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
+def test_a_second_of_ticks_is_a_second_of_video(tmp_path, pendulum, make_tick):
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=30, size=SIZE)
     for index in range(201):
         sink.tick(make_tick(index, 5.0 + index / 200, [index / 100]))
-    done: list[tuple[int, int]] = []
+    done = []
     report = sink.finish(lambda count, total: done.append((count, total)))
 
     frames, rate, kind = decode(tmp_path / "run.mp4")
@@ -67,7 +64,7 @@ def test_a_second_of_ticks_is_a_second_of_video(tmp_path: Path, pendulum: mujoco
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.mp4"]
 
 
-def test_the_time_between_frames_is_the_robots(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
+def test_the_time_between_frames_is_the_robots(tmp_path, pendulum, make_tick):
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=10, size=SIZE)
     for index, time in enumerate([0.0, 0.05, 0.1, 0.5, 0.4, np.nan, 0.4, 0.5, 1e9]):
         sink.tick(make_tick(index, time, [0.0]))
@@ -76,9 +73,7 @@ def test_the_time_between_frames_is_the_robots(tmp_path: Path, pendulum: mujoco.
     assert times(tmp_path / "run.mp4") == pytest.approx([0.0, 0.1, 0.5, 0.6, 1.6])
 
 
-def test_a_long_run_keeps_its_length_at_a_lower_rate(
-    tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick
-) -> None:
+def test_a_long_run_keeps_its_length_at_a_lower_rate(tmp_path, pendulum, make_tick):
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=32, size=SIZE, max_frames=20)
     for index in range(401):
         sink.tick(make_tick(index, index / 100, [0.0]))
@@ -93,9 +88,7 @@ def test_a_long_run_keeps_its_length_at_a_lower_rate(
     assert steps[-1] == pytest.approx(1 / 8)
 
 
-def test_a_pose_that_is_not_finite_shows_the_one_before(
-    tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick
-) -> None:
+def test_a_pose_that_is_not_finite_shows_the_one_before(tmp_path, pendulum, make_tick):
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=10, size=SIZE)
     for index, angle in enumerate([1.0, np.nan, 1.0]):
         sink.tick(make_tick(index, index / 10, [angle]))
@@ -106,7 +99,7 @@ def test_a_pose_that_is_not_finite_shows_the_one_before(
     assert np.abs(robot[0] - robot[1]).mean() < 2.0
 
 
-def test_nothing_to_show_is_an_error_and_no_file(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
+def test_nothing_to_show_is_an_error_and_no_file(tmp_path, pendulum, make_tick):
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, size=SIZE)
     sink.tick(make_tick(0, 0.0, None))
     with pytest.raises(InputError, match=r"nothing to show: no tick came from a simulated robot"):
@@ -122,15 +115,13 @@ def test_nothing_to_show_is_an_error_and_no_file(tmp_path: Path, pendulum: mujoc
         ({"size": (0, 0)}, r"size is 0x0"),
     ],
 )
-def test_bad_options_are_refused_before_the_run(
-    tmp_path: Path, pendulum: mujoco.MjModel, options: dict[str, int], message: str
-) -> None:
+def test_bad_options_are_refused_before_the_run(tmp_path, pendulum, options, message):
     with pytest.raises(InputError, match=message):
         VideoSink(tmp_path / "run.mp4", lambda: pendulum, **options)
 
 
 @contextmanager
-def full_disk() -> Iterator[None]:
+def full_disk():
     """Files stop growing at 4 KiB; Python ignores the signal that comes with it, so writes fail.
 
     The limit is the whole process's, and the test runner's own log is a file: only around the write itself.
@@ -143,7 +134,7 @@ def full_disk() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def test_a_full_disk_leaves_no_half_of_a_video(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
+def test_a_full_disk_leaves_no_half_of_a_video(tmp_path, pendulum, make_tick):
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=30, size=(640, 480))
     with full_disk():  # what is started has the limit too
         for index in range(60):
@@ -153,12 +144,12 @@ def test_a_full_disk_leaves_no_half_of_a_video(tmp_path: Path, pendulum: mujoco.
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_video_that_is_skipped_leaves_nothing(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
+def test_a_video_that_is_skipped_leaves_nothing(tmp_path, pendulum, make_tick):
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=30, size=SIZE)
     for index in range(3000):
         sink.tick(make_tick(index, index / 30, [index / 10]))
 
-    def press(done: int, total: int) -> None:
+    def press(done, total):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -167,16 +158,14 @@ def test_a_video_that_is_skipped_leaves_nothing(tmp_path: Path, pendulum: mujoco
     assert [thread.name for thread in threading.enumerate() if "video" in thread.name] == []
 
 
-def test_a_drawing_process_that_is_killed_is_told(
-    tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick
-) -> None:
+def test_a_drawing_process_that_is_killed_is_told(tmp_path, pendulum, make_tick):
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=30, size=SIZE)
     for index in range(3000):
         sink.tick(make_tick(index, index / 30, [index / 10]))
 
     killed = []
 
-    def kill(done: int, total: int) -> None:
+    def kill(done, total):
         if done and not killed:
             assert sink.process_id is not None
             os.kill(sink.process_id, signal.SIGKILL)
@@ -204,11 +193,10 @@ video.finish(lambda done, total: print(video.process_id, flush=True) if done els
 """
 
 
-def test_a_drawing_process_ends_with_the_program_that_wants_the_video(tmp_path: Path) -> None:
+def test_a_drawing_process_ends_with_the_program_that_wants_the_video(tmp_path):
     """It has been told of every frame, and would draw them all and leave a file that nobody renames."""
     command = [sys.executable, "-c", _WAITS, str(tmp_path / "run.mp4")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
-        assert parent.stdout is not None
         drawing = int(parent.stdout.readline())
         parent.terminate()
     deadline = monotonic() + 20.0
@@ -218,14 +206,14 @@ def test_a_drawing_process_ends_with_the_program_that_wants_the_video(tmp_path: 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_leaves_no_half_of_a_snapshot(tmp_path: Path, pendulum: mujoco.MjModel) -> None:
+def test_a_full_disk_leaves_no_half_of_a_snapshot(tmp_path, pendulum):
     with pytest.raises(InputError, match=r"run\.png: cannot be written: File too large"), full_disk():
         save_snapshot(tmp_path / "run.png", pendulum, np.zeros(1))
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["run.png", "run.jpg"])
-def test_a_snapshot_is_a_picture_of_the_pose(tmp_path: Path, pendulum: mujoco.MjModel, name: str) -> None:
+def test_a_snapshot_is_a_picture_of_the_pose(tmp_path, pendulum, name):
     pictures = []
     for angle in (0.0, 1.0, np.nan):
         backend = save_snapshot(tmp_path / name, pendulum, np.array([angle]), size=(320, 240))
@@ -239,10 +227,10 @@ def test_a_snapshot_is_a_picture_of_the_pose(tmp_path: Path, pendulum: mujoco.Mj
         save_snapshot(tmp_path / "run.bmp", pendulum, np.zeros(1))
 
 
-def test_the_caption_says_who_is_in_control() -> None:
+def test_the_caption_says_who_is_in_control():
     blank = np.full((480, 640, 3), 200, dtype=np.uint8)
 
-    def strip(mode: Mode, message: str) -> np.ndarray:
+    def strip(mode, message):
         picture = draw_caption(blank, Caption(1.25, mode, "damping_controller", message))
         np.testing.assert_array_equal(picture[:440], blank[:440])
         return picture[450:].astype(np.int64)
@@ -253,27 +241,27 @@ def test_the_caption_says_who_is_in_control() -> None:
     np.testing.assert_array_equal(strip(Mode.DAMPING, "m" * 500)[:, -4:], strip(Mode.DAMPING, "")[:, -4:])
 
 
-def with_keys(tick: TickRecord, *keys: int) -> TickRecord:
+def with_keys(tick, *keys):
     pressed = np.zeros(88)
     pressed[list(keys)] = 1.0
     state = replace(tick.input.state, extern={"key_pressed": Extern(pressed, float(tick.input.state.time))})
     return replace(tick, input=replace(tick.input, state=state))
 
 
-def played(sink: VideoSink, make_tick: MakeTick) -> None:
+def played(sink, make_tick):
     """Key C4 from 0.5 to 1 s, and A5, which is down and up between two frames' times, at 2 s."""
     for index in range(501):
         keys = [39] * (100 <= index < 200) + [60] * (401 <= index < 406)
         sink.tick(with_keys(make_tick(index, 7.0 + index / 200, [index / 100]), *keys))
 
 
-def loudest(samples: np.ndarray, begin: float, end: float) -> float:
+def loudest(samples, begin, end):
     """Hz."""
     part = samples[round(begin * 44100) : round(end * 44100)]
     return float(np.argmax(np.abs(np.fft.rfft(part * np.hanning(len(part)), 1 << 17))) * 44100 / (1 << 17))
 
 
-def test_keys_that_were_pressed_are_heard(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
+def test_keys_that_were_pressed_are_heard(tmp_path, pendulum, make_tick):
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=10, size=SIZE)
     played(sink, make_tick)
     report = sink.finish()
@@ -289,9 +277,7 @@ def test_keys_that_were_pressed_are_heard(tmp_path: Path, pendulum: mujoco.MjMod
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.mp4"]
 
 
-def test_without_an_encoder_the_sound_is_beside_the_video(
-    tmp_path: Path, pendulum: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_an_encoder_the_sound_is_beside_the_video(tmp_path, pendulum, monkeypatch):
     monkeypatch.setattr(av, "codecs_available", av.codecs_available - {"aac"})
     job = Job(str(tmp_path / "run.mp4"), pendulum, SIZE, Fraction(10), wav=str(tmp_path / "run.wav"))
     caption = Caption(0.0, Mode.LOCOMOTION, "rl_policy_controller")
@@ -306,7 +292,7 @@ def test_without_an_encoder_the_sound_is_beside_the_video(
         assert [stream.type for stream in container.streams] == ["video"]
 
 
-def test_a_run_without_keys_has_no_sound(tmp_path: Path, pendulum: mujoco.MjModel, make_tick: MakeTick) -> None:
+def test_a_run_without_keys_has_no_sound(tmp_path, pendulum, make_tick):
     sink = VideoSink(tmp_path / "run.mp4", lambda: pendulum, fps=10, size=SIZE)
     for index in range(20):
         sink.tick(make_tick(index, index / 10, [0.0]))

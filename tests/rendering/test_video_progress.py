@@ -1,8 +1,6 @@
 import io
-from collections.abc import Callable
 from pathlib import Path
 
-import pytest
 from rich.console import Console
 
 from humanoid_sim.rendering import video
@@ -12,24 +10,24 @@ from humanoid_sim.rendering.video import VideoReport, VideoSink, finish_video
 class _Drawn(VideoSink):
     """A video whose five frames are drawn one by one."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.frame_count = 5
 
-    def finish(self, progress: Callable[[int, int], None] | None = None) -> VideoReport:
+    def finish(self, progress=None):
         assert progress is not None
         for done in range(1, 6):
             progress(done, 5)
         return VideoReport(Path("run.mp4"), 5, 0.2, "nothing")
 
 
-def _told(*, terminal: bool) -> str:
+def _told(*, terminal):
     screen = io.StringIO()
     console = Console(file=screen, force_terminal=terminal, width=100, highlight=False)
     assert finish_video(_Drawn(), console, "Ctrl-C skips it").frame_count == 5
     return screen.getvalue()
 
 
-def test_without_a_terminal_a_count_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_terminal_a_count_goes_on(monkeypatch):
     clock = iter([0.0, 4.0, 8.0, 12.0, 12.0, 16.0, 20.0])
     monkeypatch.setattr(video, "monotonic", lambda: next(clock))
     assert _told(terminal=False).splitlines() == [
@@ -38,13 +36,13 @@ def test_without_a_terminal_a_count_goes_on(monkeypatch: pytest.MonkeyPatch) -> 
     ]
 
 
-def test_a_terminal_shows_a_bar() -> None:
+def test_a_terminal_shows_a_bar():
     assert "drawing the video (Ctrl-C skips it)" in _told(terminal=True)
 
 
-def test_an_output_that_is_full_spoils_no_video() -> None:
+def test_an_output_that_is_full_spoils_no_video():
     class Full(io.StringIO):
-        def write(self, text: str) -> int:
+        def write(self, text):
             raise OSError(28, "No space left on device")
 
     assert finish_video(_Drawn(), Console(file=Full())).frame_count == 5

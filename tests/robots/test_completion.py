@@ -1,27 +1,26 @@
 """Robot files that change single fields of an MJCF."""
 
 import math
-from pathlib import Path
 
 import msgspec
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 
 
-def robot(hopper: Path, text: str) -> RobotDescription:
+def robot(hopper, text):
     path = hopper.with_name("mine.yaml")
     path.write_text(f"mjcf: hopper.xml\n{text}")
     return load_robot(path)
 
 
-def test_nothing_but_the_mjcf_is_the_robot_of_the_mjcf(hopper: Path) -> None:
+def test_nothing_but_the_mjcf_is_the_robot_of_the_mjcf(hopper):
     assert robot(hopper, "") == load_robot(hopper)
     assert robot(hopper, "").has_no_gains
 
 
-def test_single_fields(hopper: Path) -> None:
+def test_single_fields(hopper):
     text = """
 imu: thigh
 base: {height: 0.7}
@@ -42,14 +41,14 @@ joints: {hip: {effort_limit: 12, upper: 0.8}}
     assert changed.joints[1] == plain.joints[1]
 
 
-def test_what_the_mjcf_does_not_limit_is_no_mistake_of_the_file(hopper: Path) -> None:
+def test_what_the_mjcf_does_not_limit_is_no_mistake_of_the_file(hopper):
     hopper.write_text(hopper.read_text().replace(' range="-1 1"', "").replace('forcerange="-30 40"', ""))
     free = robot(hopper, "imu: trunk\n")
     assert (free.joints[0].lower, free.joints[1].effort_limit) == (-math.inf, math.inf)
     assert robot(hopper, "initial_position: {hip: 5.0}").initial_position == (5.0, 0.2)
 
 
-def test_a_robot_with_gains_of_its_own(hopper: Path) -> None:
+def test_a_robot_with_gains_of_its_own(hopper):
     assert not robot(hopper, "joints: {hip: {stiffness: 20, damping: 1}}").has_no_gains
 
 
@@ -67,13 +66,13 @@ def test_a_robot_with_gains_of_its_own(hopper: Path) -> None:
         ("joints: all", "joints: is 'all', expected a list"),
     ],
 )
-def test_what_is_wrong_is_named(hopper: Path, text: str, message: str) -> None:
+def test_what_is_wrong_is_named(hopper, text, message):
     with pytest.raises(InputError) as caught:
         robot(hopper, text)
     assert str(caught.value).startswith(f"{hopper.with_name('mine.yaml')}: {message}")
 
 
-def test_a_missing_mjcf(hopper: Path) -> None:
+def test_a_missing_mjcf(hopper):
     hopper.unlink()
     with pytest.raises(InputError, match=r"mine.yaml: mjcf: 'hopper.xml' is not a file; it is looked up beside"):
         robot(hopper, "")

@@ -5,8 +5,6 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -16,28 +14,27 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots
 from humanoid_sim.robots.motors import FAMILIES
 
-Document = dict[str, Any]
-LITE: Document = yaml.safe_load(asset_path("robots", "lite.yaml").read_text())
+LITE = yaml.safe_load(asset_path("robots", "lite.yaml").read_text())
 
 
-def write(folder: Path, document: Document) -> Path:
+def write(folder, document):
     path = folder / "robot.yaml"
     path.write_text(yaml.safe_dump(document))
     return path
 
 
 @pytest.fixture
-def document() -> Document:
+def document():
     """The Lite's description as plain data, its MJCF by absolute path."""
     result = copy.deepcopy(LITE)
     result["mjcf"] = str(asset_path("mjcf", "lite.xml").resolve())
     return result
 
 
-def set_at(document: Document, place: str, value: Any) -> None:
+def set_at(document, place, value):
     """Set the value at a place such as `joints[3].upper`."""
     *keys, last = [int(key) if key.isdigit() else key for key in re.findall(r"[^.\[\]]+", place)]
-    inner: Any = document
+    inner = document
     for key in keys:
         inner = inner[key]
     inner[last] = value
@@ -111,7 +108,7 @@ BAD_VALUES = [
 
 
 @pytest.mark.parametrize(("place", "value", "problem"), BAD_VALUES)
-def test_a_bad_value_is_named(tmp_path: Path, document: Document, place: str, value: Any, problem: str) -> None:
+def test_a_bad_value_is_named(tmp_path, document, place, value, problem):
     set_at(document, place, value)
     path = write(tmp_path, document)
     with pytest.raises(InputError) as caught:
@@ -122,7 +119,7 @@ def test_a_bad_value_is_named(tmp_path: Path, document: Document, place: str, va
     assert str(caught.value) == f"{path}: {where}: {problem}"
 
 
-def test_a_joint_given_twice_is_named(tmp_path: Path, document: Document) -> None:
+def test_a_joint_given_twice_is_named(tmp_path, document):
     document["joints"][5]["name"] = "left_shoulder_pitch"
     path = write(tmp_path, document)
     with pytest.raises(InputError) as caught:
@@ -146,9 +143,7 @@ FAMILY_PROBLEMS = [
 
 
 @pytest.mark.parametrize(("change", "line"), FAMILY_PROBLEMS)
-def test_a_motor_that_does_not_fit_its_family(
-    tmp_path: Path, document: Document, change: dict[str, Any], line: str
-) -> None:
+def test_a_motor_that_does_not_fit_its_family(tmp_path, document, change, line):
     motor = {} if "bus" in change else document["joints"][6]["motor"]
     document["joints"][6]["motor"] = motor | change
     path = write(tmp_path, document)
@@ -157,7 +152,7 @@ def test_a_motor_that_does_not_fit_its_family(
     assert str(caught.value).startswith(f"{path}: {line}")
 
 
-def test_an_id_that_another_familys_frames_could_address(tmp_path: Path, document: Document) -> None:
+def test_an_id_that_another_familys_frames_could_address(tmp_path, document):
     document["joints"][3]["motor"]["can_id"] = 9  # the last byte of a Sito command's identifier
     load_robot(write(tmp_path, document))
     document["joints"][6]["motor"] = SITO
@@ -180,7 +175,7 @@ UNKNOWN_FIELDS = [
 
 
 @pytest.mark.parametrize(("place", "line"), UNKNOWN_FIELDS)
-def test_an_unknown_field_lists_the_known_ones(tmp_path: Path, document: Document, place: str, line: str) -> None:
+def test_an_unknown_field_lists_the_known_ones(tmp_path, document, place, line):
     set_at(document, place, 1.0)
     path = write(tmp_path, document)
     with pytest.raises(InputError) as caught:
@@ -190,7 +185,7 @@ def test_an_unknown_field_lists_the_known_ones(tmp_path: Path, document: Documen
 
 
 @pytest.mark.parametrize("name", ["name", "mjcf", "imu", "initial_position", "standby_controller_a"])
-def test_a_missing_field_is_named(tmp_path: Path, document: Document, name: str) -> None:
+def test_a_missing_field_is_named(tmp_path, document, name):
     del document[name]
     path = write(tmp_path, document)
     with pytest.raises(InputError) as caught:
@@ -220,7 +215,7 @@ BAD_TEXTS = [
 
 
 @pytest.mark.parametrize(("text", "line"), BAD_TEXTS)
-def test_a_file_that_is_no_description(tmp_path: Path, text: str, line: str) -> None:
+def test_a_file_that_is_no_description(tmp_path, text, line):
     path = tmp_path / "robot.yaml"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
@@ -229,7 +224,7 @@ def test_a_file_that_is_no_description(tmp_path: Path, text: str, line: str) -> 
     assert "\n" not in str(caught.value)
 
 
-def test_a_number_that_python_does_not_write_out(tmp_path: Path, document: Document) -> None:
+def test_a_number_that_python_does_not_write_out(tmp_path, document):
     del document["name"]
     path = write(tmp_path, document)
     path.write_text(f"{path.read_text()}name: {1 << 20_000:#x}\n")
@@ -237,7 +232,7 @@ def test_a_number_that_python_does_not_write_out(tmp_path: Path, document: Docum
         load_robot(path)
 
 
-def test_a_pipe_and_a_name_that_is_too_long(tmp_path: Path) -> None:
+def test_a_pipe_and_a_name_that_is_too_long(tmp_path):
     pipe = tmp_path / "robot.yaml"
     os.mkfifo(pipe)
     with pytest.raises(
@@ -248,14 +243,14 @@ def test_a_pipe_and_a_name_that_is_too_long(tmp_path: Path) -> None:
         load_robot("x" * 5000)
 
 
-def test_a_binary_file(tmp_path: Path) -> None:
+def test_a_binary_file(tmp_path):
     path = tmp_path / "robot.yaml"
     path.write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(InputError, match=r"is not a text file \(UTF-8\)$"):
         load_robot(path)
 
 
-def test_a_folder(tmp_path: Path) -> None:
+def test_a_folder(tmp_path):
     with pytest.raises(InputError) as caught:
         load_robot(tmp_path)
     known = "lite, lite_biped, lite_neck, lite_piano, lite_piano_nikomaku, lite_sito"
@@ -263,18 +258,18 @@ def test_a_folder(tmp_path: Path) -> None:
     assert str(caught.value) == f"{tmp_path}: is a folder, expected {accepted}"
 
 
-def test_an_unknown_name_lists_the_shipped_robots() -> None:
+def test_an_unknown_name_lists_the_shipped_robots():
     with pytest.raises(InputError) as caught:
         load_robot("lit")
     known = "lite, lite_biped, lite_neck, lite_piano, lite_piano_nikomaku, lite_sito, robot_descriptions:NAME"
     assert str(caught.value) == f"unknown robot 'lit' (did you mean 'lite'?); known: {known}; or a file that exists"
 
 
-def test_shipped_robots() -> None:
+def test_shipped_robots():
     assert shipped_robots() == ("lite", "lite_biped", "lite_neck", "lite_piano", "lite_piano_nikomaku", "lite_sito")
 
 
-def test_a_path_is_a_robot_of_the_same_form(tmp_path: Path, document: Document) -> None:
+def test_a_path_is_a_robot_of_the_same_form(tmp_path, document):
     (tmp_path / "models").mkdir()
     (tmp_path / "models" / "mine.xml").write_text("<mujoco/>")
     document["mjcf"] = "models/mine.xml"
@@ -283,7 +278,7 @@ def test_a_path_is_a_robot_of_the_same_form(tmp_path: Path, document: Document) 
     assert robot.joint_names == load_robot("lite").joint_names
 
 
-def test_defaults_are_those_of_the_controllers(tmp_path: Path, document: Document) -> None:
+def test_defaults_are_those_of_the_controllers(tmp_path, document):
     for name in ("simulation", "hardware", "damping_controller", "remote_policy_controller", "hands"):
         del document[name]
     robot = load_robot(write(tmp_path, document))
@@ -295,7 +290,7 @@ def test_defaults_are_those_of_the_controllers(tmp_path: Path, document: Documen
     assert robot.hands == ()
 
 
-def test_the_passive_hold_damps_as_damping_does_unless_it_is_given_its_own(tmp_path: Path, document: Document) -> None:
+def test_the_passive_hold_damps_as_damping_does_unless_it_is_given_its_own(tmp_path, document):
     document["damping_controller"] = {"damping": [float(i) for i in range(len(document["joints"]))]}
     document["remote_policy_controller"] = {"stale_command_timeout_ms": 50}
     robot = load_robot(write(tmp_path, document))
@@ -307,13 +302,13 @@ def test_the_passive_hold_damps_as_damping_does_unless_it_is_given_its_own(tmp_p
 
 
 @pytest.mark.parametrize("name", shipped_robots())
-def test_remotes_passive_hold_of_every_shipped_robot_damps_as_damping_does(name: str) -> None:
+def test_remotes_passive_hold_of_every_shipped_robot_damps_as_damping_does(name):
     robot = load_robot(name)
     assert robot.passive_damping.tolist() == robot.mode_damping.tolist()
     assert (robot.passive_damping > 0.0).all()
 
 
-def test_loading_does_not_import_the_simulator() -> None:
+def test_loading_does_not_import_the_simulator():
     program = (
         "import sys; from humanoid_sim.robots.description import load_robot; load_robot('lite'); "
         "sys.exit('mujoco' in sys.modules)"

@@ -1,8 +1,5 @@
 """Robot files of ROS 2 parameters, in the forms that launch files and spawners take."""
 
-from pathlib import Path
-from typing import Any
-
 import pytest
 import yaml
 
@@ -17,7 +14,7 @@ READY = [0.3, -1.0, 0.0, -1.7, -1.2, 0.0, 0.3, 0.3, 1.0, 0.0, -1.7, 1.2, 0.0, -0
 OTHER = [0.1 if name == "left_shoulder_roll" else 0.0 for name in NAMES]
 
 
-def standby(pose: list[float], **changes: Any) -> dict[str, Any]:
+def standby(pose, **changes):
     values = {
         "joints": NAMES,
         "target_stiffness": [20.0 + i for i in range(14)],
@@ -29,7 +26,7 @@ def standby(pose: list[float], **changes: Any) -> dict[str, Any]:
     return {"ros__parameters": {name: value for name, value in {**values, **changes}.items() if value is not None}}
 
 
-def bringup(**nodes: Any) -> dict[str, Any]:
+def bringup(**nodes):
     document = {
         "controller_manager": {"ros__parameters": {"update_rate": 40, "standby_controller_a": {"type": "x"}}},
         "damping_controller": {"ros__parameters": {"damping_scalar": 4.5}},
@@ -44,13 +41,13 @@ def bringup(**nodes: Any) -> dict[str, Any]:
     return {**document, **nodes}
 
 
-def written(folder: Path, document: Any) -> Path:
+def written(folder, document):
     path = folder / "controllers.yaml"
     path.write_text(yaml.safe_dump(document), encoding="utf-8")
     return path
 
 
-def test_a_bringup_file_becomes_a_robot_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bringup_file_becomes_a_robot_file(tmp_path, capsys):
     source, output = written(tmp_path, bringup()), tmp_path / "my_lite.yaml"
     assert main(["convert", str(source), "--robot", "lite", "-o", str(output)]) == 0
     assert capsys.readouterr().out.splitlines() == [
@@ -73,7 +70,7 @@ def test_a_bringup_file_becomes_a_robot_file(tmp_path: Path, capsys: pytest.Capt
     assert robot.remote_policy_controller.stale_command_timeout_ms == 80.0
 
 
-def test_lists_follow_the_robot_s_order_of_joints(tmp_path: Path) -> None:
+def test_lists_follow_the_robot_s_order_of_joints(tmp_path):
     turned = standby(READY[::-1], joints=NAMES[::-1])
     source = written(tmp_path, bringup(standby_controller_a=turned))
     document, _ = convert_parameters(source, "lite", tmp_path)
@@ -82,13 +79,13 @@ def test_lists_follow_the_robot_s_order_of_joints(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("document", [{"/**": standby(READY)}, {"/**": {"standby_controller_a": standby(READY)}}])
-def test_parameters_of_a_spawner_s_file(tmp_path: Path, document: Any) -> None:
+def test_parameters_of_a_spawner_s_file(tmp_path, document):
     found, left_out = convert_parameters(written(tmp_path, document), "lite", tmp_path)
     assert found["standby_controller_a"]["pose_segments"][1] == READY
     assert left_out == []
 
 
-def test_an_mjcf_gets_gains_and_poses(tmp_path: Path) -> None:
+def test_an_mjcf_gets_gains_and_poses(tmp_path):
     mjcf = tmp_path / "arm.xml"
     mjcf.write_text(
         '<mujoco model="arm"><worldbody><body name="base"><joint name="elbow" range="-60 60" limited="true"/>'
@@ -124,7 +121,7 @@ def test_an_mjcf_gets_gains_and_poses(tmp_path: Path) -> None:
         (bringup(damping_controller={"ros__parameters": {"damping_scalar": "x"}}), "damping_controller.damping_scalar"),
     ],
 )
-def test_what_is_wrong_is_one_line_and_nothing_is_written(tmp_path: Path, document: Any, why: str) -> None:
+def test_what_is_wrong_is_one_line_and_nothing_is_written(tmp_path, document, why):
     source, output = written(tmp_path, document), tmp_path / "robot.yaml"
     with pytest.raises(InputError, match=why) as error:
         main(["convert", str(source), "--robot", "lite", "-o", str(output)])
@@ -140,12 +137,12 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(tmp_path: Path, docume
         (("--robot", "lite", "-o", "x.yaml", "--base", "fixed"), "^--base: is fixed, which means nothing for"),
     ],
 )
-def test_options_of_a_parameter_file(tmp_path: Path, options: tuple[str, ...], why: str) -> None:
+def test_options_of_a_parameter_file(tmp_path, options, why):
     with pytest.raises(InputError, match=why):
         main(["convert", str(written(tmp_path, bringup())), *options])
 
 
-def test_a_urdf_takes_its_own_options(tmp_path: Path) -> None:
+def test_a_urdf_takes_its_own_options(tmp_path):
     urdf = tmp_path / "robot.urdf"
     urdf.write_text("<robot name='a'><link name='b'/></robot>")
     with pytest.raises(InputError, match=r"^--base: is missing; a URDF does not say it, expected floating or fixed$"):

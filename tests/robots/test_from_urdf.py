@@ -1,7 +1,5 @@
 """A URDF becomes an MJCF with the base that the user names, and what it does not say is listed."""
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
@@ -26,7 +24,7 @@ TETRAHEDRON = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 -0.4\nf 1 3 2\nf 1 2 4\nf 2 
 
 
 @pytest.fixture
-def urdf(tmp_path: Path) -> Path:
+def urdf(tmp_path):
     (tmp_path / "walker" / "meshes").mkdir(parents=True)
     (tmp_path / "walker" / "meshes" / "leg.obj").write_text(TETRAHEDRON)
     path = tmp_path / "walker" / "walker.urdf"
@@ -34,7 +32,7 @@ def urdf(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_base_floats_and_every_link_stays(urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_base_floats_and_every_link_stays(urdf, tmp_path, capsys):
     output = tmp_path / "elsewhere.xml"
     assert main(["convert", str(urdf), "--base", "floating", "--imu", "head", "--output", str(output)]) == 0
     model = mujoco.MjModel.from_xml_path(str(output))
@@ -51,7 +49,7 @@ def test_the_base_floats_and_every_link_stays(urdf: Path, tmp_path: Path, capsys
     assert "IMU" not in printed
 
 
-def test_a_fixed_base_hangs_where_it_is(urdf: Path) -> None:
+def test_a_fixed_base_hangs_where_it_is(urdf):
     text, gaps = convert_urdf(urdf, "fixed", urdf.parent)
     model = mujoco.MjModel.from_xml_string(text, {"meshes/leg.obj": TETRAHEDRON.encode()})
     assert model.nv == 1
@@ -73,9 +71,7 @@ def test_a_fixed_base_hangs_where_it_is(urdf: Path) -> None:
         (("<robot", "<robot><"), {}, "not a valid URDF: "),
     ],
 )
-def test_what_is_wrong_is_one_line(
-    urdf: Path, change: tuple[str, str], arguments: dict[str, str], message: str
-) -> None:
+def test_what_is_wrong_is_one_line(urdf, change, arguments, message):
     urdf.write_text(URDF.replace(*change, 1))
     with pytest.raises(InputError) as caught:
         convert_urdf(urdf, "floating", urdf.parent, **arguments)
@@ -83,6 +79,6 @@ def test_what_is_wrong_is_one_line(
     assert "\n" not in str(caught.value)
 
 
-def test_a_urdf_given_as_a_robot_names_the_command(urdf: Path) -> None:
+def test_a_urdf_given_as_a_robot_names_the_command(urdf):
     with pytest.raises(InputError, match=r"is a URDF, .*humanoid_sim\.robot convert .*walker\.urdf --base floating"):
         load_robot(urdf)

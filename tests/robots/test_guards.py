@@ -9,7 +9,6 @@ import pytest
 from msgspec.structs import replace
 
 from humanoid_sim.assets import policy_path
-from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.robots.description import load_robot, with_contract_physics
@@ -24,13 +23,13 @@ ELBOW = LITE.joint_names.index("left_elbow_pitch")
 ROLL = LITE.joint_names.index("left_wrist_roll")
 
 
-def of(robot: RobotDescription) -> Guards:
+def of(robot):
     guards = guards_of(robot)
     assert guards is not None
     return guards
 
 
-def test_the_defaults_follow_from_the_limits() -> None:
+def test_the_defaults_follow_from_the_limits():
     arms = of(LITE)
     assert arms.following_effort[[ELBOW, ROLL]].tolist() == pytest.approx([11.2, 3.2])
     assert (arms.following_time, arms.following_progress, arms.limit_time, arms.speed_time) == (0.15, 0.02, 0.1, 0.02)
@@ -39,7 +38,7 @@ def test_the_defaults_follow_from_the_limits() -> None:
     assert arms.speed_limit[LITE.joint_names.index("left_shoulder_roll")] == 0.99 * 33.0, "its motor reports no more"
 
 
-def test_a_speed_that_a_motor_cannot_report_is_too_fast() -> None:
+def test_a_speed_that_a_motor_cannot_report_is_too_fast():
     sito = load_robot("lite_sito")
     largest = 0.99 * 32767 / (65536 / (2 * np.pi))  # an int16, in counts/s
     for robot in (sito, replace(sito, guards=GuardSettings(speed=SpeedGuard(limit=(20.0,) * 14)))):
@@ -49,7 +48,7 @@ def test_a_speed_that_a_motor_cannot_report_is_too_fast() -> None:
     assert of(robot).speed_limit[ROLL] == 0.99 * 15.0, "it turns at 20.9 rad/s without load"
 
 
-def test_legs_are_given_more_time() -> None:
+def test_legs_are_given_more_time():
     legs = of(BIPED)
     assert (legs.following_time, legs.following_within) == (0.3, True)
     assert (of(LITE).following_time, of(LITE).following_within) == (0.15, False)
@@ -57,7 +56,7 @@ def test_legs_are_given_more_time() -> None:
     assert legs.speed_limit[BIPED.joint_names.index("left_ankle_roll")] == 15.0
 
 
-def test_legs_are_judged_by_their_own_limits_not_by_those_of_a_policy() -> None:
+def test_legs_are_judged_by_their_own_limits_not_by_those_of_a_policy():
     contract = load_checkpoint(SAMPLE_LEGS, None, BIPED.joint_names).contract
     weak = dataclasses.replace(contract, effort_limit=np.full(len(contract.joint_names), 5.0))
     limited = with_contract_physics(BIPED, weak)
@@ -71,7 +70,7 @@ def test_legs_are_judged_by_their_own_limits_not_by_those_of_a_policy() -> None:
     assert RobotDescription.from_json(limited.to_json(), limited.folder) == replace(limited, check_poses=())
 
 
-def test_guards_that_are_off_are_named_with_the_reason() -> None:
+def test_guards_that_are_off_are_named_with_the_reason():
     assert describe_unwatched(LITE) == describe_unwatched(BIPED) == ""
     bare = replace(BIPED.joints[0], lower=-np.inf, upper=np.inf, effort_limit=np.inf)
     robot = replace(BIPED, joints=(bare, *BIPED.joints[1:]), guards=GuardSettings(speed=None))
@@ -83,7 +82,7 @@ def test_guards_that_are_off_are_named_with_the_reason() -> None:
     assert describe_unwatched(replace(BIPED, guards=off)) == "guards: all are off, as the robot's description says"
 
 
-def test_a_joint_without_limits_and_motor_is_watched_by_what_is_known() -> None:
+def test_a_joint_without_limits_and_motor_is_watched_by_what_is_known():
     bare = replace(LITE.joints[0], lower=-np.inf, upper=np.inf, effort_limit=np.inf, motor=None)
     robot = replace(LITE, joints=(bare, *LITE.joints[1:]))
     guards = of(robot)
@@ -91,7 +90,7 @@ def test_a_joint_without_limits_and_motor_is_watched_by_what_is_known() -> None:
     assert np.isfinite(guards.following_effort[1:]).all()
 
 
-def test_the_description_decides() -> None:
+def test_the_description_decides():
     settings = GuardSettings(
         following=FollowingGuard(effort_share=0.5, time=1.0), limit=None, speed=SpeedGuard(limit=(3.0,) * 14)
     )
@@ -121,7 +120,7 @@ def test_the_description_decides() -> None:
         ("guards: {force: null}", "guards: unknown field 'force'; known: following, limit, speed"),
     ],
 )
-def test_bad_parameters_are_one_line(tmp_path: Path, text: str, expected: str) -> None:
+def test_bad_parameters_are_one_line(tmp_path, text, expected):
     shipped = Path(LITE.folder, "lite.yaml").read_text(encoding="utf-8")
     path = tmp_path / "mine.yaml"
     path.write_text(shipped.replace("../mjcf/lite.xml", str(LITE.mjcf_path)) + f"\n{text}\n", encoding="utf-8")
@@ -131,7 +130,7 @@ def test_bad_parameters_are_one_line(tmp_path: Path, text: str, expected: str) -
     assert str(caught.value) == f"{path}: {expected}"
 
 
-def test_a_speed_limit_that_nobody_gave_is_marked() -> None:
+def test_a_speed_limit_that_nobody_gave_is_marked():
     guards = of(BIPED)
     for i, name in enumerate(BIPED.joint_names):
         crossing = max((BIPED.upper[i] - BIPED.lower[i]) / 0.05, 15.0)
@@ -140,7 +139,7 @@ def test_a_speed_limit_that_nobody_gave_is_marked() -> None:
     assert of(robot).speed_assumed == robot.joint_names
 
 
-def test_a_yaml_turns_a_guard_off(tmp_path: Path) -> None:
+def test_a_yaml_turns_a_guard_off(tmp_path):
     shipped = Path(LITE.folder, "lite.yaml").read_text(encoding="utf-8")
     path = tmp_path / "mine.yaml"
     text = shipped.replace("../mjcf/lite.xml", str(LITE.mjcf_path))
@@ -148,7 +147,7 @@ def test_a_yaml_turns_a_guard_off(tmp_path: Path) -> None:
     assert np.isinf(of(load_robot(path)).following_effort).all()
 
 
-def test_a_header_s_document_gives_the_same_guards_again() -> None:
+def test_a_header_s_document_gives_the_same_guards_again():
     for robot in (LITE, BIPED, replace(LITE, guards=GuardSettings(following=None))):
         guards = of(robot)
         text = msgspec.json.encode(GuardRecord.of(guards))
@@ -158,7 +157,7 @@ def test_a_header_s_document_gives_the_same_guards_again() -> None:
         GuardRecord.of(of(load_robot("lite_neck"))).on(LITE)
 
 
-def test_a_description_says_of_its_guards_what_is_not_the_default() -> None:
+def test_a_description_says_of_its_guards_what_is_not_the_default():
     for name in ("guards", "signs", "check_poses"):
         assert name not in LITE.to_json(), "digests of baselines are those of before there were any"
     other = replace(LITE, guards=GuardSettings(limit=None))

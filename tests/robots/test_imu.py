@@ -1,7 +1,5 @@
 """Which frame of an MJCF is taken for the IMU, and how that is told."""
 
-from pathlib import Path
-
 import pytest
 
 from humanoid_sim.errors import InputError
@@ -26,7 +24,7 @@ MJCF = """
 QUAT = '<framequat objtype="site" objname="{}"/>'
 
 
-def robot_file(folder: Path, *, pelvis: str = "", torso: str = "", mount: str = "", sensors: str = "") -> Path:
+def robot_file(folder, *, pelvis="", torso="", mount="", sensors=""):
     sites = {"pelvis": pelvis, "torso": torso, "mount": mount}
     bodies = {body: "".join(f'<site name="{name}"/>' for name in names.split()) for body, names in sites.items()}
     path = folder / "robot.xml"
@@ -67,12 +65,12 @@ def robot_file(folder: Path, *, pelvis: str = "", torso: str = "", mount: str = 
         ({}, "", "the base 'pelvis' itself (no site of the model is clearly the IMU)"),
     ],
 )
-def test_the_frame_that_is_taken(tmp_path: Path, sites: dict[str, str], sensors: str, line: str) -> None:
+def test_the_frame_that_is_taken(tmp_path, sites, sensors, line):
     robot = load_robot(robot_file(tmp_path, **sites, sensors=sensors))
     assert imu_line(bare_model(robot), robot) == line
 
 
-def test_another_one_is_chosen(tmp_path: Path) -> None:
+def test_another_one_is_chosen(tmp_path):
     robot = load_robot(robot_file(tmp_path, pelvis="imu", torso="b"))
     chosen = with_imu(robot, "b")
     assert imu_line(bare_model(chosen), chosen) == "site 'b' on 'torso', not the base 'pelvis' (as it was given)"

@@ -3,17 +3,16 @@
 import json
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
-GOLDEN: dict[str, Any] = json.loads(Path(__file__).parent.parent.joinpath("data", "lite_arms_golden.json").read_text())
+GOLDEN = json.loads(Path(__file__).parent.parent.joinpath("data", "lite_arms_golden.json").read_text())
 ROBOTS = ("lite", "lite_neck")
 
 ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow_pitch", "wrist_yaw", "wrist_roll", "wrist_pitch")
@@ -35,22 +34,22 @@ POSE_A = [0.3, -1.0, 0, -1.7, -1.2, 0, 0.3, 0.3, 1.0, 0, -1.7, 1.2, 0, -0.3]
 
 
 @pytest.fixture(params=ROBOTS)
-def robot(request: pytest.FixtureRequest) -> RobotDescription:
+def robot(request):
     return load_robot(request.param)
 
 
-def names_of(robot: RobotDescription) -> tuple[str, ...]:
+def names_of(robot):
     return NAMES[: 17 if robot.name == "lite_neck" else 14]
 
 
-def test_joints_are_in_canonical_order(robot: RobotDescription) -> None:
+def test_joints_are_in_canonical_order(robot):
     assert robot.joint_names == names_of(robot)
     model = build_model(robot, scene=False)
     assert tuple(model.joint(i).name for i in range(model.njnt)) == names_of(robot)
     assert joint_addresses(model, robot.joint_names).qpos.tolist() == list(range(robot.joint_count))
 
 
-def test_motors_are_those_of_the_hardware_map() -> None:
+def test_motors_are_those_of_the_hardware_map():
     robot = load_robot("lite_neck")
     motors = [joint.motor for joint in robot.joints]
     assert all(motor is not None for motor in motors)
@@ -67,7 +66,7 @@ def test_motors_are_those_of_the_hardware_map() -> None:
     assert robot.damping.tolist() == [2.0] * 14 + [1.0] * 3
 
 
-def test_settings(robot: RobotDescription) -> None:
+def test_settings(robot):
     assert (robot.simulation.physics_timestep, robot.simulation.control_frequency) == (0.0005, 200.0)
     assert (robot.hardware.control_frequency, robot.hardware.rx_timeout_ms) == (50.0, 200.0)
     assert robot.damping_controller.damping_scalar == robot.remote_policy_controller.damping_scalar == 5.0
@@ -82,7 +81,7 @@ def test_settings(robot: RobotDescription) -> None:
     assert np.abs(pose_b[:14] - POSE_A).max() > 0.5
 
 
-def test_joint_ranges_are_radians() -> None:
+def test_joint_ranges_are_radians():
     """A model read in degrees would have a shoulder of ±3°."""
     model = mujoco.MjModel.from_xml_path(str(load_robot("lite_neck").mjcf_path))
     assert model.jnt_range[:, 0].tolist() == [*LOWER, *RIGHT_LOWER, *(-limit for limit in NECK)]
@@ -92,7 +91,7 @@ def test_joint_ranges_are_radians() -> None:
     assert (built.jnt_range == model.jnt_range).all()
 
 
-def test_masses_and_motors_are_the_published_ones(robot: RobotDescription) -> None:
+def test_masses_and_motors_are_the_published_ones(robot):
     model = mujoco.MjModel.from_xml_path(str(robot.mjcf_path))
     assert model.body_mass.sum() == pytest.approx(13.692339, abs=1e-9)
     assert model.body("left_shoulder_roll").mass[0] == 0.42
@@ -103,7 +102,7 @@ def test_masses_and_motors_are_the_published_ones(robot: RobotDescription) -> No
     assert model.dof_armature.tolist() == [*armature, *armature, 0.01, 0.01, 0.01][: model.nv]
 
 
-def test_golden(robot: RobotDescription) -> None:
+def test_golden(robot):
     """Poses, inertia and gravity torques of the reference model at 20 configurations, to its stated tolerance.
 
     With a rigid neck the arms are unchanged, so the golden figures hold for the first 14 joints.
@@ -127,7 +126,7 @@ def test_golden(robot: RobotDescription) -> None:
         np.testing.assert_allclose(data.qfrc_bias, sample["qfrc_bias"][: model.nv], rtol=0, atol=1e-7)
 
 
-def touching(model: mujoco.MjModel, data: mujoco.MjData, position: np.ndarray) -> list[str]:
+def touching(model, data, position):
     data.qpos[:] = position
     mujoco.mj_forward(model, data)
     return [
@@ -136,7 +135,7 @@ def touching(model: mujoco.MjModel, data: mujoco.MjData, position: np.ndarray) -
     ]
 
 
-def test_poses_and_the_ways_to_them_touch_nothing(robot: RobotDescription) -> None:
+def test_poses_and_the_ways_to_them_touch_nothing(robot):
     model = build_model(robot)
     data = mujoco.MjData(model)
     for standby in (robot.standby_controller_a, robot.standby_controller_b):
@@ -149,7 +148,7 @@ def test_poses_and_the_ways_to_them_touch_nothing(robot: RobotDescription) -> No
             assert touching(model, data, way[-1] * (1.0 - share)) == []
 
 
-def test_the_collision_check_can_fail() -> None:
+def test_the_collision_check_can_fail():
     robot = load_robot("lite")
     model = build_model(robot)
     across_the_chest = np.zeros(14)
@@ -157,7 +156,7 @@ def test_the_collision_check_can_fail() -> None:
     assert touching(model, mujoco.MjData(model), across_the_chest)
 
 
-def test_the_robot_starts_at_rest_without_torque(robot: RobotDescription) -> None:
+def test_the_robot_starts_at_rest_without_torque(robot):
     """Friction holds the hanging arms (and the head) where they are: ZERO_TORQUE looks calm from the first tick."""
     model = build_model(robot)
     data = mujoco.MjData(model)
@@ -173,7 +172,7 @@ def test_the_robot_starts_at_rest_without_torque(robot: RobotDescription) -> Non
     assert np.abs(data.qvel).max() < 0.01
 
 
-def test_arms_hang_beside_the_torso() -> None:
+def test_arms_hang_beside_the_torso():
     robot = load_robot("lite")
     position, _ = ForwardKinematics(robot)(np.array(robot.initial_position))
     left, right = position
@@ -181,7 +180,7 @@ def test_arms_hang_beside_the_torso() -> None:
     np.testing.assert_allclose(left * [1, -1, 1], right, atol=1e-4)
 
 
-def test_sites_and_looks(robot: RobotDescription) -> None:
+def test_sites_and_looks(robot):
     model = build_model(robot)
     for site in ("imu", "left_hand", "right_hand", "left_finger2_tip", "right_finger2_tip"):
         assert mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, site) >= 0
@@ -197,7 +196,7 @@ def test_sites_and_looks(robot: RobotDescription) -> None:
     }  # fmt: skip
 
 
-def test_the_floor_is_out_of_reach() -> None:
+def test_the_floor_is_out_of_reach():
     """A straight arm is 0.39 m from the shoulder to the wrist and 0.24 m from there to the fingertip."""
     shoulder_height = 0.39
     assert shoulder_height - 0.39 - 0.24 > load_robot("lite").simulation.floor_height

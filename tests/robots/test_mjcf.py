@@ -1,8 +1,6 @@
 """Robots described by nothing but their MJCF."""
 
 import math
-from collections.abc import Mapping
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -15,7 +13,7 @@ from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
 
-def test_joints_are_the_actuated_hinges_in_the_models_order(hopper: Path) -> None:
+def test_joints_are_the_actuated_hinges_in_the_models_order(hopper):
     robot = load_robot(hopper)
     assert robot.name == "hopper"
     assert robot.joint_names == ("hip", "knee")  # not the spring; the actuators come the other way round
@@ -23,17 +21,17 @@ def test_joints_are_the_actuated_hinges_in_the_models_order(hopper: Path) -> Non
     assert robot.upper.tolist() == [1.0, 2.0]
 
 
-def test_effort_limits_are_those_of_the_actuators(hopper: Path) -> None:
+def test_effort_limits_are_those_of_the_actuators(hopper):
     assert load_robot(hopper).effort_limit.tolist() == [20.0, 40.0]  # gear 5 of a control of 4; the force range
 
 
-def test_a_joints_own_force_range_counts_if_it_is_smaller(hopper: Path) -> None:
+def test_a_joints_own_force_range_counts_if_it_is_smaller(hopper):
     text = hopper.read_text().replace('name="hip" axis', 'name="hip" actuatorfrcrange="-7 7" axis')
     hopper.write_text(text)
     assert load_robot(hopper).effort_limit.tolist() == [7.0, 40.0]
 
 
-def test_without_actuators_every_hinge_of_the_floating_robot_counts(tmp_path: Path) -> None:
+def test_without_actuators_every_hinge_of_the_floating_robot_counts(tmp_path):
     path = tmp_path / "bare.xml"
     path.write_text("""
     <mujoco>
@@ -61,7 +59,7 @@ def test_without_actuators_every_hinge_of_the_floating_robot_counts(tmp_path: Pa
     assert MujocoRobot(robot).stability.measure(0.0).eigenvalue == 0.0
 
 
-def test_what_is_not_limited_survives_json(tmp_path: Path, hopper: Path) -> None:
+def test_what_is_not_limited_survives_json(tmp_path, hopper):
     hopper.write_text(hopper.read_text().replace(' range="-1 1"', "").replace('forcerange="-30 40"', ""))
     robot = load_robot(hopper)
     assert math.isinf(robot.joints[0].upper)
@@ -69,7 +67,7 @@ def test_what_is_not_limited_survives_json(tmp_path: Path, hopper: Path) -> None
     assert RobotDescription.from_json(robot.to_json(), folder=str(tmp_path)) == robot
 
 
-def test_the_base_floats_where_there_is_a_free_joint(hopper: Path) -> None:
+def test_the_base_floats_where_there_is_a_free_joint(hopper):
     robot = load_robot(hopper)
     assert (robot.is_floating, robot.base.body, robot.base.height) == (True, "trunk", None)
     hopper.write_text(hopper.read_text().replace("<freejoint/>", "").replace("0 0 2 1 0 0 0 0.5", "0.5"))
@@ -77,7 +75,7 @@ def test_the_base_floats_where_there_is_a_free_joint(hopper: Path) -> None:
     assert (robot.is_floating, robot.simulation.physics_timestep) == (False, 0.0005)
 
 
-def test_the_imu_is_the_site_of_the_gyro_then_one_named_so_then_the_base(hopper: Path) -> None:
+def test_the_imu_is_the_site_of_the_gyro_then_one_named_so_then_the_base(hopper):
     assert load_robot(hopper).imu == "my_imu"
     hopper.write_text(hopper.read_text().replace('<gyro site="my_imu"/>', ""))
     assert load_robot(hopper).imu == "my_imu"
@@ -85,7 +83,7 @@ def test_the_imu_is_the_site_of_the_gyro_then_one_named_so_then_the_base(hopper:
     assert load_robot(hopper).imu == "trunk"
 
 
-def test_poses_are_zero_within_the_limits_and_gains_are_left_to_the_policy(hopper: Path) -> None:
+def test_poses_are_zero_within_the_limits_and_gains_are_left_to_the_policy(hopper):
     robot = load_robot(hopper)
     assert robot.initial_position == (0.0, 0.2)
     assert robot.standby_controller_a.pose_segments == ((0.0, 0.2),)
@@ -96,14 +94,12 @@ def test_poses_are_zero_within_the_limits_and_gains_are_left_to_the_policy(hoppe
 @pytest.mark.parametrize(
     ("own", "used"), [(0.004, 0.001), (0.0005, 0.0005), (0.0003, 0.001), (0.005, 0.001), (1e-9, 0.001)]
 )
-def test_a_shorter_step_of_the_mjcf_is_kept_if_it_divides_the_control_period(
-    hopper: Path, own: float, used: float
-) -> None:
+def test_a_shorter_step_of_the_mjcf_is_kept_if_it_divides_the_control_period(hopper, own, used):
     hopper.write_text(hopper.read_text().replace('timestep="0.004"', f'timestep="{own}"'))
     assert load_robot(hopper).simulation.physics_timestep == used
 
 
-def test_contacts_and_solver_stay_those_of_the_mjcf(hopper: Path) -> None:
+def test_contacts_and_solver_stay_those_of_the_mjcf(hopper):
     own = mujoco.MjModel.from_xml_path(str(hopper))
     model = build_model(load_robot(hopper))
     assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
@@ -117,7 +113,7 @@ def test_contacts_and_solver_stay_those_of_the_mjcf(hopper: Path) -> None:
     assert model.nsensor == 2  # the one that needed an actuator is gone
 
 
-def test_includes_are_followed(tmp_path: Path, hopper: Path) -> None:
+def test_includes_are_followed(tmp_path, hopper):
     (tmp_path / "parts").mkdir()
     hopper.rename(tmp_path / "parts" / "hopper.xml")
     scene = tmp_path / "scene.xml"
@@ -149,7 +145,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("text", "message"), REFUSED)
-def test_what_is_no_robot_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+def test_what_is_no_robot_is_refused_in_one_line(tmp_path, text, message):
     path = tmp_path / "x.xml"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
@@ -158,12 +154,12 @@ def test_what_is_no_robot_is_refused_in_one_line(tmp_path: Path, text: str, mess
     assert "\n" not in str(caught.value)
 
 
-def own_damping(path: Path) -> Mapping[str, float]:
+def own_damping(path):
     robot = load_robot(path)
     return own_joint_damping(bare_model(robot), robot)
 
 
-def test_the_joints_own_damping(hopper: Path) -> None:
+def test_the_joints_own_damping(hopper):
     assert own_damping(hopper) == {}  # the spring's is not the robot's
     hopper.write_text(hopper.read_text().replace('name="knee" axis', 'name="knee" damping="0.25" axis'))
     assert own_damping(hopper) == {"knee": 0.25}
@@ -188,7 +184,7 @@ PREFIXED = """
 
 
 @pytest.fixture
-def prefixed(tmp_path: Path) -> Path:
+def prefixed(tmp_path):
     """As mjlab's `export_scene` names things."""
     (tmp_path / "meshes").mkdir()
     corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
@@ -199,7 +195,7 @@ def prefixed(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_prefix_of_all_names_is_left_out_and_the_robot_is_the_same(prefixed: Path) -> None:
+def test_a_prefix_of_all_names_is_left_out_and_the_robot_is_the_same(prefixed):
     robot, model = load_robot(prefixed), build_model(load_robot(prefixed))
     assert (robot.joint_names, robot.base.body, robot.imu) == (("hip",), "trunk", "imu")
     assert robot.effort_limit.tolist() == [4.0]
@@ -211,7 +207,7 @@ def test_a_prefix_of_all_names_is_left_out_and_the_robot_is_the_same(prefixed: P
 
 
 @pytest.mark.parametrize("name", ["trunk", "thigh", "root", "hip"])
-def test_a_prefix_that_one_name_lacks_stays(prefixed: Path, name: str) -> None:
+def test_a_prefix_that_one_name_lacks_stays(prefixed, name):
     prefixed.write_text(PREFIXED.replace(f'"r2/{name}"', f'"{name}"'))
     robot = load_robot(prefixed)
     assert robot.joint_names == (("hip",) if name == "hip" else ("r2/hip",))
@@ -219,7 +215,7 @@ def test_a_prefix_that_one_name_lacks_stays(prefixed: Path, name: str) -> None:
     assert prefix_line(prefixed) == ""
 
 
-def test_names_with_a_prefix_in_an_included_file_stay(prefixed: Path, tmp_path: Path) -> None:
+def test_names_with_a_prefix_in_an_included_file_stay(prefixed, tmp_path):
     outer = tmp_path / "outer.xml"
     outer.write_text('<mujoco><include file="scene.xml"/></mujoco>')
     assert load_robot(outer).joint_names == ("r2/hip",)

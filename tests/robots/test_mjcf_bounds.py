@@ -2,7 +2,6 @@
 
 import struct
 import zlib
-from pathlib import Path
 
 import pytest
 
@@ -13,14 +12,14 @@ from humanoid_sim.robots.mjcf_bounds import check_mjcf_bounds
 GEOM = '<geom type="sphere" size="0.1"/>'
 
 
-def model(path: Path, asset: str = "", world: str = GEOM, before: str = "") -> Path:
+def model(path, asset="", world=GEOM, before=""):
     (path / "m.xml").write_text(
         f"<mujoco>{before}<asset>{asset}</asset><worldbody>{world}</worldbody></mujoco>", encoding="utf-8"
     )
     return path / "m.xml"
 
 
-def refusal(path: Path) -> str:
+def refusal(path):
     with pytest.raises(InputError) as caught:
         read_spec(path)
     return str(caught.value).removeprefix(f"{path}: ")
@@ -59,13 +58,11 @@ def refusal(path: Path) -> str:
         ({"world": "<body>" * 300 + "</body>" * 300}, "is nested more than 200 levels deep"),
     ],
 )
-def test_a_size_beyond_any_robots_is_refused_before_memory_is_taken(
-    tmp_path: Path, parts: dict[str, str], problem: str
-) -> None:
+def test_a_size_beyond_any_robots_is_refused_before_memory_is_taken(tmp_path, parts, problem):
     assert refusal(model(tmp_path, **parts)) == problem
 
 
-def test_included_files_count_too(tmp_path: Path) -> None:
+def test_included_files_count_too(tmp_path):
     (tmp_path / "more.xml").write_text(f'<mujoco><replicate count="1e9">{GEOM}</replicate></mujoco>', encoding="utf-8")
     path = model(tmp_path, world='<include file="more.xml"/>')
     assert refusal(path) == f'{tmp_path / "more.xml"}: <replicate count="1e9"> makes more than 100000 elements'
@@ -74,8 +71,8 @@ def test_included_files_count_too(tmp_path: Path) -> None:
     assert "already included" in refusal(path)
 
 
-def _png(path: Path, width: int, height: int) -> Path:
-    def chunk(kind: bytes, data: bytes) -> bytes:
+def _png(path, width, height):
+    def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
@@ -84,7 +81,7 @@ def _png(path: Path, width: int, height: int) -> Path:
     return path
 
 
-def _large(path: Path, size: int) -> Path:
+def _large(path, size):
     path.parent.mkdir(exist_ok=True)
     with path.open("wb") as file:
         file.truncate(size)  # a hole, which takes no room
@@ -100,9 +97,7 @@ def _large(path: Path, size: int) -> Path:
         ("", '<model name="kid" file="parts/kid.xml"/>', "parts/own/big.obj"),
     ],
 )
-def test_a_mesh_beyond_any_robots_is_refused_wherever_it_is(
-    tmp_path: Path, before: str, asset: str, named: str
-) -> None:
+def test_a_mesh_beyond_any_robots_is_refused_wherever_it_is(tmp_path, before, asset, named):
     (tmp_path / "parts").mkdir()
     kid = '<mujoco><compiler meshdir="own"/><asset><mesh name="m" file="big.obj"/></asset></mujoco>'
     (tmp_path / "parts" / "kid.xml").write_text(kid, encoding="utf-8")
@@ -112,7 +107,7 @@ def test_a_mesh_beyond_any_robots_is_refused_wherever_it_is(
     assert str(caught.value) == f"{large}: has 33554433 bytes, expected a mesh of at most 33554432"
 
 
-def test_all_meshes_together_are_bounded(tmp_path: Path) -> None:
+def test_all_meshes_together_are_bounded(tmp_path):
     for i in range(17):
         _large(tmp_path / f"{i}.stl", 33_554_432)
     meshes = "".join(f'<mesh name="m{i}" file="{i}.stl"/>' for i in range(17))
@@ -129,25 +124,25 @@ def test_all_meshes_together_are_bounded(tmp_path: Path) -> None:
         '<hfield name="h" file="p.png" size="1 1 1 1"/>',
     ],
 )
-def test_a_picture_that_unpacks_to_more_than_any_is_refused(tmp_path: Path, asset: str) -> None:
+def test_a_picture_that_unpacks_to_more_than_any_is_refused(tmp_path, asset):
     picture = _png(tmp_path / "p.png", 20_000, 20_000)
     with pytest.raises(InputError) as caught:
         read_spec(model(tmp_path, asset))
     assert str(caught.value) == f"{picture}: has 20000 by 20000 pixels, expected a picture of at most 16000000"
 
 
-def test_a_mesh_that_is_a_device_is_refused(tmp_path: Path) -> None:
+def test_a_mesh_that_is_a_device_is_refused(tmp_path):
     with pytest.raises(InputError, match="/dev/zero: is a pipe or a device, expected a mesh"):
         read_spec(model(tmp_path, '<mesh name="m" file="/dev/zero"/>'))
 
 
-def test_more_names_than_can_be_looked_for_are_refused(tmp_path: Path) -> None:
+def test_more_names_than_can_be_looked_for_are_refused(tmp_path):
     folders = "".join(f'<compiler meshdir="d{i}"/>' for i in range(400))
     meshes = "".join(f'<mesh name="m{i}" file="{i}.stl"/>' for i in range(400))
     assert refusal(model(tmp_path, meshes, before=folders)) == "names 400 files in 400 folders, too many"
 
 
-def test_usual_meshes_and_pictures_compile(tmp_path: Path) -> None:
+def test_usual_meshes_and_pictures_compile(tmp_path):
     _png(tmp_path / "p.png", 64, 64)
     (tmp_path / "tetrahedron.obj").write_text(
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n", encoding="utf-8"
@@ -157,15 +152,13 @@ def test_usual_meshes_and_pictures_compile(tmp_path: Path) -> None:
     assert compile_spec(read_spec(path), path).mesh_vertnum.tolist() == [4]
 
 
-def test_a_usual_size_is_accepted(tmp_path: Path) -> None:
+def test_a_usual_size_is_accepted(tmp_path):
     hfield = '<hfield name="h" nrow="1000" ncol="1000" size="1 1 1 1"/>'
     check_mjcf_bounds(model(tmp_path, asset=hfield, world=f'<replicate count="100">{GEOM}</replicate>'))
 
 
 @pytest.mark.parametrize("value", ["nan", "1e300", "inf"])
-def test_a_place_that_is_no_number_is_refused_and_nothing_is_printed_or_left(
-    tmp_path: Path, value: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_place_that_is_no_number_is_refused_and_nothing_is_printed_or_left(tmp_path, value, capfd, monkeypatch):
     """MuJoCo itself warns of NaN on stderr, in a file MUJOCO_LOG.TXT, and lets it pass."""
     monkeypatch.chdir(tmp_path)
     path = model(tmp_path, world=f'<body name="arm" pos="{value} 0 0"><joint name="j"/>{GEOM}</body>')

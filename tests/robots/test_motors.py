@@ -11,7 +11,7 @@ from humanoid_sim.robots.motors import FAMILIES, MOTORS, id_problem
 TABLE = Path(__file__).parents[3] / "shared" / "data" / "actuators.json"
 
 
-def test_limits_of_small_and_large_motors() -> None:
+def test_limits_of_small_and_large_motors():
     for model in ("rs-00", "rs-01", "rs-02", "rs-05"):
         assert (MOTORS[model].stiffness, MOTORS[model].damping) == (500.0, 5.0)
     for model in ("rs-03", "rs-04", "rs-06"):
@@ -20,7 +20,7 @@ def test_limits_of_small_and_large_motors() -> None:
 
 
 @pytest.mark.skipif(not TABLE.is_file(), reason="the table of actuators is not beside the checkout")
-def test_limits_are_the_tables() -> None:
+def test_limits_are_the_tables():
     models = json.loads(TABLE.read_text(encoding="utf-8"))["models"]
     assert {model["model"] for model in models} == {m.name for m in MOTORS.values() if m.family == "robstride"}
     for model in models:
@@ -29,14 +29,14 @@ def test_limits_are_the_tables() -> None:
         assert (motor.velocity, motor.effort) == (limits["velocity"], limits["torque"])
 
 
-def test_the_shipped_robots_motors_are_known() -> None:
+def test_the_shipped_robots_motors_are_known():
     for name in ("lite", "lite_neck"):
         motors = [joint.motor for joint in load_robot(name).joints if joint.motor is not None]
         assert motors
         assert {motor.model for motor in motors} <= set(MOTORS)
 
 
-def test_sito_ranges_are_those_of_its_integers() -> None:
+def test_sito_ranges_are_those_of_its_integers():
     small, large = MOTORS["TA40-50"], MOTORS["TA40-100"]
     assert small.velocity == large.velocity == pytest.approx(3.1415, abs=1e-4)
     assert (small.effort, large.effort) == pytest.approx((150.40, 297.85), abs=0.01)
@@ -44,7 +44,7 @@ def test_sito_ranges_are_those_of_its_integers() -> None:
     assert (small.family, FAMILIES["sito"].has_timeout, FAMILIES["sito"].has_torque_limit) == ("sito", False, False)
 
 
-def test_ids_of_one_family_that_the_others_frames_could_address() -> None:
+def test_ids_of_one_family_that_the_others_frames_could_address():
     robstride, sito = FAMILIES["robstride"], FAMILIES["sito"]
     both = {"robstride", "sito"}
     assert [i for i in range(256) if id_problem(robstride, i, {"robstride"})] == [0, *range(128, 256)]

@@ -1,29 +1,21 @@
 """No guard trips on a healthy robot: sample motions, published policies that walk, are pushed, and fall."""
 
-import sys
-from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
+from guard_runs import limited
+from published import HOLOSOMA_REST, POLICIES, needs_policies
 
 from humanoid_sim.assets import SAMPLE_POLICY
-from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.regress import episodes
-from humanoid_sim.regress.preparation import PreparedCase, prepare_policy, prepare_suite
+from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.suite_file import load_suite
 from humanoid_sim.robots.description import with_contract_physics
 from humanoid_sim.robots.guards import guards_of
-
-sys.path += [str(Path(__file__).parents[1] / "policy"), str(Path(__file__).parent)]
-
-from guard_runs import limited
-from published import HOLOSOMA_REST, POLICIES, needs_policies
 
 G1 = "models/unitree_g1/scene.xml"
 LITE_LEGS = "models/berkeley_humanoid_lite_biped/scene.xml"
@@ -33,16 +25,16 @@ BERKELEY = "berkeley_humanoid_lite_biped_50hz/checkpoints/policy_biped_50hz.onnx
 
 
 @contextmanager
-def watched(monkeypatch: pytest.MonkeyPatch, guards: Guards) -> Iterator[tuple[list[str], list[float]]]:
+def watched(monkeypatch, guards):
     """What guards say in rollouts of `regress`, and the largest share of its time that the following guard has seen."""
-    alarms: list[str] = []
-    shares: list[float] = [0.0]
+    alarms = []
+    shares = [0.0]
 
     class Watched(ClosedLoop):
-        def __init__(self, *arguments: Any) -> None:
+        def __init__(self, *arguments):
             super().__init__(*arguments, guards=guards)
 
-        def act(self, action: Any, *, where: Any, **rest: Any) -> Any:
+        def act(self, action, *, where, **rest):
             command = super().act(action, where=where, **rest)
             alarms.extend(self.alarm(int(i)) for i in np.flatnonzero(self.tripped & where))
             if self._watched is not None:
@@ -54,9 +46,7 @@ def watched(monkeypatch: pytest.MonkeyPatch, guards: Guards) -> Iterator[tuple[l
         yield alarms, shares
 
 
-def case_of(
-    suite: str, policy: Path, name: str, robot: Path | None = None, contract: Path | None = None
-) -> PreparedCase:
+def case_of(suite, policy, name, robot=None, contract=None):
     read, folder = load_suite(suite)
     prepared = prepare_suite(read, folder, None if robot is None else str(robot))
     return next(case for case in prepare_policy(prepared, policy, contract).cases if case.case.name == name)
@@ -65,7 +55,7 @@ def case_of(
 @pytest.mark.parametrize(
     "motion", ["drum", *(pytest.param(name, marks=pytest.mark.slow) for name in ("wave", "reach", "circle"))]
 )
-def test_no_alarm_in_a_sample_motion(motion: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_alarm_in_a_sample_motion(motion, monkeypatch):
     case = case_of("lite_tracking", SAMPLE_POLICY, motion)
     guards = guards_of(case.scenario.description)
     assert guards is not None
@@ -89,9 +79,7 @@ def test_no_alarm_in_a_sample_motion(motion: str, monkeypatch: pytest.MonkeyPatc
         (BERKELEY, LITE_LEGS, "sideways", 0.2, True),
     ],
 )
-def test_no_alarm_in_walking_pushes_and_falls(
-    policy: str, robot: str, name: str, push: float, falls: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_alarm_in_walking_pushes_and_falls(policy, robot, name, push, falls, tmp_path, monkeypatch):
     """A fall ends an episode where the robot counts as fallen: up to there no guard may speak."""
     contract = None
     if policy is HOLOSOMA:
@@ -99,7 +87,6 @@ def test_no_alarm_in_walking_pushes_and_falls(
         contract.write_text(HOLOSOMA_REST, encoding="utf-8")
     case = case_of("velocity", POLICIES / policy, name, POLICIES / robot, contract)
     guards = guards_of(with_contract_physics(limited(case.description), case.checkpoint.contract))
-    assert guards is not None
     assert np.isfinite(guards.following_effort).all()
     assert case.suite.pushes is not None
     interval = 3.0 if push <= 0.2 else 1.0

@@ -1,7 +1,6 @@
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -11,11 +10,11 @@ from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.piano import PIANOS, TRIGGER, key_joint_names
 from tools.samples.piano.mjcf import piano_mjcf
 
-FIGURES: dict[str, Any] = json.loads(Path(__file__).parent.parent.joinpath("data", "piano.json").read_text())
+FIGURES = json.loads(Path(__file__).parent.parent.joinpath("data", "piano.json").read_text())
 
 
 @pytest.mark.parametrize("name", ["dep20", "nikomaku"])
-def test_keys_and_body_are_the_data_s(name: str) -> None:
+def test_keys_and_body_are_the_data_s(name):
     figures, data = PIANOS[name], FIGURES[name]
     assert len(figures.keys) == len(data["keys"]) == 88
     for key, expected in zip(figures.keys, data["keys"], strict=True):
@@ -34,20 +33,19 @@ def test_keys_and_body_are_the_data_s(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["dep20", "nikomaku"])
-def test_the_shipped_mjcf_is_what_the_figures_make(name: str) -> None:
+def test_the_shipped_mjcf_is_what_the_figures_make(name):
     assert asset_path("mjcf", f"piano_{name}.xml").read_text() == piano_mjcf(PIANOS[name], name)
 
 
-def test_keys_of_all_pianos_are_called_alike() -> None:
+def test_keys_of_all_pianos_are_called_alike():
     assert key_joint_names()[:3] == ("white_joint_0", "black_joint_1", "white_joint_2")
     assert all(tuple(key.joint for key in figures.keys) == key_joint_names() for figures in PIANOS.values())
 
 
 @pytest.mark.parametrize(("name", "figures"), [("lite_piano", "dep20"), ("lite_piano_nikomaku", "nikomaku")])
-def test_the_robot_is_the_lite_with_a_piano(name: str, figures: str) -> None:
+def test_the_robot_is_the_lite_with_a_piano(name, figures):
     lite, robot = load_robot("lite"), load_robot(name)
     assert robot.joints == lite.joints
-    assert robot.piano is not None
     assert robot.piano.figures == figures
     again = RobotDescription.from_json(robot.to_json(), folder=robot.folder)
     assert again == robot
@@ -63,7 +61,7 @@ def test_the_robot_is_the_lite_with_a_piano(name: str, figures: str) -> None:
         ("key_force_limit: 14.0", "key_force_limit: 0", "key_force_limit: is 0.0, expected a finite number > 0"),
     ],
 )
-def test_a_wrong_piano_is_refused(tmp_path: Path, old: str, new: str, problem: str) -> None:
+def test_a_wrong_piano_is_refused(tmp_path, old, new, problem):
     text = asset_path("robots", "lite_piano.yaml").read_text()
     assert text.count(old) == 1
     path = tmp_path / "robot.yaml"
@@ -72,10 +70,9 @@ def test_a_wrong_piano_is_refused(tmp_path: Path, old: str, new: str, problem: s
         load_robot(path)
 
 
-def test_the_keys_force_limit_follows_from_motor_and_keys() -> None:
+def test_the_keys_force_limit_follows_from_motor_and_keys():
     """Five times what holds the stiffest key down where it is struck, and less than the wrist can press with."""
     robot = load_robot("lite_piano")
-    assert robot.piano is not None
     figures = PIANOS["dep20"]
     held = max(figures.stiffness * (key.upper - figures.spring_reference) / (key.lever - 0.01) for key in figures.keys)
     assert robot.piano.key_force_limit == pytest.approx(5.0 * held, abs=0.1)

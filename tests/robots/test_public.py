@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -30,14 +29,14 @@ print(robot.name, *robot.joint_names, robot.is_floating)
 """
 
 
-def git(folder: Path, *arguments: str) -> str:
+def git(folder, *arguments):
     identity = ("-c", "user.name=a", "-c", "user.email=a@b.c")
     return subprocess.run(
         ["git", *identity, *arguments], cwd=folder, check=True, capture_output=True, text=True
     ).stdout.strip()
 
 
-def loaded(name: str, repository: Path, commit: str, cache: Path) -> subprocess.CompletedProcess[str]:
+def loaded(name, repository, commit, cache):
     """In a process of its own: that package fetches when it is imported."""
     return subprocess.run(
         [sys.executable, "-c", PROGRAM, name, str(repository), commit],
@@ -50,7 +49,7 @@ def loaded(name: str, repository: Path, commit: str, cache: Path) -> subprocess.
 
 
 @pytest.fixture
-def repository(tmp_path: Path) -> tuple[Path, str]:
+def repository(tmp_path):
     folder = tmp_path / "origin"
     (folder / "unitree_g1").mkdir(parents=True)
     (folder / "unitree_g1" / "g1.xml").write_text(SCENE)
@@ -60,7 +59,7 @@ def repository(tmp_path: Path) -> tuple[Path, str]:
     return folder, git(folder, "rev-parse", "HEAD")
 
 
-def test_a_robot_is_fetched_once_and_then_there(repository: tuple[Path, str], tmp_path: Path) -> None:
+def test_a_robot_is_fetched_once_and_then_there(repository, tmp_path):
     origin, commit = repository
     cache = tmp_path / "cache"
     first = loaded("robot_descriptions:g1", origin, commit, cache)
@@ -80,7 +79,7 @@ def test_a_robot_is_fetched_once_and_then_there(repository: tuple[Path, str], tm
         ("mine", ""),
     ],
 )
-def test_the_public_robot_that_was_meant(name: str, meant: str) -> None:
+def test_the_public_robot_that_was_meant(name, meant):
     assert public_name(name) == meant
     with pytest.raises(InputError) as caught:
         load_robot(name)
@@ -95,7 +94,7 @@ def test_the_public_robot_that_was_meant(name: str, meant: str) -> None:
         ("robot_descriptions:atlas_drc", "has this robot as a URDF only; `python -m humanoid_sim.robot convert`"),
     ],
 )
-def test_a_robot_that_is_not_to_be_had_is_one_line(name: str, message: str, tmp_path: Path) -> None:
+def test_a_robot_that_is_not_to_be_had_is_one_line(name, message, tmp_path):
     run = loaded(name, tmp_path / "nowhere", "0" * 40, tmp_path / "cache")
     assert run.returncode == 1
     (line,) = [line for line in run.stderr.splitlines() if line.startswith("error: ")]

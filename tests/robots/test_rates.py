@@ -9,7 +9,7 @@ from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
 @pytest.mark.parametrize(
     ("period", "step", "count"), [(0.005, 0.0005, 10), (0.02, 0.0005, 40), (1 / 200, 0.005, 1), (1 / 60, 1 / 480, 8)]
 )
-def test_counts_the_steps_of_a_period(period: float, step: float, count: int) -> None:
+def test_counts_the_steps_of_a_period(period, step, count):
     assert steps_per_period(period, step) == count
 
 
@@ -17,14 +17,14 @@ def test_counts_the_steps_of_a_period(period: float, step: float, count: int) ->
     ("period", "step", "nearest"),
     [(0.005, 0.0006, "0.000625 s (8"), (0.005, 0.003, "0.0025 s (2"), (0.005, 0.1, "0.005 s (1")],
 )
-def test_names_the_nearest_step_that_divides(period: float, step: float, nearest: str) -> None:
+def test_names_the_nearest_step_that_divides(period, step, nearest):
     with pytest.raises(InputError) as caught:
         steps_per_period(period, step)
     assert f"the nearest that does is {nearest}" in str(caught.value)
 
 
 @pytest.mark.parametrize("bad", [0.0, -0.001, math.nan, math.inf])
-def test_refuses_what_is_no_duration(bad: float) -> None:
+def test_refuses_what_is_no_duration(bad):
     with pytest.raises(InputError, match="expected a finite number > 0"):
         steps_per_period(0.005, bad)
     with pytest.raises(InputError, match="expected a finite number > 0"):
@@ -32,10 +32,10 @@ def test_refuses_what_is_no_duration(bad: float) -> None:
 
 
 @pytest.mark.parametrize(("period", "step"), [(0.005, 1e-9), (0.005, 1e-300), (0.005, 5e-324), (1e300, 0.0005)])
-def test_refuses_more_steps_than_anybody_would_wait_for(period: float, step: float) -> None:
+def test_refuses_more_steps_than_anybody_would_wait_for(period, step):
     with pytest.raises(InputError, match=r"^physics timestep: is .* s, expected at least .* 10000 steps of a control "):
         steps_per_period(period, step)
 
 
-def test_takes_as_many_steps_as_it_names() -> None:
+def test_takes_as_many_steps_as_it_names():
     assert steps_per_period(0.005, 5e-7) == MOST_STEPS

@@ -9,7 +9,7 @@ from humanoid_sim.robots.description import RobotDescription, load_robot
 
 
 @pytest.mark.parametrize("name", ["lite", "lite_neck"])
-def test_json_round_trip(name: str) -> None:
+def test_json_round_trip(name):
     robot = load_robot(name)
     text = robot.to_json()
     assert "\n" not in text
@@ -21,12 +21,12 @@ def test_json_round_trip(name: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"name": "lite"}', '{"name": 3}'])
-def test_bad_json_is_an_input_error(text: str) -> None:
+def test_bad_json_is_an_input_error(text):
     with pytest.raises(InputError, match=r"^robot description \(JSON\): "):
         RobotDescription.from_json(text)
 
 
-def test_arrays_are_in_joint_order_and_read_only() -> None:
+def test_arrays_are_in_joint_order_and_read_only():
     robot = load_robot("lite")
     for name in ("lower", "upper", "effort_limit", "stiffness", "damping"):
         array = getattr(robot, name)
@@ -37,6 +37,6 @@ def test_arrays_are_in_joint_order_and_read_only() -> None:
             array[0] = 0.0
 
 
-def test_is_immutable() -> None:
+def test_is_immutable():
     with pytest.raises(AttributeError):
-        load_robot("lite").name = "other"  # type: ignore[misc]
+        load_robot("lite").name = "other"

@@ -1,7 +1,6 @@
 """The URDF of a model, as an independent reader sees it, against MuJoCo's forward kinematics."""
 
 import os
-from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from xml.etree import ElementTree
@@ -10,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.robots.urdf import links_of, urdf_of
 
@@ -35,12 +34,12 @@ MANY_JOINTS = """\
 """
 
 
-def odd_robot(folder: Path) -> RobotDescription:
+def odd_robot(folder):
     (folder / "odd.xml").write_text(MANY_JOINTS)
     return load_robot(folder / "odd.xml")
 
 
-def robots(folder: Path) -> Iterator[tuple[str, RobotDescription]]:
+def robots(folder):
     for name in ("lite", "lite_neck", "lite_biped"):
         yield name, load_robot(name)
     yield "hopper", load_robot(Path(__file__).parents[1] / "data" / "hopper.xml")
@@ -50,7 +49,7 @@ def robots(folder: Path) -> Iterator[tuple[str, RobotDescription]]:
         yield "g1", load_robot(g1)
 
 
-def read(description: RobotDescription) -> yourdfpy.URDF:
+def read(description):
     text = urdf_of(bare_model(description), description)
     return yourdfpy.URDF.load(BytesIO(text.encode()), load_meshes=False, build_scene_graph=True)
 
@@ -58,7 +57,7 @@ def read(description: RobotDescription) -> yourdfpy.URDF:
 @pytest.mark.parametrize(
     "name", ["lite", "lite_neck", "lite_biped", "hopper", "odd", pytest.param("g1", marks=needs_policies)]
 )
-def test_an_independent_reader_has_the_links_where_mujoco_has_them(name: str, tmp_path: Path) -> None:
+def test_an_independent_reader_has_the_links_where_mujoco_has_them(name, tmp_path):
     description = dict(robots(tmp_path))[name]
     model = bare_model(description)
     urdf, data, rng = read(description), mujoco.MjData(model), np.random.default_rng(3)
@@ -83,14 +82,14 @@ def test_an_independent_reader_has_the_links_where_mujoco_has_them(name: str, tm
             assert np.abs(moved - np.eye(4)).max() < 1e-6
 
 
-def _pose(data: mujoco.MjData, body: int, shift: np.ndarray) -> np.ndarray:
+def _pose(data, body, shift):
     pose = np.eye(4)
     pose[:3, :3] = data.xmat[body].reshape(3, 3)
     pose[:3, 3] = data.xpos[body] + pose[:3, :3] @ shift
     return pose
 
 
-def test_every_geom_that_is_shown_has_its_shapes() -> None:
+def test_every_geom_that_is_shown_has_its_shapes():
     description = load_robot("lite")
     model = bare_model(description)
     root = ElementTree.fromstring(urdf_of(model, description))
@@ -103,12 +102,11 @@ def test_every_geom_that_is_shown_has_its_shapes() -> None:
     assert root.find(".//mesh") is None
 
 
-def test_limits_inertia_and_the_imu(tmp_path: Path) -> None:
+def test_limits_inertia_and_the_imu(tmp_path):
     description = load_robot("lite")
     model = bare_model(description)
     root = ElementTree.fromstring(urdf_of(model, description))
     limit = root.find("joint[@name='left_elbow_pitch']/limit")
-    assert limit is not None
     joint = next(joint for joint in description.joints if joint.name == "left_elbow_pitch")
     assert (float(limit.attrib["lower"]), float(limit.attrib["upper"])) == (joint.lower, joint.upper)
     assert float(limit.attrib["effort"]) == joint.effort_limit
@@ -116,14 +114,12 @@ def test_limits_inertia_and_the_imu(tmp_path: Path) -> None:
     assert sum(masses) == pytest.approx(model.body_mass.sum(), rel=1e-9)
     odd = odd_robot(tmp_path)
     imu = ElementTree.fromstring(urdf_of(bare_model(odd), odd)).find("joint[@name='imu_fixed']/child")
-    assert imu is not None
     assert imu.attrib["link"] == "imu"
 
 
-def test_a_floating_base_hangs_on_the_world() -> None:
+def test_a_floating_base_hangs_on_the_world():
     description = load_robot("lite_biped")
     root = ElementTree.fromstring(urdf_of(bare_model(description), description))
     (joint,) = root.findall("joint[@type='floating']")
     parent = joint.find("parent")
-    assert parent is not None
     assert parent.attrib["link"] == "world"

@@ -11,9 +11,9 @@ ROBOT = load_robot("lite_biped")
 N = ROBOT.joint_count
 
 
-def contract(joints: tuple[str, ...], **fields: object) -> PolicyContract:
+def contract(joints, **fields):
     n = len(joints)
-    values: dict[str, object] = {
+    values = {
         "task_type": "locomotion",
         "joint_names": joints,
         "action_joint_names": joints,
@@ -26,10 +26,10 @@ def contract(joints: tuple[str, ...], **fields: object) -> PolicyContract:
         "policy_dt": 0.02,
         "body_names": (),
     }
-    return PolicyContract(**{**values, **fields})  # type: ignore[arg-type]
+    return PolicyContract(**{**values, **fields})
 
 
-def test_gains_and_pose_arrive_in_the_robots_order() -> None:
+def test_gains_and_pose_arrive_in_the_robots_order():
     backwards = ROBOT.joint_names[::-1]
     robot = with_contract(ROBOT, contract(backwards, default_joint_pos=np.where(np.arange(N) == 10, 0.3, 0.0)))
     assert robot.stiffness.tolist() == (np.arange(N) + 10.0)[::-1].tolist()
@@ -47,14 +47,14 @@ def test_gains_and_pose_arrive_in_the_robots_order() -> None:
     assert robot.stiffness.any()
 
 
-def test_a_default_pose_beyond_a_limit_is_moved_to_it() -> None:
+def test_a_default_pose_beyond_a_limit_is_moved_to_it():
     pose = np.full(N, -0.01)  # a knee cannot go below 0
     robot = with_contract(ROBOT, contract(ROBOT.joint_names, default_joint_pos=pose))
     assert dict(zip(robot.joint_names, robot.initial_position, strict=True))["left_knee_pitch"] == 0.0
     assert robot.initial_position[0] == -0.01
 
 
-def test_another_robots_contract_is_refused_by_name() -> None:
+def test_another_robots_contract_is_refused_by_name():
     names = (*ROBOT.joint_names[:-1], "tail")
     with pytest.raises(InputError) as caught:
         with_contract(ROBOT, contract(names))
@@ -65,12 +65,12 @@ def test_another_robots_contract_is_refused_by_name() -> None:
 
 
 @pytest.mark.parametrize(("decision", "kept"), [("undecided", "keep"), ("keep", "keep"), ("drop", "drop")])
-def test_what_becomes_of_the_models_own_damping(decision: str, kept: str) -> None:
+def test_what_becomes_of_the_models_own_damping(decision, kept):
     robot = with_contract(ROBOT, contract(ROBOT.joint_names, model_joint_damping=decision))
     assert robot.simulation.joint_damping == kept
 
 
-def test_the_torque_limits_of_the_training_are_taken_as_far_as_they_are_lower() -> None:
+def test_the_torque_limits_of_the_training_are_taken_as_far_as_they_are_lower():
     own = ROBOT.effort_limit
     backwards = ROBOT.joint_names[::-1]
     limits = np.full(N, np.inf)
@@ -83,14 +83,11 @@ def test_the_torque_limits_of_the_training_are_taken_as_far_as_they_are_lower() 
     assert with_contract(ROBOT, contract(backwards)).effort_limit.tolist() == own.tolist()
 
 
-def test_joint_limits_are_those_of_the_driven_joints() -> None:
+def test_joint_limits_are_those_of_the_driven_joints():
     driven = (ROBOT.joint_names[4], ROBOT.joint_names[1])
     made = with_joint_limits(
         contract(ROBOT.joint_names, action_joint_names=driven, position_clip="joint_limits"), ROBOT
     )
-    assert made.position_clip.tolist() == [  # type: ignore[union-attr]
-        [ROBOT.lower[4], ROBOT.upper[4]],
-        [ROBOT.lower[1], ROBOT.upper[1]],
-    ]
+    assert made.position_clip.tolist() == [[ROBOT.lower[4], ROBOT.upper[4]], [ROBOT.lower[1], ROBOT.upper[1]]]
     plain = contract(ROBOT.joint_names)
     assert with_joint_limits(plain, ROBOT) is plain

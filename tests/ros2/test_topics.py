@@ -6,7 +6,7 @@ from humanoid_sim.ros2.definitions import message_fields
 from humanoid_sim.ros2.topics import LIVE_INPUT, TOPICS, Topic, joint_states_topic, kind_of
 
 
-def test_quality_of_service_is_the_stacks() -> None:
+def test_quality_of_service_is_the_stacks():
     assert {name for name, topic in TOPICS.items() if topic.latched} == {
         "/safety_status",
         "/robot_description",
@@ -30,11 +30,11 @@ def test_quality_of_service_is_the_stacks() -> None:
         ("Ätna", "/_tna/joint_states"),
     ],
 )
-def test_a_prefix_becomes_a_name_that_ros_allows(prefix: str, topic: str) -> None:
+def test_a_prefix_becomes_a_name_that_ros_allows(prefix, topic):
     assert joint_states_topic(prefix) == topic
 
 
-def test_fields_of_a_definition() -> None:
+def test_fields_of_a_definition():
     assert message_fields("humanoid_control_msgs/msg/SafetyStatus") == (
         ("header", "std_msgs/msg/Header", None),
         ("level", "uint8", None),

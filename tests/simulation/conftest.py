@@ -1,15 +1,9 @@
 """Small robots, written as a description and an MJCF into the test's folder."""
 
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import pytest
 import yaml
 
-from humanoid_sim.robots.description import RobotDescription, load_robot
-
-RobotFactory = Callable[..., RobotDescription]
+from humanoid_sim.robots.description import load_robot
 
 PENDULUM = """
 <mujoco>
@@ -32,10 +26,10 @@ PENDULUM = """
 
 
 @pytest.fixture
-def small_robot(tmp_path: Path) -> RobotFactory:
+def small_robot(tmp_path):
     """Writes and loads a robot: `small_robot(mjcf, joints=("shoulder", "elbow"), imu="imu", **fields)`."""
 
-    def make(mjcf: str = PENDULUM, joints: tuple[str, ...] = ("shoulder", "elbow"), **fields: Any) -> RobotDescription:
+    def make(mjcf=PENDULUM, joints=("shoulder", "elbow"), **fields):
         n = len(joints)
         standby = {
             "target_stiffness": [20.0] * n,
@@ -44,7 +38,7 @@ def small_robot(tmp_path: Path) -> RobotFactory:
             "pose_segments": [[0.0] * n],
         }
         joint = {"lower": -3.0, "upper": 3.0, "effort_limit": 5.0, "stiffness": 20.0, "damping": 1.0}
-        document: dict[str, Any] = {
+        document = {
             "name": "small",
             "mjcf": "small.xml",
             "joints": [{"name": name, **joint} for name in joints],

@@ -11,12 +11,12 @@ from humanoid_sim.simulation.check_poses import check_pose_problems
 CHECKED = [name for name in shipped("robots") if load_robot(name).check_poses]
 
 
-def test_some_robots_have_them() -> None:
+def test_some_robots_have_them():
     assert CHECKED == ["lite", "lite_biped", "lite_sito"]
 
 
 @pytest.mark.parametrize("name", CHECKED)
-def test_those_of_shipped_robots_are_harmless_with_any_single_fault(name: str) -> None:
+def test_those_of_shipped_robots_are_harmless_with_any_single_fault(name):
     assert list(check_pose_problems(load_robot(name))) == []
 
 
@@ -32,19 +32,19 @@ BEYOND, FEET = "beyond its limits,", "left_foot and right_foot touch, or did so 
         ("lite_biped", {"left_hip_yaw": 0.3, "right_hip_yaw": -0.3}, f"{FEET}, with left_hip_roll mirrored"),
     ],
 )
-def test_a_harmful_one_is_refused(name: str, pose: dict[str, float], problem: str) -> None:
+def test_a_harmful_one_is_refused(name, pose, problem):
     robot = replace(load_robot(name), check_poses=(pose,))
     found = list(check_pose_problems(robot))
     assert any(line.startswith(f"check_poses[0]: {problem}") for line in found), found
 
 
-def test_the_way_back_counts_too() -> None:
+def test_the_way_back_counts_too():
     legs = load_robot("lite_biped")
     robot = replace(legs, check_poses=legs.check_poses[:2])
     assert next(check_pose_problems(robot)).startswith("check_poses, on the way back: left_foot and right_foot touch")
 
 
-def test_standby_walks_through_them_slowly_and_back() -> None:
+def test_standby_walks_through_them_slowly_and_back():
     robot = load_robot("lite")
     for before, after in zip(
         (robot.standby_controller_a, robot.standby_controller_b),
@@ -59,6 +59,6 @@ def test_standby_walks_through_them_slowly_and_back() -> None:
         assert sum(speed == 0.0 for speed in speeds) == 3, "each pose is held"
 
 
-def test_a_robot_without_is_refused() -> None:
+def test_a_robot_without_is_refused():
     with pytest.raises(InputError, match=r"^--check-poses: 'lite_neck' has none, expected check_poses in its YAML"):
         with_check_poses(load_robot("lite_neck"))

@@ -7,11 +7,11 @@ from humanoid_sim.simulation.fingers import HOVER, Fingers
 
 
 @pytest.fixture(scope="module")
-def fingers() -> Fingers:
+def fingers():
     return Fingers(load_robot("lite_piano"))
 
 
-def test_strike_points_are_on_the_keys_in_front_of_the_robot(fingers: Fingers) -> None:
+def test_strike_points_are_on_the_keys_in_front_of_the_robot(fingers):
     # The piano stands 0.4 m in front, turned round, its white keys 0.08 m high: A0 is on the left, 0.5865 m away.
     assert fingers.strike_point(fingers.keys[0]) == pytest.approx([0.4 - 0.138, 0.5865, 0.08])
     assert fingers.strike_point(fingers.keys[1]) == pytest.approx([0.4 - 0.08, 0.575, 0.0925])
@@ -20,7 +20,7 @@ def test_strike_points_are_on_the_keys_in_front_of_the_robot(fingers: Fingers) -
 
 
 @pytest.mark.parametrize(("hand", "key"), [(0, 10), (0, 31), (0, 50), (1, 40), (1, 57), (1, 80)])
-def test_a_pose_brings_the_tip_over_the_key_and_nothing_touches(fingers: Fingers, hand: int, key: int) -> None:
+def test_a_pose_brings_the_tip_over_the_key_and_nothing_touches(fingers, hand, key):
     target = fingers.tip_above(fingers.keys[key], HOVER)
     pose = fingers.solve(hand, target)
     place, direction = fingers.place(hand, pose)
@@ -30,18 +30,18 @@ def test_a_pose_brings_the_tip_over_the_key_and_nothing_touches(fingers: Fingers
 
 
 @pytest.mark.parametrize(("hand", "key"), [(0, 0), (0, 87), (0, 65), (1, 0), (1, 25), (1, 87)])
-def test_keys_beyond_an_arm_are_out_of_reach(fingers: Fingers, hand: int, key: int) -> None:
+def test_keys_beyond_an_arm_are_out_of_reach(fingers, hand, key):
     assert fingers.strike(hand, fingers.keys[key]) is None
 
 
-def test_what_an_arm_touches_is_named(fingers: Fingers) -> None:
+def test_what_an_arm_touches_is_named(fingers):
     key = fingers.keys[30]
     pose = fingers.solve(0, fingers.tip_above(key, -0.003))
     assert fingers.touched(0, pose, key) == []  # its own key
     assert fingers.touched(0, pose, fingers.keys[40]) == ["left_hand and black_key_30"]
 
 
-def test_holding_torque_is_gravity_and_the_key_s_force(fingers: Fingers) -> None:
+def test_holding_torque_is_gravity_and_the_key_s_force(fingers):
     pose = fingers.solve(1, fingers.tip_above(fingers.keys[57], 0.0))
     free = fingers.holding_torque(1, pose, 0.0)
     pressing = fingers.holding_torque(1, pose, 2.0)
@@ -57,13 +57,13 @@ def test_holding_torque_is_gravity_and_the_key_s_force(fingers: Fingers) -> None
     ("robot", "expected"),
     [("lite_piano", [(5, 55, 51), (32, 82, 51)]), ("lite_piano_nikomaku", [(4, 55, 52), (32, 83, 52)])],
 )
-def test_which_keys_each_hand_reaches(robot: str, expected: list[tuple[int, int, int]]) -> None:
+def test_which_keys_each_hand_reaches(robot, expected):
     description = load_robot(robot)
     reach = [Fingers(description).reachable(hand) for hand in (0, 1)]
     assert [(min(keys), max(keys), len(keys)) for keys in reach] == expected
     assert tuple(map(tuple, reach)) == tuple(map(tuple, description.piano.hands))
 
 
-def test_a_robot_without_a_piano_is_refused() -> None:
+def test_a_robot_without_a_piano_is_refused():
     with pytest.raises(InputError, match=r"^lite: has no piano, expected a robot with one, such as lite_piano"):
         Fingers(load_robot("lite"))

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -15,7 +14,6 @@ from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.floating_base import BaseState, StartPose, support_in_mode
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.simulation.plant import Actuation
 from humanoid_sim.simulation.sensors import Imu
 
 LIMP = MITCommand.zeros(2)
@@ -23,54 +21,54 @@ SOLE = 0.1 + 0.2 + 0.2 * math.cos(0.2) + 0.03
 """m, from the hopper's trunk down to the floor that its foot touches, in the initial position."""
 
 
-def base_of(robot: MujocoRobot) -> BaseState:
+def base_of(robot):
     state = robot.base_state
     assert state is not None
     return state
 
 
-def run(robot: MujocoRobot, seconds: float, command: MITCommand = LIMP) -> None:
+def run(robot, seconds, command=LIMP):
     for _ in range(round(seconds / robot.control_period)):
         robot.write(command)
 
 
-def stiff(robot: MujocoRobot) -> MITCommand:
+def stiff(robot):
     hold = np.array(robot.description.initial_position)
     return MITCommand(hold, np.zeros(2), np.zeros(2), np.full(2, 200.0), np.full(2, 4.0))
 
 
 class TestStart:
-    def test_the_lowest_part_touches_the_floor(self, hopper: Path) -> None:
+    def test_the_lowest_part_touches_the_floor(self, hopper):
         state = base_of(MujocoRobot(load_robot(hopper)))
         assert state.position == pytest.approx([0.0, 0.0, SOLE], abs=1e-9)
         assert state.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
 
-    def test_it_finds_the_floor_from_below_too(self, hopper: Path) -> None:
+    def test_it_finds_the_floor_from_below_too(self, hopper):
         hopper.write_text(hopper.read_text().replace('pos="0.2 0 1"', 'pos="0 0 -1"'))
         assert base_of(MujocoRobot(load_robot(hopper))).height == pytest.approx(SOLE, abs=1e-9)
 
-    def test_a_floor_that_the_scene_adds_counts(self, hopper: Path) -> None:
+    def test_a_floor_that_the_scene_adds_counts(self, hopper):
         hopper.write_text(hopper.read_text().replace('<geom name="ground" type="plane" size="0 0 0.05"/>', ""))
         assert base_of(MujocoRobot(load_robot(hopper))).height == pytest.approx(SOLE, abs=1e-9)
 
-    def test_with_nothing_to_touch_it_starts_where_the_mjcf_has_it(self, hopper: Path) -> None:
+    def test_with_nothing_to_touch_it_starts_where_the_mjcf_has_it(self, hopper):
         hopper.write_text(
             hopper.read_text().replace("<option", '<option density="0"><flag contact="disable"/></option><option')
         )
         assert base_of(MujocoRobot(load_robot(hopper))).height == 1.0
 
-    def test_place_heading_and_height_can_be_chosen(self, hopper: Path) -> None:
+    def test_place_heading_and_height_can_be_chosen(self, hopper):
         state = base_of(MujocoRobot(load_robot(hopper), base_position=(3.0, -1.0), base_yaw=2.0, base_height=0.9))
         assert state.position.tolist() == [3.0, -1.0, 0.9]
         assert state.yaw == pytest.approx(2.0, abs=1e-12)
         assert state.tilt == 0.0
 
-    def test_yaw_turns_an_orientation_of_the_mjcf(self, hopper: Path) -> None:
+    def test_yaw_turns_an_orientation_of_the_mjcf(self, hopper):
         hopper.write_text(hopper.read_text().replace('pos="0.2 0 1"', 'pos="0 0 1" euler="0 0.3 0"'))
         state = base_of(MujocoRobot(load_robot(hopper), base_yaw=2.0))
         assert (state.yaw, state.tilt) == (pytest.approx(2.0, abs=1e-12), pytest.approx(0.3, abs=1e-12))
 
-    def test_it_can_hang_above_the_floor(self, hopper: Path) -> None:
+    def test_it_can_hang_above_the_floor(self, hopper):
         robot = MujocoRobot(load_robot(hopper), drop=0.05)
         assert base_of(robot).height == pytest.approx(SOLE + 0.05, abs=1e-9)
         run(robot, 0.5, stiff(robot))
@@ -82,20 +80,20 @@ class TestStart:
         run(robot, 0.02, stiff(robot))
         assert robot.data.ncon > 0
 
-    def test_a_height_that_is_given_counts_more(self, hopper: Path) -> None:
+    def test_a_height_that_is_given_counts_more(self, hopper):
         assert base_of(MujocoRobot(load_robot(hopper), drop=0.05, base_height=0.9)).height == 0.9
 
     @pytest.mark.parametrize("drop", [-0.01, math.nan, math.inf])
-    def test_a_drop_is_a_distance(self, hopper: Path, drop: float) -> None:
+    def test_a_drop_is_a_distance(self, hopper, drop):
         with pytest.raises(InputError, match=rf"^drop: is {drop}, expected a finite number >= 0"):
             MujocoRobot(load_robot(hopper), drop=drop)
 
     @pytest.mark.parametrize("option", ["base_yaw", "base_height"])
-    def test_what_is_not_finite_is_refused(self, hopper: Path, option: str) -> None:
+    def test_what_is_not_finite_is_refused(self, hopper, option):
         with pytest.raises(InputError, match=rf"^{option}: is nan, expected a finite number"):
             MujocoRobot(load_robot(hopper), **{option: math.nan})
 
-    def test_activation_puts_it_back_and_holds_it_again(self, hopper: Path) -> None:
+    def test_activation_puts_it_back_and_holds_it_again(self, hopper):
         robot = MujocoRobot(load_robot(hopper), base_yaw=1.0)
         robot.set_support(False)
         run(robot, 1.0)
@@ -106,7 +104,7 @@ class TestStart:
         assert not base_of(robot).linear_velocity.any()
         assert robot.time == pytest.approx(1.0)
 
-    def test_a_base_that_the_mjcf_does_not_have_is_refused(self, hopper: Path) -> None:
+    def test_a_base_that_the_mjcf_does_not_have_is_refused(self, hopper):
         text = load_robot(hopper).to_json().replace('"body":"trunk"', '"body":"shank"')
         robot = RobotDescription.from_json(text, folder=str(hopper.parent))
         with pytest.raises(
@@ -116,7 +114,7 @@ class TestStart:
 
 
 class TestSupport:
-    def test_held_it_stays_and_released_it_falls(self, hopper: Path) -> None:
+    def test_held_it_stays_and_released_it_falls(self, hopper):
         robot = MujocoRobot(load_robot(hopper), base_height=0.8)
         assert robot.supported
         run(robot, 2.0)
@@ -128,14 +126,14 @@ class TestSupport:
         run(robot, 0.1)
         assert before - base_of(robot).height == pytest.approx(0.5 * 9.81 * 0.1**2, rel=0.05)
 
-    def test_it_can_start_free(self, hopper: Path) -> None:
+    def test_it_can_start_free(self, hopper):
         robot = MujocoRobot(load_robot(hopper), support=False, base_height=0.8)
         assert not robot.supported
         run(robot, 0.1)
         assert base_of(robot).height == pytest.approx(0.8 - 0.5 * 9.81 * 0.1**2, abs=2e-3)
 
     @pytest.mark.parametrize("actuation", ["qfrc_applied", "affine"])
-    def test_it_is_taken_up_where_it_then_is(self, hopper: Path, actuation: Actuation) -> None:
+    def test_it_is_taken_up_where_it_then_is(self, hopper, actuation):
         robot = MujocoRobot(load_robot(hopper), support=False, base_yaw=0.5, actuation=actuation)
         run(robot, 0.3)
         caught = base_of(robot)
@@ -151,7 +149,7 @@ class TestSupport:
         run(robot, 0.1)
         assert base_of(robot).position == pytest.approx(held.position, abs=1e-5)
 
-    def test_released_the_support_leaves_no_trace(self, hopper: Path) -> None:
+    def test_released_the_support_leaves_no_trace(self, hopper):
         """The dynamics are those of the MJCF without any support."""
         description = load_robot(hopper)
         robot = MujocoRobot(description, support=False, base_height=0.7)
@@ -166,7 +164,7 @@ class TestSupport:
         mujoco.mj_step(model, data, 1000)
         assert data.qpos.tolist() == robot.qpos.tolist()
 
-    def test_a_fixed_base_needs_none(self) -> None:
+    def test_a_fixed_base_needs_none(self):
         robot = MujocoRobot(load_robot("lite"))
         assert not robot.supported
         assert robot.base_state is None
@@ -174,7 +172,7 @@ class TestSupport:
         with pytest.raises(RobotError, match=r"^lite: has a fixed base, which needs no support"):
             robot.set_support(True)
 
-    def test_both_actuations_agree(self, hopper: Path) -> None:
+    def test_both_actuations_agree(self, hopper):
         runs = []
         for actuation in ("qfrc_applied", "affine"):
             robot = MujocoRobot(load_robot(hopper), actuation=actuation)
@@ -188,7 +186,7 @@ class TestSupport:
 
 
 class TestSenses:
-    def test_velocity_and_anchor_belong_to_the_present_position(self, hopper: Path) -> None:
+    def test_velocity_and_anchor_belong_to_the_present_position(self, hopper):
         robot = MujocoRobot(load_robot(hopper), support=False, anchor_body="shank", base_yaw=1.0)
         assert dict(robot.extern) == {BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7}
         run(robot, 0.25)
@@ -204,23 +202,23 @@ class TestSenses:
         velocity = state.extern[BASE_LINEAR_VELOCITY].value
         assert velocity.tolist() == robot.data.qvel[:3].tolist() == base_of(robot).linear_velocity.tolist()
 
-    def test_they_are_as_late_as_everything_else(self, hopper: Path) -> None:
+    def test_they_are_as_late_as_everything_else(self, hopper):
         robot = MujocoRobot(load_robot(hopper), support=False, base_height=0.9, state_delay=0.003)
         run(robot, 0.1)
         live = robot.read()[0].extern[BASE_LINEAR_VELOCITY]
         assert live.arrival_time == pytest.approx(robot.time - 0.003, abs=1e-12)
         assert live.value[2] == pytest.approx(base_of(robot).linear_velocity[2] + 0.003 * 9.81, abs=1e-6)
 
-    def test_an_anchor_without_a_floating_base(self) -> None:
+    def test_an_anchor_without_a_floating_base(self):
         robot = MujocoRobot(load_robot("lite"), anchor_body="chest")
         assert dict(robot.extern) == {ANCHOR_POSE: 7}
         assert robot.read()[0].extern[ANCHOR_POSE].value.tolist() == [0, 0, 0, 1, 0, 0, 0]
 
-    def test_an_unknown_anchor_is_refused(self, hopper: Path) -> None:
+    def test_an_unknown_anchor_is_refused(self, hopper):
         with pytest.raises(InputError, match=r"^anchor body: unknown body 'torso'; known: trunk, thigh, shank"):
             MujocoRobot(load_robot(hopper), anchor_body="torso")
 
-    def test_the_imu_reads_what_mujocos_sensors_read(self, hopper: Path) -> None:
+    def test_the_imu_reads_what_mujocos_sensors_read(self, hopper):
         """Gyro, accelerometer and orientation of a tumbling, turned site, against MuJoCo's own sensors."""
         text = hopper.read_text().replace(
             '<gyro site="my_imu"/>',
@@ -240,7 +238,7 @@ class TestSenses:
         assert np.abs(sample.linear_acceleration).max() > 0.1  # it spins
 
 
-def test_a_start_is_that_of_a_robot_turned_about_the_vertical(hopper: Path) -> None:
+def test_a_start_is_that_of_a_robot_turned_about_the_vertical(hopper):
     robot = load_robot(hopper)
     model = build_model(robot, scene="floor")
     pose = StartPose(model, robot, joint_addresses(model, robot.joint_names))
@@ -257,7 +255,7 @@ def test_a_start_is_that_of_a_robot_turned_about_the_vertical(hopper: Path) -> N
     np.testing.assert_array_equal(moving[:, addresses.dof], speeds)
 
 
-def test_base_state_in_words() -> None:
+def test_base_state_in_words():
     """Leaning forward by 0.4 rad, turned by 2 rad, moving along its heading."""
     half_yaw, half_pitch = 1.0, 0.2
     quaternion = np.empty(4)
@@ -278,13 +276,13 @@ def test_base_state_in_words() -> None:
 
 
 @pytest.mark.parametrize(("quaternion", "tilt"), [([1, 0, 0, 0], 0.0), ([0, 1, 0, 0], math.pi), ([0, 0, 0, 1], 0.0)])
-def test_tilt_from_upright_to_upside_down(quaternion: list[float], tilt: float) -> None:
+def test_tilt_from_upright_to_upside_down(quaternion, tilt):
     state = BaseState(*[np.zeros(3)] * 5, np.zeros(()))
     state = replace(state, quaternion=np.array(quaternion, dtype=float))
     assert state.tilt == pytest.approx(tilt)
 
 
-def test_a_batch_of_base_states_is_its_members_bit_for_bit() -> None:
+def test_a_batch_of_base_states_is_its_members_bit_for_bit():
     rng = np.random.default_rng(5)
     quaternion = rng.normal(size=(20, 4))
     quaternion /= np.sqrt((quaternion**2).sum(axis=-1, keepdims=True))
@@ -297,7 +295,7 @@ def test_a_batch_of_base_states_is_its_members_bit_for_bit() -> None:
             np.testing.assert_array_equal(getattr(batch, name)[i], getattr(one, name))
 
 
-def test_the_support_lets_go_for_a_policy_and_takes_over_after_it() -> None:
+def test_the_support_lets_go_for_a_policy_and_takes_over_after_it():
     robot = MujocoRobot(load_robot("lite_biped"))
     said = []
     for mode in (Mode.STANDBY, Mode.LOCOMOTION, Mode.LOCOMOTION, Mode.REMOTE, Mode.DAMPING, Mode.ZERO_TORQUE):
@@ -309,7 +307,7 @@ def test_the_support_lets_go_for_a_policy_and_takes_over_after_it() -> None:
 class TestLift:
     """DAMP catches the robot where it is; in STANDBY the support lifts it to where it hung at first."""
 
-    def caught(self, hopper: Path, drop: float) -> tuple[MujocoRobot, float]:
+    def caught(self, hopper, drop):
         """A robot that was let go, and caught 0.3 s later; and the height of its base then, m."""
         robot = MujocoRobot(load_robot(hopper), drop=drop)
         support_in_mode(robot, Mode.LOCOMOTION)
@@ -318,7 +316,7 @@ class TestLift:
         run(robot, 0.3)
         return robot, base_of(robot).height
 
-    def test_slowly_and_no_higher(self, hopper: Path) -> None:
+    def test_slowly_and_no_higher(self, hopper):
         robot, low = self.caught(hopper, 0.03)
         assert low < SOLE - 0.05
         assert support_in_mode(robot, Mode.STANDBY) == ""
@@ -328,7 +326,7 @@ class TestLift:
         assert base_of(robot).height == pytest.approx(SOLE + 0.03, abs=1e-3)
         assert support_in_mode(robot, Mode.LOCOMOTION) == "support released"
 
-    def test_only_in_standby(self, hopper: Path) -> None:
+    def test_only_in_standby(self, hopper):
         robot, low = self.caught(hopper, 0.03)
         run(robot, 0.5)
         assert base_of(robot).height == pytest.approx(low, abs=1e-3)
@@ -341,7 +339,7 @@ class TestLift:
         run(robot, 0.5)
         assert base_of(robot).height == pytest.approx(stopped, abs=1e-3)
 
-    def test_not_where_it_began_on_the_floor(self, hopper: Path) -> None:
+    def test_not_where_it_began_on_the_floor(self, hopper):
         robot, low = self.caught(hopper, 0.0)
         support_in_mode(robot, Mode.STANDBY)
         run(robot, 0.5)

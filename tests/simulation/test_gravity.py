@@ -1,8 +1,6 @@
 """Gravity's levers: what holds a robot is what MuJoCo computes, in its pose and in those that it might be in."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,9 +9,9 @@ from msgspec.structs import replace as changed
 
 from humanoid_sim.controllers.signs import _Tree
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import GRAVITY_LEVERS, FloatArray, MITState
+from humanoid_sim.mit import GRAVITY_LEVERS
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.schema import RobotDescription, SignSettings
+from humanoid_sim.robots.schema import SignSettings
 from humanoid_sim.simulation.floating_base import base_addresses
 from humanoid_sim.simulation.gravity import GravityLevers, LeverSamples
 from humanoid_sim.simulation.model import build_model, joint_addresses
@@ -23,7 +21,7 @@ from humanoid_sim.testing import healthy_state
 EXACT = SignSettings(mass_error=0.0, payload=0.0, friction=0.0)
 
 
-def needed(robot: RobotDescription, pose: FloatArray, hangs: FloatArray) -> tuple[FloatArray, FloatArray]:
+def needed(robot, pose, hangs):
     """Torques of MuJoCo's inverse dynamics, N·m, and the IMU's quaternion."""
     model = build_model(robot, scene=False)
     data = mujoco.MjData(model)
@@ -36,7 +34,7 @@ def needed(robot: RobotDescription, pose: FloatArray, hangs: FloatArray) -> tupl
 
 
 @pytest.mark.parametrize("name", ["lite", "lite_biped"])
-def test_they_hold_the_robot_as_it_is_and_as_it_might_be(name: str) -> None:
+def test_they_hold_the_robot_as_it_is_and_as_it_might_be(name):
     robot, generator = load_robot(name), np.random.default_rng(3)
     levers = GravityLevers(robot, EXACT)
     n = robot.joint_count
@@ -52,7 +50,7 @@ def test_they_hold_the_robot_as_it_is_and_as_it_might_be(name: str) -> None:
         assert found == pytest.approx(needed(robot, turned, hangs)[0], abs=1e-9), robot.joint_names[joint]
 
 
-def test_limbs_that_may_stand_are_those_that_end_lowest() -> None:
+def test_limbs_that_may_stand_are_those_that_end_lowest():
     legs, arms = load_robot("lite_biped"), load_robot("lite")
     pose = np.array(legs.initial_position)
     assert GravityLevers(legs, EXACT)(healthy_state(pose))[:, 9].all()
@@ -62,7 +60,7 @@ def test_limbs_that_may_stand_are_those_that_end_lowest() -> None:
     assert not GravityLevers(arms, EXACT)(healthy_state(np.array(arms.initial_position)))[:, 9].any()
 
 
-def test_a_payload_only_adds_weight() -> None:
+def test_a_payload_only_adds_weight():
     robot = load_robot("lite")
     state = healthy_state(np.array(robot.standby_controller_b.pose_segments[-1]))
     plain, loaded = (GravityLevers(robot, changed(EXACT, payload=mass))(state) for mass in (0.0, 0.5))
@@ -85,8 +83,8 @@ MJCF = """
 
 
 @pytest.fixture
-def make(tmp_path: Path) -> Callable[..., RobotDescription]:
-    def write(hip: str = "", rest: str = "") -> RobotDescription:
+def make(tmp_path):
+    def write(hip="", rest=""):
         path = tmp_path / "leg.xml"
         path.write_text(MJCF.format(hip=hip, rest=rest), encoding="utf-8")
         return load_robot(path)
@@ -94,7 +92,7 @@ def make(tmp_path: Path) -> Callable[..., RobotDescription]:
     return write
 
 
-def test_a_spring_is_not_gravity_and_friction_of_the_model_counts(make: Callable[..., RobotDescription]) -> None:
+def test_a_spring_is_not_gravity_and_friction_of_the_model_counts(make):
     state = healthy_state(np.zeros(2))
     own = _Tree.of(GravityLevers(make(), EXACT)(state)).own
     assert own == pytest.approx([-9.81 * 0.4, -9.81 * 0.1])
@@ -106,16 +104,16 @@ def test_a_spring_is_not_gravity_and_friction_of_the_model_counts(make: Callable
     assert rough - smooth == pytest.approx([0.5, 0.0])
 
 
-def test_coupled_joints_are_refused(make: Callable[..., RobotDescription]) -> None:
+def test_coupled_joints_are_refused(make):
     robot = make(rest='<equality><joint joint1="hip" joint2="knee"/></equality>')
     with pytest.raises(InputError, match=r"^leg\.xml couples joints by equality constraints$"):
         GravityLevers(robot, EXACT)
 
 
 @pytest.mark.parametrize("period", [0.005, 0.02, 0.03, 0.25])
-def test_samples_come_ten_times_a_second_and_only_while_it_is_held(period: float) -> None:
+def test_samples_come_ten_times_a_second_and_only_while_it_is_held(period):
     robot = load_robot("lite")
-    state: MITState | None = None
+    state = None
     samples = LeverSamples(GravityLevers(robot, EXACT), period, lambda: state)
     assert samples.latest() == {}
     times = []

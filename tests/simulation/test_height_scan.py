@@ -1,22 +1,18 @@
 """Height scans against ground whose height is known by formula, for one robot, for a batch, and around any frame."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray, MITCommand
-from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.height_scan import HeightScanner
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.terrain import Terrain
-
-Small = Callable[..., RobotDescription]
 
 WALKER = """
 <mujoco>
@@ -46,31 +42,30 @@ GRID = HeightScan(grid=(0.4, 0.2), resolution=0.2)  # x = -0.2, 0, 0.2; y = -0.1
 
 
 @pytest.fixture
-def walker(small_robot: Small) -> Callable[[str], RobotDescription]:
+def walker(small_robot):
     base = {"type": "floating", "body": "trunk", "height": 1.0}
     return lambda ground: small_robot(WALKER.format(ground=ground), ("hip",), imu="trunk", base=base)
 
 
-def scan_of(robot: RobotDescription, scan: HeightScan, pose: tuple[float, ...]) -> list[float]:
+def scan_of(robot, scan, pose):
     """Around a frame at x, y, z, turned by quaternion w x y z."""
     place = np.array([*pose[:3], *(pose[3:] or (1.0, 0.0, 0.0, 0.0))])
-    values: list[float] = HeightScanner(build_model(robot), robot, scan).read(place).tolist()
-    return values
+    return HeightScanner(build_model(robot), robot, scan).read(place).tolist()
 
 
-def turned(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> tuple[float, ...]:
+def turned(x=0.0, y=0.0, z=0.0):
     """Quaternion of a turn about one axis, rad."""
     angle, axis = x + y + z, [bool(x), bool(y), bool(z)]
     return math.cos(0.5 * angle), *(math.sin(0.5 * angle) * each for each in axis)
 
 
-def test_level_ground_is_as_far_as_the_frame_is_high(walker: Callable[[str], RobotDescription]) -> None:
+def test_level_ground_is_as_far_as_the_frame_is_high(walker):
     assert scan_of(walker(FLOOR), GRID, (3.0, -2.0, 0.7)) == pytest.approx([0.7] * 6)
     # Beyond the picture of a plane there is ground; what hangs on the robot, and what can move, is not.
     assert scan_of(walker(FLOOR), GRID, (0.0, 0.0, 1.5)) == pytest.approx([1.5] * 6)
 
 
-def test_x_changes_first_or_y(walker: Callable[[str], RobotDescription]) -> None:
+def test_x_changes_first_or_y(walker):
     robot = walker(STEP)
     assert scan_of(robot, GRID, (-0.1, 0.0, 1.0)) == pytest.approx([1.0, 1.0, 0.75] * 2)
     assert scan_of(robot, HeightScan(grid=(0.4, 0.2), resolution=0.2, ray_order="yx"), (-0.1, 0.0, 1.0)) == (
@@ -78,11 +73,11 @@ def test_x_changes_first_or_y(walker: Callable[[str], RobotDescription]) -> None
     )
 
 
-def test_the_grid_turns_with_the_yaw_and_lies_level(walker: Callable[[str], RobotDescription]) -> None:
+def test_the_grid_turns_with_the_yaw_and_lies_level(walker):
     robot = walker(SLOPE)
     ahead = [-0.2, 0.0, 0.2] * 2
 
-    def falls(pose: tuple[float, ...]) -> list[float]:
+    def falls(pose):
         return [value - 2.0 for value in scan_of(robot, GRID, (0.0, 0.0, 2.0, *pose))]
 
     assert falls(turned()) == pytest.approx([0.5 * x for x in ahead])
@@ -97,7 +92,7 @@ def test_the_grid_turns_with_the_yaw_and_lies_level(walker: Callable[[str], Robo
     assert falls(turned(y=math.pi)) == pytest.approx(falls(turned(z=math.pi)))
 
 
-def test_what_a_ray_cannot_reach_is_a_miss(walker: Callable[[str], RobotDescription]) -> None:
+def test_what_a_ray_cannot_reach_is_a_miss(walker):
     edge = walker('<geom type="box" size="1 9 0.5" pos="-1 0 -0.5"/>')  # ends at x = 0
     assert scan_of(edge, GRID, (-0.1, 0.0, 1.0)) == pytest.approx([1.0, 1.0, 5.0] * 2)
     short = HeightScan(grid=(0.0, 0.0), range=0.9, miss=-3.0, offset=0.5)
@@ -106,7 +101,7 @@ def test_what_a_ray_cannot_reach_is_a_miss(walker: Callable[[str], RobotDescript
     assert scan_of(edge, HeightScan(grid=(0.0, 0.0), range=1e6, miss=-1e6), (4.0, 0.0, 1.0)) == [-1e6]
 
 
-def test_rays_begin_above_the_frame(walker: Callable[[str], RobotDescription]) -> None:
+def test_rays_begin_above_the_frame(walker):
     robot = walker(STEP)
     below = (1.0, 0.0, 0.1)  # inside the step
     assert scan_of(robot, HeightScan(grid=(0.0, 0.0)), below) == pytest.approx([0.1])
@@ -127,15 +122,13 @@ def test_rays_begin_above_the_frame(walker: Callable[[str], RobotDescription]) -
         ('<body pos="0 0 0.1"><geom type="box" size="1 1 0.2"/></body>', lambda _: 0.3),
     ],
 )
-def test_ground_of_every_shape(
-    walker: Callable[[str], RobotDescription], geom: str, height: Callable[[float], float]
-) -> None:
+def test_ground_of_every_shape(walker, geom, height):
     line = HeightScan(grid=(0.8, 0.0), resolution=0.2)
     known = [2.0 - height(x) for x in (-0.4, -0.2, 0.0, 0.2, 0.4)]
     assert scan_of(walker(geom), line, (0.0, 0.0, 2.0)) == pytest.approx(known, abs=1e-6)
 
 
-def test_it_is_ground_as_far_as_it_can_be_touched(walker: Callable[[str], RobotDescription]) -> None:
+def test_it_is_ground_as_far_as_it_can_be_touched(walker):
     painted = '<geom type="box" size="1 1 0.5" contype="0" conaffinity="0"/>'
     assert scan_of(walker(FLOOR + painted), GRID, (0.0, 0.0, 2.0)) == pytest.approx([2.0] * 6)
 
@@ -144,9 +137,7 @@ FRAMES = [("base", (0.0, 0.0, 0.0)), ("eye", (0.5, 0.25, 0.1)), ("leg", (0.0, 0.
 
 
 @pytest.mark.parametrize(("at", "offset"), FRAMES)
-def test_it_lies_around_any_frame_of_the_robot(
-    walker: Callable[[str], RobotDescription], at: str, offset: tuple[float, float, float]
-) -> None:
+def test_it_lies_around_any_frame_of_the_robot(walker, at, offset):
     scan = HeightScan(at=at, grid=(0.4, 0.2), resolution=0.2)
     robot = MujocoRobot(walker(STEP), height_scan=scan, support=False, base_height=1.5)
     assert dict(robot.extern) == {"base_linear_velocity": 3, "height_scan": 6}
@@ -159,13 +150,13 @@ def test_it_lies_around_any_frame_of_the_robot(
     assert live.arrival_time == 0.0
 
 
-def test_a_frame_that_the_robot_lacks_is_refused(walker: Callable[[str], RobotDescription]) -> None:
+def test_a_frame_that_the_robot_lacks_is_refused(walker):
     with pytest.raises(InputError, match=r"^height scan: 'head' is neither a site nor a body of the model$"):
         MujocoRobot(walker(FLOOR), height_scan=HeightScan(at="head"))
 
 
-def test_it_is_as_late_as_the_imu(walker: Callable[[str], RobotDescription]) -> None:
-    def falling(delay: float) -> list[FloatArray]:
+def test_it_is_as_late_as_the_imu(walker):
+    def falling(delay):
         robot = MujocoRobot(walker(FLOOR), height_scan=GRID, support=False, base_height=3.0, state_delay=delay)
         seen = []
         for _ in range(4):
@@ -180,9 +171,7 @@ def test_it_is_as_late_as_the_imu(walker: Callable[[str], RobotDescription]) -> 
 
 @pytest.mark.parametrize("at", ["base", "eye", "leg", "imu"])
 @pytest.mark.parametrize("terrain", [None, Terrain("mixed")])
-def test_a_batch_sees_bit_for_bit_what_one_robot_sees(
-    walker: Callable[[str], RobotDescription], at: str, terrain: Terrain | None
-) -> None:
+def test_a_batch_sees_bit_for_bit_what_one_robot_sees(walker, at, terrain):
     scan = HeightScan(at=at, above=0.5)
     robot = walker("")
     batch = BatchSimulation(robot, 5, height_scan=scan, terrain=terrain, threads=2)

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -17,13 +16,13 @@ from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
-FIGURES: dict[str, Any] = json.loads(Path(__file__).parent.parent.joinpath("data", "piano.json").read_text())
+FIGURES = json.loads(Path(__file__).parent.parent.joinpath("data", "piano.json").read_text())
 ROBOTS = {"dep20": "lite_piano", "nikomaku": "lite_piano_nikomaku"}
 ROBOT = load_robot("lite_piano")
 STEPS = [(0.0005, False), (0.0025, True)]
 
 
-def settled(model: mujoco.MjModel, data: mujoco.MjData, torque: np.ndarray | None = None, seconds: float = 1.0) -> Any:
+def settled(model, data, torque=None, seconds=1.0):
     keys = PianoKeys(model)
     data.qfrc_applied[model.nv - 88 :] = 0.0 if torque is None else torque
     for _ in range(round(seconds / model.opt.timestep)):
@@ -35,7 +34,7 @@ def settled(model: mujoco.MjModel, data: mujoco.MjData, torque: np.ndarray | Non
 
 @pytest.mark.parametrize("figures", ["dep20", "nikomaku"])
 @pytest.mark.parametrize(("timestep", "implicit"), STEPS)
-def test_rest_travel_force_and_return_are_the_data_s(figures: str, timestep: float, implicit: bool) -> None:
+def test_rest_travel_force_and_return_are_the_data_s(figures, timestep, implicit):
     robot, data_of = load_robot(ROBOTS[figures]), FIGURES[figures]["rest_and_force"]
     model = build_model(robot, physics_timestep=timestep, implicit=implicit, scene=False)
     data, keys = mujoco.MjData(model), PianoKeys(model)
@@ -65,7 +64,7 @@ def test_rest_travel_force_and_return_are_the_data_s(figures: str, timestep: flo
     assert np.abs(data.qvel[14:]).max() < 1e-6
 
 
-def test_a_key_sounds_strictly_beyond_its_trigger() -> None:
+def test_a_key_sounds_strictly_beyond_its_trigger():
     model = build_model(ROBOT, scene=False)
     keys = PianoKeys(model)
     qpos = np.zeros((3, model.nq))
@@ -76,7 +75,7 @@ def test_a_key_sounds_strictly_beyond_its_trigger() -> None:
     assert keys.qpos.tolist() == list(range(14, 102))
 
 
-def test_the_hardest_touch_is_kept_with_its_key() -> None:
+def test_the_hardest_touch_is_kept_with_its_key():
     """A hand that presses the white key below it against its stop: the force is the one that was applied."""
     robot = MujocoRobot(ROBOT)
     assert robot.hardest_touch is None
@@ -95,7 +94,7 @@ def test_the_hardest_touch_is_kept_with_its_key() -> None:
     assert 0.0 < touch.time <= 1.0
 
 
-def test_a_batch_knows_the_hardest_touch_of_every_physics_step() -> None:
+def test_a_batch_knows_the_hardest_touch_of_every_physics_step():
     """The right hand comes down on E4 from above: one robot and a batch of two agree, and only one of them touches."""
     fingers = Fingers(ROBOT)
     above = np.array(ROBOT.standby_controller_a.pose_segments[-1])
@@ -126,7 +125,7 @@ def test_a_batch_knows_the_hardest_touch_of_every_physics_step() -> None:
     assert one.other_contacts == ()
 
 
-def test_a_robot_without_a_piano_tells_no_touches() -> None:
+def test_a_robot_without_a_piano_tells_no_touches():
     batch = BatchSimulation(load_robot("lite"), 1, threads=1)
     with pytest.raises(RobotError, match="lite: has no piano"):
         _ = batch.key_force
@@ -134,7 +133,7 @@ def test_a_robot_without_a_piano_tells_no_touches() -> None:
         _ = MujocoRobot(load_robot("lite")).pressed_keys
 
 
-def test_what_touches_beside_a_hand_and_a_key_is_named() -> None:
+def test_what_touches_beside_a_hand_and_a_key_is_named():
     """Both hands are moved to the same place."""
     robot, fingers = MujocoRobot(ROBOT), Fingers(ROBOT)
     pose = np.array(ROBOT.standby_controller_a.pose_segments[-1])
@@ -148,12 +147,12 @@ def test_what_touches_beside_a_hand_and_a_key_is_named() -> None:
     assert robot.other_contacts == ()
 
 
-def test_a_robot_without_a_piano_has_no_keys() -> None:
+def test_a_robot_without_a_piano_has_no_keys():
     with pytest.raises(InputError, match=r"^piano: unknown joint 'white_joint_0'; known: left_shoulder_pitch"):
         PianoKeys(build_model(load_robot("lite"), scene=False))
 
 
-def test_one_robot_and_a_batch_report_the_same_keys() -> None:
+def test_one_robot_and_a_batch_report_the_same_keys():
     robot, batch = MujocoRobot(ROBOT), BatchSimulation(ROBOT, 2)
     assert dict(robot.extern) == dict(batch.extern) == {"key_pressed": 88}
     qpos = np.tile(robot.qpos, (2, 1))
@@ -168,7 +167,7 @@ def test_one_robot_and_a_batch_report_the_same_keys() -> None:
 
 @pytest.mark.parametrize("key", [30, 31], ids=["white", "black"])
 @pytest.mark.parametrize(("timestep", "implicit"), STEPS)
-def test_a_finger_s_key_neither_buzzes_nor_tunnels_nor_sticks(key: int, timestep: float, implicit: bool) -> None:
+def test_a_finger_s_key_neither_buzzes_nor_tunnels_nor_sticks(key, timestep, implicit):
     """The finger goes down slowly, 4 cm too far, stays for a while, and comes up again."""
     fingers = Fingers(ROBOT)
     place = fingers.keys[key]
@@ -182,7 +181,7 @@ def test_a_finger_s_key_neither_buzzes_nor_tunnels_nor_sticks(key: int, timestep
     ready = np.array(ROBOT.standby_controller_a.pose_segments[-1])
     robot.data.qpos[:7], robot.data.qpos[7:14] = above, ready[7:]
 
-    def move(share: float) -> tuple[float, float, float]:
+    def move(share):
         position = ready.copy()
         position[:7] = above + share * (below - above) + sag
         robot.write(MITCommand(position, zeros, zeros, ROBOT.stiffness, ROBOT.damping))

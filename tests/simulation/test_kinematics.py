@@ -1,5 +1,4 @@
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -9,12 +8,10 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import MITCommand
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics, GravityTorque
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-
-RobotFactory = Callable[..., RobotDescription]
 
 GOLDEN = json.loads(Path(__file__).parent.parent.joinpath("data", "lite_arms_golden.json").read_text())["samples"]
 
@@ -34,7 +31,7 @@ ON_A_TILTED_BASE = """
 """
 
 
-def test_golden_hand_positions() -> None:
+def test_golden_hand_positions():
     kinematics = ForwardKinematics(load_robot("lite"))
     assert kinematics.bodies == ("left_hand", "right_hand")
     positions, rotations = kinematics(np.array([sample["q"][:14] for sample in GOLDEN]))
@@ -45,7 +42,7 @@ def test_golden_hand_positions() -> None:
         np.testing.assert_allclose(positions[:, b], expected, rtol=0, atol=1e-9)
 
 
-def test_single_and_batch_are_the_same_bits() -> None:
+def test_single_and_batch_are_the_same_bits():
     kinematics = ForwardKinematics(load_robot("lite"))
     poses = np.array([sample["q"][:14] for sample in GOLDEN]).reshape(4, 5, 14)
     positions, rotations = kinematics(poses)
@@ -55,7 +52,7 @@ def test_single_and_batch_are_the_same_bits() -> None:
         assert rotation.tobytes() == rotations[index].tobytes()
 
 
-def test_results_do_not_change_afterwards() -> None:
+def test_results_do_not_change_afterwards():
     kinematics = ForwardKinematics(load_robot("lite"))
     position, rotation = kinematics(np.zeros(14))
     kept = position.copy(), rotation.copy()
@@ -64,7 +61,7 @@ def test_results_do_not_change_afterwards() -> None:
     assert (rotation == kept[1]).all()
 
 
-def test_poses_are_in_the_base_frame(small_robot: RobotFactory) -> None:
+def test_poses_are_in_the_base_frame(small_robot):
     kinematics = ForwardKinematics(small_robot(ON_A_TILTED_BASE, ("hinge",)), ("tip", "base"))
     positions, rotations = kinematics(np.array([np.pi / 2]))
     np.testing.assert_allclose(positions, [[0, 0.5, 0], [0, 0, 0]], atol=1e-12)
@@ -72,16 +69,13 @@ def test_poses_are_in_the_base_frame(small_robot: RobotFactory) -> None:
     np.testing.assert_allclose(rotations[1], np.eye(3), atol=1e-12)
 
 
-def test_an_unknown_body() -> None:
+def test_an_unknown_body():
     with pytest.raises(InputError, match=r"^lite: unknown body 'left_paw'; known: chest, left_shoulder_pitch, "):
         ForwardKinematics(load_robot("lite"), ("left_paw",))
 
 
-# --- gravity ---
-
-
 @pytest.mark.parametrize("name", ["lite", "lite_neck"])
-def test_is_the_bias_of_a_robot_at_rest(name: str) -> None:
+def test_is_the_bias_of_a_robot_at_rest(name):
     robot = load_robot(name)
     gravity = GravityTorque(robot)
     model = build_model(robot)
@@ -92,7 +86,7 @@ def test_is_the_bias_of_a_robot_at_rest(name: str) -> None:
         np.testing.assert_allclose(gravity(position), data.qfrc_bias, rtol=0, atol=1e-12)
 
 
-def test_is_clipped_to_the_effort_limits() -> None:
+def test_is_clipped_to_the_effort_limits():
     robot = load_robot("lite")
     weak = msgspec.structs.replace(
         robot, joints=tuple(msgspec.structs.replace(joint, effort_limit=0.5) for joint in robot.joints)
@@ -102,7 +96,7 @@ def test_is_clipped_to_the_effort_limits() -> None:
     assert torque[8] == -0.5
 
 
-def test_holds_the_arms_still() -> None:
+def test_holds_the_arms_still():
     """With a little damping, and nothing that pulls towards a position."""
     description = load_robot("lite")
     robot = MujocoRobot(description)
@@ -116,7 +110,7 @@ def test_holds_the_arms_still() -> None:
     assert np.abs(robot.qpos - start).max() < 1e-3
 
 
-def test_same_input_same_bits_and_the_input_is_left_alone() -> None:
+def test_same_input_same_bits_and_the_input_is_left_alone():
     gravity = GravityTorque(load_robot("lite"))
     position = np.linspace(-0.4, 0.0, 14)
     before = position.copy()

@@ -1,14 +1,10 @@
-from collections.abc import Callable
-
 import mujoco
 import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
-
-RobotFactory = Callable[..., RobotDescription]
 
 WITH_ACTUATORS = """
 <mujoco>
@@ -38,7 +34,7 @@ WITH_ACTUATORS = """
 """
 
 
-def test_options() -> None:
+def test_options():
     model = build_model(load_robot("lite"))
     assert model.opt.timestep == 0.0005
     assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
@@ -46,13 +42,13 @@ def test_options() -> None:
     assert build_model(load_robot("lite"), physics_timestep=0.001).opt.timestep == 0.001
 
 
-def test_the_models_own_actuation_goes(small_robot: RobotFactory) -> None:
+def test_the_models_own_actuation_goes(small_robot):
     model = build_model(small_robot(WITH_ACTUATORS, ("hinge",)))
     assert (model.nu, model.nkey, model.nsensor) == (0, 0, 1)
     assert model.sensor(0).name == "angle"
 
 
-def test_limits_are_the_descriptions_whatever_the_models_unit(small_robot: RobotFactory) -> None:
+def test_limits_are_the_descriptions_whatever_the_models_unit(small_robot):
     """The MJCF is in degrees (MuJoCo's default): ±3 rad must not become ±3°."""
     model = build_model(small_robot(WITH_ACTUATORS, ("hinge",)))
     hinge, free_wheel = model.joint("hinge").id, model.joint("free_wheel").id
@@ -63,7 +59,7 @@ def test_limits_are_the_descriptions_whatever_the_models_unit(small_robot: Robot
     assert model.jnt_range[free_wheel] == pytest.approx([-np.pi / 2, np.pi / 2])
 
 
-def test_limits_hold_in_simulation(small_robot: RobotFactory) -> None:
+def test_limits_hold_in_simulation(small_robot):
     model = build_model(small_robot())
     data = mujoco.MjData(model)
     for _ in range(3000):
@@ -72,7 +68,7 @@ def test_limits_hold_in_simulation(small_robot: RobotFactory) -> None:
     assert data.qpos.max() == pytest.approx(3.0, abs=0.05)
 
 
-def test_affine_actuators_are_in_joint_order(small_robot: RobotFactory) -> None:
+def test_affine_actuators_are_in_joint_order(small_robot):
     model = build_model(small_robot(joints=("elbow", "shoulder")), affine_actuators=True)
     assert [model.actuator(i).name for i in range(model.nu)] == ["elbow", "shoulder"]
     assert model.actuator_forcerange.tolist() == [[-5.0, 5.0], [-5.0, 5.0]]
@@ -81,7 +77,7 @@ def test_affine_actuators_are_in_joint_order(small_robot: RobotFactory) -> None:
     assert not model.actuator_ctrllimited.any()
 
 
-def test_joint_addresses_follow_names(small_robot: RobotFactory) -> None:
+def test_joint_addresses_follow_names(small_robot):
     model = build_model(small_robot(WITH_ACTUATORS, ("hinge",)))
     addresses = joint_addresses(model, ("hinge", "free_wheel"))
     assert addresses.qpos.tolist() == [1, 0]
@@ -90,17 +86,17 @@ def test_joint_addresses_follow_names(small_robot: RobotFactory) -> None:
         joint_addresses(model, ("knee",))
 
 
-def test_body_ids_follow_names(small_robot: RobotFactory) -> None:
+def test_body_ids_follow_names(small_robot):
     model = build_model(small_robot(), scene=False)
     assert body_ids(model, ["lower", "base"]) == (model.body("lower").id, model.body("base").id)
     with pytest.raises(InputError, match=r"^unknown body 'head'; known: base, upper, lower$"):
         body_ids(model, ["lower", "head"])
 
 
-def test_an_edit_comes_last(small_robot: RobotFactory) -> None:
-    seen: list[str] = []
+def test_an_edit_comes_last(small_robot):
+    seen = []
 
-    def edit(spec: mujoco.MjSpec) -> None:
+    def edit(spec):
         seen.extend(actuator.name for actuator in spec.actuators)
         spec.body("lower").add_site(name="mark")
 
@@ -109,7 +105,7 @@ def test_an_edit_comes_last(small_robot: RobotFactory) -> None:
     assert model.site("mark").bodyid[0] == model.body("lower").id
 
 
-def test_base_body_is_the_root_of_the_joints() -> None:
+def test_base_body_is_the_root_of_the_joints():
     robot = load_robot("lite")
     model = build_model(robot)
     assert model.body(base_body(model, robot)).name == "chest"
@@ -123,7 +119,7 @@ NAMES = [
 
 
 @pytest.mark.parametrize(("fields", "line"), NAMES)
-def test_names_that_the_model_does_not_have(small_robot: RobotFactory, fields: dict[str, object], line: str) -> None:
+def test_names_that_the_model_does_not_have(small_robot, fields, line):
     robot = small_robot(**fields)
     with pytest.raises(InputError) as caught:
         build_model(robot)
@@ -139,7 +135,7 @@ BROKEN = [
 
 
 @pytest.mark.parametrize(("mjcf", "line"), BROKEN)
-def test_a_broken_model_is_one_line(small_robot: RobotFactory, mjcf: str, line: str) -> None:
+def test_a_broken_model_is_one_line(small_robot, mjcf, line):
     robot = small_robot(mjcf, ("hinge",))
     with pytest.raises(InputError) as caught:
         build_model(robot)
@@ -147,7 +143,7 @@ def test_a_broken_model_is_one_line(small_robot: RobotFactory, mjcf: str, line: 
     assert "\n" not in str(caught.value)
 
 
-def test_a_model_that_vanished(small_robot: RobotFactory) -> None:
+def test_a_model_that_vanished(small_robot):
     robot = small_robot()
     robot.mjcf_path.unlink()
     with pytest.raises(InputError, match=r"no such file, expected the robot's MJCF model$"):
@@ -155,7 +151,7 @@ def test_a_model_that_vanished(small_robot: RobotFactory) -> None:
 
 
 @pytest.mark.parametrize(("decision", "hinge"), [("keep", 0.7), ("drop", 0.0)])
-def test_the_joints_own_damping(small_robot: RobotFactory, decision: str, hinge: float) -> None:
+def test_the_joints_own_damping(small_robot, decision, hinge):
     """Of the robot's joints: what else the MJCF damps stays as it is."""
     mjcf = WITH_ACTUATORS.replace('name="hinge"', 'name="hinge" damping="0.7"')
     mjcf = mjcf.replace('name="free_wheel"', 'name="free_wheel" damping="0.2"')

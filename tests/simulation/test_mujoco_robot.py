@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from itertools import product
 
 import numpy as np
@@ -6,19 +5,17 @@ import pytest
 
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import SafetyLevel
-from humanoid_sim.mit import MITCommand, MITState
-from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.simulation.mujoco_robot import MujocoRobot, StateSampling
-from humanoid_sim.simulation.plant import Actuation, make_plant
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.plant import make_plant
 from humanoid_sim.simulation.stance import clearance
-
-RobotFactory = Callable[..., RobotDescription]
 
 STEPS = 5
 """Physics steps per control period of the small robot: 1 ms in 5 ms."""
 
 
-def commands(count: int, n: int = 2) -> list[MITCommand]:
+def commands(count, n=2):
     generator = np.random.default_rng(7)
     return [
         MITCommand(
@@ -28,11 +25,11 @@ def commands(count: int, n: int = 2) -> list[MITCommand]:
     ]
 
 
-def values(state: MITState) -> tuple[list[float], ...]:
+def values(state):
     return state.joint_position.tolist(), state.joint_velocity.tolist(), state.joint_effort.tolist()
 
 
-def test_starts_at_the_initial_position() -> None:
+def test_starts_at_the_initial_position():
     description = load_robot("lite")
     robot = MujocoRobot(description)
     state, safety = robot.read()
@@ -47,7 +44,7 @@ def test_starts_at_the_initial_position() -> None:
     assert [(status.source, status.is_ok) for status in safety] == [("mujoco", True)]
 
 
-def test_one_write_is_one_control_period() -> None:
+def test_one_write_is_one_control_period():
     robot = MujocoRobot(load_robot("lite"))
     assert robot.control_period == 0.005
     for k in range(1, 400):
@@ -56,7 +53,7 @@ def test_one_write_is_one_control_period() -> None:
     assert robot.data.time == pytest.approx(robot.time, abs=1e-9)
 
 
-def test_rates_can_be_chosen() -> None:
+def test_rates_can_be_chosen():
     robot = MujocoRobot(load_robot("lite"), control_period=0.02, physics_timestep=0.00025)
     robot.write(MITCommand.zeros(14))
     assert robot.physics_steps == 80
@@ -64,9 +61,7 @@ def test_rates_can_be_chosen() -> None:
     assert robot.model.opt.timestep == 0.00025
 
 
-def oracle(
-    robot: RobotDescription, sent: list[MITCommand], command_steps: int, state_steps: int, sampling: StateSampling
-) -> list[tuple[int, tuple[list[float], ...]]]:
+def oracle(robot, sent, command_steps, state_steps, sampling):
     """What every read must give, from a plant stepped one physics step at a time: the step sampled, and its values."""
     plant = make_plant(robot)
     arrivals = {k * STEPS + command_steps: command for k, command in enumerate(sent)}
@@ -89,9 +84,7 @@ def oracle(
 
 @pytest.mark.parametrize("sampling", ["now", "on_command"])
 @pytest.mark.parametrize(("command_steps", "state_steps"), list(product([0, 2, 4, 5, 12], [0, 1, 3, 5, 11])))
-def test_delays_and_sampling_are_exact(
-    small_robot: RobotFactory, command_steps: int, state_steps: int, sampling: StateSampling
-) -> None:
+def test_delays_and_sampling_are_exact(small_robot, command_steps, state_steps, sampling):
     description = small_robot()
     sent = commands(12)
     robot = MujocoRobot(
@@ -106,7 +99,7 @@ def test_delays_and_sampling_are_exact(
         assert state.joint_age == pytest.approx(tick * 0.005 - sampled * 0.001, abs=1e-12)
 
 
-def test_a_motor_that_answers_commands_is_one_period_behind(small_robot: RobotFactory) -> None:
+def test_a_motor_that_answers_commands_is_one_period_behind(small_robot):
     """The plain case spelt out: on a bus without latency, tick k reads the answer to the command of tick k - 1."""
     description = small_robot()
     ideal, bus = MujocoRobot(description), MujocoRobot(description, state_sampling="on_command")
@@ -120,14 +113,14 @@ def test_a_motor_that_answers_commands_is_one_period_behind(small_robot: RobotFa
         earlier = values(ideal.read()[0])
 
 
-def test_reading_twice_gives_the_same_state(small_robot: RobotFactory) -> None:
+def test_reading_twice_gives_the_same_state(small_robot):
     robot = MujocoRobot(small_robot())
     robot.write(commands(1)[0])
     assert robot.read()[0] is robot.read()[0]
 
 
 @pytest.mark.parametrize("actuation", ["qfrc_applied", "affine"])
-def test_the_same_commands_give_the_same_bits(actuation: Actuation) -> None:
+def test_the_same_commands_give_the_same_bits(actuation):
     description = load_robot("lite")
     runs = []
     for _ in range(2):
@@ -141,7 +134,7 @@ def test_the_same_commands_give_the_same_bits(actuation: Actuation) -> None:
     assert runs[0] == runs[1]
 
 
-def test_a_second_activation_repeats_the_first_run_at_a_later_time(small_robot: RobotFactory) -> None:
+def test_a_second_activation_repeats_the_first_run_at_a_later_time(small_robot):
     robot = MujocoRobot(small_robot(), command_delay=0.007, state_delay=0.003)
     runs = []
     for _ in range(2):
@@ -158,14 +151,14 @@ def test_a_second_activation_repeats_the_first_run_at_a_later_time(small_robot: 
     assert robot.data.time == pytest.approx(0.1, abs=1e-9)
 
 
-def test_joint_effort_is_the_saturated_torque(small_robot: RobotFactory) -> None:
+def test_joint_effort_is_the_saturated_torque(small_robot):
     robot = MujocoRobot(small_robot())
     zeros = np.zeros(2)
     robot.write(MITCommand(zeros, zeros, np.array([100.0, -100.0]), zeros, zeros))
     assert robot.read()[0].joint_effort.tolist() == [5.0, -5.0]
 
 
-def test_an_unstable_simulation_is_critical_until_activation(small_robot: RobotFactory) -> None:
+def test_an_unstable_simulation_is_critical_until_activation(small_robot):
     robot = MujocoRobot(small_robot())
     robot.write(commands(1)[0])
     robot.data.qvel[1] = np.nan
@@ -184,7 +177,7 @@ def test_an_unstable_simulation_is_critical_until_activation(small_robot: RobotF
     assert robot.read()[1][0].is_ok
 
 
-def test_qpos_is_a_copy_for_viewers() -> None:
+def test_qpos_is_a_copy_for_viewers():
     robot = MujocoRobot(load_robot("lite"))
     before = robot.qpos
     with pytest.raises(ValueError, match="read-only"):
@@ -195,14 +188,14 @@ def test_qpos_is_a_copy_for_viewers() -> None:
     assert robot.qpos.tolist() != before.tolist()
 
 
-def test_refuses_a_wrong_joint_count(small_robot: RobotFactory) -> None:
+def test_refuses_a_wrong_joint_count(small_robot):
     robot = MujocoRobot(small_robot())
     with pytest.raises(RobotError, match=r"^small: command has shape \(14,\), expected \(2,\)$"):
         robot.write(MITCommand.zeros(14))
     assert robot.time == 0.0
 
 
-def test_a_closed_robot_refuses(small_robot: RobotFactory) -> None:
+def test_a_closed_robot_refuses(small_robot):
     robot = MujocoRobot(small_robot())
     robot.close()
     robot.close()
@@ -226,13 +219,13 @@ OPTIONS = [
 
 
 @pytest.mark.parametrize(("options", "line"), OPTIONS)
-def test_options_that_are_not_accepted(small_robot: RobotFactory, options: dict[str, object], line: str) -> None:
+def test_options_that_are_not_accepted(small_robot, options, line):
     with pytest.raises(InputError) as caught:
-        MujocoRobot(small_robot(), **options)  # type: ignore[arg-type]
+        MujocoRobot(small_robot(), **options)
     assert str(caught.value).startswith(line)
 
 
-def test_standby_reaches_its_pose_and_sags_little() -> None:
+def test_standby_reaches_its_pose_and_sags_little():
     """The description's own gains hold pose A against gravity."""
     description = load_robot("lite")
     robot = MujocoRobot(description)
@@ -250,7 +243,7 @@ def test_standby_reaches_its_pose_and_sags_little() -> None:
     assert np.abs(state.joint_velocity).max() < 0.01
 
 
-def test_a_measured_robot_stands_tilted_on_the_floor() -> None:
+def test_a_measured_robot_stands_tilted_on_the_floor():
     robot = MujocoRobot(load_robot("lite_biped"))
     joints = np.array(robot.description.initial_position) + 0.01
     speeds = np.linspace(-0.1, 0.1, len(joints))
@@ -265,7 +258,7 @@ def test_a_measured_robot_stands_tilted_on_the_floor() -> None:
     assert robot.supported
 
 
-def test_another_policys_live_inputs_are_measured_from_the_next_reading_on(small_robot: RobotFactory) -> None:
+def test_another_policys_live_inputs_are_measured_from_the_next_reading_on(small_robot):
     """Bit for bit as by a robot that measured them from the beginning."""
     plain, measuring = (MujocoRobot(small_robot(), anchor_body=body) for body in ("", "lower"))
     for command in commands(20):

@@ -1,21 +1,17 @@
-from collections.abc import Callable
-from pathlib import Path
-
 import msgspec
 import mujoco
 import numpy as np
 import pytest
 
 from humanoid_sim.mit import MITCommand, mit_torque
-from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.simulation.plant import Actuation, make_plant
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.plant import make_plant
 
-RobotFactory = Callable[..., RobotDescription]
-EXACT: tuple[Actuation, ...] = ("qfrc_applied", "affine")
-ACTUATIONS: tuple[Actuation, ...] = (*EXACT, "implicit")
+EXACT = ("qfrc_applied", "affine")
+ACTUATIONS = (*EXACT, "implicit")
 
 
-def random_command(robot: RobotDescription, generator: np.random.Generator, strength: float = 1.0) -> MITCommand:
+def random_command(robot, generator, strength=1.0):
     n = robot.joint_count
     return MITCommand(
         position=generator.uniform(robot.lower, robot.upper),
@@ -28,7 +24,7 @@ def random_command(robot: RobotDescription, generator: np.random.Generator, stre
 
 @pytest.mark.parametrize("name", ["lite", "lite_neck"])
 @pytest.mark.parametrize("strength", [0.02, 3.0])
-def test_both_forms_agree_step_for_step(name: str, strength: float) -> None:
+def test_both_forms_agree_step_for_step(name, strength):
     """To 1e-9 per physics step from the same state, over commands that saturate and commands that do not."""
     robot = load_robot(name)
     reference = make_plant(robot, actuation="qfrc_applied")
@@ -56,9 +52,7 @@ def test_both_forms_agree_step_for_step(name: str, strength: float) -> None:
 
 @pytest.mark.parametrize("actuation", ACTUATIONS)
 @pytest.mark.parametrize("joints", [("shoulder", "elbow"), ("elbow", "shoulder")])
-def test_the_torque_is_that_of_the_law(
-    small_robot: RobotFactory, actuation: Actuation, joints: tuple[str, str]
-) -> None:
+def test_the_torque_is_that_of_the_law(small_robot, actuation, joints):
     """Whatever the joints' order in the model."""
     robot = small_robot(joints=joints)
     plant = make_plant(robot, actuation=actuation)
@@ -77,7 +71,7 @@ def test_the_torque_is_that_of_the_law(
 
 
 @pytest.mark.parametrize("actuation", ACTUATIONS)
-def test_effort_saturates_at_the_hardwares_limit(actuation: Actuation) -> None:
+def test_effort_saturates_at_the_hardwares_limit(actuation):
     robot = load_robot("lite")
     plant = make_plant(robot, actuation=actuation)
     zeros = np.zeros(14)
@@ -89,7 +83,7 @@ def test_effort_saturates_at_the_hardwares_limit(actuation: Actuation) -> None:
 
 
 @pytest.mark.parametrize("actuation", EXACT)
-def test_many_steps_are_the_same_as_one_by_one(actuation: Actuation) -> None:
+def test_many_steps_are_the_same_as_one_by_one(actuation):
     robot = load_robot("lite")
     together, apart = make_plant(robot, actuation=actuation), make_plant(robot, actuation=actuation)
     command = random_command(robot, np.random.default_rng(3))
@@ -103,7 +97,7 @@ def test_many_steps_are_the_same_as_one_by_one(actuation: Actuation) -> None:
 
 
 @pytest.mark.parametrize("actuation", ACTUATIONS)
-def test_damping_dissipates_energy(small_robot: RobotFactory, actuation: Actuation) -> None:
+def test_damping_dissipates_energy(small_robot, actuation):
     robot = small_robot()
     plant = make_plant(robot, actuation=actuation)
     plant.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
@@ -121,7 +115,7 @@ def test_damping_dissipates_energy(small_robot: RobotFactory, actuation: Actuati
 
 
 @pytest.mark.parametrize("actuation", ACTUATIONS)
-def test_reset_forgets_command_and_effort(actuation: Actuation) -> None:
+def test_reset_forgets_command_and_effort(actuation):
     robot = load_robot("lite")
     plant = make_plant(robot, actuation=actuation)
     plant.apply(random_command(robot, np.random.default_rng(4)))
@@ -144,14 +138,7 @@ BAD_STATES = [
 
 
 @pytest.mark.parametrize(("array", "value", "quantity"), BAD_STATES)
-def test_a_bad_state_is_a_fault_and_leaves_no_log(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-    array: str,
-    value: float,
-    quantity: str,
-) -> None:
+def test_a_bad_state_is_a_fault_and_leaves_no_log(tmp_path, monkeypatch, capfd, array, value, quantity):
     monkeypatch.chdir(tmp_path)
     plant = make_plant(load_robot("lite"), actuation="affine")  # which leaves qfrc_applied alone
     getattr(plant.data, array)[3] = value
@@ -166,7 +153,7 @@ def test_a_bad_state_is_a_fault_and_leaves_no_log(
 
 
 @pytest.mark.parametrize("actuation", ACTUATIONS)
-def test_a_command_that_is_not_finite_is_a_fault(actuation: Actuation) -> None:
+def test_a_command_that_is_not_finite_is_a_fault(actuation):
     robot = load_robot("lite")
     plant = make_plant(robot, actuation=actuation)
     zeros = np.zeros(14)
@@ -179,9 +166,7 @@ def test_a_command_that_is_not_finite_is_a_fault(actuation: Actuation) -> None:
 
 @pytest.mark.parametrize("actuation", ACTUATIONS)
 @pytest.mark.parametrize("damping", ["", 'damping="0.4"'])
-def test_the_acceleration_is_the_change_of_velocity(
-    small_robot: RobotFactory, actuation: Actuation, damping: str
-) -> None:
+def test_the_acceleration_is_the_change_of_velocity(small_robot, actuation, damping):
     """MuJoCo's `qacc` leaves out what damping takes within the step, where that is implicit."""
     robot = small_robot()
     robot.mjcf_path.write_text(robot.mjcf_path.read_text().replace('name="elbow"', f'name="elbow" {damping}'))
@@ -198,7 +183,7 @@ def test_the_acceleration_is_the_change_of_velocity(
     assert plant.acceleration.tolist() == [0.0, 0.0]
 
 
-def test_the_implicit_plant_takes_longer_steps_unless_told_otherwise() -> None:
+def test_the_implicit_plant_takes_longer_steps_unless_told_otherwise():
     robot = load_robot("lite")
     implicit = make_plant(robot, actuation="implicit")
     assert implicit.model.opt.timestep == 0.0025
@@ -211,7 +196,7 @@ def test_the_implicit_plant_takes_longer_steps_unless_told_otherwise() -> None:
     assert make_plant(slower, actuation="implicit").model.opt.timestep == 0.005
 
 
-def test_damping_that_chatters_when_explicit_comes_to_rest_when_implicit() -> None:
+def test_damping_that_chatters_when_explicit_comes_to_rest_when_implicit():
     """The wrist of `test_stability`, at two and a half times the step at which it chatters for ever."""
     robot = load_robot("lite")
     plant = make_plant(robot, actuation="implicit")
@@ -223,12 +208,12 @@ def test_damping_that_chatters_when_explicit_comes_to_rest_when_implicit() -> No
     assert abs(float(plant.velocity[4])) < 0.01
 
 
-def test_the_implicit_plant_comes_closer_to_the_others_as_its_steps_get_shorter() -> None:
+def test_the_implicit_plant_comes_closer_to_the_others_as_its_steps_get_shorter():
     robot = load_robot("lite")
     command = random_command(robot, np.random.default_rng(4), 0.3)
     ends = {}
     for actuation, timestep in (("affine", 0.0000625), ("implicit", 0.0025), ("implicit", 0.00125)):
-        plant = make_plant(robot, actuation=actuation, physics_timestep=timestep)  # type: ignore[arg-type]
+        plant = make_plant(robot, actuation=actuation, physics_timestep=timestep)
         plant.apply(command)
         plant.step(round(0.1 / timestep))
         ends[actuation, timestep] = plant.position.copy()

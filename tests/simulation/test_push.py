@@ -6,18 +6,17 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.simulation.plant import Actuation
 from humanoid_sim.simulation.push import Push, parse_pushes
 
 
-def momentum(robot: MujocoRobot) -> np.ndarray:
+def momentum(robot):
     """Shape (3,), of the whole robot over its mass: the velocity of its centre of mass, m/s."""
     mujoco.mj_subtreeVel(robot.model, robot.data)
     return robot.data.subtree_linvel[robot.model.body(robot.description.base.body).id].copy()
 
 
 @pytest.mark.parametrize("actuation", ["qfrc_applied", "affine"])
-def test_a_push_speeds_the_whole_robot_up(actuation: Actuation) -> None:
+def test_a_push_speeds_the_whole_robot_up(actuation):
     """High above the floor, where nothing else pushes it."""
     pushes = parse_pushes(["0.5,-0.25@0.05"])
     robot = MujocoRobot(load_robot("lite_biped"), support=False, base_height=5.0, actuation=actuation, pushes=pushes)
@@ -30,12 +29,12 @@ def test_a_push_speeds_the_whole_robot_up(actuation: Actuation) -> None:
     assert not robot.data.xfrc_applied.any()
 
 
-def test_a_fixed_base_is_not_pushed() -> None:
+def test_a_fixed_base_is_not_pushed():
     with pytest.raises(InputError, match="push: 'lite' has a fixed base"):
         MujocoRobot(load_robot("lite"), pushes=[Push(1.0, 0.0, 1.0)])
 
 
 @pytest.mark.parametrize("text", ["1@2", "1,0", "1,0@", "1,0@-1", "nan,0@1", "11,0@1", "1,0,0@1", "1,0@inf"])
-def test_what_is_no_push(text: str) -> None:
+def test_what_is_no_push(text):
     with pytest.raises(InputError, match=f"--push: is '{text}', expected VX,VY@SECONDS"):
         parse_pushes([text])

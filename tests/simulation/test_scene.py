@@ -1,23 +1,17 @@
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import mujoco
 import numpy as np
 import pytest
 
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.scene import CAMERAS
 
-RobotFactory = Callable[..., RobotDescription]
 
-
-def names(model: mujoco.MjModel, kind: mujoco.mjtObj, count: int) -> list[str]:
+def names(model, kind, count):
     return [mujoco.mj_id2name(model, kind, i) for i in range(count)]
 
 
-def test_the_room_has_floor_lights_sky_and_cameras() -> None:
+def test_the_room_has_floor_lights_sky_and_cameras():
     model = build_model(load_robot("lite"))
     floor = model.geom("floor")
     assert floor.type[0] == mujoco.mjtGeom.mjGEOM_PLANE
@@ -29,17 +23,17 @@ def test_the_room_has_floor_lights_sky_and_cameras() -> None:
     assert (model.vis.global_.offwidth, model.vis.global_.offheight) >= (1280, 960)
 
 
-def test_without_a_scene_there_is_only_the_robot() -> None:
+def test_without_a_scene_there_is_only_the_robot():
     model = build_model(load_robot("lite"), scene=False)
     assert (model.nlight, model.ncam, model.ntex) == (0, 0, 0)
     assert mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, "floor") == -1
 
 
 @pytest.mark.parametrize(("robot", "scenes"), [("lite", (True, "floor", False)), ("lite_biped", (True, "floor"))])
-def test_the_scene_does_not_change_the_dynamics(robot: str, scenes: tuple[bool | str, ...]) -> None:
+def test_the_scene_does_not_change_the_dynamics(robot, scenes):
     ends = []
     for scene in scenes:
-        model = build_model(load_robot(robot), scene=scene)  # type: ignore[arg-type]
+        model = build_model(load_robot(robot), scene=scene)
         assert scene is True or (model.nlight, model.ncam, model.ntex) == (0, 0, 0)
         data = mujoco.MjData(model)
         mujoco.mj_step(model, data, 400)
@@ -47,7 +41,7 @@ def test_the_scene_does_not_change_the_dynamics(robot: str, scenes: tuple[bool |
     assert ends[1:] == [ends[0]] * (len(scenes) - 1)
 
 
-def assert_sees(model: mujoco.MjModel, camera: str, points: list[Any]) -> None:
+def assert_sees(model, camera, points):
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     seen = data.cam(camera)
@@ -62,13 +56,13 @@ def assert_sees(model: mujoco.MjModel, camera: str, points: list[Any]) -> None:
 
 
 @pytest.mark.parametrize("camera", list(CAMERAS))
-def test_every_camera_sees_the_whole_robot(camera: str) -> None:
+def test_every_camera_sees_the_whole_robot(camera):
     assert_sees(build_model(load_robot("lite")), camera, ["head", "left_hand", "right_hand", "chest"])
     feet_and_head = ["left_foot", "right_foot", [0.0, 0.0, 0.0], [0.0, 0.0, 0.95]]
     assert_sees(build_model(load_robot("lite_biped")), camera, feet_and_head)
 
 
-def test_the_front_camera_sees_the_face() -> None:
+def test_the_front_camera_sees_the_face():
     model = build_model(load_robot("lite"))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -76,7 +70,7 @@ def test_the_front_camera_sees_the_face() -> None:
     assert data.cam("back").xpos[0] < -1.0
 
 
-def test_what_the_model_brings_is_not_doubled(small_robot: RobotFactory) -> None:
+def test_what_the_model_brings_is_not_doubled(small_robot):
     mjcf = """
     <mujoco>
       <asset><texture name="sky" type="skybox" builtin="flat" width="8" height="48"/></asset>
@@ -100,7 +94,7 @@ def test_what_the_model_brings_is_not_doubled(small_robot: RobotFactory) -> None
 
 
 @pytest.mark.parametrize("camera", list(CAMERAS))
-def test_cameras_follow_a_floating_base_without_turning_with_it(hopper: Path, camera: str) -> None:
+def test_cameras_follow_a_floating_base_without_turning_with_it(hopper, camera):
     model = build_model(load_robot(hopper))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -111,7 +105,7 @@ def test_cameras_follow_a_floating_base_without_turning_with_it(hopper: Path, ca
     assert data.cam(camera).xmat == pytest.approx(rotation, abs=1e-9)
 
 
-def test_a_robot_that_shows_nothing_shows_its_colliders(hopper: Path) -> None:
+def test_a_robot_that_shows_nothing_shows_its_colliders(hopper):
     text = hopper.read_text().replace('<geom name="foot" ', '<geom name="foot" group="3" ')
     hopper.write_text(text)
     assert build_model(load_robot(hopper)).geom("foot").group == 3  # the trunk is there to be seen
@@ -128,7 +122,7 @@ FLOORS = [
 
 
 @pytest.mark.parametrize("floor", FLOORS)
-def test_no_floor_is_put_upon_another(hopper: Path, floor: str) -> None:
+def test_no_floor_is_put_upon_another(hopper, floor):
     ground = '<geom name="ground" type="plane" size="0 0 0.05"/>'
     hills = '<asset><hfield name="hills" nrow="4" ncol="4" size="2 2 0.1 0.1"/></asset>'
     text = hopper.read_text()
@@ -140,7 +134,7 @@ def test_no_floor_is_put_upon_another(hopper: Path, floor: str) -> None:
     assert (model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE).sum() == 1
 
 
-def test_the_floor_holds_whatever_can_collide(hopper: Path) -> None:
+def test_the_floor_holds_whatever_can_collide(hopper):
     text = hopper.read_text().replace('<geom name="ground" type="plane" size="0 0 0.05"/>', "")
     hopper.write_text(text.replace('<geom name="foot" ', '<geom name="foot" contype="4" conaffinity="0" '))
     model = build_model(load_robot(hopper))

@@ -1,13 +1,10 @@
 """The IMU of a body that moves freely, and of one that cannot; live inputs."""
 
-from collections.abc import Callable
-
 import mujoco
 import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.sensors import BodySensors, Imu, live_inputs
 
@@ -28,24 +25,24 @@ FREE = """
 
 
 @pytest.fixture
-def model() -> mujoco.MjModel:
+def model():
     return mujoco.MjModel.from_xml_string(FREE)
 
 
-def after_one_step(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def after_one_step(model, data, name):
     mujoco.mj_step(model, data)
     sample = Imu(model, name).read(data)
     return sample.quaternion, sample.angular_velocity, sample.linear_acceleration
 
 
-def test_free_fall_weighs_nothing(model: mujoco.MjModel) -> None:
+def test_free_fall_weighs_nothing(model):
     quaternion, angular_velocity, acceleration = after_one_step(model, mujoco.MjData(model), "imu")
     assert quaternion == pytest.approx([1, 0, 0, 0], abs=1e-12)
     assert angular_velocity == pytest.approx([0, 0, 0], abs=1e-12)
     assert acceleration == pytest.approx([0, 0, 0], abs=1e-9)
 
 
-def test_a_body_held_up_feels_gravity_in_its_own_frame(model: mujoco.MjModel) -> None:
+def test_a_body_held_up_feels_gravity_in_its_own_frame(model):
     data = mujoco.MjData(model)
     data.qfrc_applied[2] = 9.81
     assert after_one_step(model, data, "imu")[2] == pytest.approx([0, 0, 9.81], abs=1e-9)
@@ -55,7 +52,7 @@ def test_a_body_held_up_feels_gravity_in_its_own_frame(model: mujoco.MjModel) ->
     assert acceleration == pytest.approx([0, 9.81, 0], abs=1e-9)
 
 
-def test_a_spinning_body_feels_the_centripetal_acceleration(model: mujoco.MjModel) -> None:
+def test_a_spinning_body_feels_the_centripetal_acceleration(model):
     data = mujoco.MjData(model)
     data.qvel[5] = 3.0
     _, angular_velocity, acceleration = after_one_step(model, data, "imu")
@@ -63,13 +60,13 @@ def test_a_spinning_body_feels_the_centripetal_acceleration(model: mujoco.MjMode
     assert acceleration == pytest.approx([-0.2 * 3.0**2, 0, 0], abs=1e-6)
 
 
-def test_angular_velocity_is_in_the_imu_frame(model: mujoco.MjModel) -> None:
+def test_angular_velocity_is_in_the_imu_frame(model):
     data = mujoco.MjData(model)
     data.qvel[5] = 3.0
     assert after_one_step(model, data, "tilted")[1] == pytest.approx([0, 3.0, 0], abs=1e-9)
 
 
-def test_it_is_as_new_as_the_state(model: mujoco.MjModel) -> None:
+def test_it_is_as_new_as_the_state(model):
     """Where MuJoCo's own sensors would show the state before the step."""
     data = mujoco.MjData(model)
     data.qfrc_applied[5] = 1000.0  # 10 000 rad/s²: 1 rad/s in this one step
@@ -77,13 +74,13 @@ def test_it_is_as_new_as_the_state(model: mujoco.MjModel) -> None:
     assert angular_velocity == pytest.approx([0, 0, 1.0], abs=1e-6)
 
 
-def test_a_body_can_be_an_imu(model: mujoco.MjModel) -> None:
+def test_a_body_can_be_an_imu(model):
     data = mujoco.MjData(model)
     data.qvel[5] = 3.0
     assert after_one_step(model, data, "box")[2] == pytest.approx([0, 0, 0], abs=1e-6)
 
 
-def test_a_body_s_axes_are_its_own_wherever_its_mass_is() -> None:
+def test_a_body_s_axes_are_its_own_wherever_its_mass_is():
     lopsided = FREE.replace('pos="0 0 0" mass="1"', 'pos="0.1 0.2 0.3" euler="20 30 40" mass="1"')
     model = mujoco.MjModel.from_xml_string(lopsided.replace('<site name="tilted"', '<site name="origin"/><site'))
     data = mujoco.MjData(model)
@@ -95,7 +92,7 @@ def test_a_body_s_axes_are_its_own_wherever_its_mass_is() -> None:
     np.testing.assert_allclose(body.linear_acceleration, site.linear_acceleration, rtol=0, atol=1e-9)
 
 
-def test_an_imu_on_the_world_never_moves(model: mujoco.MjModel) -> None:
+def test_an_imu_on_the_world_never_moves(model):
     imu = Imu(model, "wall")
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data)
@@ -106,7 +103,7 @@ def test_an_imu_on_the_world_never_moves(model: mujoco.MjModel) -> None:
     assert sample.linear_acceleration == pytest.approx([0, 0, 9.81])
 
 
-def test_an_unknown_frame(model: mujoco.MjModel) -> None:
+def test_an_unknown_frame(model):
     with pytest.raises(InputError, match=r"^imu: 'gyro' is neither a site nor a body of the model$"):
         Imu(model, "gyro")
 
@@ -129,9 +126,7 @@ ARM = """
 
 
 @pytest.mark.parametrize(("imu", "body"), [("hand", False), ("arm", True), ("trunk", True)])
-def test_the_velocity_of_a_point_is_how_its_position_changes(
-    small_robot: Callable[..., RobotDescription], imu: str, body: bool
-) -> None:
+def test_the_velocity_of_a_point_is_how_its_position_changes(small_robot, imu, body):
     robot = small_robot(ARM, ("shoulder",), imu=imu, base={"type": "floating", "body": "trunk"})
     model = build_model(robot, scene=False)
     data, later, rng = mujoco.MjData(model), mujoco.MjData(model), np.random.default_rng(0)
@@ -143,7 +138,7 @@ def test_the_velocity_of_a_point_is_how_its_position_changes(
     for state in (data, later):
         mujoco.mj_kinematics(model, state)
 
-    def velocity(name: str, body: bool) -> np.ndarray:
+    def velocity(name, body):
         places = [state.body(name).xpos if body else state.site(name).xpos for state in (data, later)]
         return (places[1] - places[0]) / 1e-6
 
@@ -152,7 +147,7 @@ def test_the_velocity_of_a_point_is_how_its_position_changes(
     np.testing.assert_allclose(live["base_linear_velocity_at_hand"], velocity("hand", False), rtol=0, atol=1e-5)
 
 
-def test_live_inputs_of_points(small_robot: Callable[..., RobotDescription]) -> None:
+def test_live_inputs_of_points(small_robot):
     robot = small_robot(ARM, ("shoulder",), imu="hand", base={"type": "floating", "body": "trunk"})
     model = build_model(robot, scene=False)
     assert dict(live_inputs(model, robot, "arm", ("imu",))) == {

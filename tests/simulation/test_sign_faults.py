@@ -1,12 +1,6 @@
 """The table of `sign_faults.py`: no sound robot is accused, and no fewer planted faults are found than before."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.append(str(Path(__file__).parent))
-
 from sign_faults import robots, study
 
 FOUND = {
@@ -23,7 +17,7 @@ FOUND = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FOUND)
-def test_nobody_is_accused_and_faults_are_found(name: str, request: pytest.FixtureRequest) -> None:
+def test_nobody_is_accused_and_faults_are_found(name, request):
     variations = 40 if request.config.getoption("--complete") else 4
     chosen = dict(robots([name]))
     if not chosen:

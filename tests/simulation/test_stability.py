@@ -1,5 +1,4 @@
 import re
-from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -7,13 +6,11 @@ import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import MITCommand
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.plant import make_plant
 from humanoid_sim.simulation.stability import DampingStability
-
-RobotFactory = Callable[..., RobotDescription]
 
 # One joint whose inertia about its axis is 0.01 kg m² of rotor and nothing else.
 ROTOR = """
@@ -31,24 +28,24 @@ ROTOR = """
 """
 
 
-def stability(robot: RobotDescription, timestep: float) -> DampingStability:
+def stability(robot, timestep):
     return DampingStability(build_model(robot, physics_timestep=timestep), robot)
 
 
-def test_the_measure_of_one_rotor_is_dt_kd_over_inertia(small_robot: RobotFactory) -> None:
+def test_the_measure_of_one_rotor_is_dt_kd_over_inertia(small_robot):
     measure = stability(small_robot(ROTOR, ("rotor",)), 0.001).measure(4.0)
     assert measure.eigenvalue == pytest.approx(0.001 * 4.0 / 0.01, rel=1e-6)
     assert measure.joint == "rotor"
 
 
-def test_it_is_linear_in_step_and_gain() -> None:
+def test_it_is_linear_in_step_and_gain():
     robot = load_robot("lite")
     one = stability(robot, 0.0005).measure(2.0).eigenvalue
     assert stability(robot, 0.001).measure(2.0).eigenvalue == pytest.approx(2 * one, rel=1e-9)
     assert stability(robot, 0.0005).measure(np.full(14, 4.0)).eigenvalue == pytest.approx(2 * one, rel=1e-9)
 
 
-def test_exceeding_a_limit_is_what_the_measure_says() -> None:
+def test_exceeding_a_limit_is_what_the_measure_says():
     robot = load_robot("lite")
     measured = stability(robot, 0.0005)
     rng = np.random.default_rng(3)
@@ -66,7 +63,7 @@ def test_exceeding_a_limit_is_what_the_measure_says() -> None:
 
 
 @pytest.mark.parametrize("name", ["lite", "lite_neck"])
-def test_the_lite_at_half_a_millisecond(name: str) -> None:
+def test_the_lite_at_half_a_millisecond(name):
     """Its working gains are far from the limit; the passive 5.0 is stable, and close enough to be mentioned."""
     robot = load_robot(name)
     measured = stability(robot, 0.0005)
@@ -78,7 +75,7 @@ def test_the_lite_at_half_a_millisecond(name: str) -> None:
     )
 
 
-def test_the_lite_at_one_millisecond_is_refused_for_a_wrist() -> None:
+def test_the_lite_at_one_millisecond_is_refused_for_a_wrist():
     with pytest.raises(InputError) as caught:
         MujocoRobot(load_robot("lite"), physics_timestep=0.001)
     assert str(caught.value) == (
@@ -88,7 +85,7 @@ def test_the_lite_at_one_millisecond_is_refused_for_a_wrist() -> None:
 
 
 @pytest.mark.parametrize(("timestep", "chatters"), [(0.0005, False), (0.001, True)])
-def test_what_the_measure_predicts_happens(timestep: float, chatters: bool) -> None:
+def test_what_the_measure_predicts_happens(timestep, chatters):
     """Above 2 the wrist chatters at its torque limit for ever, without going non-finite; below, it comes to rest."""
     robot = load_robot("lite")
     plant = make_plant(robot, physics_timestep=timestep)
@@ -104,7 +101,7 @@ def test_what_the_measure_predicts_happens(timestep: float, chatters: bool) -> N
     assert bool(np.abs(speeds).max() > 0.5) is chatters
 
 
-def test_a_policys_gains_are_checked_by_name() -> None:
+def test_a_policys_gains_are_checked_by_name():
     robot = MujocoRobot(load_robot("lite"))
     gains = np.full(14, 2.0)
     assert robot.stability.check(gains, "policy.onnx: joint_damping") == ""
@@ -114,7 +111,7 @@ def test_a_policys_gains_are_checked_by_name() -> None:
 
 
 @pytest.mark.parametrize("gain", [1e308, 1e200, 1e12, np.inf, np.nan])
-def test_gains_beyond_all_measure_are_one_line(gain: float) -> None:
+def test_gains_beyond_all_measure_are_one_line(gain):
     gains = np.full(14, 2.0)
     gains[13] = gain
     with pytest.raises(InputError) as caught:
@@ -127,12 +124,12 @@ def test_gains_beyond_all_measure_are_one_line(gain: float) -> None:
     assert text.endswith("unstable above 2, and no physics step makes it stable")
 
 
-def test_the_same_seed_gives_the_same_measure() -> None:
+def test_the_same_seed_gives_the_same_measure():
     robot = load_robot("lite")
     assert stability(robot, 0.0005).measure(5.0) == stability(robot, 0.0005).measure(5.0)
 
 
-def test_implicit_damping_is_limited_by_stiffness(small_robot: RobotFactory) -> None:
+def test_implicit_damping_is_limited_by_stiffness(small_robot):
     """One rotor: unstable where dt·√(K_p / (I + ½·dt·K_d)) exceeds 2, and it is."""
     robot, timestep = small_robot(ROTOR, ("rotor",)), 0.0025
     model = build_model(robot, physics_timestep=timestep, affine_actuators=True, implicit=True, scene=False)
@@ -157,7 +154,7 @@ def test_implicit_damping_is_limited_by_stiffness(small_robot: RobotFactory) -> 
         measured.check(1e200, "policy", 1.0)
 
 
-def test_implicit_damping_says_where_a_joint_may_chatter() -> None:
+def test_implicit_damping_says_where_a_joint_may_chatter():
     """A motor at its limit is not damped: the ankle roll of the legs, thrown to it at 2.5 ms, stays there."""
     robot = load_robot("lite_biped")
     model = build_model(robot, physics_timestep=0.0025, affine_actuators=True, implicit=True, scene=False)
@@ -172,7 +169,7 @@ def test_implicit_damping_says_where_a_joint_may_chatter() -> None:
     assert DampingStability(shorter, robot).check_description() == ()
 
 
-def test_what_hangs_on_nothing_of_the_robot_s_plays_no_part() -> None:
+def test_what_hangs_on_nothing_of_the_robot_s_plays_no_part():
     """A piano's 88 keys leave the arms' block of the inverse as it is in the whole one."""
     piano = load_robot("lite_piano")
     model = build_model(piano)

@@ -8,27 +8,26 @@ BALL = '<body name="ball" pos="0 0 {z}"><freejoint/><geom size="0.1" mass="2"/><
 LIE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
-def world(geoms: str, z: float = 1.0) -> mujoco.MjModel:
+def world(geoms, z=1.0):
     return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{geoms}{BALL.format(z=z)}</worldbody></mujoco>")
 
 
-def levels(model: mujoco.MjModel, *points: tuple[float, float, float]) -> list[float]:
-    level: list[float] = Floor(model).level(np.array(points)).tolist()
-    return level
+def levels(model, *points):
+    return Floor(model).level(np.array(points)).tolist()
 
 
-def test_a_plane_is_the_floor_everywhere_however_large_its_picture_is() -> None:
+def test_a_plane_is_the_floor_everywhere_however_large_its_picture_is():
     model = world('<geom type="plane" size="1 1 0.1" pos="0 0 -0.3"/>')
     assert levels(model, (0, 0, 1), (50, 0, 1), (0, 0, -5)) == [-0.3, -0.3, -0.3]
     assert Floor(model).level(np.array([0.0, 0.0, 1.0])).shape == ()
 
 
-def test_what_cannot_be_touched_is_no_floor() -> None:
+def test_what_cannot_be_touched_is_no_floor():
     picture = '<geom type="box" size="3 3 0.1" pos="0 0 0.4" contype="0" conaffinity="0"/>'
     assert levels(world(f'<geom type="plane" size="0 0 1"/>{picture}'), (0, 0, 1)) == [0.0]
 
 
-def test_a_step_is_the_floor_of_who_is_above_it_and_no_one_elses() -> None:
+def test_a_step_is_the_floor_of_who_is_above_it_and_no_one_elses():
     step = '<geom type="box" size="1 1 0.1" pos="5 0 0.1" rgba="0 0 0 0"/>'
     model = world(f'<geom type="plane" size="1 1 1"/>{step}')
     found = levels(model, (5, 0, 1), (3.9, 0, 1), (50, 0, 1), (5, 0, 0.05))
@@ -37,7 +36,7 @@ def test_a_step_is_the_floor_of_who_is_above_it_and_no_one_elses() -> None:
     assert batch.shape == (1, 2)
 
 
-def test_a_slope_and_a_second_plane_depend_on_the_place() -> None:
+def test_a_slope_and_a_second_plane_depend_on_the_place():
     slope = '<geom type="plane" size="0 0 1" euler="0 -45 0"/>'
     assert levels(world(slope), (1, 0, 3), (-1, 2, 3)) == pytest.approx([1.0, -1.0])
     assert levels(world(f'{slope}<geom type="plane" size="0 0 1"/>'), (1, 0, 3), (-1, 2, 3)) == pytest.approx(
@@ -45,23 +44,23 @@ def test_a_slope_and_a_second_plane_depend_on_the_place() -> None:
     )
 
 
-def test_beyond_the_edge_of_the_only_floor_one_sinks_to_its_lowest_part() -> None:
+def test_beyond_the_edge_of_the_only_floor_one_sinks_to_its_lowest_part():
     model = world('<geom type="box" size="1 1 0.05" pos="0 0 -0.05"/>')
     on, off = levels(model, (0, 0, 1), (4, 0, 1))
     assert on == pytest.approx(0.0)
     assert off < -1.0
 
 
-def test_a_world_without_a_floor() -> None:
+def test_a_world_without_a_floor():
     assert levels(world(""), (0, 0, 1)) == [0.0]
 
 
-def test_the_robot_itself_is_no_floor() -> None:
+def test_the_robot_itself_is_no_floor():
     assert levels(world('<geom type="plane" size="0 0 1"/>'), (0, 0, 5)) == [0.0]
     assert levels(world('<geom type="box" size="3 3 0.1" pos="0 0 -0.1"/>', z=2.0), (0, 0, 5)) == pytest.approx([0.0])
 
 
-def test_the_centre_of_mass_is_that_of_all_parts_together() -> None:
+def test_the_centre_of_mass_is_that_of_all_parts_together():
     model = mujoco.MjModel.from_xml_string("""
       <mujoco><worldbody><geom type="plane" size="0 0 1"/><body name="foot"><freejoint/>
         <geom size="0.1" mass="1"/>
@@ -75,7 +74,7 @@ def test_the_centre_of_mass_is_that_of_all_parts_together() -> None:
 
 @pytest.mark.parametrize("floor", [0.0, -0.7, 2.0])
 @pytest.mark.parametrize("hung", [0.0, 0.4, -0.05])
-def test_the_standing_height_is_above_the_lowest_part_however_high_the_robot_hangs(floor: float, hung: float) -> None:
+def test_the_standing_height_is_above_the_lowest_part_however_high_the_robot_hangs(floor, hung):
     model = world(f'<geom type="plane" size="0 0 1" pos="0 0 {floor}"/>')
     pose = LIE + np.array([0.0, 0.0, floor + 0.1 + hung, 0.0, 0.0, 0.0, 0.0])
     assert clearance(model, pose) == pytest.approx(hung)

@@ -1,23 +1,20 @@
-from collections.abc import Callable
-from typing import Any
-
 import mujoco
 import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.stance import Floor
 from humanoid_sim.simulation.terrain import Terrain
 
 BIPED = load_robot("lite_biped")
-SMALL: dict[str, Any] = {"levels": 2, "variants": 2, "tile": 4.0}
+SMALL = {"levels": 2, "variants": 2, "tile": 4.0}
 
 
 @pytest.mark.parametrize("kind", ["rough", "slopes", "steps", "mixed"])
-def test_a_field_is_level_at_its_edges_and_on_its_platforms(kind: str) -> None:
-    terrain = Terrain(kind, levels=3, variants=5, tile=4.0)  # type: ignore[arg-type]
+def test_a_field_is_level_at_its_edges_and_on_its_platforms(kind):
+    terrain = Terrain(kind, levels=3, variants=5, tile=4.0)
     heights = terrain.heights()
     assert heights.shape == (5 * 40 + 1, 3 * 40 + 1)
     np.testing.assert_array_equal(heights[::40], 0.0)
@@ -30,7 +27,7 @@ def test_a_field_is_level_at_its_edges_and_on_its_platforms(kind: str) -> None:
     assert 0.0 < hardness[0] < hardness[1] < hardness[2]
 
 
-def test_slopes_and_steps_are_as_steep_and_high_as_they_say_up_and_down() -> None:
+def test_slopes_and_steps_are_as_steep_and_high_as_they_say_up_and_down():
     slopes = Terrain("slopes", slope=0.2, **SMALL).heights()
     gradient = np.diff(slopes, axis=1) / 0.1
     assert gradient.max() == pytest.approx(np.tan(0.2))
@@ -42,14 +39,14 @@ def test_slopes_and_steps_are_as_steep_and_high_as_they_say_up_and_down() -> Non
     assert np.unique(steps[:, 41:].round(9)).tolist() == [-0.24, -0.12, 0.0, 0.12, 0.24]
 
 
-def test_bumps_are_of_the_seed() -> None:
+def test_bumps_are_of_the_seed():
     first, second = (Terrain("rough", seed=seed, **SMALL).heights() for seed in (0, 1))
     np.testing.assert_array_equal(first, Terrain("rough", seed=0, **SMALL).heights())
     assert np.abs(first - second).max() > 0.02
     assert 0.06 < np.ptp(first) <= 0.08
 
 
-def test_an_episode_begins_on_a_platform_as_hard_as_is_allowed() -> None:
+def test_an_episode_begins_on_a_platform_as_hard_as_is_allowed():
     terrain = Terrain("steps", levels=4, variants=3)
     numbers = np.random.default_rng(0).random((300, 2))
     everywhere, easy = terrain.spawn(numbers), terrain.spawn(numbers, hardness=0.0)
@@ -64,8 +61,8 @@ def test_an_episode_begins_on_a_platform_as_hard_as_is_allowed() -> None:
 
 
 @pytest.mark.parametrize("kind", ["rough", "steps"])
-def test_the_floor_is_where_a_ray_hits_it(kind: str) -> None:
-    model = build_model(BIPED, scene="floor", terrain=Terrain(kind, **SMALL))  # type: ignore[arg-type]
+def test_the_floor_is_where_a_ray_hits_it(kind):
+    model = build_model(BIPED, scene="floor", terrain=Terrain(kind, **SMALL))
     floor = Floor(model)
     points = np.random.default_rng(1).uniform(-6.0, 6.0, (400, 3))
     points[:, 2] = 3.0
@@ -83,15 +80,15 @@ def test_the_floor_is_where_a_ray_hits_it(kind: str) -> None:
     assert floor.level(points[0]) == levels[0]
 
 
-def test_what_stands_on_the_field_is_a_floor_too() -> None:
-    def with_box(spec: mujoco.MjSpec) -> None:
+def test_what_stands_on_the_field_is_a_floor_too():
+    def with_box(spec):
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1], pos=[1.0, 0.0, 0.5])
 
     model = build_model(BIPED, scene="floor", terrain=Terrain("rough", **SMALL), edit=with_box)
     assert float(Floor(model).level(np.array([1.0, 0.0, 3.0]))) == pytest.approx(0.6)
 
 
-def test_a_robot_that_brings_a_ground_of_its_own_gets_no_other(small_robot: Callable[..., RobotDescription]) -> None:
+def test_a_robot_that_brings_a_ground_of_its_own_gets_no_other(small_robot):
     mjcf = """
     <mujoco><worldbody>
       <geom type="plane" size="1 1 1"/>
@@ -119,12 +116,12 @@ def test_a_robot_that_brings_a_ground_of_its_own_gets_no_other(small_robot: Call
         ({"kind": "rough", "resolution": 0.001}, "terrain: has 576000000 points, expected <= 4000000"),
     ],
 )
-def test_what_there_is_not_is_refused(value: Any, message: str) -> None:
+def test_what_there_is_not_is_refused(value, message):
     with pytest.raises(InputError, match=message):
         Terrain.of(value)
 
 
-def test_a_terrain_by_its_name_or_fields() -> None:
+def test_a_terrain_by_its_name_or_fields():
     assert Terrain.of(None) is Terrain.of("flat") is None
     assert Terrain.of("steps") == Terrain("steps")
     assert Terrain.of({"kind": "steps", "levels": 2}) == Terrain("steps", levels=2)

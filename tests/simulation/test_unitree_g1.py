@@ -16,11 +16,10 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemor
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import TickInput
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern
-from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.robots.description import load_robot, with_contract
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.simulation.plant import Actuation
 from humanoid_sim.simulation.sensors import Imu
 
 POLICIES = Path(os.environ.get("HUMANOID_SIM_POLICIES", Path(__file__).parents[3] / "shared" / "policies"))
@@ -31,18 +30,18 @@ pytestmark = pytest.mark.skipif(not MODELS.is_dir(), reason=f"no published polic
 
 
 @pytest.fixture(scope="module")
-def checkpoint() -> Checkpoint:
+def checkpoint():
     pytest.importorskip("onnxruntime")
     joints = load_robot(MODELS / "scene.xml").joint_names
     return load_checkpoint(VELOCITY / "exported" / "policy.onnx", robot_joints=joints)
 
 
 @pytest.fixture(scope="module")
-def g1(checkpoint: Checkpoint) -> RobotDescription:
+def g1(checkpoint):
     return with_contract(load_robot(MODELS / "scene.xml"), checkpoint.contract)
 
 
-def test_what_its_mjcf_says() -> None:
+def test_what_its_mjcf_says():
     robot = load_robot(MODELS / "scene.xml")
     assert robot.name == "g1_29dof_rev_1_0"
     assert robot.joint_count == 29
@@ -51,7 +50,7 @@ def test_what_its_mjcf_says() -> None:
     assert not robot.stiffness.any()
 
 
-def test_gyro_and_gravity_are_those_of_the_published_trace(g1: RobotDescription) -> None:
+def test_gyro_and_gravity_are_those_of_the_published_trace(g1):
     trace = np.load(VELOCITY / "trace.npz")
     model = build_model(g1)
     imu, data, rotation = Imu(model, g1.imu), mujoco.MjData(model), np.empty(9)
@@ -63,13 +62,13 @@ def test_gyro_and_gravity_are_those_of_the_published_trace(g1: RobotDescription)
         assert -rotation[6:] == pytest.approx(observation[3:6], abs=1e-6)
 
 
-def test_it_stands_on_its_soles_at_the_start(g1: RobotDescription) -> None:
+def test_it_stands_on_its_soles_at_the_start(g1):
     robot = MujocoRobot(g1)
     assert robot.base_state.height == pytest.approx(0.7842, abs=1e-4)
     assert robot.warnings == ()
 
 
-def test_without_armature_the_step_is_refused_and_one_that_works_is_named(checkpoint: Checkpoint) -> None:
+def test_without_armature_the_step_is_refused_and_one_that_works_is_named(checkpoint):
     robot = with_contract(load_robot(MODELS / "robot.xml"), checkpoint.contract)
     with pytest.raises(InputError, match=r"at right_ankle_roll_joint .* unstable above 2, .* such as 0\.00025 s$"):
         MujocoRobot(robot)
@@ -80,9 +79,7 @@ def test_without_armature_the_step_is_refused_and_one_that_works_is_named(checkp
     ("timestep", "actuation", "yaw"),
     [(0.005, "qfrc_applied", 0.0), (0.005, "affine", 2.0), (0.001, "qfrc_applied", 0.0)],
 )
-def test_it_walks_as_published(
-    g1: RobotDescription, checkpoint: Checkpoint, timestep: float, actuation: Actuation, yaw: float
-) -> None:
+def test_it_walks_as_published(g1, checkpoint, timestep, actuation, yaw):
     """Told 0.5 m/s it makes 0.427 ± 0.015; published over 20 s, here over the first 6."""
     robot = MujocoRobot(
         g1, control_period=0.02, physics_timestep=timestep, actuation=actuation, support=False, base_yaw=yaw
@@ -95,7 +92,7 @@ def test_it_walks_as_published(
         control_period=0.02,
         extern={**robot.extern, VELOCITY_COMMAND: 3},
     )
-    memory: RLPolicyMemory | None = None
+    memory = None
     velocity, height, tilt = [], [], []
     while robot.time < 6.0:
         state, safety = robot.read()

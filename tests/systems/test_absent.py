@@ -41,13 +41,13 @@ sys.exit(main({words!r}))
 """
 
 
-def run(code: str, folder: Path) -> subprocess.CompletedProcess[str]:
+def run(code, folder):
     return subprocess.run(
         [sys.executable, str(ABSENT), code], cwd=folder, capture_output=True, text=True, check=False, timeout=200
     )
 
 
-def test_they_are_absent(tmp_path: Path) -> None:
+def test_they_are_absent(tmp_path):
     for code in ("import fcntl", "import termios", "import resource", "import socket; socket.AF_UNIX"):
         assert run(code, tmp_path).returncode == 1
     assert run("import os; os.symlink('a', 'b')", tmp_path).returncode == 1
@@ -55,12 +55,12 @@ def test_they_are_absent(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("code", "printed"), [(ENVIRONMENTS, "False True (3,)\n"), (SIMULATION, "True True\n")])
-def test_simulation_and_environments(code: str, printed: str, tmp_path: Path) -> None:
+def test_simulation_and_environments(code, printed, tmp_path):
     done = run(code, tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, printed, "")
 
 
-def test_regress_with_its_files(tmp_path: Path) -> None:
+def test_regress_with_its_files(tmp_path):
     words = ["regress", "lite_tracking.onnx", "--seeds", "2", "--only", "circle", "--json", "r.json", "--quiet"]
     (tmp_path / "lite_tracking.onnx").write_bytes(
         (Path(__file__).parents[2] / "assets" / "policies" / "lite_tracking.onnx").read_bytes()
@@ -71,7 +71,7 @@ def test_regress_with_its_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_an_episode_and_its_replay(tmp_path: Path) -> None:
+def test_an_episode_and_its_replay(tmp_path):
     policy = str(Path(__file__).parents[2] / "assets" / "policies" / "lite_tracking.onnx")
     done = run(PROGRAM.format(words=["regress", policy, "--episode", "circle:1", "--record-failures", "f"]), tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
@@ -80,15 +80,8 @@ def test_an_episode_and_its_replay(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("play", "--duration", "1"),
-        ("hardware", "ping", "virtual:x", "11"),
-        ("viewer",),
-    ],
-)
-def test_sessions_and_hardware_refuse_in_one_line(words: tuple[str, ...], tmp_path: Path) -> None:
+@pytest.mark.parametrize("words", [("play", "--duration", "1"), ("hardware", "ping", "virtual:x", "11"), ("viewer",)])
+def test_sessions_and_hardware_refuse_in_one_line(words, tmp_path):
     done = run(PROGRAM.format(words=list(words)), tmp_path)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert done.stderr.startswith("error: sessions, front ends and hardware need Python's module '")
@@ -96,7 +89,7 @@ def test_sessions_and_hardware_refuse_in_one_line(words: tuple[str, ...], tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_help_is_had_everywhere(tmp_path: Path) -> None:
+def test_help_is_had_everywhere(tmp_path):
     for words in (["play", "--help"], ["regress", "-h"], []):
         code = PROGRAM.format(words=words)
         assert run(code, tmp_path).returncode == 0

@@ -14,8 +14,8 @@ def machine(build):
     return type("Machine", (StackMachine,), {"build": staticmethod(build)})
 
 
-def test_a_sound_stack_passes_and_is_asked_in_every_mode() -> None:
-    asked: set[tuple[Mode, int]] = set()
+def test_a_sound_stack_passes_and_is_asked_in_every_mode():
+    asked = set()
 
     class Watched(machine(SOUND)):
         def check(self, given, output):
@@ -34,13 +34,13 @@ def test_a_sound_stack_passes_and_is_asked_in_every_mode() -> None:
         ("DAMP together with QUIT is ignored", "DAMP was requested"),
     ],
 )
-def test_what_is_one_tick_away_is_found_without_a_search(defect: str, message: str) -> None:
+def test_what_is_one_tick_away_is_found_without_a_search(defect, message):
     with pytest.raises(SafetyViolationError, match=message) as caught:
         every_report_and_intent(machine(DEFECTS[defect]))
     assert " on a healthy robot, with " in str(caught.value)
 
 
-def test_a_third_intent_that_hides_damp_is_found() -> None:
+def test_a_third_intent_that_hides_damp_is_found():
     class DropsDampAtTheEnd(Stack):
         def before(self, memory, given):
             return replace(given, intents=given.intents[:2]) if given.intents[2:] == (Intent.DAMP,) else given
@@ -50,7 +50,7 @@ def test_a_third_intent_that_hides_damp_is_found() -> None:
     assert "'DAMP']" in str(caught.value)
 
 
-def test_a_tick_is_taken_back() -> None:
+def test_a_tick_is_taken_back():
     """Each is asked from the same instant: a defect of the tick after a report would need two."""
     ticks = set()
 
@@ -64,7 +64,7 @@ def test_a_tick_is_taken_back() -> None:
     assert len({time for mode, time in ticks if mode is Mode.ZERO_TORQUE}) == 1
 
 
-def test_a_mode_that_fails_on_the_way_is_named() -> None:
+def test_a_mode_that_fails_on_the_way_is_named():
     class RefusesToRest(Stack):
         def after(self, memory, given, output):
             if Intent.DAMP in given.intents:

@@ -10,6 +10,7 @@ import yaml
 from hypothesis import Phase, settings
 from hypothesis.stateful import run_state_machine_as_test
 
+from humanoid_sim import testing
 from humanoid_sim.assets import asset_path
 from humanoid_sim.controllers import supervisor as supervisor_module
 from humanoid_sim.controllers.base import Fault, Memory
@@ -17,17 +18,9 @@ from humanoid_sim.controllers.fsm import Decision, transition
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import OK
 from humanoid_sim.mit import MITCommand
-from humanoid_sim.testing import (
-    DEFAULT_SETTINGS,
-    SafetyViolationError,
-    StackMachine,
-    fuzz_controller,
-    fuzz_stack,
-    robot_stack,
-)
 
-QUICK = settings(DEFAULT_SETTINGS, max_examples=3, derandomize=True, database=None)
-SEARCH = settings(DEFAULT_SETTINGS, max_examples=200, derandomize=True, database=None, phases=[Phase.generate])
+QUICK = settings(testing.DEFAULT_SETTINGS, max_examples=3, derandomize=True, database=None)
+SEARCH = settings(testing.DEFAULT_SETTINGS, max_examples=200, derandomize=True, database=None, phases=[Phase.generate])
 """Stops at the first find; shrinking it is Hypothesis's own work."""
 
 
@@ -126,25 +119,27 @@ def test_the_packages_own_controllers_are_sound(name):
     externs = {"velocity": 3}
     controller = rig.supervisor().controllers[name]
     assert getattr(controller, "extern", externs) == externs
-    fuzz_controller(controller, settings(QUICK, max_examples=6), healthy_ticks=300)
+    testing.fuzz_controller(controller, settings(QUICK, max_examples=6), healthy_ticks=300)
 
 
 def test_a_sound_controller_of_ones_own():
-    fuzz_controller(Held(), settings(QUICK, max_examples=6), healthy_ticks=100)
-    fuzz_stack(lambda policy: rig.supervisor(policy, rl_policy_controller=Held()), QUICK, healthy_ticks=100)
+    testing.fuzz_controller(Held(), settings(QUICK, max_examples=6), healthy_ticks=100)
+    testing.fuzz_stack(lambda policy: rig.supervisor(policy, rl_policy_controller=Held()), QUICK, healthy_ticks=100)
 
 
 @pytest.mark.parametrize(("kind", "message"), MISTAKES)
 def test_a_mistake_in_a_controller_is_found(kind, message):
-    with pytest.raises(SafetyViolationError) as caught:
-        fuzz_controller(kind(), SEARCH)
+    with pytest.raises(testing.SafetyViolationError) as caught:
+        testing.fuzz_controller(kind(), SEARCH, healthy_ticks=100)
     assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(("kind", "message"), [(Raises, "raised"), (IsNotPure, "the same inputs gave")])
 def test_a_mistake_in_a_controller_is_found_inside_a_stack(kind, message):
-    with pytest.raises(SafetyViolationError) as caught:
-        fuzz_stack(lambda policy: rig.supervisor(policy, rl_policy_controller=kind()), SEARCH)
+    with pytest.raises(testing.SafetyViolationError) as caught:
+        testing.fuzz_stack(
+            lambda policy: rig.supervisor(policy, rl_policy_controller=kind()), SEARCH, healthy_ticks=100
+        )
     assert message in str(caught.value)
 
 
@@ -172,24 +167,24 @@ def recovers(current, safety, intent, standby_finished, *rest):
 )
 def test_a_mistake_in_the_fsm_is_found(monkeypatch, rule, message):
     monkeypatch.setattr(supervisor_module, "transition", rule)
-    with pytest.raises(SafetyViolationError) as caught:
-        fuzz_stack(rig.supervisor, SEARCH)
+    with pytest.raises(testing.SafetyViolationError) as caught:
+        testing.fuzz_stack(rig.supervisor, SEARCH, healthy_ticks=100)
     assert message in str(caught.value)
 
 
 @pytest.mark.parametrize("left_out", ["rl_policy_controller", "remote_policy_controller", "standby_controller_b"])
 def test_a_stack_without_a_controller_is_sound(left_out):
-    fuzz_stack(lambda policy: rig.supervisor(policy, **{left_out: None}), QUICK, healthy_ticks=100)
+    testing.fuzz_stack(lambda policy: rig.supervisor(policy, **{left_out: None}), QUICK, healthy_ticks=100)
 
 
 def test_a_robots_settings():
-    fuzz_stack(robot_stack("lite"), settings(QUICK, max_examples=1), healthy_ticks=300)
+    testing.fuzz_stack(testing.robot_stack("lite"), settings(QUICK, max_examples=1), healthy_ticks=300)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["lite", "lite_biped", "lite_neck"])
 def test_every_shipped_robot_withstands_anything(name):
-    fuzz_stack(robot_stack(name), settings(DEFAULT_SETTINGS, max_examples=60))
+    testing.fuzz_stack(testing.robot_stack(name), settings(testing.DEFAULT_SETTINGS, max_examples=60))
 
 
 def test_a_pose_that_takes_for_ever_is_found(tmp_path):
@@ -198,16 +193,16 @@ def test_a_pose_that_takes_for_ever_is_found(tmp_path):
     document["standby_controller_a"]["segment_durations"] = [2.0, 20.0]
     path = tmp_path / "slow.yaml"
     path.write_text(yaml.safe_dump(document), encoding="utf-8")
-    with pytest.raises(SafetyViolationError, match="standby_controller_a has not finished after 20"):
-        fuzz_stack(robot_stack(path), SEARCH)
+    with pytest.raises(testing.SafetyViolationError, match="standby_controller_a has not finished after 20"):
+        testing.fuzz_stack(testing.robot_stack(path), SEARCH)
 
 
 def test_an_unknown_robot_is_one_line():
     with pytest.raises(InputError, match="unknown robot 'light'"):
-        robot_stack("light")
+        testing.robot_stack("light")
 
 
-class OwnMachine(StackMachine):
+class OwnMachine(testing.StackMachine):
     """A property of one's own: this robot must never be told to move fast."""
 
     position = rig.KNOWN
@@ -228,4 +223,4 @@ def test_a_machine_of_ones_own_checks_more():
 
 def test_a_machine_without_a_stack_says_so():
     with pytest.raises(NotImplementedError, match=r"StackMachine\.build is not defined: it must return the stack"):
-        StackMachine()
+        testing.StackMachine()

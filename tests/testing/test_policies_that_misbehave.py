@@ -8,13 +8,7 @@ from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController
-from humanoid_sim.testing import (
-    ScriptedPolicy,
-    healthy_tick,
-    misbehaviours,
-    policies_that_misbehave,
-    well_behaved,
-)
+from humanoid_sim.testing import ScriptedPolicy, healthy_tick, misbehaviours, policies_that_misbehave, well_behaved
 
 NAMES = sorted(misbehaviours(1))
 

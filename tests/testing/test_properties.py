@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 import rig
 
-from humanoid_sim.messages import (
-    ControlMode,
-    FaultReport,
-    Intent,
-    Mode,
-    RemoteCommand,
-    SafetyStatus,
-    StandbyState,
-)
+from humanoid_sim.messages import ControlMode, FaultReport, Intent, Mode, RemoteCommand, SafetyStatus, StandbyState
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.testing import SafetyProperties, SafetyViolationError
 

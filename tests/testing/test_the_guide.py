@@ -25,7 +25,7 @@ def test_the_guide_has_its_examples():
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_an_example_runs(example, monkeypatch):
     monkeypatch.setattr(fuzz.fuzz_stack, "__defaults__", (QUICK,))
-    names: dict[str, object] = {"__name__": "example"}
+    names = {"__name__": "example"}
     exec(compile(example, "docs/testing.md", "exec"), names)
     tests = [value for name, value in names.items() if name.startswith("test_")]
     machines = [value for name, value in names.items() if name == "CarefulLite"]

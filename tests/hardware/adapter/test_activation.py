@@ -3,8 +3,6 @@ import errno
 import math
 import threading
 import time
-from collections.abc import Callable
-from typing import Any
 
 import can
 import msgspec
@@ -18,11 +16,10 @@ from humanoid_sim.hardware.adapter import control
 from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus
 from humanoid_sim.hardware.checks import Verdict
-from humanoid_sim.hardware.imu.interface import ImuReading, upright_at_rest
+from humanoid_sim.hardware.imu.interface import upright_at_rest
 from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.fields import MotorMode, StatusFault
 from humanoid_sim.hardware.robstride.messages import (
-    Command,
     Enable,
     GetDeviceId,
     OperationControl,
@@ -36,12 +33,10 @@ from humanoid_sim.hardware.robstride.parameters import PARAMETERS, unpack_value
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.motors import MOTORS
-from humanoid_sim.robots.schema import RemoteSettings, RobotDescription
-
-MakeRobot = Callable[..., HardwareRobot]
+from humanoid_sim.robots.schema import RemoteSettings
 
 
-def _refusal(robot: HardwareRobot) -> list[str]:
+def _refusal(robot):
     """The problems of an activation that must be refused; no motor may have been enabled."""
     with pytest.raises(RobotError) as caught:
         robot.activate()
@@ -51,16 +46,16 @@ def _refusal(robot: HardwareRobot) -> list[str]:
     return problems
 
 
-def _warnings(robot: HardwareRobot) -> list[str]:
+def _warnings(robot):
     return [str(check) for check in robot.checks if check.verdict is Verdict.WARNING]
 
 
-def _parameter(motor: ScriptedMotor, name: str) -> float:
+def _parameter(motor, name):
     parameter = PARAMETERS[name]
     return unpack_value(parameter.type, motor.parameters[parameter.index])
 
 
-def _wrote(motor: ScriptedMotor) -> bool:
+def _wrote(motor):
     """Whether the motor was told anything but to identify itself."""
     return any(not isinstance(command, GetDeviceId | ReadVersion) for command in motor.heard)
 
@@ -68,9 +63,7 @@ def _wrote(motor: ScriptedMotor) -> bool:
 # --- what is right
 
 
-def test_sound_motors_are_configured_and_enabled_without_torque(
-    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
-) -> None:
+def test_sound_motors_are_configured_and_enabled_without_torque(robot, left, right):
     robot.activate()
     assert robot.is_enabled
     assert [left.mode, right.mode] == [MotorMode.RUN, MotorMode.RUN]
@@ -93,9 +86,7 @@ def test_sound_motors_are_configured_and_enabled_without_torque(
     assert all(status.is_ok for status in statuses)
 
 
-def test_no_limit_is_written_beyond_the_peak_of_the_motors_data_sheet(
-    make_robot: MakeRobot, description: RobotDescription, left: ScriptedMotor, right: ScriptedMotor
-) -> None:
+def test_no_limit_is_written_beyond_the_peak_of_the_motors_data_sheet(make_robot, description, left, right):
     joints = []
     for joint, torque, current in zip(description.joints, (170.0, 14.0), (27.0, 16.0), strict=True):
         assert joint.motor is not None
@@ -114,7 +105,7 @@ def test_no_limit_is_written_beyond_the_peak_of_the_motors_data_sheet(
     assert not _warnings(robot)
 
 
-def test_the_list_says_what_was_verified(robot: HardwareRobot) -> None:
+def test_the_list_says_what_was_verified(robot):
     robot.activate()
     lines = {check.subject: str(check) for check in robot.checks}
     assert "motor 11 on virtual:left-" in lines["left"]
@@ -131,7 +122,7 @@ def test_the_list_says_what_was_verified(robot: HardwareRobot) -> None:
     assert any("supply 48.0 V at" in line for line in lines.values())
 
 
-def test_preparing_does_everything_but_enabling(robot: HardwareRobot, left: ScriptedMotor) -> None:
+def test_preparing_does_everything_but_enabling(robot, left):
     robot.prepare()
     assert not robot.is_enabled
     assert left.mode is MotorMode.RESET
@@ -143,7 +134,7 @@ def test_preparing_does_everything_but_enabling(robot: HardwareRobot, left: Scri
     assert [(status.level, status.flags) for status in statuses] == [(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT)] * 2
 
 
-def test_a_dry_run_never_enables(make_robot: MakeRobot, left: ScriptedMotor) -> None:
+def test_a_dry_run_never_enables(make_robot, left):
     robot = make_robot(dry_run=True)
     with pytest.raises(RobotError, match="this is a dry run"):
         robot.activate()
@@ -154,10 +145,10 @@ def test_a_dry_run_never_enables(make_robot: MakeRobot, left: ScriptedMotor) -> 
     assert wait_until(lambda: not left.reports), "and leaves nobody talking"
 
 
-def test_lost_frames_are_asked_for_again(robot: HardwareRobot, left: ScriptedMotor) -> None:
-    seen: dict[type, int] = {}
+def test_lost_frames_are_asked_for_again(robot, left):
+    seen = {}
 
-    def every_second(command: Command) -> bool:
+    def every_second(command):
         seen[type(command)] = seen.get(type(command), 0) + 1
         return isinstance(command, WriteParameter) or seen[type(command)] % 2 == 0
 
@@ -167,7 +158,7 @@ def test_lost_frames_are_asked_for_again(robot: HardwareRobot, left: ScriptedMot
     assert seen[Enable] >= 2
 
 
-def test_reports_are_left_off_where_answers_come_as_often(make_robot: MakeRobot, left: ScriptedMotor) -> None:
+def test_reports_are_left_off_where_answers_come_as_often(make_robot, left):
     robot = make_robot(control_period=0.005)
     robot.prepare()
     assert not left.reports
@@ -175,7 +166,7 @@ def test_reports_are_left_off_where_answers_come_as_often(make_robot: MakeRobot,
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_motor_that_does_not_report_is_mentioned(robot: HardwareRobot, left: ScriptedMotor) -> None:
+def test_a_motor_that_does_not_report_is_mentioned(robot, left):
     left.hears = lambda command: not isinstance(command, SetActiveReport)
     robot.activate()
     assert _warnings(robot) == ["warning: left: sends no active reports: its state is a control period old"]
@@ -185,20 +176,18 @@ def test_a_motor_that_does_not_report_is_mentioned(robot: HardwareRobot, left: S
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_missing_motor_keeps_every_motor_from_being_touched(
-    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor, channels: tuple[BusAddress, BusAddress]
-) -> None:
+def test_a_missing_motor_keeps_every_motor_from_being_touched(robot, left, right, channels):
     right.is_silent = True
     assert _refusal(robot) == [f"right: motor 21 does not answer on {channels[1]}"]
     assert not any(isinstance(command, WriteParameter | Enable) for command in left.heard)
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_dead_channel_is_one_problem(description: RobotDescription, channels: tuple[BusAddress, BusAddress]) -> None:
+def test_a_dead_channel_is_one_problem(description, channels):
     robot = HardwareRobot(description, channels[:1], calibration={"left": 0.0, "right": 0.0})
     ended = threading.Event()
 
-    def complain() -> None:
+    def complain():
         with can.Bus(interface="virtual", channel=channels[0].channel) as bus:
             while not ended.wait(0.005):
                 bus.send(can.Message(arbitration_id=0x20, data=bytes(8), is_error_frame=True))
@@ -216,9 +205,7 @@ def test_a_dead_channel_is_one_problem(description: RobotDescription, channels: 
 
 
 @pytest.mark.usefixtures("attentive", "impatient")
-def test_a_channel_of_other_motors_is_not_dead(
-    description: RobotDescription, channels: tuple[BusAddress, BusAddress]
-) -> None:
+def test_a_channel_of_other_motors_is_not_dead(description, channels):
     with ScriptedMotors([(channels[0], [ScriptedMotor(99)])]):
         robot = HardwareRobot(description, channels[:1], calibration={"left": 0.0, "right": 0.0})
         problems = _refusal(robot)
@@ -230,9 +217,7 @@ def test_a_channel_of_other_motors_is_not_dead(
 
 
 @pytest.mark.usefixtures("attentive", "impatient")
-def test_swapped_channels_are_recognised(
-    channels: tuple[BusAddress, BusAddress], description: RobotDescription, left: ScriptedMotor, right: ScriptedMotor
-) -> None:
+def test_swapped_channels_are_recognised(channels, description, left, right):
     with ScriptedMotors([(channels[0], [right]), (channels[1], [left])]):
         robot = HardwareRobot(description, channels, calibration={"left": 0.0, "right": 0.0})
         problems = _refusal(robot)
@@ -245,9 +230,7 @@ def test_swapped_channels_are_recognised(
 
 @pytest.mark.usefixtures("attentive", "impatient")
 @pytest.mark.parametrize("where", [0, 1])
-def test_a_second_motor_with_an_expected_id_is_refused(
-    where: int, robot: HardwareRobot, channels: tuple[BusAddress, BusAddress], left: ScriptedMotor
-) -> None:
+def test_a_second_motor_with_an_expected_id_is_refused(where, robot, channels, left):
     twin = ScriptedMotor(11, uid=b"the twin")
     with ScriptedMotors([(channels[where], [twin])]):
         (problem,) = _refusal(robot)
@@ -259,7 +242,7 @@ def test_a_second_motor_with_an_expected_id_is_refused(
 
 
 @pytest.mark.usefixtures("attentive")
-def test_a_motor_that_is_no_joint_is_left_alone(robot: HardwareRobot, channels: tuple[BusAddress, BusAddress]) -> None:
+def test_a_motor_that_is_no_joint_is_left_alone(robot, channels):
     stranger = ScriptedMotor(0x7F, uid=b"new one!")
     with ScriptedMotors([(channels[0], [stranger])]):
         robot.activate()
@@ -267,9 +250,7 @@ def test_a_motor_that_is_no_joint_is_left_alone(robot: HardwareRobot, channels: 
     assert not _wrote(stranger)
 
 
-def test_firmware_that_no_document_mentions_is_a_question_to_the_operator(
-    robot: HardwareRobot, left: ScriptedMotor
-) -> None:
+def test_firmware_that_no_document_mentions_is_a_question_to_the_operator(robot, left):
     left.version = (0, 2, 3, 10)
     robot.prepare()
     (question,) = (check for check in robot.checks if check.verdict is Verdict.QUESTION)
@@ -287,9 +268,7 @@ def test_firmware_that_no_document_mentions_is_a_question_to_the_operator(
     assert any("left: its firmware 0.2.3.10 is newer" in line for line in _warnings(robot))
 
 
-def test_a_motor_that_answers_operation_control_to_a_stored_host_is_not_enabled(
-    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
-) -> None:
+def test_a_motor_that_answers_operation_control_to_a_stored_host_is_not_enabled(robot, left, right):
     left.stored_host, right.stored_host = 0xAA, 0x00
     what = "which is stored in the motor, and not to 253, this host"
     stored = "store 253 in it (CAN_MASTER, with the vendor's program)"
@@ -300,9 +279,7 @@ def test_a_motor_that_answers_operation_control_to_a_stored_host_is_not_enabled(
     assert not any(isinstance(command, Enable) for motor in (left, right) for command in motor.heard)
 
 
-def test_a_stored_host_is_found_out_at_the_latest_when_the_motor_is_enabled(
-    robot: HardwareRobot, left: ScriptedMotor
-) -> None:
+def test_a_stored_host_is_found_out_at_the_latest_when_the_motor_is_enabled(robot, left):
     left.stored_host, left.answers_stopped = 0xAA, False
     (problem,) = _refusal(robot)
     assert problem.startswith("left: answers operation control to host 170, which is stored in the motor")
@@ -310,25 +287,19 @@ def test_a_stored_host_is_found_out_at_the_latest_when_the_motor_is_enabled(
     assert all((c.stiffness, c.damping, c.effort) == (0.0, 0.0, 0.0) for c in left.commands)
 
 
-def test_the_stored_host_may_be_ours(make_robot: MakeRobot, left: ScriptedMotor, right: ScriptedMotor) -> None:
+def test_the_stored_host_may_be_ours(make_robot, left, right):
     left.stored_host = right.stored_host = 0xAA
     robot = make_robot(host_id=0xAA)
     robot.activate()
     assert all(status.is_ok for status in robot.read()[1])
 
 
-def test_another_master_is_left_alone(
-    robot: HardwareRobot,
-    motors: ScriptedMotors,
-    left: ScriptedMotor,
-    right: ScriptedMotor,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_another_master_is_left_alone(robot, motors, left, right, monkeypatch):
     monkeypatch.setattr("humanoid_sim.hardware.robstride.enabling._LISTENING", 0.05)
     frame = encode_command(OperationControl(11, 0.0, 0.0, 0.0, 10.0, 1.0), MOTORS["rs-02"])
     done = threading.Event()
 
-    def drive() -> None:
+    def drive():
         while not done.wait(0.005):
             ScriptedMotors.send_frame(motors.buses[0], frame)
 
@@ -374,15 +345,13 @@ _OVERVOLTAGE = {0x3022: (1 << 3).to_bytes(4, "little")}
         ),
     ],
 )
-def test_a_motor_that_is_not_sound_is_refused(
-    state: dict[str, Any], problem: str, robot: HardwareRobot, left: ScriptedMotor
-) -> None:
+def test_a_motor_that_is_not_sound_is_refused(state, problem, robot, left):
     _set(left, state)
     assert _refusal(robot) == [f"left: {problem}"]
     assert left.mode is MotorMode.RESET
 
 
-def _set(motor: ScriptedMotor, state: dict[str, Any]) -> None:
+def _set(motor, state):
     for name, value in state.items():
         setattr(motor, name, motor.parameters | value if name == "parameters" else value)
 
@@ -398,26 +367,24 @@ def _set(motor: ScriptedMotor, state: dict[str, Any]) -> None:
         ({"unreadable": {"fault_word"}}, ["its fault word cannot be read: overvoltage would not be seen here"]),
     ],
 )
-def test_what_is_no_obstacle_is_mentioned(
-    state: dict[str, Any], warnings: list[str], robot: HardwareRobot, left: ScriptedMotor
-) -> None:
+def test_what_is_no_obstacle_is_mentioned(state, warnings, robot, left):
     _set(left, state)
     robot.activate()
     assert _warnings(robot) == [f"warning: left: {warning}" for warning in warnings]
 
 
-def test_firmware_with_the_old_position_range_is_mentioned(robot: HardwareRobot, right: ScriptedMotor) -> None:
+def test_firmware_with_the_old_position_range_is_mentioned(robot, right):
     right.version = (0, 0, 2, 6)
     robot.activate()
     assert any("counts ±12.5 rad where frames are read as ±12.566" in line for line in _warnings(robot))
 
 
-def test_more_torque_than_was_allowed_is_refused(robot: HardwareRobot, right: ScriptedMotor) -> None:
+def test_more_torque_than_was_allowed_is_refused(robot, right):
     right.unwritable.add("limit_torque")
     assert _refusal(robot) == ["right: limit_torque reads 14 N·m after 10 was written"]
 
 
-def test_the_fault_of_a_motor_is_cleared_and_told(robot: HardwareRobot, left: ScriptedMotor) -> None:
+def test_the_fault_of_a_motor_is_cleared_and_told(robot, left):
     left.faults = StatusFault.STALL_OVERLOAD
     robot.activate()
     assert _warnings(robot) == ["warning: left: had faults, cleared: stall_overload"]
@@ -425,9 +392,7 @@ def test_the_fault_of_a_motor_is_cleared_and_told(robot: HardwareRobot, left: Sc
     assert robot.read()[1][0].is_ok
 
 
-def test_reports_of_an_earlier_session_do_not_hide_that_a_fault_was_cleared(
-    robot: HardwareRobot, left: ScriptedMotor
-) -> None:
+def test_reports_of_an_earlier_session_do_not_hide_that_a_fault_was_cleared(robot, left):
     left.reports = True
     left.faults = StatusFault.STALL_OVERLOAD
     for _ in range(3):
@@ -436,28 +401,24 @@ def test_reports_of_an_earlier_session_do_not_hide_that_a_fault_was_cleared(
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_motor_that_does_not_stop_is_refused(robot: HardwareRobot, left: ScriptedMotor) -> None:
+def test_a_motor_that_does_not_stop_is_refused(robot, left):
     left.mode, left.stops = MotorMode.RUN, False
     assert "left: does not confirm that it is stopped (mode run)" in _refusal(robot)
     left.stops = True
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_motor_that_does_not_enable_takes_the_others_down_again(
-    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
-) -> None:
+def test_a_motor_that_does_not_enable_takes_the_others_down_again(robot, left, right):
     left.enables = False
     assert _refusal(robot) == ["left: was not enabled (mode reset)"]
     assert right.mode is MotorMode.RESET
     assert any(isinstance(command, Enable) for command in right.heard)
 
 
-def test_motors_that_run_already_are_kept_running_while_others_are_asked(
-    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
-) -> None:
+def test_motors_that_run_already_are_kept_running_while_others_are_asked(robot, left, right):
     asked = []
 
-    def late(command: Command) -> bool:
+    def late(command):
         if isinstance(command, Enable):
             asked.append(command)
         return not isinstance(command, Enable) or len(asked) > 8
@@ -469,10 +430,8 @@ def test_motors_that_run_already_are_kept_running_while_others_are_asked(
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_motor_that_reports_a_fault_as_it_is_enabled_is_refused(
-    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
-) -> None:
-    def fails(command: Command) -> bool:
+def test_a_motor_that_reports_a_fault_as_it_is_enabled_is_refused(robot, left, right):
+    def fails(command):
         left.faults = StatusFault.PHASE_OVERCURRENT if isinstance(command, Enable) else left.faults
         return True
 
@@ -484,7 +443,7 @@ def test_a_motor_that_reports_a_fault_as_it_is_enabled_is_refused(
 # --- where are they
 
 
-def test_a_turn_at_power_on_is_counted(robot: HardwareRobot, right: ScriptedMotor) -> None:
+def test_a_turn_at_power_on_is_counted(robot, right):
     right.position = 2.0 * math.pi - 0.1
     robot.activate()
     assert robot.read()[0].joint_position[1] == pytest.approx(-0.1, abs=4e-4)
@@ -492,7 +451,7 @@ def test_a_turn_at_power_on_is_counted(robot: HardwareRobot, right: ScriptedMoto
     assert right.commands[-1].position == pytest.approx(2.0 * math.pi - 0.1, abs=4e-4), "in the motor's own count"
 
 
-def test_an_arm_that_still_swings_is_no_reason_to_refuse(robot: HardwareRobot, left: ScriptedMotor) -> None:
+def test_an_arm_that_still_swings_is_no_reason_to_refuse(robot, left):
     left.counted = left.position + 1.2  # between the status and the parameter's answer
     robot.activate()
 
@@ -500,7 +459,7 @@ def test_an_arm_that_still_swings_is_no_reason_to_refuse(robot: HardwareRobot, l
 # --- again, and together
 
 
-def test_activating_again_begins_afresh(robot: HardwareRobot, left: ScriptedMotor) -> None:
+def test_activating_again_begins_afresh(robot, left):
     robot.activate()
     left.mode = MotorMode.RESET
     left.faults = StatusFault.ENCODER_FAULT
@@ -513,7 +472,7 @@ def test_activating_again_begins_afresh(robot: HardwareRobot, left: ScriptedMoto
     assert state.joint_position[0] == pytest.approx(-0.5, abs=4e-4)
 
 
-def test_a_motor_exchanged_between_two_activations_is_refused(robot: HardwareRobot, left: ScriptedMotor) -> None:
+def test_a_motor_exchanged_between_two_activations_is_refused(robot, left):
     robot.activate()
     left.uid = b"another!"
     (problem,) = _refusal(robot)
@@ -521,9 +480,7 @@ def test_a_motor_exchanged_between_two_activations_is_refused(robot: HardwareRob
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_refused_reactivation_leaves_a_robot_that_can_be_read(
-    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
-) -> None:
+def test_a_refused_reactivation_leaves_a_robot_that_can_be_read(robot, left, right):
     robot.activate()
     left.is_silent = True
     problems = _refusal(robot)
@@ -542,9 +499,7 @@ def test_a_refused_reactivation_leaves_a_robot_that_can_be_read(
 
 
 @pytest.mark.usefixtures("impatient")
-def test_after_a_refused_reactivation_the_motors_are_called_off_only_if_all_confirm_it(
-    robot: HardwareRobot, left: ScriptedMotor
-) -> None:
+def test_after_a_refused_reactivation_the_motors_are_called_off_only_if_all_confirm_it(robot, left):
     robot.activate()
     left.faults, left.clears_faults = StatusFault.ENCODER_FAULT, False
     assert _refusal(robot) == ["left: faults do not clear: encoder_fault"]
@@ -555,9 +510,7 @@ def test_after_a_refused_reactivation_the_motors_are_called_off_only_if_all_conf
     )
 
 
-def test_a_motor_that_lost_its_power_while_the_operator_was_asked_is_set_up_afresh(
-    robot: HardwareRobot, left: ScriptedMotor
-) -> None:
+def test_a_motor_that_lost_its_power_while_the_operator_was_asked_is_set_up_afresh(robot, left):
     """It comes back as from the factory: no CAN timeout, other limits, no reports."""
     robot.prepare()
     before = dict(left.parameters)
@@ -571,9 +524,7 @@ def test_a_motor_that_lost_its_power_while_the_operator_was_asked_is_set_up_afre
     assert left.mode is MotorMode.RUN
 
 
-def test_figures_and_the_warmest_motor_are_those_of_the_whole_session(
-    robot: HardwareRobot, left: ScriptedMotor
-) -> None:
+def test_figures_and_the_warmest_motor_are_those_of_the_whole_session(robot, left):
     robot.activate()
     robot.write(MITCommand.zeros(2))
     left.temperature = 150.0
@@ -595,7 +546,7 @@ def test_figures_and_the_warmest_motor_are_those_of_the_whole_session(
         assert now.elapsed > before.elapsed
 
 
-def test_a_second_session_is_refused_until_the_first_is_closed(make_robot: MakeRobot) -> None:
+def test_a_second_session_is_refused_until_the_first_is_closed(make_robot):
     first, second = make_robot(), make_robot()
     first.prepare()
     problems = _refusal(second)
@@ -605,8 +556,8 @@ def test_a_second_session_is_refused_until_the_first_is_closed(make_robot: MakeR
     second.prepare()
 
 
-def test_channels_that_cannot_be_opened_are_listed(make_robot: MakeRobot) -> None:
-    def refuse(address: BusAddress) -> can.BusABC:
+def test_channels_that_cannot_be_opened_are_listed(make_robot):
+    def refuse(address):
         raise RobotError(f"{address}: cannot be opened: it is unplugged")
 
     robot = make_robot(open_bus=refuse)
@@ -617,10 +568,8 @@ def test_channels_that_cannot_be_opened_are_listed(make_robot: MakeRobot) -> Non
     assert np.isnan(state.joint_position).all()
 
 
-def test_one_channel_that_cannot_be_opened_closes_the_other(
-    make_robot: MakeRobot, channels: tuple[BusAddress, BusAddress]
-) -> None:
-    def refuse(address: BusAddress) -> can.BusABC:
+def test_one_channel_that_cannot_be_opened_closes_the_other(make_robot, channels):
+    def refuse(address):
         if address == channels[1]:
             raise RobotError(f"{address}: cannot be opened: it is unplugged")
         return open_bus(address)
@@ -631,32 +580,32 @@ def test_one_channel_that_cannot_be_opened_closes_the_other(
 
 
 class _Imu:
-    def __init__(self, problem: str = "") -> None:
+    def __init__(self, problem=""):
         self.problem, self.calls = problem, list[str]()
 
-    def open(self) -> None:
+    def open(self):
         self.calls.append("open")
         if self.problem:
             raise RobotError(self.problem)
 
-    def read(self, time: float) -> ImuReading:
+    def read(self, time):
         return upright_at_rest(OK)
 
-    def close(self) -> None:
+    def close(self):
         self.calls.append("close")
 
 
-def test_an_imu_that_is_missing_is_a_problem_like_others(make_robot: MakeRobot, left: ScriptedMotor) -> None:
+def test_an_imu_that_is_missing_is_a_problem_like_others(make_robot, left):
     robot = make_robot(imu=_Imu("/dev/ttyACM3 does not exist"))
     assert _refusal(robot) == ["imu: /dev/ttyACM3 does not exist"]
     assert left.heard == []
 
 
-def test_an_imu_that_cannot_be_closed_keeps_nothing_else_open(make_robot: MakeRobot, left: ScriptedMotor) -> None:
+def test_an_imu_that_cannot_be_closed_keeps_nothing_else_open(make_robot, left):
     imu = _Imu()
     robot = make_robot(imu=imu)
     robot.activate()
-    imu.close = lambda: (_ for _ in ()).throw(OSError("gone"))  # type: ignore[method-assign]
+    imu.close = lambda: (_ for _ in ()).throw(OSError("gone"))
     with pytest.raises(OSError, match="gone"):
         robot.close()
     assert robot.is_closed
@@ -664,7 +613,7 @@ def test_an_imu_that_cannot_be_closed_keeps_nothing_else_open(make_robot: MakeRo
     make_robot().prepare()
 
 
-def test_the_imu_is_opened_read_and_closed(make_robot: MakeRobot) -> None:
+def test_the_imu_is_opened_read_and_closed(make_robot):
     imu = _Imu()
     robot = make_robot(imu=imu)
     robot.activate()
@@ -675,10 +624,8 @@ def test_the_imu_is_opened_read_and_closed(make_robot: MakeRobot) -> None:
     assert imu.calls[-2:] == ["open", "close"]
 
 
-def test_an_interrupted_activation_stops_the_motors(
-    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted(*_: object) -> None:
+def test_an_interrupted_activation_stops_the_motors(robot, left, right, monkeypatch):
+    def interrupted(*_):
         left.mode = right.mode = MotorMode.RUN
         raise KeyboardInterrupt
 
@@ -689,9 +636,7 @@ def test_an_interrupted_activation_stops_the_motors(
     assert not robot.is_enabled
 
 
-def test_gains_of_the_description_beyond_a_motors_range_are_mentioned(
-    description: RobotDescription, channels: tuple[BusAddress, BusAddress], motors: ScriptedMotors
-) -> None:
+def test_gains_of_the_description_beyond_a_motors_range_are_mentioned(description, channels, motors):
     stiff = msgspec.structs.replace(
         description,
         remote_policy_controller=RemoteSettings(damping=(6.0, 5.0)),
@@ -719,12 +664,12 @@ def test_gains_of_the_description_beyond_a_motors_range_are_mentioned(
         ({"can_timeout": float("nan")}, "CAN timeout: is nan s"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(options: dict[str, float], says: str, make_robot: MakeRobot) -> None:
+def test_settings_that_cannot_be_are_refused(options, says, make_robot):
     with pytest.raises(InputError, match=says):
         make_robot(**options)
 
 
-def test_a_channel_named_twice_is_refused(description: RobotDescription) -> None:
+def test_a_channel_named_twice_is_refused(description):
     with pytest.raises(InputError, match="a channel is named twice"):
         HardwareRobot(description, ["virtual:a", "virtual:a"], calibration={"left": 0.0, "right": 0.0})
 
@@ -732,9 +677,7 @@ def test_a_channel_named_twice_is_refused(description: RobotDescription) -> None
 # --- what waits, and what falls
 
 
-def test_a_robot_that_moves_is_damped_before_it_is_activated_again(
-    robot: HardwareRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_robot_that_moves_is_damped_before_it_is_activated_again(robot, left, monkeypatch):
     monkeypatch.setattr(control, "_LONGEST", 0.4)
     robot.activate()
     left.velocity = 0.9
@@ -748,7 +691,7 @@ def test_a_robot_that_moves_is_damped_before_it_is_activated_again(
     assert all(command.damping > 2.9 for command in left.commands[: kinds.index(Stop)])
 
 
-def test_a_robot_at_rest_is_activated_again_at_once(robot: HardwareRobot, left: ScriptedMotor) -> None:
+def test_a_robot_at_rest_is_activated_again_at_once(robot, left):
     robot.activate()
     robot.write(_damp())
     assert wait_until(lambda: bool(left.commands) and left.commands[-1].damping > 2.9)
@@ -757,27 +700,27 @@ def test_a_robot_at_rest_is_activated_again_at_once(robot: HardwareRobot, left: 
     assert not [command for command in left.commands if command.damping > 0.0]
 
 
-def _damp() -> MITCommand:
+def _damp():
     zeros = np.zeros(2)
     return MITCommand(zeros, zeros, zeros, zeros, np.full(2, 3.0))
 
 
 @pytest.mark.usefixtures("impatient")
-def test_no_enable_waits_in_a_jam_until_the_robot_was_refused(make_robot: MakeRobot, left: ScriptedMotor) -> None:
+def test_no_enable_waits_in_a_jam_until_the_robot_was_refused(make_robot, left):
     jammed = []
 
-    def open_jammed(address: BusAddress) -> can.BusABC:
+    def open_jammed(address):
         bus = open_bus(address)
         send = bus.send
 
-        def sending(message: can.Message, timeout: float | None = None) -> None:
+        def sending(message, timeout=None):
             if message.arbitration_id >> 24 == 3 and address.channel.startswith("left") and not jammed:
                 jammed.append(message)
             if jammed and jammed[-1] is not None and address.channel.startswith("left"):
                 raise can.CanOperationError("no buffer", error_code=errno.ENOBUFS)
             send(message, timeout)
 
-        bus.send = sending  # type: ignore[method-assign]
+        bus.send = sending
         return bus
 
     robot = make_robot(open_bus=open_jammed)
@@ -794,10 +737,8 @@ def test_no_enable_waits_in_a_jam_until_the_robot_was_refused(make_robot: MakeRo
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_motor_that_booted_after_it_was_configured_is_refused(
-    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
-) -> None:
-    def boots(command: Command) -> bool:
+def test_a_motor_that_booted_after_it_was_configured_is_refused(robot, left, right):
+    def boots(command):
         if isinstance(command, Enable):  # its supply failed for a moment: what was written is lost
             left.parameters[PARAMETERS["canTimeout"].index] = bytes(4)
         return True
@@ -807,7 +748,7 @@ def test_a_motor_that_booted_after_it_was_configured_is_refused(
     assert [left.mode, right.mode] == [MotorMode.RESET, MotorMode.RESET]
 
 
-def test_a_position_that_jumped_is_told_at_the_next_activation(robot: HardwareRobot, left: ScriptedMotor) -> None:
+def test_a_position_that_jumped_is_told_at_the_next_activation(robot, left):
     robot.activate()
     robot.read()
     left.position += 0.5
@@ -818,13 +759,11 @@ def test_a_position_that_jumped_is_told_at_the_next_activation(robot: HardwareRo
     ]
 
 
-def test_nothing_comes_between_a_motors_enabling_and_its_command_without_torque(
-    description: RobotDescription, left: ScriptedMotor, right: ScriptedMotor
-) -> None:
+def test_nothing_comes_between_a_motors_enabling_and_its_command_without_torque(description, left, right):
     """Firmware that keeps its last command obeys it until then."""
-    heard: list[tuple[int, type[Command]]] = []
+    heard = []
 
-    def remember(command: Command) -> bool:
+    def remember(command):
         heard.append((command.motor_id, type(command)))
         return True
 

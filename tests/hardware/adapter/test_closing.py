@@ -1,31 +1,24 @@
 import threading
 import time
-from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scripted_motors import ScriptedMotor
 from waiting import wait_until
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.adapter import control
-from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.robstride import requests
 from humanoid_sim.hardware.robstride.fields import MotorMode
-from humanoid_sim.hardware.robstride.messages import Command, OperationControl, Stop
+from humanoid_sim.hardware.robstride.messages import OperationControl, Stop
 from humanoid_sim.mit import MITCommand
 
-MakeRobot = Callable[..., HardwareRobot]
 
-
-def _hold(stiffness: float = 50.0, damping: float = 2.0) -> MITCommand:
+def _hold(stiffness=50.0, damping=2.0):
     zeros = np.zeros(2)
     return MITCommand(np.array([-0.25, 0.5]), zeros, zeros, np.full(2, stiffness), np.full(2, damping))
 
 
-def test_a_robot_that_holds_is_damped_and_then_disabled(
-    robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_robot_that_holds_is_damped_and_then_disabled(robot, left, right, monkeypatch):
     monkeypatch.setattr(control, "_LONGEST", 2.0)
     robot.activate()
     robot.write(_hold())
@@ -43,9 +36,7 @@ def test_a_robot_that_holds_is_damped_and_then_disabled(
     assert robot.is_closed
 
 
-def test_a_moving_joint_is_damped_for_two_seconds_at_most(
-    robot: HardwareRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_moving_joint_is_damped_for_two_seconds_at_most(robot, left, monkeypatch):
     monkeypatch.setattr(control, "_LONGEST", 0.2)
     left.velocity = 3.0
     robot.activate()
@@ -57,9 +48,7 @@ def test_a_moving_joint_is_damped_for_two_seconds_at_most(
 
 
 @pytest.mark.parametrize("command", [None, MITCommand.zeros(2), _hold(0.0, 3.0)])
-def test_a_robot_that_is_limp_or_rests_in_damping_is_disabled_at_once(
-    command: MITCommand | None, robot: HardwareRobot, left: ScriptedMotor
-) -> None:
+def test_a_robot_that_is_limp_or_rests_in_damping_is_disabled_at_once(command, robot, left):
     robot.activate()
     left.heard.clear()
     if command is not None:
@@ -71,9 +60,7 @@ def test_a_robot_that_is_limp_or_rests_in_damping_is_disabled_at_once(
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_motor_that_does_not_confirm_is_named(
-    make_robot: MakeRobot, left: ScriptedMotor, right: ScriptedMotor
-) -> None:
+def test_a_motor_that_does_not_confirm_is_named(make_robot, left, right):
     robot = make_robot()
     robot.activate()
     left.stops = False
@@ -86,7 +73,7 @@ def test_a_motor_that_does_not_confirm_is_named(
 
 
 @pytest.mark.usefixtures("impatient")
-def test_the_channels_are_free_after_a_close_that_failed(make_robot: MakeRobot, left: ScriptedMotor) -> None:
+def test_the_channels_are_free_after_a_close_that_failed(make_robot, left):
     first = make_robot()
     first.activate()
     left.is_silent = True
@@ -96,12 +83,10 @@ def test_the_channels_are_free_after_a_close_that_failed(make_robot: MakeRobot, 
     make_robot().prepare()
 
 
-def test_a_robot_is_closed_when_its_motors_are_disabled_and_not_before(
-    robot: HardwareRobot, left: ScriptedMotor
-) -> None:
+def test_a_robot_is_closed_when_its_motors_are_disabled_and_not_before(robot, left):
     seen = []
 
-    def stopped(command: Command) -> bool:
+    def stopped(command):
         if isinstance(command, Stop):
             seen.append(robot.is_closed)
         return True
@@ -113,7 +98,7 @@ def test_a_robot_is_closed_when_its_motors_are_disabled_and_not_before(
     assert robot.is_closed
 
 
-def test_closing_twice_is_closing_once(robot: HardwareRobot, left: ScriptedMotor) -> None:
+def test_closing_twice_is_closing_once(robot, left):
     robot.activate()
     robot.close()
     left.heard.clear()
@@ -121,7 +106,7 @@ def test_closing_twice_is_closing_once(robot: HardwareRobot, left: ScriptedMotor
     assert left.heard == []
 
 
-def test_a_closed_robot_refuses_commands_and_activation_but_can_be_read(robot: HardwareRobot) -> None:
+def test_a_closed_robot_refuses_commands_and_activation_but_can_be_read(robot):
     robot.activate()
     robot.close()
     with pytest.raises(RobotError, match="the robot is closed"):
@@ -133,15 +118,13 @@ def test_a_closed_robot_refuses_commands_and_activation_but_can_be_read(robot: H
     assert all(status.message == "closed" for status in statuses)
 
 
-def test_a_robot_that_was_never_activated_is_closed_without_a_word(robot: HardwareRobot, left: ScriptedMotor) -> None:
+def test_a_robot_that_was_never_activated_is_closed_without_a_word(robot, left):
     robot.close()
     assert left.heard == []
 
 
-def test_an_impatient_interrupt_still_disables(
-    robot: HardwareRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted(*_: object) -> None:
+def test_an_impatient_interrupt_still_disables(robot, left, monkeypatch):
+    def interrupted(*_):
         raise KeyboardInterrupt
 
     robot.activate()
@@ -154,7 +137,7 @@ def test_an_impatient_interrupt_still_disables(
     robot.close()
 
 
-def _moving_while_answers_are_lost(robot: HardwareRobot, left: ScriptedMotor) -> None:
+def _moving_while_answers_are_lost(robot, left):
     """Left sinks in DAMPING; the last that was heard of it is that it did not move."""
     robot.activate()
     robot.write(_hold(0.0, 3.0))
@@ -164,9 +147,7 @@ def _moving_while_answers_are_lost(robot: HardwareRobot, left: ScriptedMotor) ->
     left.heard.clear()
 
 
-def test_a_silent_joint_is_not_taken_to_rest(
-    robot: HardwareRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_silent_joint_is_not_taken_to_rest(robot, left, monkeypatch):
     monkeypatch.setattr(control, "_LONGEST", 0.7)
     _moving_while_answers_are_lost(robot, left)
     monkeypatch.setattr(requests, "_ANSWER_TIMES", (0.03,))
@@ -178,7 +159,7 @@ def test_a_silent_joint_is_not_taken_to_rest(
 
 
 @pytest.mark.usefixtures("impatient")
-def test_a_motor_lost_in_a_reactivation_is_answered_for_at_the_end(robot: HardwareRobot, left: ScriptedMotor) -> None:
+def test_a_motor_lost_in_a_reactivation_is_answered_for_at_the_end(robot, left):
     robot.activate()
     robot.write(_hold())
     left.is_silent = True  # unplugged from the bus: it goes on with its last command
@@ -189,9 +170,7 @@ def test_a_motor_lost_in_a_reactivation_is_answered_for_at_the_end(robot: Hardwa
     assert left.mode is MotorMode.RUN
 
 
-def test_a_motor_found_again_after_a_refused_reactivation_is_disabled(
-    robot: HardwareRobot, left: ScriptedMotor, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_motor_found_again_after_a_refused_reactivation_is_disabled(robot, left, monkeypatch):
     robot.activate()
     left.is_silent = True
     with monkeypatch.context() as patch:

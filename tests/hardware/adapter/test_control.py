@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import ArrayLike
 
 from humanoid_sim.hardware.adapter.control import CommandEncoder
 from humanoid_sim.hardware.adapter.joint_tracking import JointTracker
@@ -13,27 +12,20 @@ from humanoid_sim.hardware.robstride.messages import OperationControl
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS
-from humanoid_sim.robots.schema import RobotDescription
 
 
-def _command(
-    position: ArrayLike,
-    velocity: ArrayLike = 0.0,
-    effort: ArrayLike = 0.0,
-    stiffness: ArrayLike = 50.0,
-    damping: ArrayLike = 2.0,
-) -> MITCommand:
+def _command(position, velocity=0.0, effort=0.0, stiffness=50.0, damping=2.0):
     n = np.atleast_1d(position).shape[0]
     return MITCommand(*(np.broadcast_to(value, n) for value in (position, velocity, effort, stiffness, damping)))
 
 
-def _encoder(description: RobotDescription) -> tuple[CommandEncoder, JointTracker]:
+def _encoder(description):
     wiring = make_wiring(description, 2, {"left": 0.5, "right": 0.0})
     tracker = JointTracker(wiring, np.array([0.0, 1.0]))
     return CommandEncoder(wiring, 2, 0.04), tracker
 
 
-def test_commands_leave_in_the_motors_frame_and_on_their_channels(description: RobotDescription) -> None:
+def test_commands_leave_in_the_motors_frame_and_on_their_channels(description):
     encoder, tracker = _encoder(description)
     joints = tracker.update(Readings(np.zeros(2), np.array([0.5, -6.2]), np.zeros(2), np.zeros(2), np.zeros(2)))
     first, second = encoder.encode(
@@ -63,7 +55,7 @@ _any = st.floats(allow_nan=False, allow_infinity=False)
 
 
 @given(st.lists(_any, min_size=70, max_size=70))
-def test_every_finite_command_can_be_sent(values: list[float]) -> None:
+def test_every_finite_command_can_be_sent(values):
     """Whatever a controller asks for becomes frames of the motors, cut off where it must be."""
     command = MITCommand(*np.array(values).reshape(5, 14))
     tracker = JointTracker(LITE, np.zeros(14))

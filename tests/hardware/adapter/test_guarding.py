@@ -7,7 +7,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -37,9 +36,9 @@ _LATE = 0.15
 class Emulated:
     """The motors in this process: what becomes of them, and what they are told."""
 
-    def __init__(self, channel: str) -> None:
-        self.lines: list[tuple[float, str]] = []
-        self.heard: list[tuple[float, HostMessage]] = []
+    def __init__(self, channel):
+        self.lines = []
+        self.heard = []
         with punctual_threads(behind=10):
             self.motors = VirtualMotors(_ROBOT, [channel], told=self._tell)
         self._bus = open_bus(parse_address(channel))
@@ -47,53 +46,52 @@ class Emulated:
         self._thread = threading.Thread(target=self._listen)
         self._thread.start()
 
-    def _tell(self, _: float, text: str) -> None:
+    def _tell(self, _, text):
         self.lines.append((time.monotonic(), text))
 
-    def _listen(self) -> None:
+    def _listen(self):
         while not self._closing.is_set():
             message = self._bus.recv(0.02)
             found = None if message is None else decode(frame_of(message), MOTORS["TA40-50"])
             if isinstance(found, HostMessage):
                 self.heard.append((time.monotonic(), found))
 
-    def close(self) -> None:
+    def close(self):
         self._closing.set()
         self._thread.join()
         self._bus.shutdown()
         self.motors.close()
 
-    def stopped(self, after: float) -> dict[str, float]:
+    def stopped(self, after):
         """s after `after`, by joint, when it was disabled."""
         told = [(at, text) for at, text in list(self.lines) if at > after]
         ended = [(at, text) for at, text in told if text.endswith((": stopped, in reset mode", ": disabled"))]
         return {text.partition(":")[0]: at - after for at, text in ended}
 
-    def gains(self, after: float) -> list[tuple[float, Gains]]:
+    def gains(self, after):
         return [(at - after, found) for at, found in list(self.heard) if at > after and isinstance(found, Gains)]
 
-    def resets(self, after: float) -> list[float]:
+    def resets(self, after):
         return [at - after for at, found in list(self.heard) if at > after and isinstance(found, Reset)]
 
 
 @pytest.fixture
-def channel() -> str:
+def channel():
     return f"udp_multicast:239.74.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
 
 
 @pytest.fixture
-def emulated(channel: str) -> Iterator[Emulated]:
+def emulated(channel):
     emulated = Emulated(channel)
     yield emulated
     emulated.close()
 
 
 @contextmanager
-def _holding(channel: str, *words: str) -> Iterator[subprocess.Popen[str]]:
+def _holding(channel, *words):
     with subprocess.Popen(
         [sys.executable, str(_PROGRAM), channel, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        assert process.stderr is not None
         try:
             assert _line(process) == "holding\n"
             time.sleep(0.3)
@@ -104,15 +102,15 @@ def _holding(channel: str, *words: str) -> Iterator[subprocess.Popen[str]]:
             process.stderr.read()  # until the guardian has ended too, which has it as well
 
 
-def _line(process: subprocess.Popen[str]) -> str:
+def _line(process):
     return process.stdout.readline()
 
 
-def _names(joints: list[int]) -> set[str]:
+def _names(joints):
     return {_ROBOT.joint_names[i] for i in joints}
 
 
-def _is_only_damped(emulated: Emulated) -> bool:
+def _is_only_damped(emulated):
     """Whether the wrists feel damping and nothing else."""
     truth = emulated.motors.truth
     damping = np.array(_ROBOT.damping_controller.damping or [_ROBOT.damping_controller.damping_scalar] * 14)
@@ -121,7 +119,7 @@ def _is_only_damped(emulated: Emulated) -> bool:
 
 
 @pytest.mark.slow
-def test_the_wrists_of_a_killed_program_are_damped_and_then_reset(channel: str, emulated: Emulated) -> None:
+def test_the_wrists_of_a_killed_program_are_damped_and_then_reset(channel, emulated):
     with _holding(channel) as process:
         assert any(gains.stiffness == pytest.approx(STIFFNESS) for _, gains in emulated.gains(0.0))
         process.kill()
@@ -141,7 +139,7 @@ def test_the_wrists_of_a_killed_program_are_damped_and_then_reset(channel: str, 
 
 
 @pytest.mark.slow
-def test_a_stopped_program_is_displaced_and_may_begin_afresh(channel: str, emulated: Emulated) -> None:
+def test_a_stopped_program_is_displaced_and_may_begin_afresh(channel, emulated):
     with _holding(channel, "reactivate") as process:
         process.send_signal(signal.SIGSTOP)
         stopped = time.monotonic()
@@ -164,7 +162,7 @@ def test_a_stopped_program_is_displaced_and_may_begin_afresh(channel: str, emula
 
 
 @pytest.mark.slow
-def test_a_displaced_program_closes_its_robot_after_the_guardian_has_finished(channel: str, emulated: Emulated) -> None:
+def test_a_displaced_program_closes_its_robot_after_the_guardian_has_finished(channel, emulated):
     with _holding(channel, "close") as process:
         process.send_signal(signal.SIGSTOP)
         stopped = time.monotonic()
@@ -183,9 +181,7 @@ def test_a_displaced_program_closes_its_robot_after_the_guardian_has_finished(ch
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("emulated")
-def test_a_dead_guardian_is_a_warning_and_a_closed_robot_leaves_none(
-    channel: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_dead_guardian_is_a_warning_and_a_closed_robot_leaves_none(channel, monkeypatch):
     brake_briefly(monkeypatch.setattr)
     robot = make_robot(channel)
     try:
@@ -206,9 +202,7 @@ def test_a_dead_guardian_is_a_warning_and_a_closed_robot_leaves_none(
         robot.close()
 
 
-def test_a_guardian_that_does_not_start_keeps_the_robot_from_being_enabled(
-    channel: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_guardian_that_does_not_start_keeps_the_robot_from_being_enabled(channel, monkeypatch):
     monkeypatch.setattr(guardian_module.sys, "executable", "/no/such/python")
     robot = make_robot(channel)
     with pytest.raises(RobotError, match=r"guardian: the guardian cannot be started: No such file or directory"):
@@ -216,7 +210,7 @@ def test_a_guardian_that_does_not_start_keeps_the_robot_from_being_enabled(
     robot.close()
 
 
-def test_motors_emulated_in_the_same_process_have_no_guardian() -> None:
+def test_motors_emulated_in_the_same_process_have_no_guardian():
     with VirtualMotors(_ROBOT, ["virtual:unguarded"]):
         robot = make_robot("virtual:unguarded")
         robot.prepare()

@@ -10,26 +10,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from humanoid_sim.hardware.adapter.joint_tracking import JointTracker, find_turns, has_jumped, turn_problems, unwrapped
-from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
+from humanoid_sim.hardware.adapter.wiring import make_wiring
 from humanoid_sim.hardware.motors import Readings
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.robots.schema import RobotDescription
 
 WRAP = 8.0 * math.pi
 """rad, with which a Robstride motor's reports repeat."""
 
 
 @pytest.fixture
-def wiring(description: RobotDescription) -> Wiring:
+def wiring(description):
     return make_wiring(description, 2, {"left": 0.5, "right": -1.0})
 
 
-def _readings(time: float, position: tuple[float, float], velocity: tuple[float, float] = (0.0, 0.0)) -> Readings:
+def _readings(time, position, velocity=(0.0, 0.0)):
     pair = np.array
     return Readings(np.full(2, time), pair(position), pair(velocity), pair([1.0, 2.0]), np.full(2, 25.0))
 
 
-def test_direction_offset_and_turns_make_the_joint_frame(wiring: Wiring) -> None:
+def test_direction_offset_and_turns_make_the_joint_frame(wiring):
     tracker = JointTracker(wiring, np.array([0.0, -1.0]))
     joints = tracker.update(_readings(1.0, (0.75, 2.0 * math.pi), (3.0, 4.0)))
     assert joints.position.tolist() == pytest.approx([-0.25, 1.0])
@@ -38,14 +37,14 @@ def test_direction_offset_and_turns_make_the_joint_frame(wiring: Wiring) -> None
     assert joints.time.tolist() == [1.0, 1.0]
 
 
-def test_on_an_unknown_turn_a_position_is_unknown(wiring: Wiring) -> None:
+def test_on_an_unknown_turn_a_position_is_unknown(wiring):
     joints = JointTracker(wiring, np.array([np.nan, 0.0])).update(_readings(1.0, (0.75, 0.0)))
     assert math.isnan(joints.position[0])
     assert joints.velocity[0] == 0.0
     assert math.isfinite(joints.position[1])
 
 
-def test_a_motor_that_turns_beyond_its_report_is_followed_and_noticed(wiring: Wiring) -> None:
+def test_a_motor_that_turns_beyond_its_report_is_followed_and_noticed(wiring):
     tracker = JointTracker(wiring, np.zeros(2))
     edge = 4.0 * math.pi
     for time, position in ((0.0, edge - 0.3), (0.02, edge - 0.1), (0.04, -edge + 0.1)):
@@ -65,7 +64,7 @@ LITE = make_wiring(_lite, 2, dict.fromkeys(_lite.joint_names, 0.0))
 
 
 @given(st.data())
-def test_whatever_the_power_on_angle_the_joint_is_found_where_it_is(data: st.DataObject) -> None:
+def test_whatever_the_power_on_angle_the_joint_is_found_where_it_is(data):
     joint = np.array(
         [data.draw(st.floats(low - 0.3, high + 0.3)) for low, high in zip(LITE.lower, LITE.upper, strict=True)]
     )
@@ -79,7 +78,7 @@ def test_whatever_the_power_on_angle_the_joint_is_found_where_it_is(data: st.Dat
     np.testing.assert_allclose(found, joint, atol=1e-9)
 
 
-def test_a_joint_that_may_be_on_two_turns_is_a_problem(description: RobotDescription) -> None:
+def test_a_joint_that_may_be_on_two_turns_is_a_problem(description):
     wide = msgspec.structs.replace(description.joints[0], lower=-3.1, upper=3.1)
     shifted = make_wiring(
         msgspec.structs.replace(description, joints=(wide, description.joints[1])), 2, {"left": 0.0, "right": 0.0}
@@ -92,7 +91,7 @@ def test_a_joint_that_may_be_on_two_turns_is_a_problem(description: RobotDescrip
     }
 
 
-def test_a_joint_without_limits_is_where_it_says(description: RobotDescription) -> None:
+def test_a_joint_without_limits_is_where_it_says(description):
     wheel = msgspec.structs.replace(description.joints[0], lower=-math.inf, upper=math.inf)
     shifted = make_wiring(
         msgspec.structs.replace(description, joints=(wheel, description.joints[1])), 2, {"left": 0.0, "right": 0.0}
@@ -102,7 +101,7 @@ def test_a_joint_without_limits_is_where_it_says(description: RobotDescription) 
     assert list(turn_problems(shifted, position, np.zeros(2))) == []
 
 
-def test_a_range_that_commands_cannot_reach_is_a_problem(description: RobotDescription) -> None:
+def test_a_range_that_commands_cannot_reach_is_a_problem(description):
     shifted = make_wiring(description, 2, {"left": 12.0, "right": 0.0})
     position = np.array([11.5, 0.0])
     turns = find_turns(shifted, position)
@@ -112,25 +111,25 @@ def test_a_range_that_commands_cannot_reach_is_a_problem(description: RobotDescr
     assert "commands reach ±12.57" in text
 
 
-def test_a_joint_that_was_not_heard_is_a_problem(wiring: Wiring) -> None:
+def test_a_joint_that_was_not_heard_is_a_problem(wiring):
     position = np.array([np.nan, 0.0])
     assert dict(turn_problems(wiring, position, find_turns(wiring, position)))["left"] == "has not told its position"
 
 
 @given(st.floats(-60.0, 60.0), st.floats(-3.0, 3.0))
-def test_a_wrapped_position_is_continued(previous: float, step: float) -> None:
+def test_a_wrapped_position_is_continued(previous, step):
     there = previous + step
     reported = (there + 0.5 * WRAP) % WRAP - 0.5 * WRAP
     assert unwrapped(np.array([reported]), np.array([previous]), np.array([WRAP]))[0] == pytest.approx(there, abs=1e-9)
 
 
-def test_without_a_previous_position_the_reported_one_counts() -> None:
+def test_without_a_previous_position_the_reported_one_counts():
     result = unwrapped(np.array([1.0, np.nan]), np.array([np.nan, 2.0]), np.array([WRAP, WRAP]))
     assert result[0] == 1.0
     assert np.isnan(result[1])
 
 
-def _jumped(moved: float, elapsed: float, velocity: float, previous: float = 0.0, fastest: float = 33.0) -> bool:
+def _jumped(moved, elapsed, velocity, previous=0.0, fastest=33.0):
     arrays = (np.array([value]) for value in (moved, elapsed, velocity, previous, fastest))
     return bool(has_jumped(*arrays)[0])
 
@@ -153,7 +152,5 @@ def _jumped(moved: float, elapsed: float, velocity: float, previous: float = 0.0
         (0.0, float("nan"), 0.0, 0.0, False),
     ],
 )
-def test_what_no_velocity_explains_is_a_jump(
-    moved: float, elapsed: float, velocity: float, previous: float, jumped: bool
-) -> None:
+def test_what_no_velocity_explains_is_a_jump(moved, elapsed, velocity, previous, jumped):
     assert _jumped(moved, elapsed, velocity, previous) is jumped

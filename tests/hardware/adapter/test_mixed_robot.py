@@ -3,7 +3,6 @@
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -17,7 +16,6 @@ from humanoid_sim.hardware.adapter.joint_tracking import JointTracker
 from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.adapter.wiring import make_wiring
 from humanoid_sim.hardware.bus.address import frame_of, message_of
-from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
@@ -39,22 +37,18 @@ SLOWNESS = 2.0
 _numbers = itertools.count()
 
 
-def slow_clock() -> float:
+def slow_clock():
     return time.monotonic() / SLOWNESS
 
 
 @pytest.fixture(autouse=True)
-def short_listening(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_listening(monkeypatch):
     monkeypatch.setattr(session, "_LISTENING", 0.05)
 
 
 @contextmanager
-def rig(
-    settings: EmulationSettings | None = None,
-    before: Callable[[VirtualMotors], None] = lambda _: None,
-    control_period: float | None = None,
-) -> Iterator[tuple[HardwareRobot, VirtualMotors, list[str]]]:
-    told: list[str] = []
+def rig(settings=None, before=lambda _: None, control_period=None):
+    told = []
     channel = f"virtual:mixed-{next(_numbers)}"
     with punctual_threads(behind=10):
         motors = VirtualMotors(
@@ -78,7 +72,7 @@ def rig(
             robot.close()
 
 
-def hold(robot: HardwareRobot, seconds: float, stiffness: float = 0.0) -> None:
+def hold(robot, seconds, stiffness=0.0):
     target = np.array(ROBOT.initial_position) + 0.1
     command = MITCommand(target, np.zeros(14), np.zeros(14), np.full(14, stiffness), np.full(14, 2.0))
     for _ in range(round(seconds / 0.02)):
@@ -86,7 +80,7 @@ def hold(robot: HardwareRobot, seconds: float, stiffness: float = 0.0) -> None:
         time.sleep(0.02 * SLOWNESS)
 
 
-def test_it_is_refused_without_leave_to_drive_motors_that_nothing_stops() -> None:
+def test_it_is_refused_without_leave_to_drive_motors_that_nothing_stops():
     with pytest.raises(InputError) as caught:
         HardwareRobot(ROBOT, ["virtual:a"], calibration=ZEROS)
     assert str(caught.value) == (
@@ -97,7 +91,7 @@ def test_it_is_refused_without_leave_to_drive_motors_that_nothing_stops() -> Non
 
 
 @pytest.mark.parametrize(("rate", "told"), [(80.0, False), (90.0, True)])
-def test_the_gains_and_feedback_of_sito_motors_count_where_reports_are_to_find_room(rate: float, told: bool) -> None:
+def test_the_gains_and_feedback_of_sito_motors_count_where_reports_are_to_find_room(rate, told):
     """The bus may be loaded to 60 %: 18 frames each way, and ten reports every 10 ms, are 61 % at 90 Hz."""
     with rig(control_period=1.0 / rate) as (robot, _, _):
         robot.prepare()
@@ -105,7 +99,7 @@ def test_the_gains_and_feedback_of_sito_motors_count_where_reports_are_to_find_r
         assert any(text in str(check) for check in robot.checks) is told
 
 
-def test_from_limp_to_holding_to_disabled() -> None:
+def test_from_limp_to_holding_to_disabled():
     with rig() as (robot, motors, told):
         robot.prepare()
         state, statuses = robot.read()
@@ -131,9 +125,7 @@ def test_from_limp_to_holding_to_disabled() -> None:
 
 
 @pytest.mark.slow
-def test_one_that_is_silent_after_enabling_is_a_problem_and_nothing_stays_enabled(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_one_that_is_silent_after_enabling_is_a_problem_and_nothing_stays_enabled(monkeypatch):
     monkeypatch.setattr(session, "_FIRST_FEEDBACK", 0.1)
     with rig(before=lambda motors: motors.inject(Fault("unplugged", ("left_wrist_roll",)))) as (robot, _, told):
         time.sleep(0.02)
@@ -150,11 +142,11 @@ def test_one_that_is_silent_after_enabling_is_a_problem_and_nothing_stays_enable
             robot.close()
 
 
-def test_zero_gains_and_zero_current_come_before_enabling_and_in_the_first_frame_after() -> None:
+def test_zero_gains_and_zero_current_come_before_enabling_and_in_the_first_frame_after():
     """The motor ignores gains until it is enabled, and its last host left it stiff: it is let go in the next frame."""
 
-    def leave_stiff(motors: VirtualMotors) -> None:
-        def change(emulator: Emulator) -> None:
+    def leave_stiff(motors):
+        def change(emulator):
             state = emulator.motors.states[5]
             emulator.motors.states[5] = replace(state, gains=Gains(16, 20.0, 1.0), command=Command(16, 0.5, 0.0, 0.0))
 
@@ -176,7 +168,7 @@ def test_zero_gains_and_zero_current_come_before_enabling_and_in_the_first_frame
 
 
 @pytest.mark.slow
-def test_torque_that_nobody_asked_for_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_torque_that_nobody_asked_for_is_a_problem(monkeypatch):
     """A motor on which gains have no effect, as far as its feedback tells."""
     monkeypatch.setattr(session, "_STRAY_EFFORT", -1.0)
     with rig() as (robot, _, told):
@@ -186,7 +178,7 @@ def test_torque_that_nobody_asked_for_is_a_problem(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.slow
-def test_a_silent_wrist_is_heard_of_and_does_not_confirm_that_it_is_disabled() -> None:
+def test_a_silent_wrist_is_heard_of_and_does_not_confirm_that_it_is_disabled():
     with rig() as (robot, motors, _):
         robot.activate()
         motors.inject(Fault("silent", ("right_wrist_pitch",)))
@@ -201,7 +193,7 @@ def test_a_silent_wrist_is_heard_of_and_does_not_confirm_that_it_is_disabled() -
             robot.close()
 
 
-def test_another_host_that_commands_a_sito_is_an_intruder_and_a_strangers_frames_are_none() -> None:
+def test_another_host_that_commands_a_sito_is_an_intruder_and_a_strangers_frames_are_none():
     with rig() as (robot, motors, _):
         robot.activate()
         with motors.open_bus(motors.addresses[0]) as bus:
@@ -216,7 +208,7 @@ def test_another_host_that_commands_a_sito_is_an_intruder_and_a_strangers_frames
         assert (channel.intrusions, dict(channel.strangers)) == (1, {"frame of no motor of this robot": 1})
 
 
-def test_what_a_damping_command_says_of_a_position_is_where_the_joint_is() -> None:
+def test_what_a_damping_command_says_of_a_position_is_where_the_joint_is():
     """Were the frame with the gains lost, the old K_p would meet the new command's position."""
     wiring = make_wiring(ROBOT, 1, ZEROS)
     tracker = JointTracker(wiring, np.zeros(14))
@@ -227,7 +219,7 @@ def test_what_a_damping_command_says_of_a_position_is_where_the_joint_is() -> No
     assert [command.position for command in commands] == pytest.approx([0.25] * 4, abs=1e-4)
 
 
-def test_torque_is_bounded_for_the_strongest_reading_of_the_gains() -> None:
+def test_torque_is_bounded_for_the_strongest_reading_of_the_gains():
     """688.58 where the library has 500: the same frame may mean 1.38 times the K_p."""
     wiring = make_wiring(ROBOT, 1, ZEROS)
     tracker = JointTracker(wiring, np.zeros(14))

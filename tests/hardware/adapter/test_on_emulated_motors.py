@@ -3,7 +3,6 @@
 import contextlib
 import itertools
 import time
-from collections.abc import Callable
 
 import msgspec
 import numpy as np
@@ -15,8 +14,8 @@ from humanoid_sim.hardware.adapter.robot import HardwareRobot
 from humanoid_sim.hardware.emulation.faults import parse_fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.messages import SafetyFlag, SafetyStatus
-from humanoid_sim.mit import FloatArray, MITCommand, MITState
+from humanoid_sim.messages import SafetyFlag
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import HardwareSettings
 
@@ -27,39 +26,35 @@ _numbers = itertools.count()
 
 
 @pytest.fixture(autouse=True)
-def short_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_waits(monkeypatch):
     """These motors answer in the time that a bus takes: the waits for answers are as they are."""
     monkeypatch.setattr(control, "_LONGEST", 0.1)
 
 
-def _offsets() -> dict[str, float]:
+def _offsets():
     """Homing offsets of a robot as it is assembled: anything within a turn."""
     generator = np.random.default_rng(3)
     return dict(zip(LITE.joint_names, generator.uniform(-1.2, 1.2, N).tolist(), strict=True))
 
 
-def _channels(count: int) -> list[str]:
+def _channels(count):
     return [f"virtual:adapter-{next(_numbers)}" for _ in range(count)]
 
 
-def _robot(
-    motors: VirtualMotors, channels: list[str], offsets: dict[str, float] | None = None, can_timeout: float = 1.0
-) -> HardwareRobot:
+def _robot(motors, channels, offsets=None, can_timeout=1.0):
     """A robot that a busy machine does not disturb, unless the test says so."""
     calibration = dict.fromkeys(LITE.joint_names, 0.0) if offsets is None else offsets
     patient = msgspec.structs.replace(LITE, hardware=HardwareSettings(rx_timeout_ms=2000.0))
     return HardwareRobot(patient, channels, calibration=calibration, can_timeout=can_timeout, open_bus=motors.open_bus)
 
 
-def _hold(position: FloatArray, stiffness: float = 50.0, damping: float = 1.0) -> MITCommand:
+def _hold(position, stiffness=50.0, damping=1.0):
     return MITCommand(position, ZEROS, ZEROS, np.full(N, stiffness), np.full(N, damping))
 
 
-def _drive(
-    robot: HardwareRobot, command: MITCommand, seconds: float, until: Callable[[MITState], bool] = lambda _: False
-) -> tuple[MITState, list[SafetyStatus]]:
+def _drive(robot, command, seconds, until=lambda _: False):
     """Write a command at 50 Hz, for some time at most; the last state, and what was not OK."""
-    bad: list[SafetyStatus] = []
+    bad = []
     deadline = time.monotonic()
     for _ in range(round(seconds / 0.02)):
         state, statuses = robot.read()
@@ -73,7 +68,7 @@ def _drive(
 
 
 @pytest.mark.parametrize("channel_count", [2, pytest.param(1, marks=pytest.mark.slow)])
-def test_an_assembled_robot_is_read_where_it_is_and_moved_where_it_should_be(channel_count: int) -> None:
+def test_an_assembled_robot_is_read_where_it_is_and_moved_where_it_should_be(channel_count):
     channels, offsets = _channels(channel_count), _offsets()
     target = np.array(LITE.initial_position) + 0.1
     settings = EmulationSettings(homing_offset=offsets, physics_timestep=0.001)
@@ -87,7 +82,7 @@ def test_an_assembled_robot_is_read_where_it_is_and_moved_where_it_should_be(cha
         np.testing.assert_allclose(state.joint_position, motors.truth.joint_position, atol=0.02)
         np.testing.assert_allclose(state.joint_position, LITE.initial_position, atol=0.1)
 
-        def is_there(state: MITState) -> bool:
+        def is_there(state):
             wrists = np.abs(state.joint_position[4:7] - target[4:7]).max() < 0.03
             slow = np.abs(state.joint_velocity).max() < 0.02
             return bool(wrists and slow)
@@ -105,7 +100,7 @@ def test_an_assembled_robot_is_read_where_it_is_and_moved_where_it_should_be(cha
 
 
 @pytest.mark.slow
-def test_nothing_recovers_by_itself_and_reactivating_does() -> None:
+def test_nothing_recovers_by_itself_and_reactivating_does():
     channels = _channels(1)
     settings = EmulationSettings(physics_timestep=0.001)
     with (
@@ -127,7 +122,7 @@ def test_nothing_recovers_by_itself_and_reactivating_does() -> None:
 
 
 @pytest.mark.slow
-def test_the_motors_stop_when_the_host_falls_silent() -> None:
+def test_the_motors_stop_when_the_host_falls_silent():
     channels = _channels(1)
     settings = EmulationSettings(physics_timestep=0.001)
     with (

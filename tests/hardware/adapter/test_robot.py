@@ -3,33 +3,30 @@
 import errno
 import random
 import time
-from collections.abc import Callable
 
 import can
 import numpy as np
 import pytest
-from scripted_motors import ScriptedMotor, ScriptedMotors, fault_report
+from scripted_motors import fault_report
 from test_motor_table import random_frame
 from waiting import wait_until
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.adapter.robot import HardwareRobot
-from humanoid_sim.hardware.bus.address import BusAddress, open_bus
+from humanoid_sim.hardware.bus.address import open_bus
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit, join_identifier
 from humanoid_sim.hardware.robstride.messages import Enable, GetDeviceId, OperationControl, Stop
-from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.messages import SafetyFlag, SafetyLevel
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.motors import MOTORS
 
-MakeRobot = Callable[..., HardwareRobot]
 FAULT, WARNING = SafetyLevel.FAULT, SafetyLevel.WARNING
 THEN = ", then press e (or: mode reactivate)"
 
 
 @pytest.fixture
-def enabled(robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor) -> HardwareRobot:
+def enabled(robot, left, right):
     """The pair, enabled, its motors' memory of that empty."""
     robot.activate()
     for motor in (left, right):
@@ -37,15 +34,15 @@ def enabled(robot: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor) -> 
     return robot
 
 
-def _hold(stiffness: float = 50.0, damping: float = 2.0) -> MITCommand:
+def _hold(stiffness=50.0, damping=2.0):
     return MITCommand(np.array([-0.2, 0.4]), np.zeros(2), np.zeros(2), np.full(2, stiffness), np.full(2, damping))
 
 
-def _statuses(robot: HardwareRobot) -> tuple[SafetyStatus, ...]:
+def _statuses(robot):
     return robot.read()[1]
 
 
-def _wait_for(robot: HardwareRobot, flags: SafetyFlag, channel: int = 0) -> SafetyStatus:
+def _wait_for(robot, flags, channel=0):
     """The first status of a channel with these flags; the other channel stays OK."""
     assert wait_until(lambda: _statuses(robot)[channel].flags == flags), _statuses(robot)
     statuses = _statuses(robot)
@@ -53,12 +50,7 @@ def _wait_for(robot: HardwareRobot, flags: SafetyFlag, channel: int = 0) -> Safe
     return statuses[channel]
 
 
-# --- commands
-
-
-def test_a_command_reaches_each_motor_in_its_own_frame(
-    enabled: HardwareRobot, left: ScriptedMotor, right: ScriptedMotor
-) -> None:
+def test_a_command_reaches_each_motor_in_its_own_frame(enabled, left, right):
     enabled.write(_hold())
     assert wait_until(lambda: bool(left.commands and right.commands))
     assert left.commands[0].position == pytest.approx(0.2, abs=4e-4)
@@ -68,7 +60,7 @@ def test_a_command_reaches_each_motor_in_its_own_frame(
     assert enabled.statistics.commanded == 2
 
 
-def test_a_command_that_is_not_finite_becomes_damping_and_is_told(enabled: HardwareRobot, left: ScriptedMotor) -> None:
+def test_a_command_that_is_not_finite_becomes_damping_and_is_told(enabled, left):
     command = _hold()
     enabled.write(
         MITCommand(
@@ -84,12 +76,12 @@ def test_a_command_that_is_not_finite_becomes_damping_and_is_told(enabled: Hardw
     assert enabled.statistics.refused == 1
 
 
-def test_a_command_for_another_robot_raises(enabled: HardwareRobot) -> None:
+def test_a_command_for_another_robot_raises(enabled):
     with pytest.raises(RobotError, match=r"command has shape \(3,\), expected \(2,\)"):
         enabled.write(MITCommand.zeros(3))
 
 
-def test_nothing_is_sent_to_motors_that_are_not_enabled(robot: HardwareRobot, left: ScriptedMotor) -> None:
+def test_nothing_is_sent_to_motors_that_are_not_enabled(robot, left):
     robot.write(_hold())
     robot.prepare()
     left.heard.clear()
@@ -99,7 +91,7 @@ def test_nothing_is_sent_to_motors_that_are_not_enabled(robot: HardwareRobot, le
     assert robot.statistics.refused == 1
 
 
-def test_before_anything_was_heard_nothing_is_known(robot: HardwareRobot) -> None:
+def test_before_anything_was_heard_nothing_is_known(robot):
     state, statuses = robot.read()
     assert np.isnan(state.joint_position).all()
     assert np.isinf(state.joint_age).all()
@@ -109,7 +101,7 @@ def test_before_anything_was_heard_nothing_is_known(robot: HardwareRobot) -> Non
     ] * 2
 
 
-def test_what_does_not_fit_is_counted_and_shown(enabled: HardwareRobot, left: ScriptedMotor) -> None:
+def test_what_does_not_fit_is_counted_and_shown(enabled, left):
     enabled.write(_hold(damping=6.0))
     beyond = ([-0.2, 30.0], [50.0, 0.0], [18.0, 0.0], [501.0, 0.0], [5.1, 0.0])
     enabled.write(MITCommand(*map(np.array, beyond)))
@@ -126,10 +118,7 @@ def test_what_does_not_fit_is_counted_and_shown(enabled: HardwareRobot, left: Sc
     assert "position moved to keep within the effort limit: left 2 times" in text
 
 
-# --- silence
-
-
-def test_a_silent_joint_keeps_its_values_and_ages(enabled: HardwareRobot, left: ScriptedMotor) -> None:
+def test_a_silent_joint_keeps_its_values_and_ages(enabled, left):
     left.is_silent = True
     begin = time.monotonic()
     status = _wait_for(enabled, SafetyFlag.RX_TIMEOUT)
@@ -141,12 +130,7 @@ def test_a_silent_joint_keeps_its_values_and_ages(enabled: HardwareRobot, left: 
     assert state.joint_age[0] > 0.2 > state.joint_age[1]
 
 
-# --- motors
-
-
-def test_a_motor_that_falls_out_of_run_mode_is_a_fault_and_stays_out(
-    enabled: HardwareRobot, left: ScriptedMotor
-) -> None:
+def test_a_motor_that_falls_out_of_run_mode_is_a_fault_and_stays_out(enabled, left):
     left.mode = MotorMode.RESET
     status = _wait_for(enabled, SafetyFlag.MOTOR_FAULT)
     assert (status.level, status.message) == (FAULT, f"left run mode (mode reset): left; find the cause{THEN}")
@@ -170,9 +154,7 @@ HOT_SOON = WarningBit.MOTOR_OVERTEMPERATURE_WARNING
         (STALLED_AND_BLIND, SafetyFlag.MOTOR_FAULT, "encoder_fault: left; stall_overload: left; find the cause"),
     ],
 )
-def test_a_fault_in_a_status_is_flagged_while_it_lasts(
-    faults: StatusFault, flags: SafetyFlag, text: str, enabled: HardwareRobot, left: ScriptedMotor
-) -> None:
+def test_a_fault_in_a_status_is_flagged_while_it_lasts(faults, flags, text, enabled, left):
     left.faults = faults
     status = _wait_for(enabled, flags)
     assert (status.level, status.message) == (FAULT, f"{text}{THEN}")
@@ -192,9 +174,7 @@ def test_a_fault_in_a_status_is_flagged_while_it_lasts(
         (FaultBit.STALL_OVERLOAD, WarningBit(0), SafetyFlag.MOTOR_FAULT, "stall_overload: left; find the cause"),
     ],
 )
-def test_a_fault_report_holds_until_the_motor_reports_none(
-    faults: FaultBit, warnings: WarningBit, flags: SafetyFlag, text: str, enabled: HardwareRobot, motors: ScriptedMotors
-) -> None:
+def test_a_fault_report_holds_until_the_motor_reports_none(faults, warnings, flags, text, enabled, motors):
     motors.send(motors.buses[0], fault_report(11, faults, warnings))
     status = _wait_for(enabled, flags)
     assert (status.level, status.message) == (FAULT, f"{text}{THEN}")
@@ -204,9 +184,7 @@ def test_a_fault_report_holds_until_the_motor_reports_none(
     assert wait_until(lambda: _statuses(enabled)[0].is_ok)
 
 
-def test_a_position_that_jumps_is_a_fault_until_the_next_activation(
-    enabled: HardwareRobot, left: ScriptedMotor
-) -> None:
+def test_a_position_that_jumps_is_a_fault_until_the_next_activation(enabled, left):
     assert _statuses(enabled)[0].is_ok
     left.position += 0.8
     status = _wait_for(enabled, SafetyFlag.MOTOR_FAULT)
@@ -216,9 +194,6 @@ def test_a_position_that_jumps_is_a_fault_until_the_next_activation(
     assert not _statuses(enabled)[0].is_ok, "nobody knows which of the two was right"
     enabled.activate()
     assert _statuses(enabled)[0].is_ok
-
-
-# --- frames
 
 
 @pytest.mark.parametrize(
@@ -234,9 +209,7 @@ def test_a_position_that_jumps_is_a_fault_until_the_next_activation(
         (Frame(join_identifier(2, 0x80, 11, 0xAA), bytes(8)), "motor 11 answers host 0xAA, not 0xFD"),
     ],
 )
-def test_frames_that_should_not_be_are_a_warning_for_a_while(
-    frame: Frame, text: str, enabled: HardwareRobot, motors: ScriptedMotors
-) -> None:
+def test_frames_that_should_not_be_are_a_warning_for_a_while(frame, text, enabled, motors):
     motors.send_frame(motors.buses[0], frame)
     begin = time.monotonic()
     status = _wait_for(enabled, SafetyFlag.INVALID_FRAME)
@@ -246,7 +219,7 @@ def test_frames_that_should_not_be_are_a_warning_for_a_while(
     assert np.isfinite(enabled.read()[0].joint_position).all()
 
 
-def test_strangers_and_scans_stop_nothing(enabled: HardwareRobot, motors: ScriptedMotors) -> None:
+def test_strangers_and_scans_stop_nothing(enabled, motors):
     before = sum(enabled.statistics.channels[0].strangers.values())
     motors.send_frame(motors.buses[0], Frame(join_identifier(2, 0xBF, 99, 0xFD), bytes(8)))
     motors.send_frame(motors.buses[0], encode_command(GetDeviceId(11, host_id=0xFE), MOTORS["rs-02"]))
@@ -254,13 +227,10 @@ def test_strangers_and_scans_stop_nothing(enabled: HardwareRobot, motors: Script
     assert all(status.is_ok for status in _statuses(enabled))
 
 
-# --- channels
-
-
 _ERROR = Frame(0x08, bytes(8), is_extended=False, is_error=True)
 
 
-def test_single_error_frames_are_counted_and_stop_nothing(enabled: HardwareRobot, motors: ScriptedMotors) -> None:
+def test_single_error_frames_are_counted_and_stop_nothing(enabled, motors):
     for _ in range(5):
         motors.send_frame(motors.buses[0], _ERROR)
     counters = enabled.statistics.channels[0].counters
@@ -270,7 +240,7 @@ def test_single_error_frames_are_counted_and_stop_nothing(enabled: HardwareRobot
     assert warning in enabled.statistics.lines()
 
 
-def test_a_burst_of_error_frames_is_a_warning_without_a_flag(enabled: HardwareRobot, motors: ScriptedMotors) -> None:
+def test_a_burst_of_error_frames_is_a_warning_without_a_flag(enabled, motors):
     for _ in range(12):
         motors.send_frame(motors.buses[0], _ERROR)
     assert wait_until(lambda: not _statuses(enabled)[0].is_ok)
@@ -281,7 +251,7 @@ def test_a_burst_of_error_frames_is_a_warning_without_a_flag(enabled: HardwareRo
     assert wait_until(lambda: _statuses(enabled)[0].is_ok)
 
 
-def test_bus_off_lasts_until_the_next_activation(enabled: HardwareRobot, motors: ScriptedMotors) -> None:
+def test_bus_off_lasts_until_the_next_activation(enabled, motors):
     motors.send_frame(motors.buses[0], Frame(0x40, bytes(8), is_extended=False, is_error=True))
     status = _wait_for(enabled, SafetyFlag.BUS_OFF)
     assert (status.level, status.message) == (FAULT, f"down: bus-off; check its cable, terminators and supply{THEN}")
@@ -294,19 +264,19 @@ def test_bus_off_lasts_until_the_next_activation(enabled: HardwareRobot, motors:
 class _FailingBus:
     """The computer's end of a channel, whose sending fails when it is told to."""
 
-    def __init__(self) -> None:
-        self.error: Exception | None = None
+    def __init__(self):
+        self.error = None
 
-    def __call__(self, address: BusAddress) -> can.BusABC:
+    def __call__(self, address):
         bus = open_bus(address)
         send = bus.send
 
-        def failing(message: can.Message, timeout: float | None = None) -> None:
+        def failing(message, timeout=None):
             if self.error is not None and address.channel.startswith("left"):
                 raise self.error
             send(message, timeout)
 
-        bus.send = failing  # type: ignore[method-assign]
+        bus.send = failing
         return bus
 
 
@@ -318,9 +288,7 @@ class _FailingBus:
         (can.CanOperationError("down", error_code=errno.ENETDOWN), SafetyFlag.BUS_OFF, FAULT),
     ],
 )
-def test_a_channel_that_cannot_send_is_flagged_and_commands_do_not_wait(
-    error: Exception, flags: SafetyFlag, level: SafetyLevel, make_robot: MakeRobot, right: ScriptedMotor
-) -> None:
+def test_a_channel_that_cannot_send_is_flagged_and_commands_do_not_wait(error, flags, level, make_robot, right):
     failing = _FailingBus()
     robot = make_robot(open_bus=failing)
     robot.activate()
@@ -342,7 +310,7 @@ def test_a_channel_that_cannot_send_is_flagged_and_commands_do_not_wait(
     failing.error = None
 
 
-def test_after_a_jam_the_latest_command_leaves(make_robot: MakeRobot, left: ScriptedMotor) -> None:
+def test_after_a_jam_the_latest_command_leaves(make_robot, left):
     failing = _FailingBus()
     robot = make_robot(open_bus=failing)
     robot.activate()
@@ -359,12 +327,7 @@ def test_after_a_jam_the_latest_command_leaves(make_robot: MakeRobot, left: Scri
     assert robot.statistics.channels[0].counters.overruns > 0
 
 
-# --- anything at all
-
-
-def test_random_frames_raise_nothing_and_leave_no_joint_unheard_of(
-    enabled: HardwareRobot, motors: ScriptedMotors, left: ScriptedMotor, right: ScriptedMotor
-) -> None:
+def test_random_frames_raise_nothing_and_leave_no_joint_unheard_of(enabled, motors, left, right):
     """Frames of other motors, other hosts, wrong lengths and types: positions stay those that the motors told."""
     generator = random.Random(7)
     positions = enabled.read()[0].joint_position
@@ -383,7 +346,7 @@ def test_random_frames_raise_nothing_and_leave_no_joint_unheard_of(
     assert sum(channel.counters.receiver_failures for channel in enabled.statistics.channels) == 0
 
 
-def _random_message(generator: random.Random) -> can.Message:
+def _random_message(generator):
     """Anything that a driver may hand over: data, error, remote and CAN FD frames."""
     frame = random_frame(generator)
     kind = generator.random()
@@ -399,9 +362,7 @@ def _random_message(generator: random.Random) -> can.Message:
 
 
 @pytest.mark.slow
-def test_random_messages_for_minutes_neither_raise_nor_stop_the_threads(
-    enabled: HardwareRobot, motors: ScriptedMotors, fuzzing_seconds: float
-) -> None:
+def test_random_messages_for_minutes_neither_raise_nor_stop_the_threads(enabled, motors, fuzzing_seconds):
     seed = random.SystemRandom().getrandbits(32)
     print(f"seed {seed}")
     generator = random.Random(seed)
@@ -422,7 +383,7 @@ def test_random_messages_for_minutes_neither_raise_nor_stop_the_threads(
     assert not any("has ended" in status.message for status in enabled.read()[1])
 
 
-def test_messages_do_not_change_from_tick_to_tick(enabled: HardwareRobot, left: ScriptedMotor) -> None:
+def test_messages_do_not_change_from_tick_to_tick(enabled, left):
     left.is_silent = True
     left.mode = MotorMode.RESET
     _wait_for(enabled, SafetyFlag.RX_TIMEOUT)

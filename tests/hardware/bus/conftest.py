@@ -1,29 +1,23 @@
 """Buses that do what a test tells them, beside python-can's own virtual one."""
 
 import itertools
-import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 import can
 import pytest
 
 from humanoid_sim.hardware.bus.address import BusAddress
 
-# importlib mode leaves sys.path alone.
-sys.path.append(str(Path(__file__).parent))
-
 _numbers = itertools.count()
 
 
 @pytest.fixture
-def address() -> BusAddress:
+def address():
     """A virtual channel of this test's own."""
     return BusAddress("virtual", f"test-{next(_numbers)}")
 
 
 @pytest.fixture
-def peer(address: BusAddress) -> Iterator[can.BusABC]:
+def peer(address):
     """The other end of that channel."""
     bus = can.Bus(interface="virtual", channel=address.channel)
     yield bus

@@ -2,7 +2,6 @@
 
 import errno
 import random
-from pathlib import Path
 
 import can
 import pytest
@@ -30,7 +29,7 @@ from humanoid_sim.hardware.bus.address import (
         ("slcan:/dev/ttyACM0@115200", "slcan", "/dev/ttyACM0@115200"),
     ],
 )
-def test_an_address_names_interface_and_channel(text: str, interface: str, channel: str) -> None:
+def test_an_address_names_interface_and_channel(text, interface, channel):
     address = parse_address(text)
     assert (address.interface, address.channel) == (interface, channel)
     assert parse_address(str(address)) == address
@@ -49,19 +48,19 @@ def test_an_address_names_interface_and_channel(text: str, interface: str, chann
         ("../can0", "cannot be a network interface's name"),
     ],
 )
-def test_what_cannot_be_an_address_is_one_line(text: str, says: str) -> None:
+def test_what_cannot_be_an_address_is_one_line(text, says):
     with pytest.raises(InputError, match=says) as caught:
         parse_address(text)
     assert "\n" not in str(caught.value)
     assert f"'{text}'" in str(caught.value)
 
 
-def test_a_list_keeps_the_order_of_the_buses() -> None:
+def test_a_list_keeps_the_order_of_the_buses():
     assert [str(address) for address in parse_addresses("can1,can0")] == ["can1", "can0"]
     assert parse_addresses("virtual:a") == (BusAddress("virtual", "a"),)
 
 
-def test_a_channel_named_twice_is_refused() -> None:
+def test_a_channel_named_twice_is_refused():
     with pytest.raises(InputError, match="can0 is named twice"):
         parse_addresses("can0,can0")
 
@@ -69,7 +68,7 @@ def test_a_channel_named_twice_is_refused() -> None:
 CAN0 = BusAddress("socketcan", "can0")
 
 
-def _network(folder: Path, name: str, kind: str, queue: str = "10") -> None:
+def _network(folder, name, kind, queue="10"):
     (folder / name).mkdir()
     (folder / name / "type").write_text(f"{kind}\n")
     (folder / name / "tx_queue_len").write_text(f"{queue}\n")
@@ -85,14 +84,12 @@ def _network(folder: Path, name: str, kind: str, queue: str = "10") -> None:
         (errno.EIO, "OSError: "),
     ],
 )
-def test_a_socketcan_interface_that_cannot_be_opened_says_why(
-    number: int, says: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_socketcan_interface_that_cannot_be_opened_says_why(number, says, monkeypatch, tmp_path):
     for name, kind in (("can2", "280"), ("can1", "280"), ("eth0", "1")):
         _network(tmp_path, name, kind)
     monkeypatch.setattr(address, "_NETWORK", tmp_path)
 
-    def fail(**_: object) -> None:
+    def fail(**_):
         raise OSError(number, "whatever the kernel says")
 
     monkeypatch.setattr(can, "Bus", fail)
@@ -101,13 +98,13 @@ def test_a_socketcan_interface_that_cannot_be_opened_says_why(
     assert "\n" not in str(caught.value)
 
 
-def test_an_adapter_that_is_not_there_is_one_line() -> None:
+def test_an_adapter_that_is_not_there_is_one_line():
     with pytest.raises(RobotError, match=r"slcan:/dev/no-such-adapter: cannot be opened: \w+") as caught:
         open_bus(BusAddress("slcan", "/dev/no-such-adapter"))
     assert "\n" not in str(caught.value)
 
 
-def test_the_bit_rate_is_given_where_the_interface_needs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_bit_rate_is_given_where_the_interface_needs_it(monkeypatch):
     options = []
     monkeypatch.setattr(can, "Bus", lambda **given: options.append(given))
     for interface in ("pcan", "socketcan"):
@@ -118,7 +115,7 @@ def test_the_bit_rate_is_given_where_the_interface_needs_it(monkeypatch: pytest.
     ]
 
 
-def test_a_kernel_queue_shorter_than_two_bursts_is_mentioned(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_kernel_queue_shorter_than_two_bursts_is_mentioned(monkeypatch, tmp_path):
     _network(tmp_path, "can0", "280", "10")
     monkeypatch.setattr(address, "_NETWORK", tmp_path)
     assert bus_hints(CAN0, 14) == (
@@ -129,7 +126,7 @@ def test_a_kernel_queue_shorter_than_two_bursts_is_mentioned(monkeypatch: pytest
     assert bus_hints(BusAddress("virtual", "can0"), 14) == ()
 
 
-def test_the_error_number_is_found_wherever_python_can_put_it() -> None:
+def test_the_error_number_is_found_wherever_python_can_put_it():
     assert error_number(can.CanOperationError("full", error_code=errno.ENOBUFS)) == errno.ENOBUFS
     assert error_number(OSError(errno.ENETDOWN, "down")) == errno.ENETDOWN
     wrapped = can.CanOperationError("failed to send")
@@ -138,7 +135,7 @@ def test_the_error_number_is_found_wherever_python_can_put_it() -> None:
     assert error_number(can.CanOperationError("Transmit buffer full")) is None
 
 
-def test_two_multicast_groups_do_not_hear_each_other() -> None:
+def test_two_multicast_groups_do_not_hear_each_other():
     """The port is python-can's own for all: only the group tells two buses of one machine apart."""
     groups = [BusAddress("udp_multicast", f"239.74.{random.randrange(256)}.{last}") for last in (81, 82)]
     try:

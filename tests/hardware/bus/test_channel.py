@@ -2,7 +2,6 @@ import errno
 import itertools
 import threading
 import time
-from collections.abc import Iterator
 
 import can
 import pytest
@@ -19,42 +18,42 @@ FRAME = Frame(0x1234567, b"12345678")
 
 
 class Heard:
-    def __init__(self) -> None:
-        self.frames: list[tuple[Frame, float]] = []
+    def __init__(self):
+        self.frames = []
 
-    def __call__(self, frame: Frame, when: float) -> None:
+    def __call__(self, frame, when):
         self.frames.append((frame, when))
 
 
 @pytest.fixture
-def heard() -> Heard:
+def heard():
     return Heard()
 
 
 @pytest.fixture
-def channel(address: BusAddress, heard: Heard) -> Iterator[Channel]:
+def channel(address, heard):
     channel = Channel(address, heard)
     yield channel
     channel.close()
 
 
 @pytest.fixture
-def bus() -> ScriptedBus:
+def bus():
     return ScriptedBus()
 
 
 @pytest.fixture
-def scripted(bus: ScriptedBus, heard: Heard, address: BusAddress) -> Iterator[Channel]:
+def scripted(bus, heard, address):
     channel = Channel(address, heard, open_bus=lambda _: bus, capacity=32)
     yield channel
     channel.close()
 
 
-def _message(identifier: int = FRAME.arbitration_id, data: bytes = FRAME.data, **fields: object) -> can.Message:
-    return can.Message(arbitration_id=identifier, data=data, timestamp=time.time(), **fields)  # type: ignore[arg-type]
+def _message(identifier=FRAME.arbitration_id, data=FRAME.data, **fields):
+    return can.Message(arbitration_id=identifier, data=data, timestamp=time.time(), **fields)
 
 
-def test_frames_go_both_ways(channel: Channel, heard: Heard, peer: can.BusABC) -> None:
+def test_frames_go_both_ways(channel, heard, peer):
     peer.send(_message())
     assert wait_until(lambda: bool(heard.frames))
     assert heard.frames[0][0] == FRAME
@@ -65,7 +64,7 @@ def test_frames_go_both_ways(channel: Channel, heard: Heard, peer: can.BusABC) -
     assert channel.down == ""
 
 
-def test_kinds_of_frames_are_kept_apart(channel: Channel, heard: Heard, peer: can.BusABC) -> None:
+def test_kinds_of_frames_are_kept_apart(channel, heard, peer):
     peer.send(_message(0x123, is_extended_id=False))
     peer.send(can.Message(arbitration_id=0x123, is_remote_frame=True, dlc=4, timestamp=time.time()))
     assert wait_until(lambda: len(heard.frames) == 2)
@@ -74,7 +73,7 @@ def test_kinds_of_frames_are_kept_apart(channel: Channel, heard: Heard, peer: ca
     assert (remote.is_extended, remote.is_remote, remote.data) == (True, True, b"")
 
 
-def test_a_frame_is_as_old_as_its_stamp(heard: Heard, bus: ScriptedBus, scripted: Channel) -> None:
+def test_a_frame_is_as_old_as_its_stamp(heard, bus, scripted):
     late = _message()
     late.timestamp -= 0.3  # it lay in the kernel while this process did not run
     suspended = _message()
@@ -94,13 +93,13 @@ def test_a_frame_is_as_old_as_its_stamp(heard: Heard, bus: ScriptedBus, scripted
     assert 0.0 <= ages[3] < 0.3
 
 
-def test_frames_of_other_processes_of_this_machine_count(heard: Heard, bus: ScriptedBus, scripted: Channel) -> None:
+def test_frames_of_other_processes_of_this_machine_count(heard, bus, scripted):
     bus.incoming.put(_message(is_rx=False))  # as SocketCAN marks them
     assert wait_until(lambda: bool(heard.frames))
     assert heard.frames[0][0] == FRAME
 
 
-def test_what_does_not_fit_the_protocol_is_counted_only(heard: Heard, bus: ScriptedBus, scripted: Channel) -> None:
+def test_what_does_not_fit_the_protocol_is_counted_only(heard, bus, scripted):
     bus.incoming.put(_message(data=bytes(12), is_fd=True))
     bus.incoming.put(_message())
     assert wait_until(lambda: bool(heard.frames))
@@ -117,9 +116,7 @@ def test_what_does_not_fit_the_protocol_is_counted_only(heard: Heard, bus: Scrip
         (error_frame(0x04, bytes([0, 2, 0, 0, 0, 0, 0, 0])), BusEvent.TX_FULL),
     ],
 )
-def test_an_error_frame_becomes_an_event(
-    message: can.Message, event: BusEvent, bus: ScriptedBus, scripted: Channel, heard: Heard
-) -> None:
+def test_an_error_frame_becomes_an_event(message, event, bus, scripted, heard):
     before = time.monotonic()
     bus.incoming.put(message)
     assert wait_until(lambda: scripted.counters.error_frames == 1)
@@ -129,16 +126,14 @@ def test_an_error_frame_becomes_an_event(
     assert scripted.recent(event, time.monotonic()) == ""
 
 
-def test_lost_arbitration_is_the_bus_at_work(bus: ScriptedBus, scripted: Channel) -> None:
+def test_lost_arbitration_is_the_bus_at_work(bus, scripted):
     bus.incoming.put(error_frame(0x02))
     assert wait_until(lambda: scripted.counters.lost_arbitration == 1)
     assert scripted.counters.error_frames == 0
     assert not any(scripted.recent(event, 0.0) for event in BusEvent)
 
 
-def test_an_interface_that_goes_down_is_reported_and_reading_goes_on(
-    bus: ScriptedBus, scripted: Channel, heard: Heard
-) -> None:
+def test_an_interface_that_goes_down_is_reported_and_reading_goes_on(bus, scripted, heard):
     bus.incoming.put(can.CanOperationError("Error receiving: Network is down", error_code=errno.ENETDOWN))
     bus.incoming.put(_message())
     assert wait_until(lambda: bool(heard.frames))
@@ -146,9 +141,7 @@ def test_an_interface_that_goes_down_is_reported_and_reading_goes_on(
     assert scripted.counters.receive_errors == 1
 
 
-def test_one_failure_to_receive_is_a_bus_error_and_many_are_a_bus_that_is_down(
-    bus: ScriptedBus, scripted: Channel
-) -> None:
+def test_one_failure_to_receive_is_a_bus_error_and_many_are_a_bus_that_is_down(bus, scripted):
     bus.incoming.put(can.CanOperationError("could not unpack received message"))
     assert wait_until(lambda: bool(scripted.recent(BusEvent.ERROR, 0.0)))
     assert scripted.down == ""
@@ -157,10 +150,10 @@ def test_one_failure_to_receive_is_a_bus_error_and_many_are_a_bus_that_is_down(
     assert "a driver's own" in scripted.down
 
 
-def test_a_handler_that_raises_loses_one_frame_and_says_so(address: BusAddress, bus: ScriptedBus) -> None:
+def test_a_handler_that_raises_loses_one_frame_and_says_so(address, bus):
     taken = []
 
-    def receive(frame: Frame, _: float) -> None:
+    def receive(frame, _):
         if not frame.data:
             raise ZeroDivisionError("bug")
         taken.append(frame)
@@ -174,10 +167,10 @@ def test_a_handler_that_raises_loses_one_frame_and_says_so(address: BusAddress, 
     assert "ZeroDivisionError: bug" in channel.recent(BusEvent.UNREADABLE, 0.0)
 
 
-def test_a_full_kernel_queue_is_tried_again_until_there_is_room(bus: ScriptedBus, scripted: Channel) -> None:
+def test_a_full_kernel_queue_is_tried_again_until_there_is_room(bus, scripted):
     refusals = iter([True, True, False])
 
-    def full(_: can.Message) -> None:
+    def full(_):
         if next(refusals, False):
             raise can.CanOperationError("Failed to transmit", error_code=errno.ENOBUFS)
 
@@ -189,10 +182,10 @@ def test_a_full_kernel_queue_is_tried_again_until_there_is_room(bus: ScriptedBus
     assert [message.arbitration_id for message in bus.sent] == [FRAME.arbitration_id]
 
 
-def test_a_kernel_queue_that_stays_full_for_most_of_a_period_is_an_event(bus: ScriptedBus, scripted: Channel) -> None:
-    refused_at: list[float] = []
+def test_a_kernel_queue_that_stays_full_for_most_of_a_period_is_an_event(bus, scripted):
+    refused_at = []
 
-    def full(_: can.Message) -> None:
+    def full(_):
         refused_at.append(time.monotonic())
         raise can.CanOperationError("Failed to transmit", error_code=errno.ENOBUFS)
 
@@ -203,11 +196,11 @@ def test_a_kernel_queue_that_stays_full_for_most_of_a_period_is_an_event(bus: Sc
     assert scripted.recent(BusEvent.TX_FULL, refused_at[0] + 0.016).startswith("outgoing queue is full")
 
 
-def test_a_jam_that_never_empties_is_an_event_although_frames_leave(bus: ScriptedBus, scripted: Channel) -> None:
+def test_a_jam_that_never_empties_is_an_event_although_frames_leave(bus, scripted):
     """A bus that takes every second frame and is offered more than it takes."""
     refusals = itertools.cycle([True, False])
 
-    def saturated(_: can.Message) -> None:
+    def saturated(_):
         if next(refusals):
             raise can.CanOperationError("Failed to transmit", error_code=errno.ENOBUFS)
 
@@ -221,12 +214,10 @@ def test_a_jam_that_never_empties_is_an_event_although_frames_leave(bus: Scripte
     assert scripted.counters.sent > 0
 
 
-def test_a_command_that_was_queued_before_the_process_stood_still_never_leaves(
-    bus: ScriptedBus, scripted: Channel
-) -> None:
+def test_a_command_that_was_queued_before_the_process_stood_still_never_leaves(bus, scripted):
     entered, stuck = threading.Event(), threading.Event()
 
-    def suspended(_: can.Message) -> None:
+    def suspended(_):
         entered.set()
         stuck.wait(5.0)
 
@@ -245,10 +236,10 @@ def test_a_command_that_was_queued_before_the_process_stood_still_never_leaves(
 @pytest.mark.parametrize(
     "error", [can.CanOperationError("Transmit buffer full"), can.CanTimeoutError(), OSError(errno.EAGAIN, "try again")]
 )
-def test_every_way_to_say_full_is_understood(error: Exception, bus: ScriptedBus, scripted: Channel) -> None:
+def test_every_way_to_say_full_is_understood(error, bus, scripted):
     pending = [error]
 
-    def full(_: can.Message) -> None:
+    def full(_):
         if pending:
             raise pending.pop()
 
@@ -258,10 +249,10 @@ def test_every_way_to_say_full_is_understood(error: Exception, bus: ScriptedBus,
     assert scripted.counters.retries == 1
 
 
-def test_a_frame_that_cannot_leave_an_interface_that_is_down_never_leaves(bus: ScriptedBus, scripted: Channel) -> None:
+def test_a_frame_that_cannot_leave_an_interface_that_is_down_never_leaves(bus, scripted):
     down = True
 
-    def refuse(_: can.Message) -> None:
+    def refuse(_):
         if down:
             raise can.CanOperationError("Failed to transmit: Network is down", error_code=errno.ENETDOWN)
 
@@ -275,7 +266,7 @@ def test_a_frame_that_cannot_leave_an_interface_that_is_down_never_leaves(bus: S
     assert "Network is down" in scripted.down
 
 
-def test_sending_never_waits_for_the_driver(bus: ScriptedBus, address: BusAddress, heard: Heard) -> None:
+def test_sending_never_waits_for_the_driver(bus, address, heard):
     stuck = threading.Event()
     bus.on_send = lambda _: stuck.wait(5.0) and None
     channel = Channel(address, heard, open_bus=lambda _: bus)
@@ -291,7 +282,7 @@ def test_sending_never_waits_for_the_driver(bus: ScriptedBus, address: BusAddres
     assert channel.counters.overruns > 0
 
 
-def test_closing_sends_what_waits(channel: Channel, peer: can.BusABC) -> None:
+def test_closing_sends_what_waits(channel, peer):
     channel.send([(None, Frame(number, bytes(8))) for number in range(50)])
     channel.close()
     channel.close()
@@ -299,8 +290,8 @@ def test_closing_sends_what_waits(channel: Channel, peer: can.BusABC) -> None:
     assert received == list(range(50))
 
 
-def test_a_bus_that_cannot_be_opened_leaves_nothing_behind(address: BusAddress, heard: Heard) -> None:
-    def refuse(_: BusAddress) -> can.BusABC:
+def test_a_bus_that_cannot_be_opened_leaves_nothing_behind(address, heard):
+    def refuse(_):
         raise RobotError("no such adapter")
 
     threads = threading.active_count()
@@ -309,8 +300,8 @@ def test_a_bus_that_cannot_be_opened_leaves_nothing_behind(address: BusAddress, 
     assert threading.active_count() == threads
 
 
-def test_a_multicast_sender_does_not_hear_itself(heard: Heard, bus: ScriptedBus) -> None:
-    def echo(message: can.Message) -> None:
+def test_a_multicast_sender_does_not_hear_itself(heard, bus):
+    def echo(message):
         bus.incoming.put(_message(message.arbitration_id, bytes(message.data)))
 
     bus.on_send = echo

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from humanoid_sim.hardware.bus.events import BurstDetector, BusEvent, read_error_frame
 
 
-def _controller(state: int) -> bytes:
+def _controller(state):
     return bytes([0, state, 0, 0, 0, 0, 0, 0])
 
 
@@ -28,36 +28,36 @@ def _controller(state: int) -> bytes:
         (0x000, bytes(8), BusEvent.ERROR, "error frame of an unknown class"),
     ],
 )
-def test_what_an_error_frame_says(error_class: int, data: bytes, event: BusEvent, text: str) -> None:
+def test_what_an_error_frame_says(error_class, data, event, text):
     report = read_error_frame("socketcan", error_class, data)
     assert report.event is event
     assert text in report.text
 
 
 @given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8))
-def test_any_error_frame_is_read(error_class: int, data: bytes) -> None:
+def test_any_error_frame_is_read(error_class, data):
     report = read_error_frame("socketcan", error_class, data)
     assert report.text
     if error_class & 0x40:
         assert report.event is BusEvent.DOWN
 
 
-def test_the_bits_of_other_drivers_mean_nothing_here() -> None:
+def test_the_bits_of_other_drivers_mean_nothing_here():
     report = read_error_frame("pcan", 0x42, bytes(8))  # would be bus-off on SocketCAN
     assert (report.event, report.text) == (BusEvent.ERROR, "error frame")
 
 
-def test_everything_that_a_frame_reports_is_counted_by_itself() -> None:
+def test_everything_that_a_frame_reports_is_counted_by_itself():
     report = read_error_frame("socketcan", 0x00C, _controller(0x08))
     assert report.classes == ("protocol violation", "many transmit errors")
 
 
-def test_ten_errors_within_a_fifth_of_a_second_are_a_burst_and_nine_are_none() -> None:
+def test_ten_errors_within_a_fifth_of_a_second_are_a_burst_and_nine_are_none():
     burst = BurstDetector()
     assert [burst.add(0.02 * number) for number in range(11)] == [False] * 9 + [True, True]  # 10 within 0.18 s
     assert not burst.add(0.5), "the errors before are past"
 
 
-def test_errors_that_a_bus_recovers_from_are_never_a_burst() -> None:
+def test_errors_that_a_bus_recovers_from_are_never_a_burst():
     burst = BurstDetector()
     assert not any(burst.add(0.025 * number) for number in range(1000))  # 40 a second

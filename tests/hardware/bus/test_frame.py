@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 from humanoid_sim.hardware.bus.frame import FRAME_BITS, Frame, arbitration_key, bus_load, frame_bits
 
 
-def _stream(frame: Frame) -> list[int]:
+def _stream(frame):
     """The stuffed part of a frame without its stuff bits, from the start of frame to the checksum, bit by bit."""
 
-    def bits(value: int, count: int) -> list[int]:
+    def bits(value, count):
         return [value >> shift & 1 for shift in range(count - 1, -1, -1)]
 
     remote = int(frame.is_remote)
@@ -29,7 +29,7 @@ def _stream(frame: Frame) -> list[int]:
     return stream + bits(crc, 15)
 
 
-def _naive_bits(frame: Frame) -> int:
+def _naive_bits(frame):
     stream, sent = _stream(frame), []
     for bit in stream:
         sent.append(bit)
@@ -48,23 +48,23 @@ _FRAMES = st.builds(
 
 
 @given(_FRAMES)
-def test_the_length_is_that_of_the_bit_stream(frame: Frame) -> None:
+def test_the_length_is_that_of_the_bit_stream(frame):
     assert frame_bits(frame) == _naive_bits(frame)
 
 
 @given(st.integers(0, (1 << 29) - 1), st.binary(min_size=8, max_size=8))
-def test_motors_frames_take_131_to_160_bits(number: int, data: bytes) -> None:
+def test_motors_frames_take_131_to_160_bits(number, data):
     assert 131 <= frame_bits(Frame(number, data)) <= 160
 
 
-def test_alternating_bits_need_no_stuffing_and_zeros_much() -> None:
+def test_alternating_bits_need_no_stuffing_and_zeros_much():
     assert frame_bits(Frame(0x0AAAAAAA, b"\xaa" * 8)) == 131
     assert frame_bits(Frame(0, bytes(8))) == 150
 
 
 @given(_FRAMES, _FRAMES)
-def test_the_first_differing_bit_on_the_wire_decides(first: Frame, second: Frame) -> None:
-    def arbitration(frame: Frame) -> list[int]:
+def test_the_first_differing_bit_on_the_wire_decides(first, second):
+    def arbitration(frame):
         return _stream(frame)[: 33 if frame.is_extended else 14]  # up to RTR, and for 11-bit frames IDE
 
     one, other = arbitration(first), arbitration(second)
@@ -73,10 +73,10 @@ def test_the_first_differing_bit_on_the_wire_decides(first: Frame, second: Frame
         assert (arbitration_key(first) < arbitration_key(second)) == (one[:length] < other[:length])
 
 
-def test_the_limits_of_a_motors_frame_are_131_and_160_bits() -> None:
+def test_the_limits_of_a_motors_frame_are_131_and_160_bits():
     assert FRAME_BITS == (131, 160)
 
 
-def test_fourteen_motors_at_200_hz_fill_a_bus_to_what_the_protocol_notes_say() -> None:
+def test_fourteen_motors_at_200_hz_fill_a_bus_to_what_the_protocol_notes_say():
     assert 0.73 < bus_load(200.0 * 2 * 14) < 0.90
     assert bus_load(0.0) == 0.0

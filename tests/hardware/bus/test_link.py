@@ -3,7 +3,6 @@
 import copy
 import json
 import subprocess
-from typing import Any
 
 import pytest
 
@@ -17,7 +16,7 @@ _LOOPBACK = {"ifindex": 1, "ifname": "lo", "flags": ["LOOPBACK", "UP", "LOWER_UP
              "operstate": "UNKNOWN", "linkmode": "DEFAULT", "group": "default", "txqlen": 1000,
              "link_type": "loopback", "address": "00:00:00:00:00:00", "broadcast": "00:00:00:00:00:00"}
 # A USB adapter of the driver gs_usb, up at 1 Mbit/s.
-_RIGHT: dict[str, Any] = {
+_RIGHT = {
     "ifindex": 7, "ifname": "can0", "flags": ["NOARP", "UP", "LOWER_UP", "ECHO"], "mtu": 16, "qdisc": "pfifo_fast",
     "operstate": "UP", "linkmode": "DEFAULT", "group": "default", "txqlen": 100, "link_type": "can",
     "promiscuity": 0, "allmulti": 0, "min_mtu": 0, "max_mtu": 0,
@@ -41,7 +40,7 @@ _VIRTUAL = {"ifindex": 9, "ifname": "vcan0", "flags": ["NOARP", "UP", "LOWER_UP"
 # fmt: on
 
 
-def _changed(**data: Any) -> dict[str, Any]:
+def _changed(**data):
     """The right one with other data of its controller; None takes a field away."""
     changed = copy.deepcopy(_RIGHT)
     info = changed["linkinfo"]["info_data"]
@@ -51,11 +50,11 @@ def _changed(**data: Any) -> dict[str, Any]:
     return changed
 
 
-def _bittiming(bitrate: int) -> dict[str, Any]:
+def _bittiming(bitrate):
     return {**_RIGHT["linkinfo"]["info_data"]["bittiming"], "bitrate": bitrate}
 
 
-def _found(*links: Any, name: str = "can0", wanted: LinkSettings | None = None) -> CheckList:
+def _found(*links, name="can0", wanted=None):
     checks = CheckList()
     check_link(json.dumps([_LOOPBACK, {}, *links]), name, wanted or LinkSettings(), checks)
     return checks
@@ -65,7 +64,7 @@ _UP = "sudo ip link set can0 up type can bitrate 1000000 restart-ms 0"
 _AGAIN = f"sudo ip link set can0 down, then {_UP}"
 
 
-def test_an_interface_that_is_set_up_as_wanted() -> None:
+def test_an_interface_that_is_set_up_as_wanted():
     checks = _found(_RIGHT)
     assert [str(check) for check in checks.all] == [
         "can0: up; 1000000 bit/s; restart-ms 0; no errors (ERROR-ACTIVE); queue 100"
@@ -88,17 +87,17 @@ def test_an_interface_that_is_set_up_as_wanted() -> None:
         ({"ctrlmode": ["ONE-SHOT"]}, "sends each frame once only (one-shot): a frame that loses arbitration is lost"),
     ],
 )
-def test_what_is_wrong_with_one(changes: dict[str, Any], problem: str) -> None:
+def test_what_is_wrong_with_one(changes, problem):
     checks = _found(_changed(**changes))
     assert checks.problems == (f"can0: {problem}",)
     assert checks.warnings == ()
 
 
-def test_one_that_is_down() -> None:
+def test_one_that_is_down():
     assert _found({**_RIGHT, "flags": ["NOARP", "ECHO"]}).problems == (f"can0: is down: {_UP}",)
 
 
-def test_an_adapter_as_it_comes_lacks_everything() -> None:
+def test_an_adapter_as_it_comes_lacks_everything():
     checks = _found(_FRESH)
     assert [problem.partition(": ")[2].partition(",")[0].partition(":")[0] for problem in checks.problems] == [
         "is down",
@@ -110,7 +109,7 @@ def test_an_adapter_as_it_comes_lacks_everything() -> None:
     )
 
 
-def test_errors_on_the_bus_are_a_warning_with_their_counters() -> None:
+def test_errors_on_the_bus_are_a_warning_with_their_counters():
     checks = _found(_changed(state="ERROR-PASSIVE", berr_counter={"tx": 128, "rx": 135}))
     assert checks.problems == ()
     assert checks.warnings == (
@@ -122,18 +121,18 @@ def test_errors_on_the_bus_are_a_warning_with_their_counters() -> None:
     )
 
 
-def test_another_bit_rate_and_restart_may_be_wanted() -> None:
+def test_another_bit_rate_and_restart_may_be_wanted():
     found = _changed(bittiming=_bittiming(500000), restart_ms=100)
     assert _found(found, wanted=LinkSettings(500_000, 100)).problems == ()
 
 
-def test_a_virtual_interface_has_no_controller() -> None:
+def test_a_virtual_interface_has_no_controller():
     checks = _found(_VIRTUAL, name="vcan0")
     assert checks.problems == ()
     assert checks.warnings == ("vcan0: is not a controller, but of the kind vcan: it has no bit rate",)
 
 
-def test_an_interface_that_is_not_there_or_no_can() -> None:
+def test_an_interface_that_is_not_there_or_no_can():
     assert _found(_RIGHT, name="can1").problems == (
         "can1: there is no such network interface; CAN interfaces of this machine: can0",
     )
@@ -142,7 +141,7 @@ def test_an_interface_that_is_not_there_or_no_can() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[1]", "Device does not exist", "[" * 100_000])
-def test_what_is_no_output_of_that_command(text: str) -> None:
+def test_what_is_no_output_of_that_command(text):
     with pytest.raises(RobotError, match=r"ip -details -json link show: did not print a list in JSON"):
         check_link(text, "can0", LinkSettings(), CheckList())
 
@@ -150,12 +149,12 @@ def test_what_is_no_output_of_that_command(text: str) -> None:
 @pytest.mark.parametrize(
     "info", [None, 5, {"info_data": 3}, {"info_kind": "can", "info_data": {"bittiming": [], "ctrlmode": 1}}]
 )
-def test_fields_of_another_kind_are_told_as_missing(info: Any) -> None:
+def test_fields_of_another_kind_are_told_as_missing(info):
     assert _found({**_RIGHT, "linkinfo": info, "flags": None}).problems
 
 
-def test_the_command_is_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    def run(words: tuple[str, ...], **_: Any) -> subprocess.CompletedProcess[str]:
+def test_the_command_is_run(monkeypatch):
+    def run(words, **_):
         assert words == ("ip", "-details", "-json", "link", "show")
         return subprocess.CompletedProcess(words, 255, "", "Cannot open netlink socket\n")
 
@@ -164,7 +163,7 @@ def test_the_command_is_run(monkeypatch: pytest.MonkeyPatch) -> None:
         read_links()
 
 
-def test_without_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_command(monkeypatch):
     monkeypatch.setattr(link, "_COMMAND", ("no-such-program-as-ip",))
     with pytest.raises(RobotError, match="there is no program 'ip'; install the package iproute2"):
         read_links()

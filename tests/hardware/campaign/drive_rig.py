@@ -13,6 +13,7 @@ import can
 import numpy as np
 from msgspec.structs import replace
 
+from humanoid_sim import messages
 from humanoid_sim.assets import SAMPLE_POLICY, asset_path
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.adapter.robot import HardwareRobot
@@ -20,17 +21,6 @@ from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.address import open_bus as open_python_can
 from humanoid_sim.hardware.bus.events import ChannelCounters
 from humanoid_sim.hardware.emulation.plant import PlantTruth
-from humanoid_sim.messages import (
-    Event,
-    Intent,
-    Mode,
-    RemoteCommand,
-    SafetyFlag,
-    SafetyStatus,
-    SessionHeader,
-    TickOutput,
-    TickRecord,
-)
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
@@ -77,10 +67,10 @@ class Tick:
 
     read: float
     """s, slow clock, when the state was read."""
-    safety: tuple[SafetyStatus, ...]
+    safety: tuple[messages.SafetyStatus, ...]
     state: MITState
     """As the robot told it."""
-    output: TickOutput
+    output: messages.TickOutput
     seen: float
     """s, slow clock, of the truth that follows."""
     effort: FloatArray
@@ -89,12 +79,12 @@ class Tick:
     """Shape (n,), rad/s: the true velocities then."""
 
     @property
-    def mode(self) -> Mode:
+    def mode(self) -> messages.Mode:
         return self.output.control_mode.mode
 
     @property
-    def flags(self) -> SafetyFlag:
-        flags = SafetyFlag.NONE
+    def flags(self) -> messages.SafetyFlag:
+        flags = messages.SafetyFlag.NONE
         for status in self.safety:
             flags |= status.flags
         return flags
@@ -116,7 +106,7 @@ class _Timed:
     def activate(self) -> None:
         self.robot.activate()
 
-    def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
+    def read(self) -> tuple[MITState, tuple[messages.SafetyStatus, ...]]:
         self.read_at = self._clock()
         return self.robot.read()
 
@@ -137,10 +127,10 @@ class _Ticks:
         self._robot, self._truth = robot, truth
         self.all: list[Tick] = []
 
-    def start(self, header: SessionHeader) -> None:
+    def start(self, header: messages.SessionHeader) -> None:
         return
 
-    def tick(self, record: TickRecord) -> None:
+    def tick(self, record: messages.TickRecord) -> None:
         known = self._robot.read_at, record.input.safety, record.input.state, record.output
         if self._truth is None:
             self.all.append(Tick(*known, math.nan, np.empty(0), np.empty(0)))
@@ -148,7 +138,7 @@ class _Ticks:
         truth = self._truth()
         self.all.append(Tick(*known, truth.time, truth.joint_effort, truth.joint_velocity))
 
-    def event(self, event: Event) -> None:
+    def event(self, event: messages.Event) -> None:
         return
 
     def close(self) -> None:
@@ -183,8 +173,8 @@ class _Holder:
         self._command = MITCommand(pose, np.zeros(n), effort, stiffness, damping)
         self.clock: Callable[[], float] = lambda: 0.0
 
-    def latest(self) -> RemoteCommand:
-        return RemoteCommand(self._command, self.clock())
+    def latest(self) -> messages.RemoteCommand:
+        return messages.RemoteCommand(self._command, self.clock())
 
 
 @dataclass
@@ -200,7 +190,7 @@ class Drive:
     deadline: float = 0.0
     """s, of the next tick."""
 
-    def run(self, seconds: float, *intents: Intent) -> None:
+    def run(self, seconds: float, *intents: messages.Intent) -> None:
         """Ticks for a time; the intents go with the first."""
         for number in range(max(round(seconds / PERIOD), 1)):
             while (left := self.deadline - self.clock()) > 0.0:
@@ -208,22 +198,25 @@ class Drive:
             self.deadline = max(self.deadline, self.clock() - PERIOD) + PERIOD
             self.session.tick(intents if number == 0 else ())
 
-    def reach(self, mode: Mode) -> None:
+    def reach(self, mode: messages.Mode) -> None:
         """Walk up to a mode as an operator would, to where its motors hold the arms up."""
         self.run(3 * PERIOD)
-        if mode is Mode.ZERO_TORQUE:
+        if mode is messages.Mode.ZERO_TORQUE:
             return
-        self.run(4 * PERIOD, Intent.DAMP)
-        if mode is Mode.DAMPING:
+        self.run(4 * PERIOD, messages.Intent.DAMP)
+        if mode is messages.Mode.DAMPING:
             return
-        self.run(PERIOD, Intent.LOAD_A)
+        self.run(PERIOD, messages.Intent.LOAD_A)
         for _ in range(100):
             if not self._has_arrived():
                 self.run(PERIOD)
-        if mode is Mode.STANDBY:
+        if mode is messages.Mode.STANDBY:
             self.run(0.2)
         else:
-            self.run(0.3, Intent.START_LOCOMOTION if mode is Mode.LOCOMOTION else Intent.START_REMOTE)
+            self.run(
+                0.3,
+                messages.Intent.START_LOCOMOTION if mode is messages.Mode.LOCOMOTION else messages.Intent.START_REMOTE,
+            )
         if self.session.mode is not mode:
             bad = next((status for tick in self.ticks for status in tick.safety if not status.is_ok), None)
             raise NotReachedError(bad.message if bad else self.ticks[-1].output.control_mode.status_message)
@@ -274,7 +267,7 @@ def driven(
         timed,
         build_supervisor(description, PERIOD, sample_policy(), remote=True),
         LoopSettings(PERIOD, realtime=False),  # `Drive.run` keeps the time
-        header=SessionHeader("lite", description.joint_names, PERIOD, 0),
+        header=messages.SessionHeader("lite", description.joint_names, PERIOD, 0),
         remote=remote,
         sinks=[sink],
     )

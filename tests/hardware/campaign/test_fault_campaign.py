@@ -97,7 +97,7 @@ ENDLESS = [i for i, joint in enumerate(load_robot("lite_sito").joints) if joint.
 SAMPLE = (Mode.LOCOMOTION, Mode.STANDBY, Mode.REMOTE)
 
 
-def test_every_fault_has_a_case() -> None:
+def test_every_fault_has_a_case():
     no_flag = {"blocked"}  # only the joints' motion shows it: `test_guard_campaign`
     assert {case.fault.kind for case in CASES.values() if case.fault is not None} == set(FAULTS) - no_flag
 
@@ -105,7 +105,7 @@ def test_every_fault_has_a_case() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
 @pytest.mark.parametrize("name", CASES)
-def test_fault_in_mode(name: str, mode: Mode, table: list[tuple[str, ...]], request: pytest.FixtureRequest) -> None:
+def test_fault_in_mode(name, mode, table, request):
     if CASES[name].is_sampled and mode is not Mode.LOCOMOTION and not request.config.getoption("--complete"):
         pytest.skip("in LOCOMOTION only, without --complete")
     _find(name, CASES[name], mode, "lite", table)
@@ -114,16 +114,14 @@ def test_fault_in_mode(name: str, mode: Mode, table: list[tuple[str, ...]], requ
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
 @pytest.mark.parametrize("name", SITO_CASES)
-def test_fault_of_a_sito_or_beside_one(
-    name: str, mode: Mode, table: list[tuple[str, ...]], request: pytest.FixtureRequest
-) -> None:
+def test_fault_of_a_sito_or_beside_one(name, mode, table, request):
     """On one bus with Robstride motors. Each fault in one mode that moves; all of them with --complete."""
     if not request.config.getoption("--complete") and mode is not SAMPLE[[*SITO_CASES].index(name) % len(SAMPLE)]:
         pytest.skip("a sample without --complete")
     _find(name, SITO_CASES[name], mode, "lite_sito", table)
 
 
-def _find(name: str, case: Case, mode: Mode, robot: str, table: list[tuple[str, ...]]) -> None:
+def _find(name, case, mode, robot, table):
     for slowness in SLOWNESS:
         try:
             course = _run(case, mode, slowness, robot)
@@ -154,7 +152,7 @@ class Course:
     """How the machine itself was late, so that this run says nothing; empty: it was not."""
 
 
-def _run(case: Case, mode: Mode, slowness: float, robot: str) -> Course:
+def _run(case, mode, slowness, robot):
     with campaign(slowness, robot=robot) as running:
         drive, motors = running.drive, running.motors
         drive.reach(mode)
@@ -174,7 +172,7 @@ def _run(case: Case, mode: Mode, slowness: float, robot: str) -> Course:
         return Course(began, before, after, running, disturbance)
 
 
-def _disturbance(before: list[Tick], after: list[Tick]) -> str:
+def _disturbance(before, after):
     bad = next((status for tick in before for status in tick.safety if not status.is_ok), None)
     if bad is not None:
         return f"before the fault: {bad.message}"
@@ -183,7 +181,7 @@ def _disturbance(before: list[Tick], after: list[Tick]) -> str:
     return f"{longest:.3f} s between ticks, {blind:.3f} s of motors" if max(longest, blind) > TOO_LATE else ""
 
 
-def _judge(case: Case, mode: Mode, course: Course, endless: list[int]) -> tuple[str, str, str, str]:
+def _judge(case, mode, course, endless):
     """The checks; flag, detection time, reaction time and torque for the table. `endless` go on as they were."""
     diary = course.campaign.diary
     assert diary.times_of("enabled", course.began) == [], "no motor is enabled without an operator"
@@ -228,7 +226,7 @@ def _judge(case: Case, mode: Mode, course: Course, endless: list[int]) -> tuple[
     )
 
 
-def _has_happened(case: Case, course: Course) -> bool:
+def _has_happened(case, course):
     """Whether a fault of the computer's end, or of the bus, has met a frame."""
     counters = course.campaign.drive.counters
     if case.fault is not None and case.fault.kind == "enobufs_once":
@@ -236,19 +234,19 @@ def _has_happened(case: Case, course: Course) -> bool:
     return case.fault is None or case.fault.kind != "error_frames" or counters.error_classes["protocol violation"] > 5
 
 
-def _without(tick: Tick, joints: list[int]) -> Tick:
+def _without(tick, joints):
     """The tick without these joints."""
     return replace(tick, effort=np.delete(tick.effort, joints), velocity=np.delete(tick.velocity, joints))
 
 
-def _holding(tick: Tick) -> float:
+def _holding(tick):
     """N·m, the largest of the joints' torques beyond what damping alone gives: K_d times the velocity at most."""
     return max(float((np.abs(tick.effort) - DAMPING * np.abs(tick.velocity)).max()), 0.0)
 
 
-def _reaction(running: Campaign, detected: Tick, since: float, harmless: Mode, *, is_jammed: bool) -> float:
+def _reaction(running, detected, since, harmless, *, is_jammed):
     """s from `since` until every motor's harmless command had been handed to the driver; no other may follow."""
-    leaving: dict[int, float] = {}
+    leaving = {}
     last = running.drive.ticks[-1].read  # what follows may be the robot's closing
     written = [sent for sent in running.sent if detected.read <= sent.time < last]
     for sent in written:

@@ -9,15 +9,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from campaign_rig import Campaign, campaign
-from drive_rig import PERIOD, Ask, NotReachedError, Tick, quick_lite
+from campaign_rig import campaign
+from drive_rig import PERIOD, Ask, NotReachedError, quick_lite
 from msgspec.structs import replace
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.messages import Intent, Mode
-from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.schema import GuardSettings, SpeedGuard
 
 SLOWNESS = (1.0, 2.0, 4.0, 8.0, 16.0)
@@ -134,7 +133,7 @@ SAMPLED = {"wrong zero, Sito", "command beyond the limit, Sito", "beyond the lim
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) for name in ROWS if name != QUICK] + [QUICK]
 )
-def test_it_ends_in_damping(name: str, table: list[tuple[str, ...]], request: pytest.FixtureRequest) -> None:
+def test_it_ends_in_damping(name, table, request):
     if name in SAMPLED and not request.config.getoption("--complete"):
         pytest.skip("with --complete")
     row = ROWS[name]
@@ -151,7 +150,7 @@ def test_it_ends_in_damping(name: str, table: list[tuple[str, ...]], request: py
     pytest.fail(f"the machine is too busy even in slow motion: {problem}", pytrace=False)
 
 
-def _taken_for(row: Row) -> RobotDescription:
+def _taken_for(row):
     lite = quick_lite(row.robot)
     if row.guard == "speed" and row.robot == "lite":
         lite = replace(lite, guards=GuardSettings(speed=SpeedGuard(limit=(SPEEDS["lite"],) * lite.joint_count)))
@@ -164,7 +163,7 @@ def _taken_for(row: Row) -> RobotDescription:
     return replace(lite, joints=tuple(joints))
 
 
-def _run(row: Row, slowness: float) -> tuple[list[Tick], Campaign, str]:
+def _run(row, slowness):
     """All ticks, and how the machine itself was late."""
     with campaign(
         slowness,
@@ -192,7 +191,7 @@ def _run(row: Row, slowness: float) -> tuple[list[Tick], Campaign, str]:
         return ticks, running, f"{longest:.3f} s between ticks" if longest > TOO_LATE else ""
 
 
-def _judge(row: Row, ticks: list[Tick], running: Campaign) -> tuple[str, str, str, str]:
+def _judge(row, ticks, running):
     """The checks; for the table the guard, ms from the onset to DAMPING, ms near the effort limit, and torque."""
     joint = running.drive.joints.index(row.joint)
     trip = next((tick for tick in ticks if tick.output.faults), None)
@@ -231,7 +230,7 @@ def _judge(row: Row, ticks: list[Tick], running: Campaign) -> tuple[str, str, st
     return f"{row.guard} guard", f"{1e3 * waited:.0f}", near, f"{most:.1f} → {left:.1f}"
 
 
-def _has_begun(row: Row, tick: Tick, joint: int) -> bool:
+def _has_begun(row, tick, joint):
     """Whether what the guard watches for has begun, as far as the robot can tell; of a press half the effort limit."""
     robot = quick_lite(row.robot)
     match row.guard:

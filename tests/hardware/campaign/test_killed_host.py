@@ -3,7 +3,6 @@
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -22,7 +21,7 @@ _SLACK = 0.05
 
 
 @contextmanager
-def driven_elsewhere(channel: str, mode: Mode) -> Iterator[subprocess.Popen[bytes]]:
+def driven_elsewhere(channel, mode):
     """A program that has driven the motors of a channel into a mode; begun again where the machine was too late."""
     for _ in range(4):
         with subprocess.Popen([sys.executable, str(_HOST), channel, mode.name], stdout=subprocess.PIPE) as host:
@@ -33,7 +32,7 @@ def driven_elsewhere(channel: str, mode: Mode) -> Iterator[subprocess.Popen[byte
 
 
 @pytest.mark.parametrize("mode", tuple(Mode), ids=lambda mode: mode.name)
-def test_the_motors_stop_by_themselves_and_stay_so(mode: Mode, table: list[tuple[str, ...]]) -> None:
+def test_the_motors_stop_by_themselves_and_stay_so(mode, table):
     channel = f"udp_multicast:239.74.164.{10 + mode}"
     with emulated(channel) as (motors, diary):
         with driven_elsewhere(channel, mode) as host:

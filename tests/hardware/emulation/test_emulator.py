@@ -1,14 +1,12 @@
 """Motors on modelled buses, driven by frames with times of the test's choosing; no thread and no clock."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from bus_rig import IDS, LITE, MODELS_BY_ID, Bench
 
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
@@ -23,7 +21,7 @@ ELBOW_ID = 14
 INSTANT = EmulationSettings(bitrate=0.0, reply_delay=0.0)
 
 
-def test_fourteen_motors_at_200_hz_fill_one_bus_to_73_to_90_percent_and_all_answer() -> None:
+def test_fourteen_motors_at_200_hz_fill_one_bus_to_73_to_90_percent_and_all_answer():
     bench = Bench()
     bench.enable()
     before, start = bench.emulator.load(0), bench.emulator.time
@@ -35,7 +33,7 @@ def test_fourteen_motors_at_200_hz_fill_one_bus_to_73_to_90_percent_and_all_answ
     assert 0.73 <= (after.busy - before.busy) / elapsed <= 0.90
 
 
-def test_a_burst_of_commands_goes_out_first_and_the_replies_follow() -> None:
+def test_a_burst_of_commands_goes_out_first_and_the_replies_follow():
     bench = Bench()
     bench.enable()
     sent = bench.emulator.time
@@ -47,7 +45,7 @@ def test_a_burst_of_commands_goes_out_first_and_the_replies_follow() -> None:
     assert [arrival.frame.arbitration_id >> 8 & 0xFF for arrival in arrivals] == sorted(IDS), "the lower id wins"
 
 
-def test_two_buses_share_the_load() -> None:
+def test_two_buses_share_the_load():
     bench = Bench(buses=2)
     bench.enable()
     sent = bench.emulator.time
@@ -56,7 +54,7 @@ def test_two_buses_share_the_load() -> None:
     assert 1.8 <= 1e3 * (arrivals[-1].time - sent) <= 2.3
 
 
-def test_on_a_bus_that_cannot_keep_up_commands_wait_and_no_motor_gets_a_word_in() -> None:
+def test_on_a_bus_that_cannot_keep_up_commands_wait_and_no_motor_gets_a_word_in():
     bench = Bench()
     bench.enable()
     replies = [bench.command(duration=0.0018, damping=1.0) for _ in range(100)]
@@ -64,7 +62,7 @@ def test_on_a_bus_that_cannot_keep_up_commands_wait_and_no_motor_gets_a_word_in(
     assert replies[50:] == [[]] * 50, "a command's identifier outranks that of a reply"
 
 
-def test_the_plant_is_that_of_play_fed_with_the_quantised_commands() -> None:
+def test_the_plant_is_that_of_play_fed_with_the_quantised_commands():
     period, steps = 0.005, 60
     bench = Bench(settings=INSTANT)
     bench.enable()
@@ -99,7 +97,7 @@ def test_the_plant_is_that_of_play_fed_with_the_quantised_commands() -> None:
     np.testing.assert_allclose(truth.joint_effort, state.joint_effort, rtol=0, atol=1e-6)
 
 
-def test_offsets_and_directions_hide_nothing_but_the_motor_frame() -> None:
+def test_offsets_and_directions_hide_nothing_but_the_motor_frame():
     offsets = {name: 0.1 * i - 0.5 for i, name in enumerate(LITE.joint_names)}
     bench = Bench(settings=EmulationSettings(homing_offset=offsets))
     for status in bench.ask(Enable):
@@ -113,7 +111,7 @@ def test_offsets_and_directions_hide_nothing_but_the_motor_frame() -> None:
         assert -4e-4 <= status.position < 2 * math.pi
 
 
-def test_the_torque_limit_is_the_written_one() -> None:
+def test_the_torque_limit_is_the_written_one():
     bench = Bench()
     bench.enable()
     wrist = IDS.index(15)
@@ -122,7 +120,7 @@ def test_the_torque_limit_is_the_written_one() -> None:
     assert abs(bench.torque()[wrist]) == pytest.approx(4.0, rel=1e-6)
 
 
-def test_the_phase_current_limits_the_torque_whatever_is_written() -> None:
+def test_the_phase_current_limits_the_torque_whatever_is_written():
     bench = Bench()
     bench.enable()
     bench.tell(WriteParameter(11, 0x700B, np.float32(100.0).tobytes()))
@@ -131,7 +129,7 @@ def test_the_phase_current_limits_the_torque_whatever_is_written() -> None:
     assert bench.emulator.motors.plant.torque[0] == pytest.approx(MODELS_BY_ID[11].peak_torque)
 
 
-def test_work_makes_windings_warm() -> None:
+def test_work_makes_windings_warm():
     bench = Bench()
     bench.enable()
     bench.command(duration=1.0, effort=5.0)
@@ -139,7 +137,7 @@ def test_work_makes_windings_warm() -> None:
     assert 26.0 < warm.temperature < 40.0, "3 times its rated torque for 1 s"
 
 
-def test_a_motor_that_reads_as_the_manual_prints_it_takes_zero_for_half_a_step_less() -> None:
+def test_a_motor_that_reads_as_the_manual_prints_it_takes_zero_for_half_a_step_less():
     bench = Bench(settings=EmulationSettings(scale=Scale.MANUAL))
     bench.enable()
     bench.command(duration=0.01)
@@ -147,7 +145,7 @@ def test_a_motor_that_reads_as_the_manual_prints_it_takes_zero_for_half_a_step_l
     np.testing.assert_allclose(bench.emulator.motors.plant.torque, expected, rtol=1e-9)
 
 
-def test_old_firmware_multiplies_the_gains() -> None:
+def test_old_firmware_multiplies_the_gains():
     torques = []
     for version in ("0.2.3.5", "0.2.3.6"):
         bench = Bench(settings=EmulationSettings(firmware={"rs-02": version}, stall_time=math.inf))
@@ -159,9 +157,7 @@ def test_old_firmware_multiplies_the_gains() -> None:
     assert torques[0] / torques[1] == pytest.approx(1.4167, rel=1e-3)
 
 
-def test_a_simulation_that_is_no_longer_sound_is_an_error_and_leaves_no_log(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_simulation_that_is_no_longer_sound_is_an_error_and_leaves_no_log(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     bench = Bench()
     bench.emulator.motors.plant.step(np.full(14, np.nan))
@@ -171,7 +167,7 @@ def test_a_simulation_that_is_no_longer_sound_is_an_error_and_leaves_no_log(
 
 
 class TestFaults:
-    def test_a_silent_motor_obeys_but_does_not_answer(self) -> None:
+    def test_a_silent_motor_obeys_but_does_not_answer(self):
         bench = Bench(faults=[Fault("silent", (ELBOW,), start=0.05)])
         bench.enable()
         bench.advance(0.06)
@@ -180,7 +176,7 @@ class TestFaults:
         assert len(replies) == 13
         assert abs(bench.torque()[IDS.index(ELBOW_ID)]) == pytest.approx(1.0, abs=1e-3)
 
-    def test_an_unplugged_motor_boots_when_it_is_plugged_in_again(self) -> None:
+    def test_an_unplugged_motor_boots_when_it_is_plugged_in_again(self):
         bench = Bench(faults=[Fault("unplugged", (ELBOW,), start=0.05, duration=0.2)])
         bench.enable()
         bench.command(duration=0.1, effort=1.0)
@@ -203,7 +199,7 @@ class TestFaults:
             ("reset", StatusFault(0)),
         ],
     )
-    def test_a_fault_of_a_motor_stops_it_and_it_does_not_recover(self, kind: str, fault: StatusFault) -> None:
+    def test_a_fault_of_a_motor_stops_it_and_it_does_not_recover(self, kind, fault):
         bench = Bench()
         bench.enable()
         bench.emulator.inject(Fault(kind, (ELBOW,), duration=0.05))
@@ -215,7 +211,7 @@ class TestFaults:
         replies = [reply for reply in bench.command(duration=0.02, effort=1.0) if reply.motor_id == ELBOW_ID]
         assert [(reply.mode, reply.faults) for reply in replies] == [(MotorMode.RESET, fault)]
 
-    def test_an_encoder_jump_moves_the_reading_and_the_motor_follows_it(self) -> None:
+    def test_an_encoder_jump_moves_the_reading_and_the_motor_follows_it(self):
         bench = Bench()
         bench.enable()
         hold = bench.command(duration=0.02)
@@ -230,7 +226,7 @@ class TestFaults:
         moved = bench.emulator.motors.plant.truth(0.0).joint_position[IDS.index(ELBOW_ID)]
         assert moved - LITE.initial_position[IDS.index(ELBOW_ID)] == pytest.approx(-0.3, abs=0.05)
 
-    def test_a_jammed_joint_does_not_move_whatever_pulls(self) -> None:
+    def test_a_jammed_joint_does_not_move_whatever_pulls(self):
         bench = Bench()
         bench.enable()
         bench.emulator.inject(Fault("stalled", (ELBOW,)))
@@ -241,7 +237,7 @@ class TestFaults:
         assert position[IDS.index(ELBOW_ID)] == pytest.approx(LITE.initial_position[3], abs=0.02)
         assert position[IDS.index(24)] < -0.6
 
-    def test_another_master_is_heard_and_obeyed(self) -> None:
+    def test_another_master_is_heard_and_obeyed(self):
         bench = Bench()
         bench.enable()
         bench.emulator.inject(Fault("other_master", duration=0.1, value=100.0))
@@ -251,7 +247,7 @@ class TestFaults:
         assert len(foreign) in (14 * 9, 14 * 10)
         assert np.abs(bench.torque()).max() < 1e-3
 
-    def test_bus_off_is_said_once_and_then_nothing_passes(self) -> None:
+    def test_bus_off_is_said_once_and_then_nothing_passes(self):
         bench = Bench(buses=2)
         bench.enable()
         bench.emulator.inject(Fault("bus_off", (ELBOW,)))
@@ -263,7 +259,7 @@ class TestFaults:
         replies = bench.command(duration=0.02)
         assert sorted(reply.motor_id for reply in replies) == [21, 22, 23, 24, 25, 26, 27]
 
-    def test_one_frame_is_refused_and_the_next_is_not(self) -> None:
+    def test_one_frame_is_refused_and_the_next_is_not(self):
         bench = Bench(buses=2)
         bench.emulator.inject(Fault("enobufs_once", (ELBOW,)))
         bench.advance(0.01)
@@ -272,7 +268,7 @@ class TestFaults:
         bench.emulator.clear_faults()
         assert bench.emulator.host_fault(0) == ""
 
-    def test_error_frames_come_at_their_rate_and_nothing_is_lost(self) -> None:
+    def test_error_frames_come_at_their_rate_and_nothing_is_lost(self):
         bench = Bench()
         bench.enable()
         bench.emulator.inject(Fault("error_frames", duration=0.1, value=100.0))
@@ -282,7 +278,7 @@ class TestFaults:
         assert len(errors) in (9, 10)
         assert {frame.arbitration_id for frame in errors} == {0x008}
 
-    def test_another_computer_that_asks_is_answered_from_then_on(self) -> None:
+    def test_another_computer_that_asks_is_answered_from_then_on(self):
         bench = Bench()
         bench.enable()
         bench.emulator.inject(Fault("foreign_host", duration=0.05))
@@ -292,7 +288,7 @@ class TestFaults:
         hosts = {frame.arbitration_id & 0xFF for _, _, frame in bench.log if frame.arbitration_id >> 24 == 2}
         assert hosts == {0xAA}
 
-    def test_faults_can_be_ended_and_those_to_come_forgotten(self) -> None:
+    def test_faults_can_be_ended_and_those_to_come_forgotten(self):
         bench = Bench(faults=[Fault("silent", (ELBOW,)), Fault("lost", start=0.1), Fault("other_master")])
         bench.advance(0.01)
         bench.emulator.clear_faults()
@@ -301,13 +297,13 @@ class TestFaults:
         assert len(bench.command(duration=0.05)) == 14
         assert len(bench.log) == 14, "and no other master"
 
-    def test_a_joint_that_is_not_driven_is_refused(self) -> None:
+    def test_a_joint_that_is_not_driven_is_refused(self):
         with pytest.raises(InputError, match="fault 'silent': unknown joint 'tail'"):
             Emulator(LITE, faults=[Fault("silent", ("tail",))])
 
 
-def test_the_same_frames_and_faults_give_the_same_answers() -> None:
-    def run() -> list[tuple[float, Frame]]:
+def test_the_same_frames_and_faults_give_the_same_answers():
+    def run():
         bench = Bench(faults=[Fault("lost", value=0.3), Fault("reordered", ("left_wrist_yaw",))])
         bench.ask(Enable)
         for step in range(20):
@@ -319,8 +315,8 @@ def test_the_same_frames_and_faults_give_the_same_answers() -> None:
     assert len(first) > 100
 
 
-def test_a_motor_in_a_run_mode_that_is_not_emulated_says_why_it_is_not_enabled() -> None:
-    told: list[str] = []
+def test_a_motor_in_a_run_mode_that_is_not_emulated_says_why_it_is_not_enabled():
+    told = []
     emulator = Emulator(LITE, told=lambda _, text: told.append(text))
     model = MODELS_BY_ID[IDS[0]]
     for command in (WriteParameter(IDS[0], 0x7005, b"\2\0\0\0"), Enable(IDS[0])):

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.emulation.faults import FAULTS, Fault, describe_faults, parse_fault
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 
-LITE: RobotDescription = load_robot("lite")
+LITE = load_robot("lite")
 JOINTS = LITE.joint_names
 
 
@@ -28,7 +28,7 @@ JOINTS = LITE.joint_names
         (" bus_off@3 ", Fault("bus_off", start=3.0)),
     ],
 )
-def test_what_is_read(text: str, fault: Fault) -> None:
+def test_what_is_read(text, fault):
     assert parse_fault(text, LITE) == fault
 
 
@@ -38,7 +38,7 @@ def test_what_is_read(text: str, fault: Fault) -> None:
     st.floats(0, 1e4).map(lambda x: round(x, 2)),
     st.none() | st.floats(0.01, 1e4).map(lambda x: round(x, 2)),
 )
-def test_what_is_written_is_read_again(kind: str, joints: list[str], start: float, duration: float | None) -> None:
+def test_what_is_written_is_read_again(kind, joints, start, duration):
     fault = Fault(kind, tuple(joints), start, duration or math.inf)
     again = parse_fault(str(fault), LITE)
     assert (again.kind, again.joints) == (kind, tuple(joints))
@@ -64,14 +64,14 @@ def test_what_is_written_is_read_again(kind: str, joints: list[str], start: floa
         ("silent@1+0", "--fault 'silent@1+0': fault 'silent': lasts 0.0 s, expected more than 0"),
     ],
 )
-def test_what_is_refused_is_one_line(text: str, problem: str) -> None:
+def test_what_is_refused_is_one_line(text, problem):
     with pytest.raises(InputError) as caught:
         parse_fault(text, LITE)
     assert str(caught.value).startswith(problem)
     assert "\n" not in str(caught.value)
 
 
-def test_the_list_for_a_person_names_every_fault() -> None:
+def test_the_list_for_a_person_names_every_fault():
     lines = describe_faults().splitlines()
     assert len(lines) == len(FAULTS)
     assert "encoder_jump=1 " in describe_faults()

@@ -16,13 +16,13 @@ from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit
 
 
-def _enabled(model: str = "rs-02", version: str | None = None, shaft: float = 0.0) -> Motor:
+def _enabled(model="rs-02", version=None, shaft=0.0):
     motor = Motor(identity(model, version), Sensed(shaft))
     assert motor.status(messages.Enable(ID)).mode is MotorMode.RUN
     return motor
 
 
-def test_after_power_on_it_is_not_enabled_and_knows_its_angle_within_one_turn_only() -> None:
+def test_after_power_on_it_is_not_enabled_and_knows_its_angle_within_one_turn_only():
     motor = Motor(sensed=Sensed(-0.13))
     status = motor.mit()
     assert status.mode is MotorMode.RESET
@@ -31,7 +31,7 @@ def test_after_power_on_it_is_not_enabled_and_knows_its_angle_within_one_turn_on
     assert motor.mit().position == pytest.approx(0.13, abs=4e-4)
 
 
-def test_a_saved_zero_sta_makes_the_first_position_lie_around_zero() -> None:
+def test_a_saved_zero_sta_makes_the_first_position_lie_around_zero():
     motor = Motor(sensed=Sensed(-0.13))
     motor.write("zero_sta", 1)
     motor.tell(messages.SaveParameters(ID))
@@ -39,7 +39,7 @@ def test_a_saved_zero_sta_makes_the_first_position_lie_around_zero() -> None:
     assert motor.mit().position == pytest.approx(-0.13, abs=4e-4)
 
 
-def test_what_is_not_saved_is_lost_without_power() -> None:
+def test_what_is_not_saved_is_lost_without_power():
     motor = Motor()
     motor.write("limit_torque", 3.0)
     assert motor.read("limit_torque") == 3.0
@@ -47,7 +47,7 @@ def test_what_is_not_saved_is_lost_without_power() -> None:
     assert motor.read("limit_torque") == 17.0
 
 
-def test_commands_are_obeyed_only_while_enabled() -> None:
+def test_commands_are_obeyed_only_while_enabled():
     motor = Motor()
     motor.mit(1.0, 20.0)
     assert motor.state.command is None
@@ -63,7 +63,7 @@ def test_commands_are_obeyed_only_while_enabled() -> None:
     assert motor.state.command is None, "the old command does not come back"
 
 
-def test_it_answers_whoever_asked_last_because_type_1_has_no_room_for_a_host() -> None:
+def test_it_answers_whoever_asked_last_because_type_1_has_no_room_for_a_host():
     motor = Motor()
     motor.tell(messages.Enable(ID, host_id=0xAA))
     assert motor.mit().host_id == 0xAA
@@ -71,7 +71,7 @@ def test_it_answers_whoever_asked_last_because_type_1_has_no_room_for_a_host() -
     assert motor.mit().host_id == HOST
 
 
-def test_identity_and_version() -> None:
+def test_identity_and_version():
     motor = Motor()
     assert motor.tell(messages.GetDeviceId(ID)) == [messages.DeviceId(ID, bytes(range(8)))]
     frame = firmware.receive(
@@ -81,7 +81,7 @@ def test_identity_and_version() -> None:
     assert motor.tell(messages.ReadVersion(ID)), "it is answered like any command"
 
 
-def test_frames_for_others_and_malformed_ones_change_nothing() -> None:
+def test_frames_for_others_and_malformed_ones_change_nothing():
     motor = _enabled()
     before = motor.state
     for frame in (
@@ -95,7 +95,7 @@ def test_frames_for_others_and_malformed_ones_change_nothing() -> None:
 
 
 @given(st.integers(0, (1 << 29) - 1), st.binary(max_size=8), st.booleans(), st.booleans())
-def test_no_frame_makes_it_fail(number: int, data: bytes, extended: bool, addressed: bool) -> None:
+def test_no_frame_makes_it_fail(number, data, extended, addressed):
     motor = _enabled()
     number = number & ~0xFF | ID if addressed else number
     frame = Frame(number if extended else number & 0x7FF, data, extended)
@@ -105,7 +105,7 @@ def test_no_frame_makes_it_fail(number: int, data: bytes, extended: bool, addres
     assert again.state.mode in (MotorMode.RESET, MotorMode.RUN)
 
 
-def test_the_can_timeout_is_off_by_default() -> None:
+def test_the_can_timeout_is_off_by_default():
     motor = _enabled()
     motor.mit(effort=1.0)
     motor.wait(10.0)
@@ -113,7 +113,7 @@ def test_the_can_timeout_is_off_by_default() -> None:
     assert motor.state.command is not None
 
 
-def test_the_can_timeout_drops_it_to_reset_mode_without_a_fault_bit() -> None:
+def test_the_can_timeout_drops_it_to_reset_mode_without_a_fault_bit():
     motor = _enabled()
     motor.write("canTimeout", 2000)
     motor.wait(0.098)
@@ -138,9 +138,7 @@ def test_the_can_timeout_drops_it_to_reset_mode_without_a_fault_bit() -> None:
         ({"overloaded": True}, StatusFault.STALL_OVERLOAD, FaultBit.STALL_OVERLOAD),
     ],
 )
-def test_a_fault_stops_it_is_latched_and_cleared_only_when_its_cause_is_gone(
-    feeling: dict[str, object], in_status: StatusFault, in_report: FaultBit
-) -> None:
+def test_a_fault_stops_it_is_latched_and_cleared_only_when_its_cause_is_gone(feeling, in_status, in_report):
     motor = _enabled()
     healthy = motor.sensed
     motor.feel(**feeling)
@@ -161,7 +159,7 @@ def test_a_fault_stops_it_is_latched_and_cleared_only_when_its_cause_is_gone(
     assert motor.status(messages.Enable(ID)).mode is MotorMode.RUN
 
 
-def test_it_warns_before_it_is_too_hot() -> None:
+def test_it_warns_before_it_is_too_hot():
     motor = _enabled("rs-00")
     motor.feel(temperature=136.0)
     (report,) = fault_reports(motor.wait(0.003))
@@ -172,7 +170,7 @@ def test_it_warns_before_it_is_too_hot() -> None:
     assert (report.faults, report.warnings) == (FaultBit(0), WarningBit(0))
 
 
-def test_full_torque_without_motion_trips_the_overload_protection_after_a_while() -> None:
+def test_full_torque_without_motion_trips_the_overload_protection_after_a_while():
     motor = _enabled()
     motor.write("limit_torque", 4.0)
     motor.feel(torque=4.0)
@@ -187,7 +185,7 @@ def test_full_torque_without_motion_trips_the_overload_protection_after_a_while(
     assert motor.mit().faults == StatusFault.STALL_OVERLOAD
 
 
-def test_active_reports() -> None:
+def test_active_reports():
     motor = _enabled()
     motor.write("EPScan_time", 3)
     motor.tell(messages.SetActiveReport(ID, True))
@@ -198,7 +196,7 @@ def test_active_reports() -> None:
     assert motor.wait(0.1) == []
 
 
-def test_older_firmware_reports_as_type_2_and_still_older_does_not_know_the_command() -> None:
+def test_older_firmware_reports_as_type_2_and_still_older_does_not_know_the_command():
     motor = _enabled("rs-00", "0.0.3.1")
     motor.tell(messages.SetActiveReport(ID, True))
     reports = motor.wait(0.03)
@@ -209,7 +207,7 @@ def test_older_firmware_reports_as_type_2_and_still_older_does_not_know_the_comm
     assert motor.wait(0.1) == []
 
 
-def test_set_zero_makes_here_zero_and_moves_the_target_unless_the_firmware_is_old() -> None:
+def test_set_zero_makes_here_zero_and_moves_the_target_unless_the_firmware_is_old():
     motor = _enabled(shaft=1.5)
     motor.mit(1.5, 50.0)
     assert motor.status(messages.SetZero(ID)).position == pytest.approx(0.0, abs=4e-4)
@@ -221,13 +219,13 @@ def test_set_zero_makes_here_zero_and_moves_the_target_unless_the_firmware_is_ol
     assert motor.state.command.position == pytest.approx(1.5, abs=4e-4), "it will jump"
 
 
-def test_set_zero_is_ignored_in_profile_position_mode() -> None:
+def test_set_zero_is_ignored_in_profile_position_mode():
     motor = Motor(sensed=Sensed(1.5))
     motor.write("run_mode", 1)
     assert motor.status(messages.SetZero(ID)).position == pytest.approx(1.5, abs=4e-4)
 
 
-def test_position_feedback_runs_cyclically_and_mechpos_does_not() -> None:
+def test_position_feedback_runs_cyclically_and_mechpos_does_not():
     motor = Motor()
     motor.feel(shaft=13.0)
     assert motor.mit().position == pytest.approx(13.0 - 8 * math.pi, abs=4e-4)
@@ -242,9 +240,7 @@ def test_position_feedback_runs_cyclically_and_mechpos_does_not() -> None:
 @pytest.mark.parametrize(
     "command", [messages.SetProtocol(ID, messages.Protocol.MIT), messages.SetBaudRate(ID, messages.BaudRate.KBIT_500)]
 )
-def test_another_protocol_or_bit_rate_makes_it_unreachable_after_the_next_power_on(
-    command: messages.SetProtocol | messages.SetBaudRate,
-) -> None:
+def test_another_protocol_or_bit_rate_makes_it_unreachable_after_the_next_power_on(command):
     motor = Motor()
     assert isinstance(motor.tell(command)[0], messages.DeviceId)
     assert motor.tell(messages.GetDeviceId(ID)) != []
@@ -252,7 +248,7 @@ def test_another_protocol_or_bit_rate_makes_it_unreachable_after_the_next_power_
     assert motor.tell(messages.GetDeviceId(ID)) == []
 
 
-def test_reading_and_writing_parameters() -> None:
+def test_reading_and_writing_parameters():
     motor = Motor()
     motor.feel(velocity=2.5, torque=1.7, voltage=47.0)
     assert motor.read("mechVel") == pytest.approx(2.5)
@@ -271,7 +267,7 @@ def test_reading_and_writing_parameters() -> None:
 
 
 @pytest.mark.parametrize("mode", [1, 2, 3, 5])
-def test_a_run_mode_that_is_not_emulated_is_not_enabled(mode: int) -> None:
+def test_a_run_mode_that_is_not_emulated_is_not_enabled(mode):
     motor = Motor()
     motor.write("run_mode", mode)
     frame = encode_command(messages.Enable(ID), motor.identity.model)
@@ -283,13 +279,13 @@ def test_a_run_mode_that_is_not_emulated_is_not_enabled(mode: int) -> None:
     assert motor.status(messages.Enable(ID)).mode is MotorMode.RUN
 
 
-def test_the_run_mode_stays_while_it_runs() -> None:
+def test_the_run_mode_stays_while_it_runs():
     motor = _enabled()
     motor.write("run_mode", 2)
     assert motor.read("run_mode") == 0
 
 
-def test_the_fault_word_can_be_read() -> None:
+def test_the_fault_word_can_be_read():
     motor = Motor()
     motor.feel(voltage=61.0)
     motor.wait(0.002)
@@ -301,7 +297,7 @@ def test_the_fault_word_can_be_read() -> None:
 @pytest.mark.parametrize(
     ("model", "position", "torque"), [("rs-02", 0x3016, 0x302C), ("rs-04", 0x3017, 0x302C), ("rs-06", 0x3016, 0x302D)]
 )
-def test_measurements_can_be_read_by_their_function_codes_too(model: str, position: int, torque: int) -> None:
+def test_measurements_can_be_read_by_their_function_codes_too(model, position, torque):
     motor = Motor(identity(model))
     motor.feel(shaft=1.5, velocity=0.5, torque=2.0)
     for index, value in ((position, 1.5), (position + 1, 0.5), (torque, 2.0)):
@@ -310,7 +306,7 @@ def test_measurements_can_be_read_by_their_function_codes_too(model: str, positi
         assert reply.payload == np.float32(value).tobytes()
 
 
-def test_parameters_that_came_with_newer_firmware() -> None:
+def test_parameters_that_came_with_newer_firmware():
     for version, is_there in (("0.2.3.9", True), ("0.2.2.9", False)):
         (reply,) = Motor(identity(version=version)).tell(messages.ReadParameter(ID, 0x702B))
         assert isinstance(reply, messages.ParameterReply)

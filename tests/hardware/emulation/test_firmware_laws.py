@@ -11,7 +11,7 @@ from humanoid_sim.hardware.emulation import firmware
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.fields import MotorMode
 
-_COMMANDS: st.SearchStrategy[messages.Command] = st.one_of(
+_COMMANDS = st.one_of(
     st.just(messages.Enable(ID)),
     st.builds(messages.Stop, st.just(ID), st.booleans()),
     st.builds(
@@ -49,9 +49,7 @@ _EVENTS = st.lists(st.one_of(_COMMANDS, _FEELINGS, st.floats(0.001, 0.05)), max_
 
 
 @given(_EVENTS)
-def test_only_an_enable_enables_a_faulty_motor_never_runs_and_only_a_running_one_has_a_target(
-    events: list[messages.Command | dict[str, object] | float],
-) -> None:
+def test_only_an_enable_enables_a_faulty_motor_never_runs_and_only_a_running_one_has_a_target(events):
     motor = Motor()
     for event in events:
         was_running = motor.state.is_running
@@ -72,9 +70,7 @@ def test_only_an_enable_enables_a_faulty_motor_never_runs_and_only_a_running_one
 
 
 @given(_EVENTS, st.integers(1, 1000))
-def test_silence_for_longer_than_the_can_timeout_always_ends_in_reset_mode(
-    events: list[messages.Command | dict[str, object] | float], ticks: int
-) -> None:
+def test_silence_for_longer_than_the_can_timeout_always_ends_in_reset_mode(events, ticks):
     motor = Motor()
     for event in events:
         if not isinstance(event, dict | float):
@@ -88,7 +84,7 @@ def test_silence_for_longer_than_the_can_timeout_always_ends_in_reset_mode(
 
 
 @given(st.floats(-1e3, 1e3), st.sampled_from([12.5, 4 * math.pi]))
-def test_wrapping_keeps_the_angle_up_to_whole_ranges(position: float, limit: float) -> None:
+def test_wrapping_keeps_the_angle_up_to_whole_ranges(position, limit):
     found = firmware.wrapped(position, limit)
     assert -limit <= found <= limit
     turns = (position - found) / (2 * limit)

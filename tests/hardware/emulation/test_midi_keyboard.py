@@ -1,6 +1,5 @@
 import os
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,19 +8,19 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.emulation.midi_keyboard import MidiKeyboard, message
 
 
-def keys(*down: int) -> np.ndarray:
+def keys(*down):
     values = np.zeros(88)
     values[list(down)] = 1.0
     return values
 
 
-def test_changes_are_note_messages_with_running_status() -> None:
+def test_changes_are_note_messages_with_running_status():
     assert message(keys(), keys()) == b""
     assert message(keys(), keys(0, 87)) == bytes((0x90, 21, 64, 108, 64))
     assert message(keys(39, 43), keys(40, 43)) == bytes((0x90, 60, 0, 61, 64))
 
 
-def test_it_plays_on_a_fifo_and_says_that_it_is_there(tmp_path: Path) -> None:
+def test_it_plays_on_a_fifo_and_says_that_it_is_there(tmp_path):
     state = [keys(39)]
     keyboard = MidiKeyboard(tmp_path / "keys", lambda: state[0])
     try:
@@ -29,7 +28,7 @@ def test_it_plays_on_a_fifo_and_says_that_it_is_there(tmp_path: Path) -> None:
             os.set_blocking(stream.fileno(), False)
             found = b""
 
-            def heard(what: bytes) -> None:
+            def heard(what):
                 nonlocal found
                 deadline = time.monotonic() + 30.0
                 while what not in found:
@@ -50,7 +49,7 @@ def test_it_plays_on_a_fifo_and_says_that_it_is_there(tmp_path: Path) -> None:
     assert not keyboard.path.exists()
 
 
-def test_a_place_that_is_taken_is_refused(tmp_path: Path) -> None:
+def test_a_place_that_is_taken_is_refused(tmp_path):
     (tmp_path / "keys").touch()
     with pytest.raises(InputError, match=r"keys': no FIFO for a MIDI keyboard can be made: File exists$"):
         MidiKeyboard(tmp_path / "keys", keys)

@@ -13,13 +13,12 @@ from humanoid_sim.hardware.tools.emulate import HandSweep
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.robots.motors import MOTORS
-from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
 DIRECTION = np.array([joint.motor.direction for joint in LITE.joints if joint.motor is not None])
 
 
-def test_shafts_turn_as_the_calibration_says() -> None:
+def test_shafts_turn_as_the_calibration_says():
     plant = MotorPlant(LITE, EmulationSettings(homing_offset={"left_elbow_pitch": 0.7}))
     offset = np.where(np.array(LITE.joint_names) == "left_elbow_pitch", 0.7, 0.0)
     np.testing.assert_allclose(plant.shaft, DIRECTION * LITE.initial_position + offset, atol=1e-12)
@@ -35,7 +34,7 @@ def test_shafts_turn_as_the_calibration_says() -> None:
     assert plant.fault() == ""
 
 
-def test_an_imu_on_a_moving_body_feels_what_it_does_in_simulation() -> None:
+def test_an_imu_on_a_moving_body_feels_what_it_does_in_simulation():
     """The same torques, and a body whose inertia is turned against its axes."""
     model = bare_model(LITE)
     body = model.body(model.jnt_bodyid[model.joint("left_elbow_pitch").id])
@@ -55,22 +54,22 @@ def test_an_imu_on_a_moving_body_feels_what_it_does_in_simulation() -> None:
     assert np.all(np.abs(felt.angular_velocity) > 0.01)
 
 
-def test_an_offset_of_a_joint_that_is_not_driven_is_refused() -> None:
+def test_an_offset_of_a_joint_that_is_not_driven_is_refused():
     with pytest.raises(InputError, match="homing_offset: unknown joint 'tail'"):
         MotorPlant(LITE, EmulationSettings(homing_offset={"tail": 0.1}))
 
 
-def _without_motors(names: tuple[str, ...]) -> RobotDescription:
+def _without_motors(names):
     joints = (replace(joint, motor=None) if joint.name in names else joint for joint in LITE.joints)
     return replace(LITE, joints=tuple(joints))
 
 
-def test_a_robot_without_motors_has_nothing_to_emulate() -> None:
+def test_a_robot_without_motors_has_nothing_to_emulate():
     with pytest.raises(InputError, match="no joint has a motor"):
         MotorPlant(_without_motors(LITE.joint_names), EmulationSettings())
 
 
-def test_joints_without_a_motor_stay_passive() -> None:
+def test_joints_without_a_motor_stay_passive():
     plant = MotorPlant(_without_motors(LITE.joint_names[2:4]), EmulationSettings())
     assert [joint.name for joint in plant.joints] == [*LITE.joint_names[:2], *LITE.joint_names[4:]]
     plant.step(np.ones(12))
@@ -78,7 +77,7 @@ def test_joints_without_a_motor_stay_passive() -> None:
     np.testing.assert_array_equal(effort, np.where(np.isin(np.arange(14), [2, 3]), 0.0, DIRECTION))
 
 
-def test_windings_at_rated_torque_end_at_the_rated_rise() -> None:
+def test_windings_at_rated_torque_end_at_the_rated_rise():
     rated = np.array([MOTORS["rs-00"].rated_torque, MOTORS["rs-05"].rated_torque])
     rise = heat(np.zeros(2), rated, rated, TIME_CONSTANT)
     np.testing.assert_allclose(rise, RATED_RISE * (1.0 - np.exp(-1.0)))
@@ -88,7 +87,7 @@ def test_windings_at_rated_torque_end_at_the_rated_rise() -> None:
     np.testing.assert_allclose(halves, heat(rise, 2 * rated, rated, 10.0), rtol=1e-12)
 
 
-def test_firmware_by_joint_beats_firmware_by_model() -> None:
+def test_firmware_by_joint_beats_firmware_by_model():
     settings = EmulationSettings(firmware={"rs-02": "0.2.2.11", "right_shoulder_pitch": "0.2.3.5"})
     found = {
         joint.name: identity for joint, identity in zip(LITE.joints, motor_identities(LITE, settings), strict=True)
@@ -102,7 +101,7 @@ def test_firmware_by_joint_beats_firmware_by_model() -> None:
     assert len({identity.uid for identity in found.values()}) == 14
 
 
-def test_a_hand_sweeps_one_joint_after_the_other_from_stop_to_stop() -> None:
+def test_a_hand_sweeps_one_joint_after_the_other_from_stop_to_stop():
     plant = MotorPlant(LITE, EmulationSettings())
     sweep = HandSweep(LITE, np.array(LITE.initial_position))
     reached = []
@@ -119,7 +118,7 @@ def test_a_hand_sweeps_one_joint_after_the_other_from_stop_to_stop() -> None:
     np.testing.assert_allclose(highest[7:], np.zeros(7), atol=0.2)
 
 
-def test_the_sweep_goes_from_joint_to_joint_and_begins_again() -> None:
+def test_the_sweep_goes_from_joint_to_joint_and_begins_again():
     sweep = HandSweep(LITE, np.array(LITE.initial_position))
     led = []
     for time in np.arange(2.0 + 1.0, 15 * 4.0 + 2.0, 4.0):
@@ -128,7 +127,7 @@ def test_the_sweep_goes_from_joint_to_joint_and_begins_again() -> None:
     assert led == [[name] for name in (*LITE.joint_names, LITE.joint_names[0])]
 
 
-def test_a_hand_on_what_is_no_joint_is_refused_and_one_that_lets_go_pulls_no_more() -> None:
+def test_a_hand_on_what_is_no_joint_is_refused_and_one_that_lets_go_pulls_no_more():
     plant = MotorPlant(LITE, EmulationSettings())
     with pytest.raises(InputError, match="unknown joint 'tail'"):
         plant.lead({"tail": 1.0})

@@ -1,8 +1,6 @@
 """The frames on the wire with a shadow policy, with one that misbehaves, and without: the same ones."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -10,17 +8,14 @@ import pytest
 from bus_rig import IDS, LITE, MODELS_BY_ID, Bench
 
 from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
-from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride.commands import encode_command
 from humanoid_sim.hardware.robstride.messages import OperationControl, Status
-from humanoid_sim.messages import Event, Intent, Mode, SafetyStatus, SessionHeader, TickRecord
+from humanoid_sim.messages import Intent, Mode, SessionHeader
 from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.recording.codec import TickEncoder
-from humanoid_sim.recording.shadow import ShadowStep
-from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.shadow import ShadowSink
@@ -35,23 +30,23 @@ TICKS = 60
 class LockStepRobot:
     """The Lite's emulated motors, whose time goes on with each command and not otherwise."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.bench = Bench()
-        self.sent: list[Frame] = []
+        self.sent = []
         self._turns = np.array([self.bench.turn(i) for i in range(len(IDS))])
         self._directions = np.array([joint.motor.direction for joint in LITE.joints if joint.motor is not None])
         self._heard = np.zeros((3, len(IDS)))
         self._state = MITState.unknown(len(IDS))
 
     @property
-    def joints(self) -> tuple[str, ...]:
+    def joints(self):
         return LITE.joint_names
 
-    def activate(self) -> None:
+    def activate(self):
         self.bench.enable()
         self.write(MITCommand.zeros(len(IDS)))
 
-    def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
+    def read(self):
         position, velocity, effort = self._heard * self._directions
         state = replace(
             self._state,
@@ -63,7 +58,7 @@ class LockStepRobot:
         )
         return state, ()
 
-    def write(self, command: MITCommand) -> None:
+    def write(self, command):
         for i, motor_id in enumerate(IDS):
             sign = self._directions[i]
             told = OperationControl(
@@ -81,7 +76,7 @@ class LockStepRobot:
                 i = IDS.index(reply.motor_id)
                 self._heard[:, i] = reply.position - self._turns[i], reply.velocity, reply.effort
 
-    def close(self) -> None:
+    def close(self):
         """Nothing to let go of."""
 
 
@@ -90,31 +85,31 @@ class Intents:
 
     finished = False
 
-    def __init__(self) -> None:
+    def __init__(self):
         self._polls = 0
 
-    def poll(self, *_: Any) -> Sequence[Intent]:
+    def poll(self, *_):
         self._polls += 1
         return INTENTS.get(self._polls - 1, ())
 
 
 class Kept(Sink):
-    def __init__(self) -> None:
-        self.records: list[TickRecord] = []
+    def __init__(self):
+        self.records = []
 
-    def tick(self, record: TickRecord) -> None:
+    def tick(self, record):
         self.records.append(record)
 
 
 class Shadow:
     """The sample policy as a shadow, put into `wrap`."""
 
-    def __init__(self, wrap: Callable[..., Any]) -> None:
+    def __init__(self, wrap):
         checkpoint = load_checkpoint(SAMPLE_POLICY)
         policy = wrap(checkpoint.policy)
         loaded = load_policy(checkpoint.contract, policy, read_motion(motion_path(SAMPLE_MOTION)))
-        self.steps: list[ShadowStep] = []
-        self.told: list[Event] = []
+        self.steps = []
+        self.told = []
         self.sink = ShadowSink(
             policy_controller(LITE, PERIOD, loaded),
             "sample",
@@ -125,7 +120,7 @@ class Shadow:
         )
 
 
-def wire(shadow: Shadow | None) -> tuple[list[bytes], list[Frame], list[tuple[float, Frame]]]:
+def wire(shadow):
     """The ticks, and the frames that left and came, each with the emulator's time."""
     robot, kept = LockStepRobot(), Kept()
     Session(
@@ -144,31 +139,31 @@ def wire(shadow: Shadow | None) -> tuple[list[bytes], list[Frame], list[tuple[fl
     return ticks, robot.sent, [(arrival.time, arrival.frame) for arrival in robot.bench.log]
 
 
-def quick_lite() -> RobotDescription:
+def quick_lite():
     """The Lite, reaching its standby pose in 0.2 s."""
     short = msgspec.structs.replace(LITE.standby_controller_a, segment_durations=(0.1, 0.1))
     return msgspec.structs.replace(LITE, standby_controller_a=short)
 
 
 @pytest.fixture(scope="module")
-def alone() -> tuple[list[bytes], list[Frame], list[tuple[float, Frame]]]:
+def alone():
     """Without a shadow."""
     return wire(None)
 
 
-def nan(policy: Callable[..., Any]) -> Callable[..., Any]:
+def nan(policy):
     return lambda observation, frame: np.full_like(policy(observation, frame), np.nan)
 
 
-def raising(_: Callable[..., Any]) -> Callable[..., Any]:
-    def fail(*_: Any) -> Any:
+def raising(_):
+    def fail(*_):
         raise RuntimeError("no")
 
     return fail
 
 
 @pytest.mark.parametrize(("wrap", "steps"), [(lambda policy: policy, 58), (nan, 0), (raising, 0)])
-def test_a_shadow_leaves_no_trace_on_the_wire(alone: Any, wrap: Callable[..., Any], steps: int) -> None:
+def test_a_shadow_leaves_no_trace_on_the_wire(alone, wrap, steps):
     shadow = Shadow(wrap)
     ticks, sent, heard = wire(shadow)
     assert len(sent) == 14 * (len(ticks) + 1)

@@ -2,7 +2,6 @@
 
 import errno
 import time
-from collections.abc import Iterator
 
 import can
 import numpy as np
@@ -10,11 +9,10 @@ import pytest
 from bus_rig import IDS, LITE, MODELS_BY_ID
 
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.commands import encode_command
-from humanoid_sim.hardware.robstride.messages import Command, Enable, OperationControl
+from humanoid_sim.hardware.robstride.messages import Enable, OperationControl
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.sensors import live_inputs
@@ -22,14 +20,14 @@ from humanoid_sim.simulation.sensors import live_inputs
 ELBOW = "left_elbow_pitch"
 
 
-def _send(bus: can.BusABC, command: Command) -> None:
+def _send(bus, command):
     frame = encode_command(command, MODELS_BY_ID[command.motor_id])
     bus.send(can.Message(arbitration_id=frame.arbitration_id, data=frame.data, is_extended_id=True))
 
 
-def _answers(bus: can.BusABC, count: int, patience: float = 2.0) -> list[can.Message]:
+def _answers(bus, count, patience=2.0):
     """Up to `count` frames of motors."""
-    found: list[can.Message] = []
+    found = []
     deadline = time.monotonic() + patience
     while len(found) < count and time.monotonic() < deadline:
         message = bus.recv(0.05)
@@ -38,7 +36,7 @@ def _answers(bus: can.BusABC, count: int, patience: float = 2.0) -> list[can.Mes
     return found
 
 
-def _wait_for_failure(motors: VirtualMotors) -> None:
+def _wait_for_failure(motors):
     deadline = time.monotonic() + 2.0
     while motors.failure is None and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -46,20 +44,18 @@ def _wait_for_failure(motors: VirtualMotors) -> None:
 
 
 @pytest.fixture
-def motors() -> Iterator[VirtualMotors]:
+def motors():
     with VirtualMotors(LITE, ["virtual:emulated"]) as motors:
         yield motors
 
 
 @pytest.fixture
-def bus(motors: VirtualMotors) -> Iterator[can.BusABC]:
+def bus(motors):
     with motors.open_bus(motors.addresses[0]) as bus:
         yield bus
 
 
-def test_motors_answer_and_their_frames_are_stamped_with_the_time_on_the_modelled_bus(
-    motors: VirtualMotors, bus: can.BusABC
-) -> None:
+def test_motors_answer_and_their_frames_are_stamped_with_the_time_on_the_modelled_bus(motors, bus):
     sent = time.time()
     for motor_id in IDS:
         _send(bus, Enable(motor_id))
@@ -72,7 +68,7 @@ def test_motors_answer_and_their_frames_are_stamped_with_the_time_on_the_modelle
     assert motors.load().frames == 2 * len(IDS)
 
 
-def test_time_goes_on_by_itself_and_the_truth_is_fresh(motors: VirtualMotors, bus: can.BusABC) -> None:
+def test_time_goes_on_by_itself_and_the_truth_is_fresh(motors, bus):
     _send(bus, Enable(14))
     _send(bus, OperationControl(14, 0.0, 0.0, 2.0, 0.0, 0.0))
     _answers(bus, 2)
@@ -87,7 +83,7 @@ def test_time_goes_on_by_itself_and_the_truth_is_fresh(motors: VirtualMotors, bu
     np.testing.assert_allclose(after.imu.linear_acceleration, [0.0, 0.0, 9.81], atol=0.02)
 
 
-def test_a_fault_now_and_a_hand(motors: VirtualMotors, bus: can.BusABC) -> None:
+def test_a_fault_now_and_a_hand(motors, bus):
     motors.inject(Fault("silent", (ELBOW,)))
     time.sleep(0.01)
     _send(bus, Enable(14))
@@ -101,7 +97,7 @@ def test_a_fault_now_and_a_hand(motors: VirtualMotors, bus: can.BusABC) -> None:
         motors.set_support(True)
 
 
-def test_the_computers_end_of_a_channel_fails_as_socketcan_does(motors: VirtualMotors, bus: can.BusABC) -> None:
+def test_the_computers_end_of_a_channel_fails_as_socketcan_does(motors, bus):
     motors.inject(Fault("enobufs", duration=0.1))
     time.sleep(0.02)
     with pytest.raises(can.CanOperationError) as caught:
@@ -120,7 +116,7 @@ def test_the_computers_end_of_a_channel_fails_as_socketcan_does(motors: VirtualM
     assert caught.value.error_code == errno.ENETDOWN
 
 
-def test_two_channels_are_the_robots_two_buses() -> None:
+def test_two_channels_are_the_robots_two_buses():
     with VirtualMotors(LITE, ["virtual:left", "virtual:right"]) as motors:
         buses = [motors.open_bus(address) for address in motors.addresses]
         try:
@@ -134,7 +130,7 @@ def test_two_channels_are_the_robots_two_buses() -> None:
                 bus.shutdown()
 
 
-def test_on_an_interface_where_a_sender_hears_itself_nothing_is_counted_twice() -> None:
+def test_on_an_interface_where_a_sender_hears_itself_nothing_is_counted_twice():
     with VirtualMotors(LITE, ["udp_multicast:239.74.163.61"]) as motors, motors.open_bus(motors.addresses[0]) as bus:
         _send(bus, Enable(14))
         assert len(_answers(bus, 1)) == 1
@@ -142,13 +138,13 @@ def test_on_an_interface_where_a_sender_hears_itself_nothing_is_counted_twice() 
         assert motors.load().frames == 2
 
 
-def test_a_message_with_numpys_integers_is_one_like_any(motors: VirtualMotors, bus: can.BusABC) -> None:
+def test_a_message_with_numpys_integers_is_one_like_any(motors, bus):
     bus.send(can.Message(arbitration_id=np.int64(0x0300FD0E), data=bytes(8), is_extended_id=True))
     assert len(_answers(bus, 1)) == 1
     assert motors.failure is None
 
 
-def test_a_floating_base_is_held_and_let_go() -> None:
+def test_a_floating_base_is_held_and_let_go():
     biped = load_robot("lite_biped")
     with VirtualMotors(biped, ["virtual:biped"]) as motors:
         assert motors.supported
@@ -160,11 +156,11 @@ def test_a_floating_base_is_held_and_let_go() -> None:
         assert set(motors.truth.live) == set(live_inputs(build_model(biped), biped, ""))
 
 
-def test_what_breaks_the_emulation_is_said_and_raised_at_the_end() -> None:
+def test_what_breaks_the_emulation_is_said_and_raised_at_the_end():
     motors = VirtualMotors(LITE, ["virtual:broken"])
 
-    def break_it(emulator: Emulator) -> None:
-        emulator.advance = None  # type: ignore[assignment,method-assign]
+    def break_it(emulator):
+        emulator.advance = None
 
     motors.call(break_it)
     _wait_for_failure(motors)
@@ -174,9 +170,7 @@ def test_what_breaks_the_emulation_is_said_and_raised_at_the_end() -> None:
     motors.close()
 
 
-def test_motors_that_cannot_keep_up_stand_still_for_a_while_instead_of_answering_ever_later(
-    motors: VirtualMotors, bus: can.BusABC
-) -> None:
+def test_motors_that_cannot_keep_up_stand_still_for_a_while_instead_of_answering_ever_later(motors, bus):
     motors.call(lambda _: time.sleep(0.3))
     _send(bus, Enable(14))
     sent = time.time()
@@ -188,7 +182,7 @@ def test_motors_that_cannot_keep_up_stand_still_for_a_while_instead_of_answering
     assert 0.05 < motors.time - began < 0.3, "and time goes on"
 
 
-def test_a_channel_that_fails_ends_the_emulation_with_one_line() -> None:
+def test_a_channel_that_fails_ends_the_emulation_with_one_line():
     motors = VirtualMotors(LITE, ["virtual:unplugged"])
     can_bus = motors._buses[0]
     motors.call(lambda _: can_bus.shutdown())
@@ -197,7 +191,7 @@ def test_a_channel_that_fails_ends_the_emulation_with_one_line() -> None:
         motors.close()
 
 
-def test_wrong_channels_are_refused_and_leave_nothing_open() -> None:
+def test_wrong_channels_are_refused_and_leave_nothing_open():
     with pytest.raises(InputError, match="lite: no channel is named"):
         VirtualMotors(LITE, [])
     with pytest.raises(InputError, match="unknown interface 'morse'"):

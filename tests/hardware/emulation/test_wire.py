@@ -11,7 +11,7 @@ _BIT = 1e-6
 _FRAMES = [Frame(0x02000BFD, bytes([i] * 8)) for i in range(100)]
 
 
-def _run(wire: Wire) -> list[tuple[float, int, int]]:
+def _run(wire):
     done = []
     while math.isfinite(wire.next_time):
         sent = wire.step()
@@ -20,7 +20,7 @@ def _run(wire: Wire) -> list[tuple[float, int, int]]:
     return done
 
 
-def test_frames_of_one_node_keep_their_order_and_the_least_identifier_of_the_nodes_goes_first() -> None:
+def test_frames_of_one_node_keep_their_order_and_the_least_identifier_of_the_nodes_goes_first():
     wire = Wire(1 / _BIT)
     wire.submit(HOST, Frame(0x01800011, bytes(8)), 0.0)
     wire.submit(HOST, Frame(0x01700012, bytes(8)), 0.0)
@@ -34,7 +34,7 @@ def test_frames_of_one_node_keep_their_order_and_the_least_identifier_of_the_nod
     ]
 
 
-def test_a_frame_on_the_bus_is_not_interrupted() -> None:
+def test_a_frame_on_the_bus_is_not_interrupted():
     wire = Wire(1 / _BIT)
     late, early = Frame(0x020011FD, bytes(8)), Frame(0x01800011, bytes(8))
     wire.submit(0, late, 0.0)
@@ -47,7 +47,7 @@ def test_a_frame_on_the_bus_is_not_interrupted() -> None:
     assert wire.frames == 2
 
 
-def test_a_bus_without_bus_time_keeps_the_order_of_submission() -> None:
+def test_a_bus_without_bus_time_keeps_the_order_of_submission():
     wire = Wire(0)
     wire.submit(HOST, Frame(0x01800011, bytes(8)), 0.001)
     wire.submit(0, Frame(0x000012FE, bytes(8)), 0.002)
@@ -55,7 +55,7 @@ def test_a_bus_without_bus_time_keeps_the_order_of_submission() -> None:
     assert wire.busy == 0.0
 
 
-def test_what_waits_passes_at_once_when_hurried_and_later_frames_take_their_time_again() -> None:
+def test_what_waits_passes_at_once_when_hurried_and_later_frames_take_their_time_again():
     wire = Wire(1 / _BIT)
     for node in range(3):
         wire.submit(node, Frame(0x02001100 + node, bytes(8)), 0.0)
@@ -66,7 +66,7 @@ def test_what_waits_passes_at_once_when_hurried_and_later_frames_take_their_time
     assert _run(wire) == [(pytest.approx(1.0 + frame_bits(later) * _BIT), 0, later.arbitration_id)]
 
 
-def test_clearing_forgets_what_was_waiting_and_what_was_on_the_bus() -> None:
+def test_clearing_forgets_what_was_waiting_and_what_was_on_the_bus():
     wire = Wire(1 / _BIT)
     wire.submit(HOST, Frame(0x01800011, bytes(8)), 0.0)
     wire.submit(HOST, Frame(0x01800012, bytes(8)), 0.0)
@@ -77,20 +77,20 @@ def test_clearing_forgets_what_was_waiting_and_what_was_on_the_bus() -> None:
     assert math.isinf(wire.next_time)
 
 
-def _through(faults: FrameFaults, motor: int = 0) -> list[tuple[float, Frame]]:
+def _through(faults, motor=0):
     return [arrival for i, frame in enumerate(_FRAMES) for arrival in faults.arrivals(motor, frame, 0.01 * i)]
 
 
-def _numbers(arrivals: list[tuple[float, Frame]]) -> list[int]:
+def _numbers(arrivals):
     return [frame.data[0] for _, frame in arrivals]
 
 
 @pytest.fixture
-def faults() -> FrameFaults:
+def faults():
     return FrameFaults(seed=1)
 
 
-def test_nothing_happens_without_a_fault_or_to_another_motor(faults: FrameFaults) -> None:
+def test_nothing_happens_without_a_fault_or_to_another_motor(faults):
     faults.begin("lost", 1, 1.0)
     assert _through(faults, 0) == [(0.01 * i, frame) for i, frame in enumerate(_FRAMES)]
     assert _through(faults, 1) == []
@@ -100,23 +100,23 @@ def test_nothing_happens_without_a_fault_or_to_another_motor(faults: FrameFaults
     assert faults.reaches(1)
 
 
-def test_some_are_lost(faults: FrameFaults) -> None:
+def test_some_are_lost(faults):
     faults.begin("lost", 0, 0.2)
     assert 70 <= len(_through(faults)) <= 90
     assert 50 <= sum(faults.reaches(0) for _ in range(100)) <= 95
 
 
-def test_they_are_late(faults: FrameFaults) -> None:
+def test_they_are_late(faults):
     faults.begin("delayed", 0, 0.3)
     assert faults.arrivals(0, _FRAMES[0], 1.0) == [(1.3, _FRAMES[0])]
 
 
-def test_they_come_twice(faults: FrameFaults) -> None:
+def test_they_come_twice(faults):
     faults.begin("duplicated", 0, 1.0)
     assert _numbers(_through(faults)) == [i for i in range(100) for _ in range(2)]
 
 
-def test_neighbours_swap_and_none_is_lost(faults: FrameFaults) -> None:
+def test_neighbours_swap_and_none_is_lost(faults):
     faults.begin("reordered", 0, 0.5)
     numbers = _numbers(_through(faults))
     faults.end("reordered", 0)
@@ -126,7 +126,7 @@ def test_neighbours_swap_and_none_is_lost(faults: FrameFaults) -> None:
     assert max(abs(place - number) for place, number in enumerate(numbers)) == 1
 
 
-def test_identifiers_and_lengths_are_damaged(faults: FrameFaults) -> None:
+def test_identifiers_and_lengths_are_damaged(faults):
     faults.begin("corrupted_id", 0, 27)
     assert {frame.arbitration_id for _, frame in _through(faults)} == {0x0A000BFD}
     faults.end("corrupted_id", 0)
@@ -134,7 +134,7 @@ def test_identifiers_and_lengths_are_damaged(faults: FrameFaults) -> None:
     assert {len(frame.data) for _, frame in _through(faults)} == {5}
 
 
-def test_the_same_seed_gives_the_same_losses() -> None:
+def test_the_same_seed_gives_the_same_losses():
     runs = []
     for _ in range(2):
         faults = FrameFaults(seed=7)

@@ -1,12 +1,4 @@
-"""Lets the modules here import the helpers of front ends' tests: importlib mode leaves sys.path alone."""
-
-import sys
-from pathlib import Path
-
-sys.path += [
-    str(Path(__file__).parents[2] / name)
-    for name in ("frontends", "frontends/dds", "play", "policy", "hardware/front_ends")
-]
+"""The fixtures of front ends' tests."""
 
 from fates import folder, rows
 

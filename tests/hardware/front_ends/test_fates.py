@@ -1,13 +1,10 @@
 """Every front end stopped and killed in every mode, on emulated motors."""
 
-import subprocess
 import time
-from collections.abc import Callable
 from contextlib import nullcontext
-from pathlib import Path
 
 import pytest
-from fates import BLOWS, ROWS, Log, Played, display, on_motors, playing, skip_unless, watchers
+from fates import BLOWS, ROWS, display, on_motors, playing, skip_unless, watchers
 from producers import PRODUCERS, skip_unless_installed, virtual_pad
 
 from humanoid_sim.client import monotonic_ns
@@ -36,15 +33,13 @@ WAY = {
 }
 
 
-def course(mode: Mode) -> list[tuple[Mode, str]]:
+def course(mode):
     """Modes and controllers of a run that nothing disturbs."""
     modes = WAY[mode] if mode is Mode.DAMPING else (*WAY[mode], Mode.DAMPING)
     return [(mode, CONTROLLERS[mode]) for mode in modes]
 
 
-def struck(
-    folder: Path, mode: Mode, names: list[str], blow: Callable[[Played], None], *, on_display: bool = True
-) -> Log:
+def struck(folder, mode, names, blow, *, on_display=True):
     """A run with these front ends on a machine that was in time, which was in that mode when the blow fell."""
     asked = [option for name in names for option in ROWS[name].options]
     problem = ""
@@ -61,12 +56,12 @@ def struck(
     pytest.fail(f"the machine is too busy: {problem}", pytrace=False)
 
 
-def disturbance(log: Log) -> str:
+def disturbance(log):
     """How the machine itself was late; empty: it was not."""
     return f"{log.longest_pause():.3f} s between ticks" if log.longest_pause() > TOO_LATE else ""
 
 
-def check_frames(log: Log) -> None:
+def check_frames(log):
     """Every motor got every tick's command, and answered."""
     hardware = log.summary["hardware"]
     assert hardware["commanded"] == hardware["acknowledged"] >= 14 * len(log.ticks)
@@ -78,9 +73,7 @@ def check_frames(log: Log) -> None:
 @pytest.mark.parametrize("blow", BLOWS)
 @pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
 @pytest.mark.parametrize("alone", ["", *(name for name in ROWS if ROWS[name].instead)])
-def test_those_who_look_on_change_neither_mode_nor_controller_nor_frames(
-    alone: str, mode: Mode, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
-) -> None:
+def test_those_who_look_on_change_neither_mode_nor_controller_nor_frames(alone, mode, blow, folder, rows, request):
     """All at once, and a producer for REMOTE in the modes in which it does not command; or one that is not a window."""
     skip_unless((mode, blow) == (Mode.LOCOMOTION, "killed" if alone else "stopped"), request)
     names = watchers(alone, mode, [name for name in ROWS if not ROWS[name].operates])
@@ -94,9 +87,7 @@ def test_those_who_look_on_change_neither_mode_nor_controller_nor_frames(
 
 @pytest.mark.parametrize("blow", BLOWS)
 @pytest.mark.parametrize("name", PRODUCERS)
-def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(
-    name: str, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
-) -> None:
+def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(name, blow, folder, rows, request):
     skip_unless((name, blow) in {("gravity", "killed"), ("DDS bridge", "stopped")}, request)
     skip_unless_installed(PRODUCERS[name])
     log = struck(
@@ -113,12 +104,12 @@ def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(
     rows.append((name, blow, "REMOTE", "motors", f"passive {1e3 * took:.0f} ms after its last command"))
 
 
-def unplug(pad: subprocess.Popen[str]) -> None:
+def unplug(pad):
     pad.stdin.write("unplug\n")
     pad.stdin.flush()
 
 
-LOSSES: dict[str, Callable[[subprocess.Popen[str]], None]] = {
+LOSSES = {
     "unplugged": unplug,
     "killed": lambda pad: pad.send_signal(BLOWS["killed"]),
     "stopped": lambda pad: pad.send_signal(BLOWS["stopped"]),
@@ -127,9 +118,7 @@ LOSSES: dict[str, Callable[[subprocess.Popen[str]], None]] = {
 
 @pytest.mark.parametrize("loss", LOSSES)
 @pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
-def test_the_loss_of_the_gamepad_damps_in_every_mode(
-    mode: Mode, loss: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
-) -> None:
+def test_the_loss_of_the_gamepad_damps_in_every_mode(mode, loss, folder, rows, request):
     """Within 200 ms and a tick; at once where its program lives to tell."""
     pytest.importorskip("pygame", reason="pygame-ce is not installed (extra 'gamepad')")
     skip_unless(mode is Mode.LOCOMOTION or (mode, loss) == (Mode.ZERO_TORQUE, "killed"), request)
@@ -150,7 +139,7 @@ def test_the_loss_of_the_gamepad_damps_in_every_mode(
     rows.append(("gamepad", loss, mode.name, "motors", f"DAMP after {1e3 * took:.0f} ms"))
 
 
-def damped_after(folder: Path, mode: Mode, loss: str) -> tuple[str, float, Log]:
+def damped_after(folder, mode, loss):
     """How the machine was late, if it was; s from the loss to the tick with the DAMP; and the run."""
     options = on_motors(folder, mode, *ROWS["gamepad"].options, lead=3.0)
     with playing(folder, *options) as play, virtual_pad(play) as pad:

@@ -1,9 +1,7 @@
 """A MIDI keyboard that is lost in each mode on emulated motors, by a policy that hears it."""
 
-from pathlib import Path
-
 import pytest
-from fates import Log, playing, script, skip_unless
+from fates import playing, script, skip_unless
 from lost_keyboard import LOSSES, check_loss, down, piano_options, play_and_lose, plugged_in
 from play_fixtures import quick_robot
 
@@ -18,7 +16,7 @@ TOO_LATE = 0.035
 ATTEMPTS = 4
 
 
-def lost(folder: Path, mode: Mode, loss: str) -> Log:
+def lost(folder, mode, loss):
     """A run on a machine that was in time, which was in that mode when the keyboard was lost."""
     hardware = (
         "--hardware",
@@ -42,8 +40,8 @@ def lost(folder: Path, mode: Mode, loss: str) -> Log:
 @pytest.mark.parametrize("loss", LOSSES)
 @pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
 def test_a_keyboard_that_is_lost_damps_the_policy_that_hears_it_and_changes_nothing_else(
-    mode: Mode, loss: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
-) -> None:
+    mode, loss, folder, rows, request
+):
     skip_unless((mode, loss) == (Mode.LOCOMOTION, "killed"), request)
     log = lost(folder, mode, loss)
     if mode is Mode.LOCOMOTION:

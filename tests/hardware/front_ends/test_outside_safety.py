@@ -2,15 +2,12 @@
 
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
-from fates import Log, Played, on_motors, playing, skip_unless
+from fates import on_motors, playing, skip_unless
 from waiting import until
 
-from humanoid_sim.client import Sample
 from humanoid_sim.messages import Mode
 
 pytestmark = pytest.mark.slow
@@ -30,17 +27,17 @@ with Intake(find_session(int(sys.argv[1])), "monitor") as intake:
 class Monitor:
     """Reports a level, and gives the moment at which it did, ns of CLOCK_MONOTONIC."""
 
-    def __init__(self, process: subprocess.Popen[str]) -> None:
+    def __init__(self, process):
         self.process = process
 
-    def report(self, level: int) -> int:
+    def report(self, level):
         self.process.stdin.write(f"{level}\n")
         self.process.stdin.flush()
         return int(self.process.stdout.readline())
 
 
 @contextmanager
-def monitor(played: Played) -> Iterator[Monitor]:
+def monitor(played):
     command = [sys.executable, "-c", MONITOR, str(played.process.pid)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
@@ -50,7 +47,7 @@ def monitor(played: Played) -> Iterator[Monitor]:
             process.kill()
 
 
-def first_with_fault(played: Played, after: int) -> Sample:
+def first_with_fault(played, after):
     """The first tick after that number which took the fault in."""
     for sample in played.feed.since(after):
         levels = {status["source"]: status["level"] for status in played.feed.decode(sample)["safety"]}
@@ -60,9 +57,7 @@ def first_with_fault(played: Played, after: int) -> Sample:
 
 
 @pytest.mark.parametrize("mode", Mode)
-def test_a_fault_of_another_process_damps_in_that_tick(
-    rows: list[tuple[str, ...]], folder: Path, mode: Mode, request: pytest.FixtureRequest
-) -> None:
+def test_a_fault_of_another_process_damps_in_that_tick(rows, folder, mode, request):
     skip_unless(mode in (Mode.STANDBY, Mode.LOCOMOTION), request)
     with playing(folder, *on_motors(folder, mode, lead=3.0)) as played:
         assert played.reach(mode)
@@ -83,7 +78,7 @@ def test_a_fault_of_another_process_damps_in_that_tick(
     judge(log, mode)
 
 
-def test_a_watchdog_s_silence_damps(rows: list[tuple[str, ...]], folder: Path) -> None:
+def test_a_watchdog_s_silence_damps(rows, folder):
     options = on_motors(folder, Mode.STANDBY, "--watchdog", "lidar:0.5", lead=30.0)
     with playing(folder, *options) as played:
         with monitor(played) as lidar:
@@ -103,11 +98,11 @@ def test_a_watchdog_s_silence_damps(rows: list[tuple[str, ...]], folder: Path) -
     assert log.is_exact()
 
 
-def expected(mode: Mode) -> Mode:
+def expected(mode):
     return Mode.ZERO_TORQUE if mode is Mode.ZERO_TORQUE else Mode.DAMPING
 
 
-def judge(log: Log, mode: Mode) -> None:
+def judge(log, mode):
     """From the first tick with the fault on the robot is damped, and the recording repeats bit for bit."""
     ticks = log.ticks
     first = next(i for i, tick in enumerate(ticks) if any(status.level == 2 for status in tick.input.safety))

@@ -10,7 +10,6 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fates import Log, Played, playing
+from fates import playing
 from load import burning, descendants, processor_time
 from producers import virtual_pad
 from waiting import until
@@ -70,10 +69,10 @@ class Side:
     load: list[float] = field(default_factory=list)
     """Shares of a processor that the other processes took."""
 
-    def p99(self) -> float:
+    def p99(self):
         return float(np.percentile(np.concatenate(self.pieces), 99.0))
 
-    def __str__(self) -> str:
+    def __str__(self):
         ticks = sum(map(len, self.pieces))
         return (
             f"{ticks} ticks, {self.missed} missed deadlines, 99 % {1e3 * self.p99():.3f} ms, "
@@ -82,9 +81,9 @@ class Side:
 
 
 @contextmanager
-def watched_machine() -> Iterator[list[tuple[float, float]]]:
+def watched_machine():
     """When a processor stood still: begin and end, s, CLOCK_MONOTONIC; complete once the context is left."""
-    stood: list[tuple[float, float]] = []
+    stood = []
     command = [sys.executable, str(STALL_WATCH)]
     watchers = [
         subprocess.Popen([*command, str(cpu), "600"], stdout=subprocess.PIPE, text=True)
@@ -100,7 +99,7 @@ def watched_machine() -> Iterator[list[tuple[float, float]]]:
 
 
 @contextmanager
-def browser_at(address: str, folder: Path, driver: Any) -> Iterator[int]:
+def browser_at(address, folder, driver):
     """A Chromium with a page; the process id of what it descends from."""
     wrapper = folder / "chromium"
     wrapper.write_text(f'#!/bin/sh\nexec nice -n {BROWSER} {CHROMIUM} "$@"\n', encoding="utf-8")
@@ -118,12 +117,9 @@ def browser_at(address: str, folder: Path, driver: Any) -> Iterator[int]:
 
 
 Place = tuple[float, float, float]
-Measured = tuple[Log, dict[int, float], Place, list[tuple[float, float]]]
 
 
-def piece(
-    folder: Path, seconds: float, driver: Any, shares: dict[int, float] | None
-) -> tuple[Log, dict[int, float], Place]:
+def piece(folder, seconds, driver, shares):
     """A run, the shares of a processor that others took, and what places its ticks on the machine's clock.
 
     Args:
@@ -144,7 +140,7 @@ def piece(
     )
     with ExitStack() as stack:
         play = stack.enter_context(playing(folder, *hardware, *(FRONT_ENDS if shares is None else ())))
-        taken: dict[int, list[int]] = {}
+        taken = {}
         if shares is None:
             taken = _front_ends(play, folder, driver, stack)
         if not play.reach(Mode.LOCOMOTION):
@@ -167,7 +163,7 @@ def piece(
     return log, took, (offset, begun, ended)
 
 
-def attempted(folder: Path, seconds: float, driver: Any, shares: dict[int, float] | None) -> Measured:
+def attempted(folder, seconds, driver, shares):
     """A piece, and when the machine stood still."""
     for _ in range(ATTEMPTS):
         try:
@@ -180,7 +176,7 @@ def attempted(folder: Path, seconds: float, driver: Any, shares: dict[int, float
     pytest.fail(f"the machine is too busy: {problem[-500:]}", pytrace=False)
 
 
-def _front_ends(play: Played, folder: Path, driver: Any, stack: ExitStack) -> dict[int, list[int]]:
+def _front_ends(play, folder, driver, stack):
     """Attach what `play` does not start; process ids by niceness."""
     pad = stack.enter_context(virtual_pad(play))
     address = until(lambda: re.search(r"console: .* (http://\S+)", play.said))[1]
@@ -196,7 +192,7 @@ def _front_ends(play: Played, folder: Path, driver: Any, stack: ExitStack) -> di
     }
 
 
-def add(side: Side, log: Log, place: Place, stood: list[tuple[float, float]]) -> None:
+def add(side, log, place, stood):
     """Count the ticks of a piece."""
     offset, begun, ended = place
     ticks = [tick for tick in log.ticks if begun <= float(tick.input.state.time) + offset <= ended]
@@ -211,7 +207,7 @@ def add(side: Side, log: Log, place: Place, stood: list[tuple[float, float]]) ->
     side.pieces.append(durations[~is_still])
 
 
-def bounds(treated: Side, control: Side) -> tuple[float, float]:
+def bounds(treated, control):
     """Of the ratio of both 99 % tick times: what 95 of 100 samples of their blocks of a second lie between."""
     generator = np.random.default_rng(11)
     ratios = []
@@ -226,9 +222,7 @@ def bounds(treated: Side, control: Side) -> tuple[float, float]:
 
 
 @pytest.mark.timeout(1200)
-def test_front_ends_and_a_browser_do_not_disturb_the_loop(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
-) -> None:
+def test_front_ends_and_a_browser_do_not_disturb_the_loop(folder, monkeypatch, request):
     """60 s of each with --complete, which the ratio is judged by; else a sample, of missed deadlines."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     for package in ("viser", "foxglove", "pygame"):
@@ -240,7 +234,7 @@ def test_front_ends_and_a_browser_do_not_disturb_the_loop(
     treated, control = Side(), Side()
     with playwright.sync_playwright() as driver:
         for _ in range(rounds):
-            shares: dict[int, float] | None = None
+            shares = None
             for side in (treated, control):
                 log, shares, place, stood = attempted(folder, seconds, driver, shares)
                 measures = log.summary["loop"]["measures"]

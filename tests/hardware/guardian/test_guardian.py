@@ -6,7 +6,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -30,37 +29,37 @@ _LATE = 0.15
 class Listener:
     """Everything on a channel, with the time at which it came."""
 
-    def __init__(self, channel: str) -> None:
-        self.frames: list[tuple[float, int, bytes]] = []
+    def __init__(self, channel):
+        self.frames = []
         self._closing = threading.Event()
         self._bus = open_bus(parse_address(channel))
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
-    def _run(self) -> None:
+    def _run(self):
         while not self._closing.is_set():
             message = self._bus.recv(0.02)
             if message is not None:
                 self.frames.append((time.monotonic(), message.arbitration_id, bytes(message.data)))
 
-    def close(self) -> None:
+    def close(self):
         self._closing.set()
         self._thread.join()
         self._bus.shutdown()
 
-    def times(self, identifier: int, after: float = 0.0) -> list[float]:
+    def times(self, identifier, after=0.0):
         return [at for at, found, _ in self.frames if found == identifier and at > after]
 
-    def kinds(self, after: float) -> list[int]:
+    def kinds(self, after):
         """Identifiers in order, each run of the same once."""
-        kinds: list[int] = []
+        kinds = []
         for at, found, _ in list(self.frames):
             if at > after and kinds[-1:] != [found]:
                 kinds.append(found)
         return kinds
 
 
-def _is_running(pid: int) -> bool:
+def _is_running(pid):
     try:
         return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -68,12 +67,12 @@ def _is_running(pid: int) -> bool:
 
 
 @pytest.fixture
-def channel() -> str:
+def channel():
     return f"udp_multicast:239.74.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
 
 
 @pytest.fixture
-def listener(channel: str) -> Iterator[Listener]:
+def listener(channel):
     listener = Listener(channel)
     yield listener
     listener.close()
@@ -82,7 +81,7 @@ def listener(channel: str) -> Iterator[Listener]:
 class Loop:
     """The program, its guardian's process id, and what it says."""
 
-    def __init__(self, process: subprocess.Popen[str]) -> None:
+    def __init__(self, process):
         self.process = process
         assert process.stdout is not None
         self.lines = process.stdout
@@ -90,7 +89,7 @@ class Loop:
 
 
 @contextmanager
-def _looping(channel: str, *words: str) -> Iterator[Loop]:
+def _looping(channel, *words):
     with subprocess.Popen(
         [sys.executable, str(_LOOP), channel, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
@@ -103,7 +102,7 @@ def _looping(channel: str, *words: str) -> Iterator[Loop]:
             until(lambda: not _is_running(loop.guardian), 5.0)
 
 
-def test_a_killed_loop_is_damped_for_and_then_reset(channel: str, listener: Listener) -> None:
+def test_a_killed_loop_is_damped_for_and_then_reset(channel, listener):
     with _looping(channel) as loop:
         until(lambda: len(listener.times(COMMAND)) > 20)
         assert listener.kinds(0.0) == [COMMAND]  # a guardian that watches is silent
@@ -126,7 +125,7 @@ def test_a_killed_loop_is_damped_for_and_then_reset(channel: str, listener: List
     ]
 
 
-def test_the_channel_stays_locked_until_the_guardian_has_ended(channel: str, listener: Listener) -> None:
+def test_the_channel_stays_locked_until_the_guardian_has_ended(channel, listener):
     address = parse_address(channel)
     with _looping(channel) as loop:
         loop.process.kill()
@@ -138,7 +137,7 @@ def test_the_channel_stays_locked_until_the_guardian_has_ended(channel: str, lis
         ChannelLock(address).release()
 
 
-def test_a_stopped_loop_is_displaced_and_commands_nothing_when_it_continues(channel: str, listener: Listener) -> None:
+def test_a_stopped_loop_is_displaced_and_commands_nothing_when_it_continues(channel, listener):
     with _looping(channel) as loop:
         until(lambda: len(listener.times(COMMAND)) > 20)
         loop.process.send_signal(signal.SIGSTOP)
@@ -157,7 +156,7 @@ def test_a_stopped_loop_is_displaced_and_commands_nothing_when_it_continues(chan
 
 
 @pytest.mark.slow
-def test_resets_go_on_for_as_long_as_a_loop_might_come_back(channel: str, listener: Listener) -> None:
+def test_resets_go_on_for_as_long_as_a_loop_might_come_back(channel, listener):
     with _looping(channel) as loop:
         until(lambda: len(listener.times(COMMAND)) > 20)
         loop.process.send_signal(signal.SIGSTOP)
@@ -167,7 +166,7 @@ def test_resets_go_on_for_as_long_as_a_loop_might_come_back(channel: str, listen
 
 
 @pytest.mark.slow
-def test_a_displaced_loop_that_gives_way_may_send_once_the_guardian_has_ended(channel: str, listener: Listener) -> None:
+def test_a_displaced_loop_that_gives_way_may_send_once_the_guardian_has_ended(channel, listener):
     with _looping(channel, "release") as loop:
         until(lambda: len(listener.times(COMMAND)) > 20)
         loop.process.send_signal(signal.SIGSTOP)
@@ -182,7 +181,7 @@ def test_a_displaced_loop_that_gives_way_may_send_once_the_guardian_has_ended(ch
 
 
 @pytest.mark.slow
-def test_a_terminals_signals_leave_the_guardian_alone(channel: str, listener: Listener) -> None:
+def test_a_terminals_signals_leave_the_guardian_alone(channel, listener):
     with _looping(channel) as loop:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
             os.kill(loop.guardian, number)
@@ -194,23 +193,23 @@ def test_a_terminals_signals_leave_the_guardian_alone(channel: str, listener: Li
 class _Sent(can.BusABC):
     """A bus that keeps what is sent, and may fail."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__("sent")
         self.fails = False
 
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+    def send(self, msg, timeout=None):
         if self.fails:
             raise can.CanOperationError("no room")
 
 
 @pytest.fixture
-def guardian(channel: str) -> Iterator[Guardian]:
+def guardian(channel):
     guardian = Guardian(plan(channel))
     yield guardian
     guardian.release(confirmed=True)
 
 
-def _take_over(guardian: Guardian, keep: Callable[[], None]) -> None:
+def _take_over(guardian, keep):
     for _ in range(400):
         keep()
         if guardian.has_taken_over:
@@ -219,20 +218,20 @@ def _take_over(guardian: Guardian, keep: Callable[[], None]) -> None:
     pytest.fail("the guardian has not taken over", pytrace=False)
 
 
-def test_decisions_without_frames_that_leave_are_no_sign_of_life(guardian: Guardian) -> None:
+def test_decisions_without_frames_that_leave_are_no_sign_of_life(guardian):
     """As of a sending thread that hangs: the motors would go on with their last command."""
     guardian.standby()
     _take_over(guardian, guardian.beat)
     assert guardian.drives
 
 
-def test_frames_without_decisions_are_no_sign_of_life(guardian: Guardian) -> None:
+def test_frames_without_decisions_are_no_sign_of_life(guardian):
     guardian.standby()
     guardian.beat()
     _take_over(guardian, lambda: guardian.count_sent(0))
 
 
-def test_frames_that_a_driver_refuses_do_not_count(guardian: Guardian, channel: str) -> None:
+def test_frames_that_a_driver_refuses_do_not_count(guardian, channel):
     below = _Sent()
     bus = guardian.opener(lambda _: below)(parse_address(channel))
     frame = can.Message(arbitration_id=COMMAND)
@@ -245,7 +244,7 @@ def test_frames_that_a_driver_refuses_do_not_count(guardian: Guardian, channel: 
     bus.shutdown()
 
 
-def test_before_the_first_command_only_the_end_of_the_process_counts(guardian: Guardian) -> None:
+def test_before_the_first_command_only_the_end_of_the_process_counts(guardian):
     time.sleep(0.3)  # nothing is enabled
     guardian.standby()
     time.sleep(0.3)  # limp
@@ -253,7 +252,7 @@ def test_before_the_first_command_only_the_end_of_the_process_counts(guardian: G
     assert guardian.status() is None
 
 
-def test_a_guardian_that_is_released_sends_nothing(channel: str, listener: Listener) -> None:
+def test_a_guardian_that_is_released_sends_nothing(channel, listener):
     guardian = Guardian(plan(channel))
     guardian.standby()
     guardian.beat()
@@ -266,7 +265,7 @@ def test_a_guardian_that_is_released_sends_nothing(channel: str, listener: Liste
 
 
 @pytest.mark.slow
-def test_motors_that_are_not_known_to_be_disabled_are_braked_at_the_end(channel: str, listener: Listener) -> None:
+def test_motors_that_are_not_known_to_be_disabled_are_braked_at_the_end(channel, listener):
     guardian = Guardian(plan(channel))
     guardian.standby()
     guardian.release(confirmed=False)
@@ -276,7 +275,7 @@ def test_motors_that_are_not_known_to_be_disabled_are_braked_at_the_end(channel:
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_dead_guardian_is_a_warning_by_its_own_source(guardian: Guardian, number: signal.Signals) -> None:
+def test_a_dead_guardian_is_a_warning_by_its_own_source(guardian, number):
     guardian.standby()
     assert guardian.status() is None
     os.kill(guardian.pid, number)
@@ -291,19 +290,19 @@ def test_a_dead_guardian_is_a_warning_by_its_own_source(guardian: Guardian, numb
         until(lambda: guardian.status() is None, 3.0)
 
 
-def test_a_guardian_that_cannot_open_its_channel_is_an_error() -> None:
+def test_a_guardian_that_cannot_open_its_channel_is_an_error():
     with pytest.raises(RobotError, match=r"^the guardian does not start: can77: cannot be opened: ") as raised:
         Guardian(plan("can77"))
     assert "\n" not in str(raised.value)
 
 
 @pytest.mark.slow
-def test_a_guardian_that_says_nothing_is_an_error(channel: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_guardian_that_says_nothing_is_an_error(channel, monkeypatch):
     monkeypatch.setattr(guardian_module, "_START", 0.0)
     with pytest.raises(RobotError, match=r"^the guardian does not start: no answer within 0 s$"):
         Guardian(plan(channel))
 
 
-def test_motors_of_the_same_process_need_none() -> None:
+def test_motors_of_the_same_process_need_none():
     assert not can_share(parse_address("virtual:lite"))
     assert can_share(parse_address("can0"))

@@ -23,24 +23,24 @@ _PLAN = GuardianPlan(
 )
 
 
-def test_a_plan_reaches_the_other_process_unchanged() -> None:
+def test_a_plan_reaches_the_other_process_unchanged():
     text = _PLAN.to_json()
     assert "\n" not in text
     assert GuardianPlan.from_json(text) == _PLAN
 
 
-def test_each_channel_is_there_once() -> None:
+def test_each_channel_is_there_once():
     assert _PLAN.channels == (_LEFT, _RIGHT)
 
 
 @pytest.mark.parametrize("name", ["timeout", "damping_time", "period"])
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), 61.0])
-def test_times_that_protect_nothing_are_refused(name: str, value: float) -> None:
+def test_times_that_protect_nothing_are_refused(name, value):
     with pytest.raises(FieldError, match=f"GuardianPlan.{name}: is {value}, expected more than 0 and at most"):
         replace(_PLAN, **{name: value})
 
 
-def test_a_motor_that_would_not_be_braked_is_refused() -> None:
+def test_a_motor_that_would_not_be_braked_is_refused():
     bare = GuardedMotor("elbow", _LEFT, (Frame(1, b""),), ())
     with pytest.raises(FieldError, match="elbow has no frames for reset, expected at least one"):
         GuardianPlan((bare,))

@@ -1,17 +1,9 @@
-import sys
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
-
-# importlib mode leaves sys.path alone.
-sys.path.append(str(Path(__file__).parent))
-
 from emulated_imu import EmulatedImu
 
 
 @pytest.fixture
-def device() -> Iterator[EmulatedImu]:
+def device():
     """An emulated device behind a pseudo terminal."""
     emulated = EmulatedImu()
     yield emulated

@@ -2,14 +2,13 @@ import time
 
 import numpy as np
 import pytest
-from emulated_imu import EmulatedImu
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.imu.interface import DEFAULT_MOUNTING, Imu, SimulatedImu, make_imu
+from humanoid_sim.hardware.imu.interface import DEFAULT_MOUNTING, SimulatedImu, make_imu
 from humanoid_sim.simulation.sensors import ImuSample
 
 
-def test_port_baud_rate_and_mounting(device: EmulatedImu) -> None:
+def test_port_baud_rate_and_mounting(device):
     imu = make_imu(f"microstrain:{device.port}@460800", "1,0,0,0", time.monotonic)
     imu.open()
     reading = imu.read(time.monotonic())
@@ -18,20 +17,20 @@ def test_port_baud_rate_and_mounting(device: EmulatedImu) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "microstrain", "microstrain:", "xsens:/dev/ttyUSB0", "microstrain:/dev/x@fast"])
-def test_an_imu_that_is_not_known(text: str) -> None:
+def test_an_imu_that_is_not_known(text):
     with pytest.raises(InputError, match=f"--imu: is '{text}', expected none, microstrain:PORT or "):
         make_imu(text, DEFAULT_MOUNTING, time.monotonic)
 
 
 @pytest.mark.parametrize("text", ["", "1,0,0", "1,1,0,0", "w,x,y,z", "nan,0,0,0"])
-def test_a_mounting_that_is_no_rotation(text: str) -> None:
+def test_a_mounting_that_is_no_rotation(text):
     with pytest.raises(InputError, match=f"--imu-mounting: is '{text}', expected w,x,y,z: a unit quaternion"):
         make_imu("microstrain:/dev/ttyACM0", text, time.monotonic)
 
 
-def test_the_simulated_one_reads_its_plant() -> None:
+def test_the_simulated_one_reads_its_plant():
     sample = ImuSample(np.array([0.0, 1.0, 0.0, 0.0]), np.ones(3), np.array([0.0, 0.0, -9.81]))
-    imu: Imu = SimulatedImu(lambda: sample)
+    imu = SimulatedImu(lambda: sample)
     imu.open()
     reading = imu.read(3.0)
     imu.close()

@@ -3,11 +3,9 @@
 import math
 import struct
 import time
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from emulated_imu import EmulatedImu
 from waiting import until
 
 from humanoid_sim.controllers.rotation import gravity_direction, matrix
@@ -19,13 +17,13 @@ from humanoid_sim.messages import SafetyFlag, SafetyLevel
 
 
 @pytest.fixture
-def imu(device: EmulatedImu) -> Iterator[MicrostrainImu]:
+def imu(device):
     driver = MicrostrainImu(device.port, rate=200.0)
     yield driver
     driver.close()
 
 
-def test_a_device_is_configured_and_heard(device: EmulatedImu, imu: MicrostrainImu) -> None:
+def test_a_device_is_configured_and_heard(device, imu):
     device.send(b"\x75\x65\x80\x02garbage from before \x75")
     imu.open()
     assert device.commands == [(0x01, 0x02), (0x0C, 0x0E), (0x0C, 0x0F), (0x0C, 0x11), (0x01, 0x06)]
@@ -39,7 +37,7 @@ def test_a_device_is_configured_and_heard(device: EmulatedImu, imu: MicrostrainI
     assert reading.quaternion == pytest.approx([1.0, 0.0, 0.0, 0.0])
 
 
-def test_silence_is_a_fault_with_the_last_values(device: EmulatedImu, imu: MicrostrainImu) -> None:
+def test_silence_is_a_fault_with_the_last_values(device, imu):
     device.rate = (1.0, 0.0, 0.0)
     imu.open()
     device.mute = True
@@ -53,11 +51,11 @@ def test_silence_is_a_fault_with_the_last_values(device: EmulatedImu, imu: Micro
     until(lambda: imu.read(time.monotonic()).status.is_ok)
 
 
-def test_damage_on_the_line_is_counted_and_never_read(device: EmulatedImu, imu: MicrostrainImu) -> None:
+def test_damage_on_the_line_is_counted_and_never_read(device, imu):
     imu.open()
     draw = np.random.default_rng(3)
 
-    def damage(data: bytes) -> bytes:
+    def damage(data):
         changed = bytearray(data)
         if draw.random() < 0.5:
             changed[draw.integers(len(changed))] ^= 1 << int(draw.integers(8))
@@ -73,7 +71,7 @@ def test_damage_on_the_line_is_counted_and_never_read(device: EmulatedImu, imu: 
         time.sleep(0.001)
 
 
-def test_a_packet_without_a_measurement_is_refused(device: EmulatedImu, imu: MicrostrainImu) -> None:
+def test_a_packet_without_a_measurement_is_refused(device, imu):
     imu.open()
     device.attitude = (0.0, 0.0, 0.0, 0.0)
     until(lambda: imu.refused > 3)
@@ -81,14 +79,14 @@ def test_a_packet_without_a_measurement_is_refused(device: EmulatedImu, imu: Mic
     assert imu.read(time.monotonic()).status.flags is SafetyFlag.RX_TIMEOUT
 
 
-def test_a_device_that_is_pulled_out_is_a_fault_that_says_so(device: EmulatedImu, imu: MicrostrainImu) -> None:
+def test_a_device_that_is_pulled_out_is_a_fault_that_says_so(device, imu):
     imu.open()
     device.unplug()
     until(lambda: not imu.read(time.monotonic()).status.is_ok)
     assert "the IMU cannot be read any more: " in imu.read(time.monotonic()).status.message
 
 
-def test_it_can_be_opened_again(device: EmulatedImu, imu: MicrostrainImu) -> None:
+def test_it_can_be_opened_again(device, imu):
     imu.open()
     imu.close()
     assert imu.read(time.monotonic() + 1.0).status.flags is SafetyFlag.RX_TIMEOUT
@@ -96,7 +94,7 @@ def test_it_can_be_opened_again(device: EmulatedImu, imu: MicrostrainImu) -> Non
     assert imu.read(time.monotonic()).status.is_ok
 
 
-def test_before_anything_is_heard_it_is_upright_and_a_fault() -> None:
+def test_before_anything_is_heard_it_is_upright_and_a_fault():
     reading = MicrostrainImu("/dev/null").read(0.0)
     assert reading.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
     assert reading.status.message == "/dev/null: nothing heard yet"
@@ -110,21 +108,19 @@ def test_before_anything_is_heard_it_is_upright_and_a_fault() -> None:
         ({(0x0C, 0x0E): 1}, "the IMU refuses Get Data Base Rate: unknown command"),
     ],
 )
-def test_a_device_that_refuses_is_named(
-    device: EmulatedImu, imu: MicrostrainImu, errors: dict[tuple[int, int], int], message: str
-) -> None:
+def test_a_device_that_refuses_is_named(device, imu, errors, message):
     device.errors = errors
     with pytest.raises(RobotError, match=f"{device.port}: {message}"):
         imu.open()
 
 
-def test_nothing_on_the_line(device: EmulatedImu, imu: MicrostrainImu) -> None:
+def test_nothing_on_the_line(device, imu):
     device.mute = True
     with pytest.raises(RobotError, match="no MicroStrain IMU answers Set To Idle within 1 s"):
         imu.open()
 
 
-def test_no_such_port() -> None:
+def test_no_such_port():
     with pytest.raises(RobotError, match="/dev/nowhere: the IMU's port cannot be opened"):
         MicrostrainImu("/dev/nowhere").open()
 
@@ -133,12 +129,9 @@ UP = np.array(LABEL_UP)
 HALF = math.sqrt(0.5)
 
 
-def packet(attitude: object = (1, 0, 0, 0), rate: object = (0, 0, 0), force: object = (0, 0, -1)) -> Packet:
+def packet(attitude=(1, 0, 0, 0), rate=(0, 0, 0), force=(0, 0, -1)):
     values = {0x0A: attitude, 0x05: rate, 0x04: force}
-    return Packet(
-        0x80,
-        tuple(Field(kind, struct.pack(f">{len(v)}f", *v)) for kind, v in values.items()),  # type: ignore[arg-type]
-    )
+    return Packet(0x80, tuple(Field(kind, struct.pack(f">{len(v)}f", *v)) for kind, v in values.items()))
 
 
 @pytest.mark.parametrize(
@@ -148,19 +141,19 @@ def packet(attitude: object = (1, 0, 0, 0), rate: object = (0, 0, 0), force: obj
         ((HALF, 0.0, HALF, 0.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)),  # pitched up: its nose points up
     ],
 )
-def test_gravity_is_where_the_force_at_rest_is_not(attitude: object, force: object, gravity: object) -> None:
+def test_gravity_is_where_the_force_at_rest_is_not(attitude, force, gravity):
     reading = reading_of(packet(attitude, force=force), UP)
     assert gravity_direction(reading.quaternion) == pytest.approx(gravity, abs=1e-6)
     assert reading.linear_acceleration == pytest.approx(-9.80665 * np.array(gravity), abs=1e-5)
 
 
-def test_a_turn_to_the_east_is_one_to_the_right() -> None:
+def test_a_turn_to_the_east_is_one_to_the_right():
     reading = reading_of(packet((HALF, 0.0, 0.0, HALF), rate=(0.1, 0.2, 0.3)), UP)
     assert matrix(reading.quaternion)[:, 0] == pytest.approx([0.0, -1.0, 0.0], abs=1e-6)  # north, west, up
     assert reading.angular_velocity == pytest.approx([0.1, -0.2, -0.3])
 
 
-def test_a_device_mounted_upside_down_feels_what_one_mounted_label_up_feels() -> None:
+def test_a_device_mounted_upside_down_feels_what_one_mounted_label_up_feels():
     """Its own z axis then points up: it reads +1 g, and half a turn about its x axis as its attitude."""
     reading = reading_of(packet((0.0, 1.0, 0.0, 0.0), (0.1, 0.2, 0.3), (0.0, 0.0, 1.0)), np.array([1.0, 0.0, 0.0, 0.0]))
     assert np.abs(reading.quaternion) == pytest.approx([1.0, 0.0, 0.0, 0.0])
@@ -180,5 +173,5 @@ def test_a_device_mounted_upside_down_feels_what_one_mounted_label_up_feels() ->
         Packet(0x80, ()),
     ],
 )
-def test_what_is_no_measurement_is_no_reading(bad: Packet) -> None:
+def test_what_is_no_measurement_is_no_reading(bad):
     assert reading_of(bad, UP) is None

@@ -18,7 +18,7 @@ PRINTED = {
 
 
 @pytest.mark.parametrize(("text", "packet"), PRINTED.items())
-def test_the_manuals_examples(text: str, packet: Packet) -> None:
+def test_the_manuals_examples(text, packet):
     data = bytes.fromhex(text)
     assert encode_packet(packet.descriptor_set, packet.fields) == data
     reader = PacketReader()
@@ -31,7 +31,7 @@ packets = st.builds(Packet, st.integers(0, 255), fields)
 
 
 @given(st.lists(packets, max_size=5), st.lists(st.integers(1, 30), min_size=1))
-def test_packets_come_out_as_they_went_in_however_the_stream_is_cut(sent: list[Packet], cuts: list[int]) -> None:
+def test_packets_come_out_as_they_went_in_however_the_stream_is_cut(sent, cuts):
     stream = b"".join(encode_packet(packet.descriptor_set, packet.fields) for packet in sent)
     reader, found, i = PacketReader(), [], 0
     while stream:
@@ -43,7 +43,7 @@ def test_packets_come_out_as_they_went_in_however_the_stream_is_cut(sent: list[P
 
 
 @given(st.lists(st.binary(max_size=40), max_size=10))
-def test_noise_never_raises_and_never_passes_for_a_packet_with_a_wrong_checksum(pieces: list[bytes]) -> None:
+def test_noise_never_raises_and_never_passes_for_a_packet_with_a_wrong_checksum(pieces):
     reader = PacketReader()
     found = [packet for piece in pieces for packet in reader.feed(piece)]
     stream = b"".join(pieces)
@@ -51,7 +51,7 @@ def test_noise_never_raises_and_never_passes_for_a_packet_with_a_wrong_checksum(
         assert encode_packet(packet.descriptor_set, packet.fields) in stream
 
 
-def test_a_damaged_packet_costs_no_other() -> None:
+def test_a_damaged_packet_costs_no_other():
     good = encode_packet(0x80, [Field(0x04, bytes(12))])
     reader = PacketReader()
     changed = good[:8] + b"\xff" + good[9:]
@@ -62,7 +62,7 @@ def test_a_damaged_packet_costs_no_other() -> None:
     assert reader.damaged == 2
 
 
-def test_a_checksum_that_is_right_does_not_excuse_fields_that_do_not_fill_the_packet() -> None:
+def test_a_checksum_that_is_right_does_not_excuse_fields_that_do_not_fill_the_packet():
     for payload in (b"\x00\x04", b"\x01\x04", b"\x09\x04\x00"):
         packet = b"ue\x80" + bytes((len(payload),)) + payload
         reader = PacketReader()
@@ -70,6 +70,6 @@ def test_a_checksum_that_is_right_does_not_excuse_fields_that_do_not_fill_the_pa
         assert reader.damaged == 1
 
 
-def test_a_payload_that_its_length_cannot_say_is_refused() -> None:
+def test_a_payload_that_its_length_cannot_say_is_refused():
     with pytest.raises(ValueError, match="range"):
         encode_packet(0x80, [Field(0x04, bytes(200)), Field(0x05, bytes(200))])

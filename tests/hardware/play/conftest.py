@@ -1,16 +1,5 @@
 """`play` on emulated motors; the quick robot and the way to run are those of the tests of `play`."""
 
-import sys
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
-# importlib mode leaves sys.path alone.
-sys.path += [
-    str(Path(__file__).parents[2] / name)
-    for name in ("play", "policy", "hardware/imu", "hardware/play", "frontends/dds")
-]
-
 import pytest
 from play_fixtures import folder, make_robot, quick, run
 
@@ -23,10 +12,10 @@ __all__ = ["folder", "make_robot", "quick", "run"]
 
 
 @pytest.fixture
-def calibrate(folder: Path) -> Callable[..., None]:
+def calibrate(folder):
     """Write a calibration of the Lite; by default it says that all motors' zeros are the joints'."""
 
-    def write(offset: Callable[[], float] = float, name: str = "calibration.yaml") -> None:
+    def write(offset=float, name="calibration.yaml"):
         motors = {joint.name: joint.motor for joint in load_robot("lite").joints if joint.motor is not None}
         entries = {joint: CalibrationEntry(motor.can_id, motor.direction, offset()) for joint, motor in motors.items()}
         save_calibration(folder / name, entries)
@@ -35,13 +24,13 @@ def calibrate(folder: Path) -> Callable[..., None]:
 
 
 @pytest.fixture
-def emulate(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[VirtualMotors]]:
+def emulate(monkeypatch):
     """Let `play` emulate motors with these options too; the motors that it makes."""
 
-    def replace(**more: Any) -> list[VirtualMotors]:
-        made: list[VirtualMotors] = []
+    def replace(**more):
+        made = []
 
-        def make(*arguments: Any, **options: Any) -> VirtualMotors:
+        def make(*arguments, **options):
             made.append(VirtualMotors(*arguments, **{**options, **more}))
             return made[-1]
 

@@ -1,10 +1,6 @@
 """What a bus does to a policy, and how much of it the delays of the simulation explain."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import pytest
-from result import Result
 
 from humanoid_sim import compare
 from humanoid_sim.cli import run_program
@@ -21,7 +17,7 @@ busy machine the emulated motors fall behind, and a run may be disturbed more th
 """
 
 
-def test_delay_and_sampling_explain_most_of_the_difference(run: Callable[..., Result], folder: Path) -> None:
+def test_delay_and_sampling_explain_most_of_the_difference(run, folder):
     """The bus of 14 motors: a command is 1.1 ms on its way on average, and so is the answer, or the latest report."""
     options = ("--control-frequency", "50", *SCRIPT)
     assert run(*options, "--record", "direct.mcap", record=False).status == 0

@@ -3,14 +3,11 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 from dds_bridge import free_domain
-from result import Result
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
@@ -23,7 +20,7 @@ WALK = "hold 0.5; damp; hold 1; load_a; wait; start_locomotion; hold 100"
 SCRIPT = ("--policy", "lite_tracking", "--allow-script", "--script", WALK)
 
 
-def report(figures: dict[str, Any], what: str) -> None:
+def report(figures, what):
     """Print the figures, for whoever runs the tests with -s, or reads a failure."""
     loop, hardware = figures["loop"], figures["hardware"]
     print(
@@ -35,13 +32,13 @@ def report(figures: dict[str, Any], what: str) -> None:
 
 
 @pytest.fixture
-def seconds(request: pytest.FixtureRequest) -> int:
+def seconds(request):
     """How long a run takes, s; a minute with --complete."""
     return 60 if request.config.getoption("--complete") else 20
 
 
 @pytest.mark.parametrize("robot", ["lite", "lite_sito"])
-def test_runs_at_50_hz_on_one_bus(robot: str, run: Callable[..., Result], seconds: int) -> None:
+def test_runs_at_50_hz_on_one_bus(robot, run, seconds):
     """Of one family, and of two: ten motors that acknowledge each command, and four that acknowledge none."""
     options = ("--hardware", "virtual:minute", "--robot", robot, *SCRIPT, "--duration", str(seconds))
     result = run(*options, *(("--allow-no-timeout",) if robot == "lite_sito" else ()))
@@ -67,9 +64,9 @@ class Stalls:
     missed: list[tuple[float, float, float]]
     """Begin of the tick, its deadline, and when it was over."""
 
-    def unexplained(self) -> list[tuple[float, float, float]]:
+    def unexplained(self):
         """Missed deadlines that were missed by more than the CPUs, one after the other, stood still meanwhile."""
-        stood: list[tuple[float, float]] = []
+        stood = []
         for watcher in self.watchers:
             watcher.terminate()
             lines = watcher.communicate()[0].splitlines()
@@ -82,12 +79,12 @@ class Stalls:
 
 
 @pytest.fixture
-def stalls(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stalls]:
+def stalls(monkeypatch):
     """Watches every CPU, and the loop's deadlines."""
-    missed: list[tuple[float, float, float]] = []
+    missed = []
     skip_missed = Pace._skip_missed
 
-    def noting(pace: Pace, now: float) -> bool:
+    def noting(pace, now):
         deadline = pace._deadline
         has_missed = skip_missed(pace, now)
         if has_missed and deadline is not None:
@@ -110,7 +107,7 @@ def stalls(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stalls]:
                 watcher.stdout.close()
 
 
-def test_runs_at_200_hz_on_two_buses(run: Callable[..., Result], stalls: Stalls, seconds: int) -> None:
+def test_runs_at_200_hz_on_two_buses(run, stalls, seconds):
     """No deadline is missed but where the machine itself stood still; those are reported, and nothing is caught up.
 
     Where a machine is too slow to emulate 14 motors at 200 Hz beside the loop, which the run says, at half of it.
@@ -138,9 +135,7 @@ def test_runs_at_200_hz_on_two_buses(run: Callable[..., Result], stalls: Stalls,
 
 
 @pytest.mark.timeout(400)
-def test_a_dds_bridge_at_full_rate_and_a_client_that_floods_do_not_disturb_the_loop(
-    run: Callable[..., Result], stalls: Stalls, monkeypatch: pytest.MonkeyPatch, seconds: int
-) -> None:
+def test_a_dds_bridge_at_full_rate_and_a_client_that_floods_do_not_disturb_the_loop(run, stalls, monkeypatch, seconds):
     """10 000 samples a second, most of them wrong: all are refused outside the loop's process, and counted."""
     pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
     domain = free_domain()

@@ -1,7 +1,6 @@
 """A policy loaded into a session on emulated motors: nothing is armed by itself, and the swap costs no deadline."""
 
 import json
-from pathlib import Path
 
 import pytest
 from loaded_session import LONG, playing, quit_and_replay
@@ -15,10 +14,8 @@ ATTEMPTS = 3
 """On a machine so busy that other programs come first."""
 
 
-def test_nothing_is_armed_that_was_not_named_and_a_load_misses_no_deadline(
-    folder: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    late: list[float] = []
+def test_nothing_is_armed_that_was_not_named_and_a_load_misses_no_deadline(folder, capfd):
+    late = []
     for attempt in range(ATTEMPTS):
         place = folder / str(attempt)
         place.mkdir()
@@ -28,7 +25,7 @@ def test_nothing_is_armed_that_was_not_named_and_a_load_misses_no_deadline(
     pytest.fail(f"missed deadlines around the loads, s: {late}", pytrace=False)
 
 
-def missed_around_two_loads(folder: Path, capfd: pytest.CaptureFixture[str]) -> list[float]:
+def missed_around_two_loads(folder, capfd):
     """Times of deadlines that were missed around the swaps, s; empty where the loop has no real-time priority."""
     options = ("--hardware", "virtual:loading", "--yes", "--allow-script", "--robot", quick_robot(folder))
     with playing(folder, *options) as session:

@@ -6,12 +6,9 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import pytest
-from result import Document, Result
 
 from humanoid_sim import mode, replay
 from humanoid_sim.cli import run_program
@@ -29,16 +26,13 @@ from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import load_robot
 
-Play = Callable[..., Result]
-Emulate = Callable[..., list[VirtualMotors]]
-
 HARDWARE = ("--hardware", "virtual:play", "--allow-script")
 PLACEHOLDER = ("--policy", "placeholder")
 WALK = "hold 0.1; damp; hold 0.1; load_a; wait; start_locomotion; hold 0.5; damp; hold 0.1"
 
 
 @pytest.mark.slow
-def test_a_walk_up_and_down_over_the_bus(run: Play, quick: str) -> None:
+def test_a_walk_up_and_down_over_the_bus(run, quick):
     result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
     assert (result.status, result.err) == (0, "")
     assert result.modes == ["ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "DAMPING"]
@@ -66,8 +60,8 @@ def test_a_walk_up_and_down_over_the_bus(run: Play, quick: str) -> None:
     assert run_program(replay.main, ["r.mcap"]) == 0
 
 
-def test_a_dry_run_enables_nothing_and_leaves_nothing(run: Play, quick: str, emulate: Emulate) -> None:
-    told: list[str] = []
+def test_a_dry_run_enables_nothing_and_leaves_nothing(run, quick, emulate):
+    told = []
     emulate(told=lambda _, text: told.append(text))
     result = run("--robot", quick, "--hardware", "virtual:dry", "--dry-run", *PLACEHOLDER, record=False)
     assert (result.status, result.err) == (0, "")
@@ -80,7 +74,7 @@ def test_a_dry_run_enables_nothing_and_leaves_nothing(run: Play, quick: str, emu
     assert len([text for text in told if "enabled" in text]) == 14  # so they would have told
 
 
-def test_a_problem_is_in_the_list_and_nothing_is_enabled(run: Play, quick: str, emulate: Emulate) -> None:
+def test_a_problem_is_in_the_list_and_nothing_is_enabled(run, quick, emulate):
     emulate(faults=[parse_fault("silent:left_elbow_pitch", load_robot("lite"))])
     result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
     assert result.status == 2
@@ -93,13 +87,11 @@ def test_a_problem_is_in_the_list_and_nothing_is_enabled(run: Play, quick: str, 
 
 
 @pytest.mark.slow
-def test_a_problem_that_comes_after_the_list_is_one_line(
-    run: Play, quick: str, emulate: Emulate, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_problem_that_comes_after_the_list_is_one_line(run, quick, emulate, monkeypatch):
     """A plug that comes off while the operator reads."""
     motors = emulate()
 
-    def pulled(robot: Any, *arguments: Any) -> bool:
+    def pulled(robot, *arguments):
         robot.prepare()
         motors[0].inject(parse_fault("unplugged:left_elbow_pitch", load_robot("lite")))
         return True
@@ -112,10 +104,10 @@ def test_a_problem_that_comes_after_the_list_is_one_line(
     assert list(result.folder.iterdir()) == []  # the recording of nothing is gone, and its name is free
 
 
-def test_without_an_operators_word_nothing_moves(run: Play, quick: str) -> None:
-    statuses: list[int] = []
+def test_without_an_operators_word_nothing_moves(run, quick):
+    statuses = []
 
-    def operator() -> None:
+    def operator():
         while os.getpid() not in [session.process for session in running_sessions()]:
             time.sleep(0.01)
         time.sleep(0.5)
@@ -150,35 +142,33 @@ class Asked:
 
     question = "Enable the motors of lite on can0, without torque?"
 
-    def __init__(self, *checks: tuple[str, str, str]) -> None:
-        self.accepted: list[str] = []
+    def __init__(self, *checks):
+        self.accepted = []
         self.prepared = 0
         self._checks = checks
 
-    def prepare(self) -> None:
+    def prepare(self):
         self.prepared += 1
 
-    def checks(self) -> list[tuple[str, str, str]]:
+    def checks(self):
         return [*self._checks] or [("question", "left_wrist_yaw", "its firmware 0.5.3.12 is in no document")]
 
-    def unanswered(self) -> list[str]:
+    def unanswered(self):
         return [] if self._checks else ["0.5.3.12"]
 
-    def accept(self, versions: Sequence[str]) -> None:
+    def accept(self, versions):
         self.accepted += versions
 
 
 class Terminal(io.StringIO):
-    def isatty(self) -> bool:
+    def isatty(self):
         return True
 
 
 @pytest.mark.parametrize(
     ("answers", "enables"), [("n\n", False), ("y\nn\n", False), ("y\ny\n", True)], ids=["no", "yes, no", "yes, yes"]
 )
-def test_firmware_that_no_document_mentions_is_asked_about_first(
-    answers: str, enables: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_firmware_that_no_document_mentions_is_asked_about_first(answers, enables, monkeypatch, capsys):
     from rich.console import Console  # noqa: PLC0415
 
     robot = Asked()
@@ -188,7 +178,7 @@ def test_firmware_that_no_document_mentions_is_asked_about_first(
     assert "Drive motors with firmware 0.5.3.12 as if it were the manual's? [y/N]" in capsys.readouterr().out
 
 
-def test_a_dry_run_says_that_a_question_is_open(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_dry_run_says_that_a_question_is_open(capsys):
     from rich.console import Console  # noqa: PLC0415
 
     assert not run_module.bring_up(Asked(), PlayConfig(hardware="can0", dry_run=True), Console(width=120))
@@ -197,7 +187,7 @@ def test_a_dry_run_says_that_a_question_is_open(capsys: pytest.CaptureFixture[st
     assert "verdict: not ready: nobody knows firmware 0.5.3.12; if you do, add --accept-firmware" in out
 
 
-def test_yes_does_not_answer_for_firmware_that_nobody_knows() -> None:
+def test_yes_does_not_answer_for_firmware_that_nobody_knows():
     from rich.console import Console  # noqa: PLC0415
 
     with pytest.raises(InputError, match=r"^--accept-firmware: is needed for 0\.5\.3\.12, which no document mentions"):
@@ -205,9 +195,7 @@ def test_yes_does_not_answer_for_firmware_that_nobody_knows() -> None:
 
 
 @pytest.mark.parametrize(("answer", "enables"), [("", False), ("n", False), ("yes", True)])
-def test_real_motors_are_enabled_on_a_yes_only(
-    answer: str, enables: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_real_motors_are_enabled_on_a_yes_only(answer, enables, monkeypatch, capsys):
     from rich.console import Console  # noqa: PLC0415
 
     robot = Asked(("ok", "left_elbow_pitch", "motor 14"), ("warning", "can0", "no active reports"))
@@ -218,7 +206,7 @@ def test_real_motors_are_enabled_on_a_yes_only(
     assert out.index("warning can0  no active reports") < out.index("Enable the motors of lite on can0")
 
 
-def test_where_nobody_can_be_asked_a_yes_must_be_given(run: Play, quick: str, calibrate: Callable[..., None]) -> None:
+def test_where_nobody_can_be_asked_a_yes_must_be_given(run, quick, calibrate):
     calibrate(lambda: 0.1)
     without = ("--no-gamepad", *PLACEHOLDER)
     result = run("--robot", quick, "--hardware", "can7", *without, record=False)
@@ -232,7 +220,7 @@ def test_where_nobody_can_be_asked_a_yes_must_be_given(run: Play, quick: str, ca
     assert "can7" in next(line for line in result.out.splitlines() if line.startswith("problem"))
 
 
-def test_a_channel_that_another_session_drives_is_refused(run: Play, quick: str) -> None:
+def test_a_channel_that_another_session_drives_is_refused(run, quick):
     with ChannelLock(parse_address("virtual:play")):
         result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
     assert result.status == 2
@@ -240,14 +228,14 @@ def test_a_channel_that_another_session_drives_is_refused(run: Play, quick: str)
     assert result.err == "error: lite: not enabled, 1 problem\n"
 
 
-def test_the_verdict_of_a_dry_run_that_finds_a_problem(run: Play, quick: str) -> None:
+def test_the_verdict_of_a_dry_run_that_finds_a_problem(run, quick):
     with ChannelLock(parse_address("virtual:play")):
         result = run("--robot", quick, "--hardware", "virtual:play", "--dry-run", *PLACEHOLDER, record=False)
     assert result.status == 2
     assert result.out.endswith("verdict: not ready: virtual:play\n")
 
 
-def test_the_verdict_of_a_dry_run_that_finds_something_to_read(run: Play, quick: str, emulate: Emulate) -> None:
+def test_the_verdict_of_a_dry_run_that_finds_something_to_read(run, quick, emulate):
     emulate(settings=EmulationSettings(firmware={"left_elbow_pitch": "0.0.2.6"}))
     result = run("--robot", quick, "--hardware", "virtual:play", "--dry-run", *PLACEHOLDER, record=False)
     assert result.status == 0
@@ -255,9 +243,7 @@ def test_the_verdict_of_a_dry_run_that_finds_something_to_read(run: Play, quick:
 
 
 @pytest.mark.slow
-def test_emulated_motors_are_assembled_as_the_calibration_says(
-    run: Play, quick: str, calibrate: Callable[..., None]
-) -> None:
+def test_emulated_motors_are_assembled_as_the_calibration_says(run, quick, calibrate):
     draw = np.random.default_rng(5)
     calibrate(lambda: draw.uniform(-3.0, 3.0), "mine.yaml")
     options = ("--hardware", "virtual:a,virtual:b", "--allow-script", "--calibration", "mine.yaml")
@@ -268,10 +254,8 @@ def test_emulated_motors_are_assembled_as_the_calibration_says(
     assert np.abs(result.ticks[0].input.state.joint_position - expected).max() < 0.01
 
 
-def test_gains_that_the_motors_cannot_be_told_are_refused_before_anything_is_opened(
-    run: Play, make_robot: Callable[..., str]
-) -> None:
-    def stiff(document: Document) -> None:
+def test_gains_that_the_motors_cannot_be_told_are_refused_before_anything_is_opened(run, make_robot):
+    def stiff(document):
         for joint in document["joints"]:
             joint["stiffness"] = 600.0
 
@@ -282,12 +266,10 @@ def test_gains_that_the_motors_cannot_be_told_are_refused_before_anything_is_ope
 
 
 @pytest.mark.slow
-def test_a_fault_on_the_bus_damps_and_the_summary_has_it(
-    run: Play, quick: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fault_on_the_bus_damps_and_the_summary_has_it(run, quick, monkeypatch):
     lite = load_robot("lite")
 
-    def with_fault(*arguments: Any, **options: Any) -> VirtualMotors:
+    def with_fault(*arguments, **options):
         motors = VirtualMotors(*arguments, **options)
         timer = threading.Timer(3.0, lambda: motors.inject(parse_fault("silent:right_wrist_yaw", lite)))
         timer.daemon = True

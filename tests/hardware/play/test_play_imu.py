@@ -1,30 +1,25 @@
 """An IMU on a serial line beside emulated motors."""
 
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import models
 import pytest
 from emulated_imu import EmulatedImu
-from result import Result
 
 from humanoid_sim.messages import SafetyFlag
 from humanoid_sim.robots.description import load_robot
-
-Play = Callable[..., Result]
 
 HARDWARE = ("--hardware", "virtual:imu", "--allow-script", "--policy", "placeholder")
 
 
 @pytest.fixture
-def device() -> Iterator[EmulatedImu]:
+def device():
     emulated = EmulatedImu()
     yield emulated
     emulated.close()
 
 
-def test_what_it_feels_is_the_robots_state(run: Play, quick: str, device: EmulatedImu) -> None:
+def test_what_it_feels_is_the_robots_state(run, quick, device):
     device.rate = (0.1, 0.2, 0.3)
     result = run("--robot", quick, *HARDWARE, "--imu", f"microstrain:{device.port}", "--script", "hold 0.2")
     assert result.status == 0
@@ -34,8 +29,8 @@ def test_what_it_feels_is_the_robots_state(run: Play, quick: str, device: Emulat
 
 
 @pytest.mark.slow
-def test_one_that_goes_silent_is_a_fault(run: Play, quick: str, device: EmulatedImu) -> None:
-    def fall_silent(data: bytes) -> bytes:
+def test_one_that_goes_silent_is_a_fault(run, quick, device):
+    def fall_silent(data):
         if time.monotonic() > began + 2.0:
             device.mute = True
         return data
@@ -51,15 +46,13 @@ def test_one_that_goes_silent_is_a_fault(run: Play, quick: str, device: Emulated
     assert "STANDBY" not in result.modes
 
 
-def test_one_that_is_not_there_is_a_problem_in_the_list(run: Play, quick: str) -> None:
+def test_one_that_is_not_there_is_a_problem_in_the_list(run, quick):
     result = run("--robot", quick, *HARDWARE, "--imu", "microstrain:/dev/nowhere", "--script", "damp")
     assert result.status == 2
     assert "problem imu  /dev/nowhere: the IMU's port cannot be opened" in result.out
 
 
-def test_a_policy_that_observes_one_is_refused_without(
-    run: Play, quick: str, folder: Path, calibrate: Callable[[], None]
-) -> None:
+def test_a_policy_that_observes_one_is_refused_without(run, quick, folder, calibrate):
     lite = load_robot("lite")
     names = lite.joint_names
     contract = models.contract(

@@ -4,7 +4,6 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,7 +12,6 @@ import onnx
 import pytest
 from models import linear_model
 from pressing import KEY, press_in_standby, pressing_pose
-from result import Result
 
 from humanoid_sim import piano, replay
 from humanoid_sim.cli import run_program
@@ -34,7 +32,7 @@ policy_dt: 0.02
 """Of a policy that holds the pose, whatever it sees."""
 
 
-def holding(folder: Path) -> tuple[str, ...]:
+def holding(folder):
     """Options of `play` for that policy, and a song that asks for the key all the time."""
     lite = load_robot("lite_piano")
     standby = lite.standby_controller_a
@@ -52,9 +50,7 @@ def holding(folder: Path) -> tuple[str, ...]:
 
 
 @pytest.mark.slow
-def test_a_policy_hears_the_keys_that_it_presses_on_emulated_motors(
-    run: Callable[..., Result], make_robot: Callable[..., str], folder: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_policy_hears_the_keys_that_it_presses_on_emulated_motors(run, make_robot, folder, capfd):
     walk = "hold 0.3; damp; hold 0.1; load_a; wait; hold 0.5; start_locomotion; hold 2; damp; hold 0.1"
     robot = make_robot("lite_piano", change=press_in_standby)
     hardware = ("--hardware", "virtual:piano", "--allow-script", "--script", walk, "--midi", "virtual")
@@ -98,8 +94,6 @@ def test_a_policy_hears_the_keys_that_it_presses_on_emulated_motors(
         ),
     ],
 )
-def test_an_emulated_keyboard_needs_an_emulated_piano(
-    run: Callable[..., Result], options: tuple[str, ...], problem: str
-) -> None:
+def test_an_emulated_keyboard_needs_an_emulated_piano(run, options, problem):
     refused = run(*options, "--policy", "placeholder", record=False)
     assert (refused.status, refused.err) == (2, f"error: {problem}\n")

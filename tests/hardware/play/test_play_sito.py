@@ -1,15 +1,11 @@
 """`play --hardware` on a robot with motors of two families, in every mode."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
-from result import Result
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
 
-Play = Callable[..., Result]
 HARDWARE = ("--hardware", "virtual:play-sito", "--policy", "placeholder")
 WALK = (
     "hold 0.1; damp; hold 0.1; load_a; wait; start_locomotion; hold 0.5; damp; hold 0.1; "
@@ -17,9 +13,7 @@ WALK = (
 )
 
 
-def test_it_is_refused_unless_the_operator_accepts_motors_that_nothing_stops(
-    run: Play, make_robot: Callable[..., str]
-) -> None:
+def test_it_is_refused_unless_the_operator_accepts_motors_that_nothing_stops(run, make_robot):
     result = run("--robot", make_robot("lite_sito"), *HARDWARE)
     assert result.status == 2
     assert result.err.startswith("error: lite_sito: motors that execute their last command for ever when this program")
@@ -27,7 +21,7 @@ def test_it_is_refused_unless_the_operator_accepts_motors_that_nothing_stops(
 
 
 @pytest.mark.slow
-def test_all_modes(run: Play, make_robot: Callable[..., str]) -> None:
+def test_all_modes(run, make_robot):
     options = ("--allow-no-timeout", "--allow-script", "--remote", "gravity", "--script", WALK)
     result = run("--robot", make_robot("lite_sito"), *HARDWARE, *options)
     assert (result.status, result.err) == (0, "")

@@ -6,13 +6,10 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
-from result import Document
 from waiting import until
 
 from humanoid_sim import record, replay
@@ -34,21 +31,21 @@ SLACK = 0.05
 class Told:
     """What the motors tell, with the time of this process."""
 
-    def __init__(self) -> None:
-        self.lines: list[tuple[float, str]] = []
+    def __init__(self):
+        self.lines = []
 
-    def __call__(self, _: float, text: str) -> None:
+    def __call__(self, _, text):
         self.lines.append((time.monotonic(), text))
 
-    def times_of(self, text: str, after: float = 0.0) -> list[float]:
+    def times_of(self, text, after=0.0):
         return [at for at, line in self.lines if at >= after and line.endswith(f": {text}")]
 
 
 @pytest.fixture
-def robot(make_robot: Callable[..., str]) -> str:
+def robot(make_robot):
     """Stands with its arms stretched out to the sides, from where they fall furthest."""
 
-    def stretch(document: Document) -> None:
+    def stretch(document):
         for pose in ("a", "b"):
             document[f"standby_controller_{pose}"]["pose_segments"] = [[0.0] * 14, [0.0] * 14]
             document[f"standby_controller_{pose}"]["segment_durations"] = [1.0, 0.2]
@@ -57,14 +54,14 @@ def robot(make_robot: Callable[..., str]) -> str:
 
 
 @pytest.fixture
-def channel(calibrate: Callable[[], None]) -> str:
+def channel(calibrate):
     """A multicast group that no other test uses, and a calibration beside it."""
     calibrate()
     return f"udp_multicast:239.74.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
 
 
 @contextmanager
-def playing(robot: str, channel: str, folder: Path, record: str = "r.mcap") -> Iterator[subprocess.Popen[str]]:
+def playing(robot, channel, folder, record="r.mcap"):
     script = "damp; hold 0.3; load_a; wait; start_locomotion; hold 100"
     options = ("--robot", robot, "--hardware", channel, "--yes", "--allow-script", "--script", script)
     output = ("--policy", "placeholder", "--viewer", "none", "--record", record, "--overwrite")
@@ -82,7 +79,7 @@ def playing(robot: str, channel: str, folder: Path, record: str = "r.mcap") -> I
 
 
 @contextmanager
-def emulated(robot: str, channel: str, told: Told) -> Iterator[VirtualMotors]:
+def emulated(robot, channel, told):
     """Motors that other programs on this computer do not hold up."""
     with punctual_threads(behind=10):
         motors = VirtualMotors(load_robot(robot), [channel], told=told)
@@ -90,9 +87,8 @@ def emulated(robot: str, channel: str, told: Told) -> Iterator[VirtualMotors]:
         yield motors
 
 
-def wait_for(process: subprocess.Popen[str], text: str) -> None:
+def wait_for(process, text):
     seen = ""
-    assert process.stdout is not None
     for line in process.stdout:
         seen += line
         if text in line:
@@ -100,9 +96,7 @@ def wait_for(process: subprocess.Popen[str], text: str) -> None:
     raise AssertionError(f"{text!r} never came:\n{seen}")
 
 
-def test_motors_whose_host_is_killed_stop_by_themselves_and_the_arms_sink(
-    robot: str, channel: str, folder: Path
-) -> None:
+def test_motors_whose_host_is_killed_stop_by_themselves_and_the_arms_sink(robot, channel, folder):
     told = Told()
     with emulated(robot, channel, told) as motors:
         with playing(robot, channel, folder) as process:
@@ -131,9 +125,7 @@ def test_motors_whose_host_is_killed_stop_by_themselves_and_the_arms_sink(
     assert run_program(record.main, ["recover", str(folder / "r.mcap")]) == 0
 
 
-def test_the_second_of_two_sessions_on_one_channel_refuses_and_the_first_goes_on(
-    robot: str, channel: str, folder: Path
-) -> None:
+def test_the_second_of_two_sessions_on_one_channel_refuses_and_the_first_goes_on(robot, channel, folder):
     told = Told()
     with emulated(robot, channel, told) as motors, playing(robot, channel, folder) as first:
         wait_for(first, "STANDBY → LOCOMOTION")

@@ -3,16 +3,13 @@
 import os
 import threading
 import time
-from collections.abc import Callable
 
 import pytest
-from result import Result
 
 from humanoid_sim import mode, replay
 from humanoid_sim.cli import run_program
 from humanoid_sim.client import running_sessions
 from humanoid_sim.hardware.emulation.faults import parse_fault
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.messages import Mode
 from humanoid_sim.robots.description import load_robot
 
@@ -25,18 +22,16 @@ FAULTS = {
 }
 
 
-def send(word: str) -> int:
+def send(word):
     return run_program(mode.main, [word])
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_reactivate_leads_back_to_motion(
-    run: Callable[..., Result], quick: str, fault: str, emulate: Callable[[], list[VirtualMotors]]
-) -> None:
+def test_reactivate_leads_back_to_motion(run, quick, fault, emulate):
     motors = emulate()
-    answers: list[tuple[str, int]] = []
+    answers = []
 
-    def operator() -> None:
+    def operator():
         while os.getpid() not in [session.process for session in running_sessions()]:
             time.sleep(0.01)
         steps = ["damp", "load_a", 1.0, "fault", 0.5, "load_a", "mend", 0.3, "reactivate", "damp", "load_a", 3.0]
@@ -66,13 +61,11 @@ def test_reactivate_leads_back_to_motion(
     assert run_program(replay.main, ["r.mcap"]) == 0
 
 
-def test_a_reactivation_that_fails_says_all_of_it_and_replays(
-    run: Callable[..., Result], quick: str, emulate: Callable[[], list[VirtualMotors]]
-) -> None:
+def test_a_reactivation_that_fails_says_all_of_it_and_replays(run, quick, emulate):
     motors = emulate()
-    answers: list[int] = []
+    answers = []
 
-    def operator() -> None:
+    def operator():
         while os.getpid() not in [session.process for session in running_sessions()]:
             time.sleep(0.01)
         answers.append(send("damp"))

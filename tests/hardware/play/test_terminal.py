@@ -6,8 +6,6 @@ import select
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -21,11 +19,11 @@ pytestmark = pytest.mark.slow
 class Terminal:
     """The far end of a pseudo terminal."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.master, self.slave = pty.openpty()
         self.seen = ""
 
-    def wait_for(self, text: str, seconds: float = 30.0) -> None:
+    def wait_for(self, text, seconds=30.0):
         """Read until a text comes after what was waited for before."""
         deadline = time.monotonic() + seconds
         while text not in self.seen:
@@ -34,19 +32,19 @@ class Terminal:
                 self.seen += os.read(self.master, 4096).decode(errors="replace")
         self.seen = self.seen.partition(text)[2]
 
-    def type(self, text: str) -> None:
+    def type(self, text):
         os.write(self.master, text.encode())
 
-    def close(self) -> None:
+    def close(self):
         os.close(self.master)
         os.close(self.slave)
 
 
 @pytest.mark.parametrize("answer", ["y", "n"])
-def test_an_operator_is_asked_and_drives(answer: str, quick: str, folder: Path, calibrate: Callable[[], None]) -> None:
+def test_an_operator_is_asked_and_drives(answer, quick, folder, calibrate):
     calibrate()
     channel = f"udp_multicast:239.75.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
-    told: list[str] = []
+    told = []
     with punctual_threads(behind=10):
         motors = VirtualMotors(load_robot(quick), [channel], told=lambda _, text: told.append(text))
     terminal = Terminal()

@@ -14,13 +14,11 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from result import Document
 from wire import Listener
 
 from humanoid_sim import replay
@@ -45,7 +43,7 @@ CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 """What steers a terminal."""
 
 
-def own_terminal() -> None:
+def own_terminal():
     """The child's standard input becomes the terminal that controls it, as a shell in a window has it."""
     os.setsid()
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
@@ -68,14 +66,14 @@ class Operator:
     _raw: str = ""
     before: list = field(default_factory=list)
 
-    def wait_for(self, text: str, seconds: float = 30.0) -> None:
+    def wait_for(self, text, seconds=30.0):
         deadline = time.monotonic() + seconds
         while text not in self.seen:
             assert time.monotonic() < deadline, f"{text!r} never came; the end: {self.seen[-1000:]}"
             self._read(0.05)
         self.seen = self.seen.partition(text)[2]
 
-    def _read(self, timeout: float) -> None:
+    def _read(self, timeout):
         if select.select([self.master], [], [], timeout)[0]:
             self._raw += os.read(self.master, 4096).decode(errors="replace")
             whole, escape, rest = self._raw.rpartition("\x1b")  # what a read cut in two waits for its other half
@@ -83,12 +81,12 @@ class Operator:
             self._raw = self._raw[len(done) :]
             self.seen += CONTROL.sub("", done)
 
-    def type(self, key: str) -> float:
+    def type(self, key):
         """Press a key; when."""
         os.write(self.master, key.encode())
         return time.monotonic()
 
-    def stands(self) -> None:
+    def stands(self):
         """Walk to the standby pose, whose arms the motors hold up."""
         self.wait_for("started")
         self.type("d")
@@ -97,7 +95,7 @@ class Operator:
         self.wait_for("LOAD_A requested")
         time.sleep(0.8)
 
-    def end(self, seconds: float = 20.0) -> int:
+    def end(self, seconds=20.0):
         """Read what is still printed until the process has ended; its status."""
         deadline = time.monotonic() + seconds
         while self.process.poll() is None:
@@ -106,13 +104,13 @@ class Operator:
         return self.process.returncode
 
     @property
-    def attributes(self) -> list:
+    def attributes(self):
         return termios.tcgetattr(self.slave)
 
-    def told(self, what: str, moment: float) -> None:
+    def told(self, what, moment):
         print(f"\n{what}\n{self.listener.table(moment)}")
 
-    def recorded(self) -> tuple[list[Mode], list[str], bool]:
+    def recorded(self):
         """The modes and events of the recording, and whether it is complete; it must replay."""
         recording = open_recording(self.folder / "r.mcap")
         entries = list(recording.entries())
@@ -123,10 +121,10 @@ class Operator:
 
 
 @pytest.fixture
-def stretched(make_robot: Callable[..., str]) -> str:
+def stretched(make_robot):
     """Stands with its arms stretched out to the sides."""
 
-    def stretch(document: Document) -> None:
+    def stretch(document):
         for pose in ("a", "b"):
             document[f"standby_controller_{pose}"]["pose_segments"] = [[0.0] * 14, [0.0] * 14]
             document[f"standby_controller_{pose}"]["segment_durations"] = [0.4, 0.2]
@@ -135,13 +133,13 @@ def stretched(make_robot: Callable[..., str]) -> str:
 
 
 @pytest.fixture
-def operator(stretched: str, folder: Path) -> Iterator[Operator]:
+def operator(stretched, folder):
     with standing(stretched, folder) as found:
         yield found
 
 
 @contextmanager
-def standing(robot: str, folder: Path, environment: dict[str, str] | None = None) -> Iterator[Operator]:
+def standing(robot, folder, environment=None):
     channel = f"udp_multicast:239.76.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
     with punctual_threads(behind=10):
         motors = VirtualMotors(load_robot(robot), [channel])
@@ -169,7 +167,7 @@ def standing(robot: str, folder: Path, environment: dict[str, str] | None = None
         os.close(operator.master)
 
 
-def ends_through_damping(operator: Operator, moment: float, *, within: float = TICK + SLACK) -> None:
+def ends_through_damping(operator, moment, *, within=TICK + SLACK):
     """No motor is driven any more after a tick; all are damped every tick until they rest, and then stopped."""
     listener = operator.listener
     listener.settle()
@@ -186,7 +184,7 @@ def ends_through_damping(operator: Operator, moment: float, *, within: float = T
     assert longest_gap(operator, moment) < CAN_TIMEOUT
 
 
-def longest_gap(operator: Operator, moment: float) -> float:
+def longest_gap(operator, moment):
     """s at most that a motor was without a frame, from the last before the moment until it was told to stop."""
     heard = operator.listener.frames
     gaps = []
@@ -199,17 +197,17 @@ def longest_gap(operator: Operator, moment: float) -> float:
     return max(gaps)
 
 
-def _signal(number: signal.Signals) -> Callable[[Operator], int]:
+def _signal(number):
     """What sends it; the exit status of a run that it ends."""
 
-    def send(operator: Operator) -> int:
+    def send(operator):
         operator.process.send_signal(number)
         return 128 + number
 
     return send
 
 
-def _quit(operator: Operator) -> int:
+def _quit(operator):
     """While the arms still fall."""
     operator.type("d")
     operator.wait_for("STANDBY → DAMPING")
@@ -217,7 +215,7 @@ def _quit(operator: Operator) -> int:
     return 0
 
 
-def _fault(operator: Operator) -> int:
+def _fault(operator):
     """A motor reports a fault; the session damps, and goes on until somebody ends it."""
     operator.motors.inject(Fault("over_temperature", ("left_elbow_pitch",), start=operator.motors.time))
     operator.wait_for("STANDBY → DAMPING")
@@ -231,9 +229,7 @@ def _fault(operator: Operator) -> int:
     [_signal(signal.SIGINT), _signal(signal.SIGTERM), _quit, _fault],
     ids=["SIGINT", "SIGTERM", "QUIT", "a motor's fault"],
 )
-def test_no_motor_waits_for_its_timeout_while_it_is_damped_until_it_is_told_to_stop(
-    operator: Operator, end: Callable[[Operator], int], request: pytest.FixtureRequest
-) -> None:
+def test_no_motor_waits_for_its_timeout_while_it_is_damped_until_it_is_told_to_stop(operator, end, request):
     """SIGQUIT and SIGHUP: below, with the terminal."""
     moment = time.monotonic()
     expected = end(operator)
@@ -246,7 +242,7 @@ def test_no_motor_waits_for_its_timeout_while_it_is_damped_until_it_is_told_to_s
     assert gap < CAN_TIMEOUT
 
 
-def test_ctrl_backslash_ends_the_run_through_damping(operator: Operator) -> None:
+def test_ctrl_backslash_ends_the_run_through_damping(operator):
     moment = operator.type("\x1c")
     assert operator.end() == 128 + signal.SIGQUIT
     operator.told("Ctrl-\\", moment)
@@ -258,7 +254,7 @@ def test_ctrl_backslash_ends_the_run_through_damping(operator: Operator) -> None
     assert is_complete
 
 
-def test_ctrl_z_damps_and_the_session_goes_on(operator: Operator) -> None:
+def test_ctrl_z_damps_and_the_session_goes_on(operator):
     moment = operator.type("\x1a")
     operator.wait_for("a process that holds motors is not")
     time.sleep(1.0)
@@ -277,7 +273,7 @@ def test_ctrl_z_damps_and_the_session_goes_on(operator: Operator) -> None:
     assert operator.recorded()[2]
 
 
-def test_a_forced_stop_that_ends_begins_in_damping(operator: Operator) -> None:
+def test_a_forced_stop_that_ends_begins_in_damping(operator):
     operator.process.send_signal(signal.SIGSTOP)
     stopped = time.monotonic()
     time.sleep(1.0)
@@ -303,7 +299,7 @@ def test_a_forced_stop_that_ends_begins_in_damping(operator: Operator) -> None:
     assert any("stood still" in event for event in events)
 
 
-def test_a_killed_process_sends_nothing_more_and_its_terminal_is_the_shells_to_restore(operator: Operator) -> None:
+def test_a_killed_process_sends_nothing_more_and_its_terminal_is_the_shells_to_restore(operator):
     operator.process.kill()
     moment = time.monotonic()
     assert operator.end() == -signal.SIGKILL
@@ -315,7 +311,7 @@ def test_a_killed_process_sends_nothing_more_and_its_terminal_is_the_shells_to_r
     assert not is_complete
 
 
-def test_a_closed_terminal_ends_the_run_through_damping(operator: Operator) -> None:
+def test_a_closed_terminal_ends_the_run_through_damping(operator):
     os.close(operator.slave)
     os.close(operator.master)
     moment = time.monotonic()
@@ -329,7 +325,7 @@ def test_a_closed_terminal_ends_the_run_through_damping(operator: Operator) -> N
     assert is_complete
 
 
-def test_a_lost_display_changes_nothing(stretched: str, folder: Path) -> None:
+def test_a_lost_display_changes_nothing(stretched, folder):
     display, number = os.pipe()
     with subprocess.Popen(
         ["Xvfb", "-displayfd", str(number), "-screen", "0", "320x240x24"], pass_fds=[number], stderr=subprocess.DEVNULL

@@ -1,7 +1,6 @@
 """Laws of the codec: round trips within a step, and a decoder that nothing upsets."""
 
 from dataclasses import fields
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +23,7 @@ from humanoid_sim.hardware.robstride.fields import (
     join_identifier,
 )
 from humanoid_sim.hardware.robstride.replies import decode_reply, encode_reply
-from humanoid_sim.robots.motors import MOTORS, MotorModel
+from humanoid_sim.robots.motors import MOTORS
 
 _HOST = 0xFD
 
@@ -70,21 +69,19 @@ _frames = st.builds(
 
 
 @given(_plain_commands, _models)
-def test_commands_survive_the_bus(command: messages.Command, model: MotorModel) -> None:
+def test_commands_survive_the_bus(command, model):
     assert decode_command(encode_command(command, model), command.motor_id, model) == command
 
 
 @given(_plain_replies, _models)
-def test_replies_survive_the_bus(reply: messages.Reply, model: MotorModel) -> None:
+def test_replies_survive_the_bus(reply, model):
     host = getattr(reply, "host_id", _HOST)
     frame = encode_reply(reply, model)
     assert decode_reply(frame, {reply.motor_id: model}, host) == reply
 
 
 @given(_models, _motor_ids, st.tuples(_fractions, _fractions, _fractions, _gains, _gains), st.sampled_from(Scale))
-def test_operation_control_loses_less_than_a_step(
-    model: MotorModel, motor_id: int, shares: tuple[float, ...], scale: Scale
-) -> None:
+def test_operation_control_loses_less_than_a_step(model, motor_id, shares, scale):
     limits = [model.position, model.velocity, model.effort, model.stiffness, model.damping]
     sent = messages.OperationControl(motor_id, *(share * limit for share, limit in zip(shares, limits, strict=True)))
     read = decode_command(encode_command(sent, model, scale=scale), motor_id, model, scale=scale)
@@ -96,9 +93,7 @@ def test_operation_control_loses_less_than_a_step(
 
 
 @given(_models, _motor_ids, st.lists(st.floats(-1e300, 1e300), min_size=5, max_size=5))
-def test_any_finite_command_has_a_frame_and_both_encoders_agree(
-    model: MotorModel, motor_id: int, values: list[float]
-) -> None:
+def test_any_finite_command_has_a_frame_and_both_encoders_agree(model, motor_id, values):
     frame = encode_command(messages.OperationControl(motor_id, *values), model)
     assert len(frame.data) == 8
     assert OperationControlEncoder([motor_id], [model]).encode(np.array(values)[:, None]).frames == (frame,)
@@ -121,16 +116,7 @@ def test_any_finite_command_has_a_frame_and_both_encoders_agree(
     st.integers(0, 63),
     st.booleans(),
 )
-def test_statuses_lose_less_than_a_step(
-    model: MotorModel,
-    motor_id: int,
-    host: int,
-    shares: tuple[float, float, float],
-    temperature: int,
-    mode: MotorMode,
-    faults: int,
-    is_report: bool,
-) -> None:
+def test_statuses_lose_less_than_a_step(model, motor_id, host, shares, temperature, mode, faults, is_report):
     limits = (model.position, model.velocity, model.effort)
     position, velocity, effort = (share * limit for share, limit in zip(shares, limits, strict=True))
     sent = messages.Status(
@@ -145,7 +131,7 @@ def test_statuses_lose_less_than_a_step(
 
 
 @given(_frames)
-def test_decoding_never_raises_and_never_invents_a_motor(frame: Frame) -> None:
+def test_decoding_never_raises_and_never_invents_a_motor(frame):
     models = {11: MOTORS["rs-02"], 127: MOTORS["rs-05"]}
     reply = decode_reply(frame, models, _HOST)
     if isinstance(reply, messages.Status | messages.FaultReport | messages.ParameterReply | messages.Version):
@@ -170,7 +156,7 @@ def test_decoding_never_raises_and_never_invents_a_motor(frame: Frame) -> None:
         (8, _HOST, messages.Ignored(messages.IgnoredReason.UNKNOWN_TYPE, 11)),
     ],
 )
-def test_who_a_frame_concerns(kind: int, destination: int, expected: messages.Ignored) -> None:
+def test_who_a_frame_concerns(kind, destination, expected):
     models = {11: MOTORS["rs-02"], 12: MOTORS["rs-02"]}
     assert decode_reply(Frame(join_identifier(kind, 0, 11, destination), bytes(8)), models, _HOST) == expected
 
@@ -186,19 +172,19 @@ def test_who_a_frame_concerns(kind: int, destination: int, expected: messages.Ig
         (messages.WriteParameter(1, 0x7005, b"\0"), "WriteParameter.payload: has 1 bytes, expected 4"),
     ],
 )
-def test_commands_that_have_no_frame(command: messages.Command, message: str) -> None:
+def test_commands_that_have_no_frame(command, message):
     with pytest.raises(FieldError) as raised:
         encode_command(command, MOTORS["rs-02"])
     assert str(raised.value) == message
 
 
-def test_the_bus_encoder_refuses_an_id_that_is_none() -> None:
+def test_the_bus_encoder_refuses_an_id_that_is_none():
     with pytest.raises(FieldError, match="is 128, expected 1 to 127"):
         OperationControlEncoder([128], [MOTORS["rs-02"]])
 
 
-def test_settings_that_do_not_exist_are_malformed_on_the_motor() -> None:
-    def told(kind: FrameType, setting: int) -> Any:
+def test_settings_that_do_not_exist_are_malformed_on_the_motor():
+    def told(kind, setting):
         return decode_command(
             Frame(join_identifier(kind, 0, _HOST, 5), bytes([1, 2, 3, 4, 5, 6, setting, 0])), 5, model
         )

@@ -24,9 +24,7 @@ from humanoid_sim.robots.motors import MOTORS, POSITION_RANGE
         ("rs-06", "0.0.0.0", POSITION_RANGE, 1.0, True, False),
     ],
 )
-def test_what_a_version_means(
-    model: str, version: str, position_range: float, gain_factor: float, has_reports: bool, as_status: bool
-) -> None:
+def test_what_a_version_means(model, version, position_range, gain_factor, has_reports, as_status):
     firmware = firmware_of(MOTORS[model], parse_version(version))
     assert firmware.position_range == position_range
     assert firmware.gain_factor == gain_factor
@@ -36,6 +34,6 @@ def test_what_a_version_means(
 
 
 @pytest.mark.parametrize("text", ["", "0.2.3", "0.2.3.x", "0.2.3.256", "0.2.3.6.1", "-1.2.3.4", "²...0"])
-def test_texts_that_are_no_version(text: str) -> None:
+def test_texts_that_are_no_version(text):
     with pytest.raises(InputError, match="expected four numbers of 0 to 255"):
         parse_version(text)

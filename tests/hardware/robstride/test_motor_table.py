@@ -9,13 +9,7 @@ from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.motors import MotorGroup
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.commands import encode_command
-from humanoid_sim.hardware.robstride.fields import (
-    FaultBit,
-    MotorMode,
-    StatusFault,
-    WarningBit,
-    join_identifier,
-)
+from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit, join_identifier
 from humanoid_sim.hardware.robstride.motor_table import MotorTable
 from humanoid_sim.hardware.robstride.replies import encode_reply
 from humanoid_sim.robots.description import load_robot
@@ -37,33 +31,26 @@ PAIR = MotorGroup(
 
 
 @pytest.fixture
-def table() -> MotorTable:
+def table():
     return MotorTable(PAIR, HOST, 2)
 
 
-def _status(
-    motor_id: int = 11,
-    host: int = HOST,
-    position: float = 1.0,
-    mode: MotorMode = MotorMode.RUN,
-    faults: StatusFault = NOTHING,
-    is_report: bool = False,
-) -> messages.Status:
+def _status(motor_id=11, host=HOST, position=1.0, mode=MotorMode.RUN, faults=NOTHING, is_report=False):
     return messages.Status(motor_id, host, position, -2.0, 3.0, 36.5, mode, faults, is_report)
 
 
-def _tell(table: MotorTable, reply: messages.Reply, time: float = 1.0, channel: int = 0) -> None:
+def _tell(table, reply, time=1.0, channel=0):
     table.receive(channel, encode_reply(reply, RS02), time)
 
 
-def _is_unheard(table: MotorTable) -> bool:
+def _is_unheard(table):
     readings = table.readings()
     arrays = (readings.time, readings.position, readings.velocity, readings.effort, readings.temperature)
     return all(bool(np.isnan(array).all()) for array in arrays)
 
 
 @pytest.mark.parametrize("is_report", [False, True])
-def test_a_status_is_decoded_in_the_motors_frame(table: MotorTable, is_report: bool) -> None:
+def test_a_status_is_decoded_in_the_motors_frame(table, is_report):
     _tell(table, _status(is_report=is_report), 4.25)
     readings = table.readings()
     assert readings.time[0] == 4.25
@@ -75,13 +62,13 @@ def test_a_status_is_decoded_in_the_motors_frame(table: MotorTable, is_report: b
     assert (table.slots[0].statuses, table.slots[0].reports) == (1 - is_report, int(is_report))
 
 
-def test_a_raw_zero_is_exactly_zero(table: MotorTable) -> None:
+def test_a_raw_zero_is_exactly_zero(table):
     table.receive(0, Frame(join_identifier(2, 0x80, 11, HOST), b"\x7f\xff\x7f\xff\x7f\xff\0\0"), 1.0)
     readings = table.readings()
     assert (readings.position[0], readings.velocity[0], readings.effort[0]) == (0.0, 0.0, 0.0)
 
 
-def test_only_a_command_can_be_acknowledged(table: MotorTable) -> None:
+def test_only_a_command_can_be_acknowledged(table):
     _tell(table, _status())
     assert table.slots[0].acknowledged == 0
     table.count_commands()
@@ -92,8 +79,8 @@ def test_only_a_command_can_be_acknowledged(table: MotorTable) -> None:
     assert (table.slots[0].commanded, table.slots[0].acknowledged) == (2, 2)
 
 
-def test_a_version_is_never_a_position(table: MotorTable) -> None:
-    answers: list[messages.Reply] = []
+def test_a_version_is_never_a_position(table):
+    answers = []
     _tell(table, messages.Version(11, HOST, (0, 2, 3, 6)))
     table.inbox = lambda _channel, reply, _when: answers.append(reply)
     _tell(table, messages.Version(11, HOST, (0, 2, 3, 6)))
@@ -113,7 +100,7 @@ def test_a_version_is_never_a_position(table: MotorTable) -> None:
         (Frame(join_identifier(0, 0, 11, 0xFE), bytes(3)), "device-id reply with 3 bytes, expected 8"),
     ],
 )
-def test_a_frame_of_a_motor_that_cannot_be_read_is_noted(table: MotorTable, frame: Frame, text: str) -> None:
+def test_a_frame_of_a_motor_that_cannot_be_read_is_noted(table, frame, text):
     table.receive(0, frame, 2.5)
     assert table.slots[0].invalid == (2.5, text)
     assert table.slots[0].invalid_frames == 1
@@ -135,7 +122,7 @@ def test_a_frame_of_a_motor_that_cannot_be_read_is_noted(table: MotorTable, fram
         encode_reply(_status(host=0xAA, is_report=True), RS02),
     ],
 )
-def test_a_strangers_frame_is_counted_and_stops_nothing(table: MotorTable, frame: Frame) -> None:
+def test_a_strangers_frame_is_counted_and_stops_nothing(table, frame):
     table.receive(0, frame, 1.0)
     assert sum(table.channels[0].strangers.values()) == 1
     assert table.channels[0].intrusions == 0
@@ -152,21 +139,21 @@ def test_a_strangers_frame_is_counted_and_stops_nothing(table: MotorTable, frame
         (messages.SetZero(11, host_id=0xFD), "host 0xFD sends 'set zero' to motor 11"),
     ],
 )
-def test_another_master_is_noticed_by_its_commands(table: MotorTable, command: messages.Command, text: str) -> None:
+def test_another_master_is_noticed_by_its_commands(table, command, text):
     table.receive(0, encode_command(command, RS02), 3.0)
     assert table.channels[0].intruder == (3.0, text)
     assert table.channels[0].intrusions == 1
     assert _is_unheard(table)
 
 
-def test_a_motor_of_the_other_channel_is_a_stranger(table: MotorTable) -> None:
+def test_a_motor_of_the_other_channel_is_a_stranger(table):
     _tell(table, _status(motor_id=11), channel=1)
     _tell(table, _status(motor_id=21), channel=0)
     assert _is_unheard(table)
     assert [sum(notes.strangers.values()) for notes in table.channels] == [1, 1]
 
 
-def test_a_fault_between_two_readings_is_kept(table: MotorTable) -> None:
+def test_a_fault_between_two_readings_is_kept(table):
     _tell(table, _status(faults=StatusFault.UNDERVOLTAGE), 1.0)
     _tell(table, _status(), 1.01)
     slot = table.slots[0]
@@ -175,14 +162,14 @@ def test_a_fault_between_two_readings_is_kept(table: MotorTable) -> None:
 
 
 @pytest.mark.parametrize("host", [HOST, 0xFF, 0xFE])
-def test_a_fault_report_counts_whomever_it_was_sent_to(table: MotorTable, host: int) -> None:
+def test_a_fault_report_counts_whomever_it_was_sent_to(table, host):
     _tell(table, messages.FaultReport(11, host, FaultBit.OVERVOLTAGE, WarningBit(0)))
     report = table.slots[0].report
     assert report.faults == FaultBit.OVERVOLTAGE
 
 
-def test_answers_go_to_whoever_asks(table: MotorTable) -> None:
-    answers: list[tuple[int, messages.Reply, float]] = []
+def test_answers_go_to_whoever_asks(table):
+    answers = []
     table.inbox = lambda channel, reply, when: answers.append((channel, reply, when))
     parameter = messages.ParameterReply(11, HOST, 0x7019, b"\0\0\x80\x3f")
     _tell(table, parameter, 1.0)
@@ -196,7 +183,7 @@ def test_answers_go_to_whoever_asks(table: MotorTable) -> None:
 LITE = make_wiring(load_robot("lite"), 2, dict.fromkeys(load_robot("lite").joint_names, 0.0))
 
 
-def _may_be_heard(frame: Frame, channel: int) -> int | None:
+def _may_be_heard(frame, channel):
     """The joint that a frame is a status of, by the protocol's words alone."""
     kind, low, destination = frame.arbitration_id >> 24, frame.arbitration_id >> 8 & 0xFF, frame.arbitration_id & 0xFF
     is_status = frame.is_extended and not frame.is_remote and kind in {2, 24} and len(frame.data) == 8
@@ -208,7 +195,7 @@ def _may_be_heard(frame: Frame, channel: int) -> int | None:
     return None
 
 
-def _check_only_heard_joints_are_known(table: MotorTable, heard: set[int]) -> None:
+def _check_only_heard_joints_are_known(table, heard):
     readings = table.readings()
     known = {int(joint) for joint in np.flatnonzero(np.isfinite(readings.position))}
     assert known == heard
@@ -216,7 +203,7 @@ def _check_only_heard_joints_are_known(table: MotorTable, heard: set[int]) -> No
     assert (np.abs(readings.position[sorted(heard)]) <= 4.0 * math.pi * 1.0001).all()
 
 
-def random_frame(generator: random.Random) -> Frame:
+def random_frame(generator):
     """Like `frames`, millions of times."""
     if generator.random() < 0.2:
         identifier = generator.getrandbits(29)
@@ -231,7 +218,7 @@ def random_frame(generator: random.Random) -> Frame:
     return Frame(identifier, generator.randbytes(length), generator.random() < 0.95, generator.random() < 0.02)
 
 
-def _fuzz(seconds: float, least_frames: int, seed: int) -> int:
+def _fuzz(seconds, least_frames, seed):
     import time  # noqa: PLC0415 - the deadline of the long run
 
     generator = random.Random(seed)
@@ -249,11 +236,11 @@ def _fuzz(seconds: float, least_frames: int, seed: int) -> int:
     return count
 
 
-def test_many_random_frames() -> None:
+def test_many_random_frames():
     assert _fuzz(0.0, 20_000, 1) == 20_000
 
 
 @pytest.mark.slow
-def test_random_frames_for_minutes(fuzzing_seconds: float) -> None:
+def test_random_frames_for_minutes(fuzzing_seconds):
     seed = random.SystemRandom().getrandbits(32)
     print(f"seed {seed}: {_fuzz(fuzzing_seconds, 1, seed)} frames")

@@ -13,7 +13,7 @@ _WHOLE = [kind for kind in parameters.ParameterType if not kind.is_float]
 
 
 @given(st.data())
-def test_whole_numbers_survive(data: st.DataObject) -> None:
+def test_whole_numbers_survive(data):
     kind = data.draw(st.sampled_from(_WHOLE))
     bits, signed = int(kind.name[1:]), kind.name[0] == "I"
     low, high = (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if signed else (0, 2**bits - 1)
@@ -25,7 +25,7 @@ def test_whole_numbers_survive(data: st.DataObject) -> None:
 
 
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False))
-def test_floats_survive(value: float) -> None:
+def test_floats_survive(value):
     assert (
         parameters.unpack_value(
             parameters.ParameterType.F32, parameters.pack_value(parameters.ParameterType.F32, value)
@@ -34,17 +34,17 @@ def test_floats_survive(value: float) -> None:
     )
 
 
-def test_only_the_low_bytes_of_a_small_type_count() -> None:
+def test_only_the_low_bytes_of_a_small_type_count():
     assert parameters.unpack_value(parameters.ParameterType.U8, b"\x05\xff\xff\xff") == 5
     assert math.isnan(parameters.unpack_value(parameters.ParameterType.F32, np.float32(math.nan).tobytes()))
 
 
 @pytest.mark.parametrize("name", ["canTimeout", "cantimeout", "0x7028", "28712"])
-def test_parameters_are_found_by_name_and_index(name: str) -> None:
+def test_parameters_are_found_by_name_and_index(name):
     assert parameters.find_parameter(name).index == 0x7028
 
 
-def test_indices_and_names_are_unique() -> None:
+def test_indices_and_names_are_unique():
     assert len(parameters.PARAMETERS) == len(parameters.PARAMETERS_BY_INDEX) == 29
     assert [p.name for p in parameters.PARAMETERS.values() if not p.is_writable] == [
         "mechPos",
@@ -54,7 +54,7 @@ def test_indices_and_names_are_unique() -> None:
     ]
 
 
-def test_defaults_differ_by_model() -> None:
+def test_defaults_differ_by_model():
     assert parameters.default_value(parameters.PARAMETERS["limit_torque"], "rs-04") == 120.0
     assert parameters.default_value(parameters.PARAMETERS["limit_cur"], "rs-00") == 16.0
     assert parameters.default_value(parameters.PARAMETERS["canTimeout"], "rs-00") == 0
@@ -63,12 +63,12 @@ def test_defaults_differ_by_model() -> None:
         assert parameters.default_value(parameters.PARAMETERS["limit_torque"], model.name) == model.peak_torque
 
 
-def test_the_fault_word_is_elsewhere_on_rs_04() -> None:
+def test_the_fault_word_is_elsewhere_on_rs_04():
     assert parameters.fault_word("rs-04").index == 0x3023
     assert parameters.fault_word("rs-02").index == 0x3022
 
 
-def test_can_timeout_ticks() -> None:
+def test_can_timeout_ticks():
     assert parameters.CanTimeout.to_ticks(0.1) == 2000
     assert parameters.CanTimeout.to_ticks(1.0) == 20000
     assert parameters.CanTimeout.to_ticks(0.0) == 0
@@ -79,12 +79,12 @@ def test_can_timeout_ticks() -> None:
             parameters.CanTimeout.to_ticks(seconds)
 
 
-def test_report_interval() -> None:
+def test_report_interval():
     assert parameters.report_interval(1) == pytest.approx(0.010)
     assert parameters.report_interval(3) == pytest.approx(0.020)
 
 
-def test_every_model_accepts_its_own_defaults_and_its_limits() -> None:
+def test_every_model_accepts_its_own_defaults_and_its_limits():
     for name, motor in MOTORS.items():
         if motor.family != "robstride":
             continue
@@ -101,6 +101,6 @@ def test_every_model_accepts_its_own_defaults_and_its_limits() -> None:
                 parameters.check_value(parameters.PARAMETERS["limit_torque"], value, motor)
 
 
-def test_what_depends_on_the_model_is_the_limits_and_set_points() -> None:
+def test_what_depends_on_the_model_is_the_limits_and_set_points():
     found = [name for name, parameter in parameters.PARAMETERS.items() if parameters.depends_on_model(parameter)]
     assert found == ["iq_ref", "spd_ref", "limit_torque", "limit_spd", "limit_cur"]

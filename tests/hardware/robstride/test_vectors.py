@@ -3,7 +3,6 @@
 import csv
 import math
 from collections import Counter
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -17,9 +16,7 @@ from humanoid_sim.hardware.robstride.commands import OperationControlEncoder, de
 from humanoid_sim.hardware.robstride.fields import Scale, flag_names
 from humanoid_sim.hardware.robstride.parameters import ParameterType, pack_value, unpack_value
 from humanoid_sim.hardware.robstride.replies import decode_reply, encode_reply
-from humanoid_sim.robots.motors import MOTORS, MotorModel
-
-Row = dict[str, str]
+from humanoid_sim.robots.motors import MOTORS
 
 _VECTORS = Path(__file__).parents[2] / "data" / "robstride_vectors.csv"
 _ANY_MODEL = MOTORS["rs-02"]
@@ -27,51 +24,41 @@ _HOST = 0xFD
 
 
 @cache
-def _all_rows() -> tuple[Row, ...]:
+def _all_rows():
     with _VECTORS.open(encoding="utf-8", newline="") as file:
         return tuple(csv.DictReader(file))
 
 
-def _rows(*kinds: str, count: int) -> list[Row]:
+def _rows(*kinds, count):
     found = [row for row in _all_rows() if row["kind"] in kinds]
     assert len(found) == count
     return found
 
 
-def _model(row: Row) -> MotorModel:
+def _model(row):
     return MOTORS[row["model"]] if row["model"] else _ANY_MODEL
 
 
-def _host(row: Row) -> int:
+def _host(row):
     return int(row["host_id"], 16) if row["host_id"] else _HOST
 
 
-def _frame(row: Row) -> Frame:
+def _frame(row):
     data = bytes.fromhex(row["data_hex"])
     flags = row["frame_flags"]
     return Frame(int(row["arbitration_id_hex"], 16), data, row["is_extended"] == "1", flags == "rtr", flags == "err")
 
 
-def _number(text: str) -> float:
+def _number(text):
     return int(text) if text.lstrip("-").isdigit() else float(text)
 
 
-def _operation_control(row: Row) -> messages.OperationControl:
+def _operation_control(row):
     values = (float(row[name]) for name in ("position", "velocity", "effort", "kp", "kd"))
     return messages.OperationControl(_motor(row), *values)
 
 
-_PLAIN: dict[
-    str,
-    type[
-        messages.Enable
-        | messages.Stop
-        | messages.GetDeviceId
-        | messages.SetZero
-        | messages.SaveParameters
-        | messages.ReadVersion
-    ],
-] = {
+_PLAIN = {
     "cmd_enable": messages.Enable,
     "cmd_disable": messages.Stop,
     "cmd_get_device_id": messages.GetDeviceId,
@@ -80,7 +67,7 @@ _PLAIN: dict[
     "cmd_read_version": messages.ReadVersion,
 }
 """Commands that say nothing but to which motor, and who asks."""
-_WITH_VALUE: dict[str, Callable[[Row, int], messages.Command]] = {
+_WITH_VALUE = {
     "cmd_clear_fault": lambda row, host: messages.Stop(_motor(row), clear_fault=True, host_id=host),
     "cmd_set_device_id": lambda row, host: messages.SetDeviceId(_motor(row), int(row["value"]), host_id=host),
     "cmd_active_report": lambda row, host: messages.SetActiveReport(_motor(row), row["value"] == "1", host_id=host),
@@ -92,19 +79,19 @@ _WITH_VALUE: dict[str, Callable[[Row, int], messages.Command]] = {
 _COMMANDS = ("encode_mit", *_PLAIN, *_WITH_VALUE)
 
 
-def _motor(row: Row) -> int:
+def _motor(row):
     return int(row["can_id"])
 
 
-def _index(row: Row) -> int:
+def _index(row):
     return int(row["param_id_hex"], 16)
 
 
-def _payload(row: Row) -> bytes:
+def _payload(row):
     return pack_value(ParameterType[row["param_type"].upper()], _number(row["value"]))
 
 
-def _command(row: Row) -> messages.Command:
+def _command(row):
     kind, host = row["kind"], _host(row)
     if kind == "encode_mit":
         return _operation_control(row)
@@ -113,24 +100,24 @@ def _command(row: Row) -> messages.Command:
     return _WITH_VALUE[kind](row, host)
 
 
-def test_every_row_is_used_below() -> None:
+def test_every_row_is_used_below():
     kinds = Counter(row["kind"] for row in _all_rows())
     assert sum(kinds.values()) == 886
     assert len(kinds) == 21
 
 
-def test_commands_encode_byte_for_byte() -> None:
+def test_commands_encode_byte_for_byte():
     for row in _rows(*_COMMANDS, count=477):
         assert row["expected"] == "ok"
         assert encode_command(_command(row), _model(row)) == _frame(row), row["note"]
 
 
-def test_commands_decode_to_themselves_on_the_motor() -> None:
+def test_commands_decode_to_themselves_on_the_motor():
     for row in _rows(*_COMMANDS[1:], count=277):
         assert decode_command(_frame(row), _motor(row), _model(row)) == _command(row)
 
 
-def test_a_motor_takes_the_forms_that_other_hosts_send() -> None:
+def test_a_motor_takes_the_forms_that_other_hosts_send():
     forms = 0
     for row in _rows(*_COMMANDS[1:], count=277):
         if row["alt_data_hex"]:
@@ -141,7 +128,7 @@ def test_a_motor_takes_the_forms_that_other_hosts_send() -> None:
     assert forms > 80
 
 
-def test_a_motor_reads_operation_control_as_the_reference_would() -> None:
+def test_a_motor_reads_operation_control_as_the_reference_would():
     for row in _rows("encode_mit", count=200):
         command = decode_command(_frame(row), _motor(row), _model(row))
         assert isinstance(command, messages.OperationControl)
@@ -155,7 +142,7 @@ def test_a_motor_reads_operation_control_as_the_reference_would() -> None:
             assert getattr(command, name) == pytest.approx(float(row[column]), abs=1e-9)
 
 
-def test_the_encoder_of_a_whole_bus_gives_the_same_frames() -> None:
+def test_the_encoder_of_a_whole_bus_gives_the_same_frames():
     rows = _rows("encode_mit", count=200)
     encoder = OperationControlEncoder([_motor(row) for row in rows], [_model(row) for row in rows])
     names = ("position", "velocity", "effort", "kp", "kd")
@@ -165,7 +152,7 @@ def test_the_encoder_of_a_whole_bus_gives_the_same_frames() -> None:
     np.testing.assert_array_equal(encoded.saturated.any(axis=0), beyond)
 
 
-def test_values_that_are_not_finite_are_refused() -> None:
+def test_values_that_are_not_finite_are_refused():
     for row in _rows("encode_mit_nonfinite", count=15):
         command, model = _operation_control(row), _model(row)
         with pytest.raises(FieldError, match=r"^OperationControl\.\w+: is (nan|inf|-inf)"):
@@ -176,13 +163,13 @@ def test_values_that_are_not_finite_are_refused() -> None:
             encoder.encode(np.array(values)[:, None])
 
 
-def test_parameter_values_that_do_not_fit_are_refused() -> None:
+def test_parameter_values_that_do_not_fit_are_refused():
     for row in _rows("cmd_write_parameter_invalid", count=21):
         with pytest.raises(FieldError, match=r"^WriteParameter\.payload: is "):
             pack_value(ParameterType[row["param_type"].upper()], _number(row["value"]))
 
 
-def test_the_manuals_convention_is_the_vendors_sample_within_a_step() -> None:
+def test_the_manuals_convention_is_the_vendors_sample_within_a_step():
     """Its sample is float32, and has 12.57 rad for 4π: up to 10 steps of position."""
     for row in _rows("encode_mit", count=200):
         frame = encode_command(_command(row), _model(row), scale=Scale.MANUAL)
@@ -192,11 +179,11 @@ def test_the_manuals_convention_is_the_vendors_sample_within_a_step() -> None:
         assert (np.abs(ours - theirs) <= [10, 1, 1, 1]).all()
 
 
-def _decoded(row: Row, **options: object) -> messages.Reply | messages.Ignored | messages.Malformed:
-    return decode_reply(_frame(row), {_motor(row): _model(row)}, _host(row), **options)  # type: ignore[arg-type]
+def _decoded(row, **options):
+    return decode_reply(_frame(row), {_motor(row): _model(row)}, _host(row), **options)
 
 
-def test_statuses_and_active_reports() -> None:
+def test_statuses_and_active_reports():
     for row in _rows("decode_status", "decode_active_report", count=220):
         status = _decoded(row)
         assert isinstance(status, messages.Status)
@@ -209,7 +196,7 @@ def test_statuses_and_active_reports() -> None:
         assert "|".join(flag_names(status.faults)) == row["dec_faults"]
 
 
-def test_statuses_in_the_manuals_convention() -> None:
+def test_statuses_in_the_manuals_convention():
     for row in _rows("decode_status", "decode_active_report", count=220):
         status = _decoded(row, scale=Scale.MANUAL)
         assert isinstance(status, messages.Status)
@@ -217,7 +204,7 @@ def test_statuses_in_the_manuals_convention() -> None:
             assert getattr(status, name) == pytest.approx(float(row[f"vendor_{name}"]), abs=1e-9)
 
 
-def test_statuses_encode_to_the_frames_that_they_came_in() -> None:
+def test_statuses_encode_to_the_frames_that_they_came_in():
     full_scale = 0
     for row in _rows("decode_status", "decode_active_report", count=220):
         status = _decoded(row)
@@ -233,7 +220,7 @@ def test_statuses_encode_to_the_frames_that_they_came_in() -> None:
     assert full_scale > 0
 
 
-def test_fault_reports() -> None:
+def test_fault_reports():
     for row in _rows("fault_report", count=40):
         report = _decoded(row)
         faults, warnings = int(row["dec_fault_bits"]), int(row["dec_warning_bits"])
@@ -245,7 +232,7 @@ def test_fault_reports() -> None:
         assert encode_reply(report, _model(row)) == _frame(row)
 
 
-def test_parameter_replies() -> None:
+def test_parameter_replies():
     outcomes = Counter(row["expected"] for row in _rows("reply_read_parameter", count=44))
     assert outcomes == {"param_reply": 40, "param_reply_failed": 3, "error:bad_dlc": 1}
     for row in _rows("reply_read_parameter", count=44):
@@ -264,14 +251,14 @@ def test_parameter_replies() -> None:
         assert value == expected or (math.isnan(value) and math.isnan(expected))
 
 
-def test_device_ids_are_heard_from_every_motor() -> None:
+def test_device_ids_are_heard_from_every_motor():
     for row in _rows("reply_get_device_id", count=9):
         reply = decode_reply(_frame(row), {}, _HOST)
         assert reply == messages.DeviceId(_motor(row), bytes.fromhex(row["value"]))
         assert encode_reply(reply, _model(row)) == _frame(row)
 
 
-def test_versions_are_never_taken_for_a_position() -> None:
+def test_versions_are_never_taken_for_a_position():
     for row in _rows("version_reply", count=3):
         motor_id, version = _motor(row), tuple(bytes.fromhex(row["value"]))
         reply = _decoded(row)
@@ -282,7 +269,7 @@ def test_versions_are_never_taken_for_a_position() -> None:
         assert decode_reply(shorter, {motor_id: _model(row)}, _host(row)) == reply
 
 
-def _class_of(message: messages.Reply | messages.Ignored | messages.Malformed) -> str:
+def _class_of(message):
     match message:
         case messages.Ignored(reason):
             return f"ignore:{reason.value}"
@@ -294,12 +281,12 @@ def _class_of(message: messages.Reply | messages.Ignored | messages.Malformed) -
             return type(message).__name__
 
 
-def test_every_malformed_frame_gets_its_class() -> None:
+def test_every_malformed_frame_gets_its_class():
     for row in _rows("malformed", count=57):
         assert _class_of(_decoded(row)) in row["expected"].split("|"), row["note"]
 
 
-def test_a_motor_ignores_what_is_no_command() -> None:
+def test_a_motor_ignores_what_is_no_command():
     ignored = 0
     for row in _rows("malformed", count=57):
         message = decode_command(_frame(row), _motor(row), _ANY_MODEL)

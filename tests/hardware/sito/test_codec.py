@@ -13,25 +13,24 @@ from hypothesis import strategies as st
 from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.sito import codec
-from humanoid_sim.robots.motors import FAMILIES, MOTORS, MotorModel
+from humanoid_sim.robots.motors import FAMILIES, MOTORS
 
-Row = dict[str, str]
 _VECTORS = Path(__file__).parents[2] / "data" / "sito_vectors.csv"
 TA50, TA100 = MOTORS["TA40-50"], MOTORS["TA40-100"]
 COUNT = 2.0 * math.pi / 65536.0
 
 
 @cache
-def rows() -> tuple[Row, ...]:
+def rows():
     with _VECTORS.open(encoding="utf-8", newline="") as file:
         return tuple(csv.DictReader(file))
 
 
-def frame(row: Row) -> Frame:
+def frame(row):
     return Frame(int(row["can_id"], 16), bytes.fromhex(row["data"]))
 
 
-def told(row: Row) -> codec.HostMessage:
+def told(row):
     """What a row's host says."""
     device_id = int(row["device_id"])
     match row["kind"]:
@@ -47,13 +46,13 @@ def told(row: Row) -> codec.HostMessage:
             return codec.Reset(device_id)
 
 
-def test_all_kinds_are_here() -> None:
+def test_all_kinds_are_here():
     assert Counter(row["kind"] for row in rows()) == {
         "command": 22, "gains": 26, "enable": 25, "disable": 24, "feedback_1": 27, "feedback_2": 16,
     }  # fmt: skip
 
 
-def test_what_a_host_says_is_encoded_bit_for_bit_and_read_back() -> None:
+def test_what_a_host_says_is_encoded_bit_for_bit_and_read_back():
     checked = 0
     for row in rows():
         if row["kind"].startswith("feedback"):
@@ -75,7 +74,7 @@ def test_what_a_host_says_is_encoded_bit_for_bit_and_read_back() -> None:
     assert checked == 97
 
 
-def test_what_a_motor_says_is_read() -> None:
+def test_what_a_motor_says_is_read():
     checked = 0
     for row in rows():
         found = codec.decode(frame(row), MOTORS[row["model"]])
@@ -96,7 +95,7 @@ def test_what_a_motor_says_is_read() -> None:
     assert checked == 43
 
 
-def test_halves_round_away_from_zero() -> None:
+def test_halves_round_away_from_zero():
     assert [codec.rounded(value) for value in (0.5, 1.5, -0.5, -2.5, 0.49, -0.49)] == [1, 2, -1, -3, 0, 0]
 
 
@@ -116,12 +115,12 @@ def test_halves_round_away_from_zero() -> None:
         (codec.SelectMode(22, codec.Mode.MIT, (256, 0, 0)), r"^SelectMode\.intervals: is 256, expected 0 to 255$"),
     ],
 )
-def test_what_does_not_fit_is_refused_and_never_wrapped(message: codec.HostMessage, text: str) -> None:
+def test_what_does_not_fit_is_refused_and_never_wrapped(message, text):
     with pytest.raises(FieldError, match=text):
         codec.encode(message, TA50)
 
 
-def test_the_last_count_fits_and_the_next_does_not() -> None:
+def test_the_last_count_fits_and_the_next_does_not():
     last = 32767 * COUNT
     assert codec.encode(codec.Command(22, 0.0, last, 0.0), TA50).data.hex() == "00007fff00000000"
     assert codec.encode(codec.Command(22, 0.0, -last, 0.0), TA50).data.hex() == "0000800100000000"
@@ -139,9 +138,7 @@ def test_the_last_count_fits_and_the_next_does_not() -> None:
     st.floats(-150.0, 150.0),
     st.sampled_from([TA50, TA100]),
 )
-def test_commands_come_back_to_half_a_count(
-    i: int, position: float, velocity: float, effort: float, model: MotorModel
-) -> None:
+def test_commands_come_back_to_half_a_count(i, position, velocity, effort, model):
     back = codec.decode(codec.encode(codec.Command(i, position, velocity, effort), model), model)
     assert isinstance(back, codec.Command)
     assert back.device_id == i
@@ -151,7 +148,7 @@ def test_commands_come_back_to_half_a_count(
 
 
 @given(st.binary(max_size=8), st.integers(0, 255), st.integers(0, 255))
-def test_no_frame_makes_it_raise(data: bytes, device_id: int, kind: int) -> None:
+def test_no_frame_makes_it_raise(data, device_id, kind):
     found = codec.decode(Frame(0x05060000 | device_id << 8 | kind, data), TA50)
     if kind in tuple(codec.MessageType) and kind not in {codec.MessageType.FEEDBACK_0, codec.MessageType.FEEDBACK_3}:
         assert found.device_id == device_id
@@ -160,8 +157,8 @@ def test_no_frame_makes_it_raise(data: bytes, device_id: int, kind: int) -> None
         assert found is None
 
 
-def test_what_is_malformed_says_why() -> None:
-    def text(kind: codec.MessageType, data: str) -> str:
+def test_what_is_malformed_says_why():
+    def text(kind, data):
         found = codec.decode(Frame(0x05061600 | kind, bytes.fromhex(data)), TA50)
         assert isinstance(found, codec.Malformed)
         return found.reason
@@ -174,7 +171,7 @@ def test_what_is_malformed_says_why() -> None:
     assert text(codec.MessageType.GAINS, "7fc0000000000000") == "gains of nan and 0, expected finite numbers >= 0"
 
 
-def test_other_frames_are_none_of_its() -> None:
+def test_other_frames_are_none_of_its():
     for other in (
         Frame(0x05070016 << 8 >> 8, bytes(8)),  # another prefix
         Frame(0x016, bytes(8), is_extended=False),
@@ -186,7 +183,7 @@ def test_other_frames_are_none_of_its() -> None:
         assert codec.decode(other, TA50) is None
 
 
-def test_the_familys_facts_are_the_codecs() -> None:
+def test_the_familys_facts_are_the_codecs():
     """A host's message types are what the ids of another family's motors must not be."""
     assert FAMILIES["sito"].last_bytes == {int(kind) for kind in codec.MessageType} - {
         int(kind) for kind in codec.FROM_MOTOR

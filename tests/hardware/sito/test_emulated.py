@@ -7,7 +7,7 @@ import pytest
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulated_motor import Sensed
 from humanoid_sim.hardware.sito import codec
-from humanoid_sim.hardware.sito.emulated import SitoFirmware, SitoState
+from humanoid_sim.hardware.sito.emulated import SitoFirmware
 from humanoid_sim.robots.motors import MOTORS
 
 MODEL = MOTORS["TA40-50"]
@@ -15,19 +15,19 @@ ENABLE = codec.SelectMode(22, codec.Mode.MIT, (20, 20, 0))
 
 
 class Bench:
-    def __init__(self, *, is_deaf: bool = False, shaft: float = 0.25) -> None:
+    def __init__(self, *, is_deaf=False, shaft=0.25):
         self.firmware = SitoFirmware(MODEL, 22, is_deaf=is_deaf)
         self.sensed = Sensed(shaft)
         self.time = 0.0
-        self.state: SitoState = self.firmware.power_on(None, self.sensed)
+        self.state = self.firmware.power_on(None, self.sensed)
 
-    def tell(self, *messages: codec.HostMessage) -> None:
+    def tell(self, *messages):
         for message in messages:
             reaction = self.firmware.receive(self.state, codec.encode(message, MODEL), self.sensed, self.time)
             assert reaction.frames == (), "nothing is answered"
             self.state = reaction.state
 
-    def wait(self, duration: float) -> list[tuple[float, Frame]]:
+    def wait(self, duration):
         heard = []
         for _ in range(round(duration / 0.001)):
             self.time += 0.001
@@ -37,7 +37,7 @@ class Bench:
         return heard
 
 
-def test_feedback_comes_by_its_own_clock_in_two_frames_while_it_is_enabled() -> None:
+def test_feedback_comes_by_its_own_clock_in_two_frames_while_it_is_enabled():
     bench = Bench()
     assert bench.wait(0.1) == []
     bench.tell(ENABLE)
@@ -52,7 +52,7 @@ def test_feedback_comes_by_its_own_clock_in_two_frames_while_it_is_enabled() -> 
     assert bench.wait(0.1) == []
 
 
-def test_feedback_cuts_the_velocity_at_its_integer() -> None:
+def test_feedback_cuts_the_velocity_at_its_integer():
     bench = Bench()
     bench.tell(ENABLE)
     bench.sensed = Sensed(0.0, -12.0)
@@ -61,7 +61,7 @@ def test_feedback_cuts_the_velocity_at_its_integer() -> None:
     assert feedback.velocity == pytest.approx(-math.pi, abs=1e-3)
 
 
-def test_gains_hold_until_others_come_and_outlive_a_reset() -> None:
+def test_gains_hold_until_others_come_and_outlive_a_reset():
     bench = Bench()
     bench.tell(codec.Gains(22, 20.0, 1.0), codec.Command(22, 0.5, 0.0, 0.25))
     assert bench.firmware.drive(bench.state).stiffness == 0.0, "disabled"
@@ -76,7 +76,7 @@ def test_gains_hold_until_others_come_and_outlive_a_reset() -> None:
     assert bench.firmware.drive(bench.state)[:5] == (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def test_one_that_is_deaf_until_it_is_enabled_starts_as_its_last_host_left_it() -> None:
+def test_one_that_is_deaf_until_it_is_enabled_starts_as_its_last_host_left_it():
     bench = Bench(is_deaf=True)
     bench.tell(ENABLE, codec.Gains(22, 20.0, 1.0), codec.Reset(22), codec.Gains(22, 0.0, 0.0), ENABLE)
     assert bench.firmware.drive(bench.state).stiffness == pytest.approx(20.0)
@@ -85,7 +85,7 @@ def test_one_that_is_deaf_until_it_is_enabled_starts_as_its_last_host_left_it() 
 
 
 @pytest.mark.parametrize("trouble", [{"temperature": 150.0}, {"voltage": 11.0}, {"encoder_fault": True}])
-def test_one_that_protects_itself_falls_silent_without_a_word(trouble: dict[str, float]) -> None:
+def test_one_that_protects_itself_falls_silent_without_a_word(trouble):
     bench = Bench()
     bench.tell(ENABLE, codec.Gains(22, 20.0, 1.0))
     bench.sensed = Sensed(0.25)._replace(**trouble)
@@ -95,7 +95,7 @@ def test_one_that_protects_itself_falls_silent_without_a_word(trouble: dict[str,
     assert not bench.state.is_running
 
 
-def test_nothing_stops_it_when_its_host_is_silent() -> None:
+def test_nothing_stops_it_when_its_host_is_silent():
     bench = Bench()
     bench.tell(ENABLE, codec.Gains(22, 20.0, 1.0), codec.Command(22, 1.0, 0.0, 0.0))
     bench.wait(10.0)
@@ -103,7 +103,7 @@ def test_nothing_stops_it_when_its_host_is_silent() -> None:
 
 
 @pytest.mark.parametrize(("shaft", "position"), [(0.25, 0.25), (7.0, 7.0 - 2.0 * math.pi), (-4.0, 2.0 * math.pi - 4.0)])
-def test_the_turn_is_lost_at_power_on(shaft: float, position: float) -> None:
+def test_the_turn_is_lost_at_power_on(shaft, position):
     bench = Bench(shaft=shaft)
     bench.tell(ENABLE)
     feedback = codec.decode(bench.wait(0.02)[1][1], MODEL)
@@ -111,7 +111,7 @@ def test_the_turn_is_lost_at_power_on(shaft: float, position: float) -> None:
     assert feedback.position == pytest.approx(position, abs=1e-4)
 
 
-def test_frames_of_others_are_not_for_it() -> None:
+def test_frames_of_others_are_not_for_it():
     firmware, state = Bench().firmware, Bench().state
     assert firmware.is_for(state, codec.encode(codec.Reset(22), MODEL))
     assert not firmware.is_for(state, codec.encode(codec.Reset(23), MODEL))

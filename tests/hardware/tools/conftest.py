@@ -1,41 +1,33 @@
 """Emulated motors for the bench tools, and a way to run these within this process."""
 
-import sys
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.hardware import main
 from humanoid_sim.hardware.bus.address import parse_address
-from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.tools import only_motor, set_id
 from humanoid_sim.hardware.tools.bench import open_bench, some_motors
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS
 
-# importlib mode leaves sys.path alone.
-sys.path.append(str(Path(__file__).parent))
-
 CHANNEL = "virtual:bench-tools"
 
 
 @pytest.fixture(scope="module")
-def lite_motors() -> Iterator[VirtualMotors]:
+def lite_motors():
     """The Lite's 14 motors on CHANNEL, for tests that leave them as they are."""
     with VirtualMotors(load_robot("lite"), [CHANNEL]) as motors:
         yield motors
 
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+def run(capsys):
     """Run `hardware` with these words: exit status, what it printed, what it complained of."""
 
-    def run_tool(*words: str) -> tuple[int, str, str]:
+    def run_tool(*words):
         status = run_program(main, words)
         printed, complained = capsys.readouterr()
         return status, printed, complained
@@ -44,10 +36,10 @@ def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str
 
 
 @pytest.fixture
-def table_rows() -> Callable[[str], list[list[str]]]:
+def table_rows():
     """The cells of a printed table, row by row, without its headings."""
 
-    def rows(printed: str) -> list[list[str]]:
+    def rows(printed):
         lines = printed.splitlines()
         ruler = next(i for i, line in enumerate(lines) if "─" in line)
         return [line.split() for line in lines[ruler + 1 :] if line.strip()]
@@ -56,10 +48,10 @@ def table_rows() -> Callable[[str], list[list[str]]]:
 
 
 @pytest.fixture
-def inject() -> Callable[[VirtualMotors, Fault], None]:
+def inject():
     """Let a fault begin, and return when it has begun."""
 
-    def begin(motors: VirtualMotors, fault: Fault) -> None:
+    def begin(motors, fault):
         motors.inject(fault)
         injected, seen = motors.time, [0.0]
         while seen[-1] <= injected:
@@ -70,7 +62,7 @@ def inject() -> Callable[[VirtualMotors, Fault], None]:
 
 
 @pytest.fixture
-def quick_search(monkeypatch: pytest.MonkeyPatch) -> None:
+def quick_search(monkeypatch):
     """The search for a motor that is alone need not wait for a real bus."""
     monkeypatch.setattr(only_motor, "_PACE", 0.0003)
     for module, name in ((only_motor, "_QUIET"), (only_motor, "_LISTENING"), (set_id, "_QUIET")):
@@ -82,13 +74,13 @@ BENCH = "virtual:bench-client"
 
 
 @pytest.fixture
-def motors() -> Iterator[VirtualMotors]:
+def motors():
     with VirtualMotors(load_robot("lite"), [parse_address(BENCH)]) as motors:
         yield motors
 
 
 @pytest.fixture
-def bench(motors: VirtualMotors) -> Iterator[RobstrideLink]:
+def bench(motors):
     group = some_motors([(0, 15)], [str(parse_address(BENCH))], MOTORS["rs-05"])
     with open_bench([parse_address(BENCH)], 0xFD, group, open_channel=motors.open_bus) as channels:
         yield channels

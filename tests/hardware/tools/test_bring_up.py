@@ -2,14 +2,10 @@ import configparser
 import io
 import json
 import stat
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
 from humanoid_sim.hardware.tools import bring_up as tool
-
-Run = Callable[..., tuple[int, str, str]]
 
 _TWO = ("bring-up", "can_left,can_right", "--adapter", "can_left=0042/1", "--adapter", "can_right=0051")
 _PATHS = (
@@ -19,19 +15,19 @@ _PATHS = (
 )
 
 
-def _network(path: Path) -> dict[str, dict[str, str]]:
+def _network(path):
     parser = configparser.ConfigParser()
-    parser.optionxform = str  # type: ignore[assignment,method-assign]
+    parser.optionxform = str
     parser.read_string(path.read_text(encoding="utf-8"))
     return {section: dict(parser[section]) for section in parser.sections()}
 
 
-def _rules(path: Path) -> list[list[str]]:
+def _rules(path):
     lines = path.read_text(encoding="utf-8").splitlines()
     return [line.split(", ") for line in lines if not line.startswith("#")]
 
 
-def test_the_files_lie_in_a_folder_as_below_etc(run: Run, tmp_path: Path) -> None:
+def test_the_files_lie_in_a_folder_as_below_etc(run, tmp_path):
     status, printed, complained = run(*_TWO, "--output", str(tmp_path))
     assert (status, complained) == (0, "")
     assert sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()) == sorted(_PATHS)
@@ -67,7 +63,7 @@ def test_the_files_lie_in_a_folder_as_below_etc(run: Run, tmp_path: Path) -> Non
     ]
 
 
-def test_other_settings_reach_the_files_and_the_check_that_is_named(run: Run, tmp_path: Path) -> None:
+def test_other_settings_reach_the_files_and_the_check_that_is_named(run, tmp_path):
     _, printed, _ = run(
         *("bring-up", "can0", "--output", str(tmp_path), "--bitrate", "500000"),
         *("--restart-ms", "100", "--queue", "250"),
@@ -79,7 +75,7 @@ def test_other_settings_reach_the_files_and_the_check_that_is_named(run: Run, tm
     assert "bring-up can0 --bitrate 500000 --restart-ms 100 --queue 250 --check" in printed
 
 
-def test_without_a_folder_the_files_are_printed_only(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_folder_the_files_are_printed_only(run, tmp_path, monkeypatch):
     monkeypatch.setattr(tool, "_ETC", tmp_path)
     status, printed, complained = run("bring-up", "can0")
     assert status == 0
@@ -88,7 +84,7 @@ def test_without_a_folder_the_files_are_printed_only(run: Run, tmp_path: Path, m
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_different_file_is_not_replaced_in_a_folder(run: Run, tmp_path: Path) -> None:
+def test_a_different_file_is_not_replaced_in_a_folder(run, tmp_path):
     assert run(*_TWO, "--output", str(tmp_path))[0] == 0
     assert run(*_TWO, "--output", str(tmp_path))[0] == 0  # the same once more
     before = {path: (tmp_path / path).read_bytes() for path in _PATHS}
@@ -99,9 +95,7 @@ def test_a_different_file_is_not_replaced_in_a_folder(run: Run, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("answer", ["yes\n", "no\n", ""])
-def test_etc_is_written_after_a_confirmation_only(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: str
-) -> None:
+def test_etc_is_written_after_a_confirmation_only(run, tmp_path, monkeypatch, answer):
     old = tmp_path / _PATHS[0]
     old.parent.mkdir(parents=True)
     old.write_text("old", encoding="utf-8")
@@ -121,7 +115,7 @@ def test_etc_is_written_after_a_confirmation_only(
         assert not (tmp_path / _PATHS[1]).exists()
 
 
-def test_the_whole_of_it_is_written_or_nothing(run: Run, tmp_path: Path) -> None:
+def test_the_whole_of_it_is_written_or_nothing(run, tmp_path):
     (tmp_path / "systemd").write_text("in the way", encoding="utf-8")
     status, _, complained = run(*_TWO, "--output", str(tmp_path))
     assert status == 2
@@ -129,7 +123,7 @@ def test_the_whole_of_it_is_written_or_nothing(run: Run, tmp_path: Path) -> None
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == [tmp_path / "systemd"]
 
 
-def _sysfs(folder: Path, name: str, serial: str, port: int) -> None:
+def _sysfs(folder, name, serial, port):
     device = folder / "devices" / serial
     (device / "1-1:1.0").mkdir(parents=True, exist_ok=True)
     (device / "serial").write_text(f"{serial}\n", encoding="utf-8")
@@ -138,9 +132,7 @@ def _sysfs(folder: Path, name: str, serial: str, port: int) -> None:
     (folder / "net" / name / "dev_port").write_text(f"{port}\n", encoding="utf-8")
 
 
-def test_adapters_that_are_plugged_in_are_told_with_their_serial_numbers(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_adapters_that_are_plugged_in_are_told_with_their_serial_numbers(run, tmp_path, monkeypatch):
     _sysfs(tmp_path, "can0", "003A00215542500520353233", 1)
     (tmp_path / "net" / "can1").mkdir()
     monkeypatch.setattr(tool, "_SYSFS", tmp_path / "net")
@@ -150,7 +142,7 @@ def test_adapters_that_are_plugged_in_are_told_with_their_serial_numbers(
     assert "# plugged in: can1, tells no serial number\n" in printed
 
 
-def test_the_check_is_a_verdict_and_an_exit_status(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_check_is_a_verdict_and_an_exit_status(run, monkeypatch):
     data = {"state": "ERROR-ACTIVE", "restart_ms": 0, "bittiming": {"bitrate": 1000000}}
     info = {"info_kind": "can", "info_data": data}
     link = {"ifname": "can0", "flags": ["UP"], "txqlen": 100, "link_type": "can", "linkinfo": info}

@@ -1,15 +1,12 @@
-from collections.abc import Callable
-
 import pytest
 
 from humanoid_sim.hardware.tools.budget import channel_budgets
 from humanoid_sim.robots.description import load_robot
 
 _LITE = load_robot("lite")
-Run = Callable[..., tuple[int, str, str]]
 
 
-def test_the_protocols_figures_for_one_bus_at_200_hz() -> None:
+def test_the_protocols_figures_for_one_bus_at_200_hz():
     (channel,) = channel_budgets(_LITE, 1, 200.0, 1e6, 0.0)
     assert channel.burst == 14
     assert channel.period_time == pytest.approx((3.668e-3, 4.48e-3))
@@ -17,14 +14,14 @@ def test_the_protocols_figures_for_one_bus_at_200_hz() -> None:
     assert channel.highest_rate == pytest.approx((272.6, 223.2), abs=0.1)
 
 
-def test_two_buses_share_the_motors() -> None:
+def test_two_buses_share_the_motors():
     left, right = channel_budgets(_LITE, 2, 200.0, 1e6, 0.0)
     assert left.joints == _LITE.joint_names[:7]
     assert right.joints == _LITE.joint_names[7:]
     assert left.load == pytest.approx((0.3668, 0.448))
 
 
-def test_reports_take_their_share() -> None:
+def test_reports_take_their_share():
     (channel,) = channel_budgets(_LITE, 1, 50.0, 1e6, 100.0)
     assert channel.load[1] == pytest.approx(14 * (2 * 50 + 100) * 160e-6)
     assert channel.highest_rate[1] == pytest.approx((1.0 / (14 * 160e-6) - 100.0) / 2.0)
@@ -33,7 +30,7 @@ def test_reports_take_their_share() -> None:
     assert full.load[1] > 1.0
 
 
-def test_both_layouts_are_shown_with_the_diagnosis(run: Run) -> None:
+def test_both_layouts_are_shown_with_the_diagnosis(run):
     status, printed, complained = run("budget", "--rate", "200", "--no-reports")
     assert (status, complained) == (0, "")
     assert printed.startswith("lite on 1 channel at 200 Hz ")
@@ -44,18 +41,18 @@ def test_both_layouts_are_shown_with_the_diagnosis(run: Run) -> None:
     assert "a period sends 14 at once: sudo ip link set CHANNEL txqueuelen 100" in printed
 
 
-def test_status_1_where_it_does_not_fit(run: Run) -> None:
+def test_status_1_where_it_does_not_fit(run):
     status, printed, _ = run("budget", "--channels", "virtual:a", "--rate", "300")
     assert status == 1
     assert "virtual:a" in printed
     assert "does not fit" in printed
 
 
-def test_a_channels_name_is_printed_as_it_is(run: Run) -> None:
+def test_a_channels_name_is_printed_as_it_is(run):
     assert "virtual::bus:[b]" in run("budget", "--channels", "virtual::bus:[b]")[1]
 
 
-def test_a_sito_motor_takes_two_frames_each_way_and_sends_no_reports() -> None:
+def test_a_sito_motor_takes_two_frames_each_way_and_sends_no_reports():
     (mixed,) = channel_budgets(load_robot("lite_sito"), 1, 50.0, 1e6, 100.0)
     assert (mixed.frames, mixed.reporting, mixed.burst) == ((18, 18), 10, 18)
     assert mixed.load == pytest.approx(tuple((36 * 50.0 + 10 * 100.0) * time for time in (131e-6, 160e-6)))

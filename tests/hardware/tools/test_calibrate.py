@@ -2,10 +2,7 @@ import io
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
 
 import pytest
 from rich.console import Console
@@ -15,15 +12,11 @@ from humanoid_sim.hardware.calibration import CalibrationEntry, Sweep, load_cali
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.robstride.messages import Command
 from humanoid_sim.hardware.robstride.requests import Requests
 from humanoid_sim.hardware.tools import calibrate as tool
 from humanoid_sim.hardware.tools.calibrate import JointTrack
 from humanoid_sim.hardware.tools.options import Calibrate
 from humanoid_sim.robots.description import load_robot
-
-Run = Callable[..., tuple[int, str, str]]
-Rows = Callable[[str], list[list[str]]]
 
 _CHANNEL = "virtual:bench-calibrate"
 _LITE = load_robot("lite")
@@ -32,17 +25,17 @@ _JOINTS = ("--joints", "left_elbow_pitch", "left_wrist_yaw", "left_wrist_roll")
 
 
 @pytest.fixture(scope="module")
-def motors() -> Iterator[VirtualMotors]:
+def motors():
     with VirtualMotors(_LITE, [_CHANNEL], settings=EmulationSettings(homing_offset=_OFFSETS)) as motors:
         yield motors
 
 
 @contextmanager
-def _hand(motors: VirtualMotors) -> Iterator[threading.Event]:
+def _hand(motors):
     """Leads elbow and wrist to their lower stops, then to their upper ones; the event says that it has been there."""
     done, given_up = threading.Event(), threading.Event()
 
-    def lead() -> None:
+    def lead():
         position = dict(zip(_LITE.joint_names, motors.truth.joint_position.tolist(), strict=True))
         target = {name: position[name] for name in _OFFSETS}
         lower, upper = _LITE.lower, _LITE.upper
@@ -70,16 +63,14 @@ def _hand(motors: VirtualMotors) -> Iterator[threading.Event]:
 
 
 @pytest.fixture
-def swept(motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def swept(motors, monkeypatch):
     """Joints are swept by hand while the tool runs, which ends with the sweep, or after 20 s."""
     with _hand(motors) as done:
         monkeypatch.setattr(tool, "_is_over", lambda _, elapsed: done.is_set() or elapsed > 20.0)
         yield
 
 
-def test_swept_joints_are_calibrated_and_the_others_kept(
-    run: Run, table_rows: Rows, swept: None, tmp_path: Path
-) -> None:
+def test_swept_joints_are_calibrated_and_the_others_kept(run, table_rows, swept, tmp_path):
     path = tmp_path / "calibration.yaml"
     old = {
         "left_elbow_pitch": CalibrationEntry(14, -1, 1.0),
@@ -103,13 +94,11 @@ def test_swept_joints_are_calibrated_and_the_others_kept(
     assert "not calibrated yet: left_shoulder_pitch, " in printed
 
 
-def test_no_motor_is_enabled_or_written_to(
-    run: Run, motors: VirtualMotors, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_motor_is_enabled_or_written_to(run, motors, tmp_path, monkeypatch):
     sent = []
     send = Requests.send
 
-    def watched(requests: Requests, commands: Mapping[int, Sequence[Command]]) -> None:
+    def watched(requests, commands):
         sent.extend(type(command).__name__ for group in commands.values() for command in group)
         send(requests, commands)
 
@@ -119,14 +108,12 @@ def test_no_motor_is_enabled_or_written_to(
     assert len(sent) >= 3  # one reading of each joint, however busy the machine is
 
 
-def _seen(monkeypatch: pytest.MonkeyPatch, sweep: Sweep) -> None:
+def _seen(monkeypatch, sweep):
     """The elbow was swept so; nothing else."""
     monkeypatch.setattr(tool, "_sweep", lambda *_: {3: JointTrack(heard=time.monotonic(), sweep=sweep)})
 
 
-def test_a_flipped_direction_is_warned_of_and_not_written(
-    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_flipped_direction_is_warned_of_and_not_written(run, monkeypatch, tmp_path):
     _seen(monkeypatch, Sweep(-0.01, 2.37))
     path = tmp_path / "calibration.yaml"
     words = ("--output", str(path), "--joints", "left_elbow_pitch", "--duration", "1")
@@ -154,9 +141,7 @@ def test_a_flipped_direction_is_warned_of_and_not_written(
         ),
     ],
 )
-def test_a_sweep_that_is_not_from_stop_to_stop_is_not_used(
-    run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, sweep: Sweep, words: tuple[str, ...], why: str
-) -> None:
+def test_a_sweep_that_is_not_from_stop_to_stop_is_not_used(run, monkeypatch, tmp_path, sweep, words, why):
     _seen(monkeypatch, sweep)
     path = tmp_path / "calibration.yaml"
     options = ("--output", str(path), "--joints", "left_elbow_pitch", "--duration", "1", *words)
@@ -166,7 +151,7 @@ def test_a_sweep_that_is_not_from_stop_to_stop_is_not_used(
 
 
 @contextmanager
-def _terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+def _terminal(monkeypatch):
     """Standard input is a terminal; what is written to this descriptor is typed there."""
     typed, shown = os.openpty()
     with os.fdopen(shown, encoding="utf-8") as terminal:
@@ -177,13 +162,11 @@ def _terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
             os.close(typed)
 
 
-def test_enter_ends_the_sweep_and_the_table_is_drawn_at_5_hz(
-    run: Run, motors: VirtualMotors, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_enter_ends_the_sweep_and_the_table_is_drawn_at_5_hz(run, motors, tmp_path, monkeypatch):
     drawn = []
     draw = tool._table
 
-    def counted(*arguments: Any) -> Any:
+    def counted(*arguments):
         drawn.append(time.monotonic())
         return draw(*arguments)
 
@@ -201,10 +184,8 @@ def test_enter_ends_the_sweep_and_the_table_is_drawn_at_5_hz(
     assert "left_elbow_pitch" in screen.getvalue()
 
 
-def test_ctrl_c_writes_nothing(
-    run: Run, motors: VirtualMotors, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupt(*_: Any) -> bool:
+def test_ctrl_c_writes_nothing(run, motors, tmp_path, monkeypatch):
+    def interrupt(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(tool, "_is_over", interrupt)
@@ -214,7 +195,7 @@ def test_ctrl_c_writes_nothing(
     assert not path.exists()
 
 
-def test_status_3_where_a_motor_is_silent(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_status_3_where_a_motor_is_silent(run, tmp_path, monkeypatch):
     monkeypatch.setattr(tool, "_SILENT", 0.5)
     path = tmp_path / "calibration.yaml"
     channel = "virtual:bench-silent"
@@ -225,7 +206,7 @@ def test_status_3_where_a_motor_is_silent(run: Run, tmp_path: Path, monkeypatch:
     assert not path.exists()
 
 
-def test_where_nobody_answers_it_says_what_to_check(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_nobody_answers_it_says_what_to_check(run, tmp_path, monkeypatch):
     monkeypatch.setattr(tool, "_SILENT", 0.2)
     path = tmp_path / "calibration.yaml"
     channel = "virtual:bench-nobody"
@@ -239,7 +220,7 @@ def test_where_nobody_answers_it_says_what_to_check(run: Run, tmp_path: Path, mo
     assert not path.exists()
 
 
-def test_a_joint_that_was_silent_is_to_be_swept_again_until_it_has_been() -> None:
+def test_a_joint_that_was_silent_is_to_be_swept_again_until_it_has_been():
     tracks = {3: JointTrack(heard=time.monotonic(), restarts=1, sweep=Sweep(0.0, 0.1)), 4: JointTrack()}
     tracks[5] = JointTrack(heard=time.monotonic(), restarts=1, sweep=Sweep(0.0, 2.356), angle=0.0)
     wiring = make_wiring(_LITE, 1)
@@ -254,7 +235,7 @@ def test_a_joint_that_was_silent_is_to_be_swept_again_until_it_has_been() -> Non
     assert unheard.split()[2:5] == ["-", "-", "-"]
 
 
-def test_a_channel_that_goes_down_ends_the_sweep(run: Run, tmp_path: Path) -> None:
+def test_a_channel_that_goes_down_ends_the_sweep(run, tmp_path):
     path = tmp_path / "calibration.yaml"
     channel = "virtual:bench-down"
     with VirtualMotors(_LITE, [channel], faults=[Fault("bus_off", start=0.5)]):
@@ -263,7 +244,7 @@ def test_a_channel_that_goes_down_ends_the_sweep(run: Run, tmp_path: Path) -> No
     assert not path.exists()
 
 
-def test_a_motor_that_falls_silent_begins_its_sweep_anew() -> None:
+def test_a_motor_that_falls_silent_begins_its_sweep_anew():
     track = JointTrack()
     for time_heard, angle in ((0.0, -1.0), (0.1, 1.0), (0.9, 1.0)):
         track.take(angle, time_heard)
@@ -273,7 +254,7 @@ def test_a_motor_that_falls_silent_begins_its_sweep_anew() -> None:
     assert (track.sweep, track.restarts, track.is_silent(2.5)) == (Sweep(5.0, 5.0), 1, False)
 
 
-def test_a_silence_during_the_sweep_is_said(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_silence_during_the_sweep_is_said(run, monkeypatch, tmp_path):
     track = JointTrack(heard=time.monotonic(), sweep=Sweep(0.0, 0.1), restarts=1)
     monkeypatch.setattr(tool, "_sweep", lambda *_: {3: track})
     words = ("--output", str(tmp_path / "c.yaml"), "--joints", "left_elbow_pitch", "--duration", "1")
@@ -282,7 +263,7 @@ def test_a_silence_during_the_sweep_is_said(run: Run, monkeypatch: pytest.Monkey
     assert complained == "warning: fell silent during the sweep, which began anew: left_elbow_pitch\n"
 
 
-def test_an_existing_file_that_is_none_is_left_alone(run: Run, motors: VirtualMotors, tmp_path: Path) -> None:
+def test_an_existing_file_that_is_none_is_left_alone(run, motors, tmp_path):
     path = tmp_path / "calibration.yaml"
     path.write_text("left_elbow_pitch: 3\n", encoding="utf-8")
     status, _, complained = run("calibrate", _CHANNEL, "--output", str(path), "--duration", "5")

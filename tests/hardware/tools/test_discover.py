@@ -1,5 +1,3 @@
-from collections.abc import Callable
-
 import pytest
 
 from humanoid_sim.hardware.bus.address import parse_address
@@ -11,14 +9,12 @@ from humanoid_sim.robots.description import load_robot
 
 pytestmark = pytest.mark.usefixtures("lite_motors")
 
-Run = Callable[..., tuple[int, str, str]]
-Rows = Callable[[str], list[list[str]]]
 
 _CHANNEL = "virtual:bench-tools"
 _QUICK = ("--wait", "0.03", "--first", "11", "--last", "27")
 
 
-def test_every_motor_is_found_with_its_joint_and_firmware(run: Run, table_rows: Rows) -> None:
+def test_every_motor_is_found_with_its_joint_and_firmware(run, table_rows):
     status, printed, _ = run("discover", _CHANNEL, *_QUICK, "--robot", "lite", "--firmware")
     assert status == 0
     found = {int(row[1]): row for row in table_rows(printed)}
@@ -28,13 +24,13 @@ def test_every_motor_is_found_with_its_joint_and_firmware(run: Run, table_rows: 
     assert all(len(bytes.fromhex(row[2])) == 8 for row in found.values())
 
 
-def test_only_the_asked_ids_are_asked(run: Run, table_rows: Rows) -> None:
+def test_only_the_asked_ids_are_asked(run, table_rows):
     status, printed, _ = run("discover", _CHANNEL, "--first", "13", "--last", "14", "--wait", "0.1")
     assert status == 0
     assert [row[1] for row in table_rows(printed)] == ["13", "14"]
 
 
-def test_status_3_where_nothing_answers(run: Run) -> None:
+def test_status_3_where_nothing_answers(run):
     status, printed, complained = run("discover", _CHANNEL, "--first", "40", "--last", "41", "--wait", "0.01")
     assert (status, printed) == (3, "")
     assert complained.splitlines() == [
@@ -44,7 +40,7 @@ def test_status_3_where_nothing_answers(run: Run) -> None:
     ]
 
 
-def test_on_a_real_channel_it_says_what_to_measure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_on_a_real_channel_it_says_what_to_measure(monkeypatch):
     down = '[{"ifname": "can0", "flags": ["NOARP"], "txqlen": 100, "link_type": "can", "linkinfo": {}}]'
     monkeypatch.setattr(bench, "read_links", lambda: down)
     kernel, *advice = bench.advice_for_silence("can0")
@@ -55,7 +51,7 @@ def test_on_a_real_channel_it_says_what_to_measure(monkeypatch: pytest.MonkeyPat
     assert bench.advice_for_silence("slcan:/dev/ttyACM0") == tuple(advice[1:])  # the kernel knows nothing of this one
 
 
-def test_status_1_where_a_joint_is_missing(run: Run) -> None:
+def test_status_1_where_a_joint_is_missing(run):
     status, _, complained = run(
         "discover", _CHANNEL, "--first", "11", "--last", "26", "--wait", "0.03", "--robot", "lite"
     )
@@ -63,14 +59,14 @@ def test_status_1_where_a_joint_is_missing(run: Run) -> None:
     assert complained == f"missing: right_wrist_pitch (motor 27 on {_CHANNEL})\n"
 
 
-def test_a_channel_that_is_down_is_an_error(run: Run) -> None:
+def test_a_channel_that_is_down_is_an_error(run):
     channel = "virtual:bench-down"
     with VirtualMotors(load_robot("lite"), [channel], faults=[Fault("bus_off", start=0.2)]):
         status, printed, complained = run("discover", channel, "--last", "30")
     assert (status, printed, complained) == (2, "", f"error: {channel}: bus-off\n")
 
 
-def test_a_channel_in_use_is_refused(run: Run) -> None:
+def test_a_channel_in_use_is_refused(run):
     with ChannelLock(parse_address(_CHANNEL)):
         status, _, complained = run("discover", _CHANNEL, *_QUICK)
     assert status == 2

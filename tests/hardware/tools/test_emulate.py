@@ -5,18 +5,13 @@ import re
 import signal
 import threading
 import time
-from collections.abc import Callable, Mapping
-from pathlib import Path
-
-import pytest
 
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 
-Run = Callable[..., tuple[int, str, str]]
 CHANNEL = "udp_multicast:239.74.163.62"
 
 
-def test_it_says_what_happens_and_ends_with_a_summary(run: Run) -> None:
+def test_it_says_what_happens_and_ends_with_a_summary(run):
     status, out, err = run(
         "emulate",
         "--channel",
@@ -35,7 +30,7 @@ def test_it_says_what_happens_and_ends_with_a_summary(run: Run) -> None:
     assert re.search(r"frames, \d+\.\d % load", out)
 
 
-def test_a_signal_ends_it(run: Run) -> None:
+def test_a_signal_ends_it(run):
     killer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGTERM))
     killer.start()
     try:
@@ -47,10 +42,10 @@ def test_a_signal_ends_it(run: Run) -> None:
     assert "load on average" in out
 
 
-def test_a_piano_s_keys_are_played_on_a_fifo(run: Run, tmp_path: Path) -> None:
+def test_a_piano_s_keys_are_played_on_a_fifo(run, tmp_path):
     fifo, found = tmp_path / "keys", []
 
-    def listen() -> None:
+    def listen():
         while not fifo.exists():
             time.sleep(0.01)
         with open(fifo, "rb") as stream:
@@ -68,20 +63,20 @@ def test_a_piano_s_keys_are_played_on_a_fifo(run: Run, tmp_path: Path) -> None:
     assert (status, err) == (2, f"error: --midi: is '{fifo}', but lite has no piano; lite_piano has one\n")
 
 
-def test_without_a_channel_there_is_nowhere_to_be(run: Run) -> None:
+def test_without_a_channel_there_is_nowhere_to_be(run):
     status, _, err = run("emulate", "--fault", "lost")
     assert status == 2
     assert err == "error: --channel: is not given, expected a channel such as vcan0 or udp_multicast:239.74.163.2\n"
 
 
-def test_the_list_of_faults(run: Run) -> None:
+def test_the_list_of_faults(run):
     status, out, _ = run("emulate", "--fault", "help")
     assert status == 0
     assert "encoder_jump=1" in out
 
 
-def test_a_hand_sweeps_the_joints(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    led: list[Mapping[str, float] | None] = []
+def test_a_hand_sweeps_the_joints(run, monkeypatch):
+    led = []
     monkeypatch.setattr(VirtualMotors, "move_by_hand", lambda _, positions: led.append(positions))
     status, _, err = run("emulate", "--channel", CHANNEL, "--sweep", "--duration", "0.3")
     assert (status, err) == (0, "")
@@ -89,7 +84,7 @@ def test_a_hand_sweeps_the_joints(run: Run, monkeypatch: pytest.MonkeyPatch) -> 
     assert abs(led[-1]["left_shoulder_roll"]) < abs(led[0]["left_shoulder_roll"]), "on its way to 0"
 
 
-def test_a_calibration_assembles_the_motors(run: Run, tmp_path: Path) -> None:
+def test_a_calibration_assembles_the_motors(run, tmp_path):
     path = tmp_path / "calibration.yaml"
     path.write_text("left_elbow_pitch: {id: 14, direction: -1, homing_offset: 0.5}\n")
     status, _, err = run("emulate", "--channel", CHANNEL, "--calibration", str(path), "--duration", "0.1")

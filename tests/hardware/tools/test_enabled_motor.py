@@ -1,5 +1,4 @@
 import time
-from collections.abc import Callable
 
 import pytest
 
@@ -7,24 +6,19 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.emulation import firmware, motor_state
 from humanoid_sim.hardware.emulation.faults import Fault
-from humanoid_sim.hardware.emulation.motor_state import MotorState
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.fields import MotorMode
-from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.hardware.robstride.messages import OperationControl
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.tools.bench import open_bench, read_value, some_motors
 from humanoid_sim.hardware.tools.enabled_motor import EnabledMotor
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS
 
-Inject = Callable[[VirtualMotors, Fault], None]
-
 _ADDRESS = parse_address("virtual:bench-client")
 
 
-def test_a_motor_is_enabled_within_the_context_only(bench: RobstrideLink) -> None:
+def test_a_motor_is_enabled_within_the_context_only(bench):
     with EnabledMotor(bench, torque=2.0) as motor:
         assert motor.status.mode is MotorMode.RUN
         position = motor.command(0.0, 0.0, 0.0, 0.0).position
@@ -37,11 +31,9 @@ def test_a_motor_is_enabled_within_the_context_only(bench: RobstrideLink) -> Non
         motor.command(position, 0.0, 5.0, 0.5)
 
 
-def test_what_a_motor_is_told_stays_within_the_torque_that_was_allowed(
-    bench: RobstrideLink, motors: VirtualMotors
-) -> None:
+def test_what_a_motor_is_told_stays_within_the_torque_that_was_allowed(bench, motors):
     """Also where its own torque limit were none, which no document rules out for these commands."""
-    told: list[OperationControl | None] = []
+    told = []
     with EnabledMotor(bench, torque=0.5) as motor:
         here = motor.status.position
         motor.command(here + 1.0, 0.0, 10.0, 0.1)
@@ -50,9 +42,7 @@ def test_what_a_motor_is_told_stays_within_the_torque_that_was_allowed(
     assert here < command.position < here + 0.07, "0.5 N·m at 10 N·m/rad"
 
 
-def test_a_motor_without_a_torque_limit_is_not_enabled_with_torque(
-    bench: RobstrideLink, motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_motor_without_a_torque_limit_is_not_enabled_with_torque(bench, motors, monkeypatch):
     known = motor_state.written_parameters
     index = PARAMETERS["limit_torque"].index
     monkeypatch.setattr(
@@ -66,7 +56,7 @@ def test_a_motor_without_a_torque_limit_is_not_enabled_with_torque(
     assert _nothing_runs(motors)
 
 
-def test_firmware_that_nobody_knows_is_a_question_to_the_operator() -> None:
+def test_firmware_that_nobody_knows_is_a_question_to_the_operator():
     settings = EmulationSettings(firmware={"left_wrist_yaw": "0.5.3.9"})
     group = some_motors([(0, 15)], [str(_ADDRESS)], MOTORS["rs-05"])
     with (
@@ -82,36 +72,34 @@ def test_firmware_that_nobody_knows_is_a_question_to_the_operator() -> None:
             assert "its firmware 0.5.3.9 is in no document" in motor.warnings[0]
 
 
-def test_a_motor_that_does_not_confirm_its_stop_is_said(
-    bench: RobstrideLink, motors: VirtualMotors, inject: Inject
-) -> None:
+def test_a_motor_that_does_not_confirm_its_stop_is_said(bench, motors, inject):
     motor = EnabledMotor(bench)
     with pytest.raises(RobotError, match="does not confirm that it stopped; without commands it stops by itself"):  # noqa: SIM117
         with motor:
             inject(motors, Fault("silent", ("left_wrist_yaw",)))
 
 
-def test_a_motor_that_loses_its_mode_is_noticed(bench: RobstrideLink, motors: VirtualMotors, inject: Inject) -> None:
+def test_a_motor_that_loses_its_mode_is_noticed(bench, motors, inject):
     with EnabledMotor(bench) as motor:
         inject(motors, Fault("reset", ("left_wrist_yaw",)))
         with pytest.raises(RobotError, match="is in mode reset, expected run"):
             motor.command(0.0, 0.0, 0.0, 0.0)
 
 
-def _nothing_runs(motors: VirtualMotors) -> bool:
-    states: list[MotorState] = []
+def _nothing_runs(motors):
+    states = []
     motors.call(lambda emulator: states.extend(emulator.motors.states))
     return all(not state.is_running for state in states)
 
 
-def _nothing_was_written(motors: VirtualMotors) -> bool:
-    states: list[MotorState] = []
+def _nothing_was_written(motors):
+    states = []
     motors.call(lambda emulator: states.extend(emulator.motors.states))
     timeout = PARAMETERS["canTimeout"].index
     return all(state.parameters[timeout] == 0 and not state.is_running for state in states)
 
 
-def test_a_motor_of_another_model_is_not_enabled(motors: VirtualMotors) -> None:
+def test_a_motor_of_another_model_is_not_enabled(motors):
     group = some_motors([(0, 15)], [str(_ADDRESS)], MOTORS["rs-02"])
     refusal = "its firmware 0.5.3.255 is an rs-05's, the robot description has an rs-02 here"
     with (
@@ -123,18 +111,14 @@ def test_a_motor_of_another_model_is_not_enabled(motors: VirtualMotors) -> None:
     assert _nothing_was_written(motors)
 
 
-def test_a_motor_that_another_master_drives_is_not_touched(
-    bench: RobstrideLink, motors: VirtualMotors, inject: Inject
-) -> None:
+def test_a_motor_that_another_master_drives_is_not_touched(bench, motors, inject):
     inject(motors, Fault("other_master"))
     with pytest.raises(RobotError, match="another master drives these motors: another host sends"), EnabledMotor(bench):
         pass
     assert _nothing_was_written(motors)
 
 
-def test_overvoltage_which_no_status_shows_keeps_a_motor_from_being_enabled(
-    bench: RobstrideLink, motors: VirtualMotors, inject: Inject
-) -> None:
+def test_overvoltage_which_no_status_shows_keeps_a_motor_from_being_enabled(bench, motors, inject):
     inject(motors, Fault("over_voltage", ("left_wrist_yaw",)))
     time.sleep(0.02)
     with (

@@ -12,7 +12,7 @@ _TOOLS = (
 )
 
 
-def test_help_lists_every_tool(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_lists_every_tool(capsys):
     with pytest.raises(SystemExit) as ended:
         main(["--help"])
     assert ended.value.code == 0
@@ -20,7 +20,7 @@ def test_help_lists_every_tool(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(f"\n  {tool} " in printed for tool in _TOOLS)
 
 
-def test_help_imports_nothing_heavy() -> None:
+def test_help_imports_nothing_heavy():
     program = (
         "import sys\n"
         "from humanoid_sim.hardware import main\n"
@@ -31,6 +31,6 @@ def test_help_imports_nothing_heavy() -> None:
     assert done.stdout.endswith("heavy: []\n")
 
 
-def test_the_tools_are_a_verb_of_the_one_command(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_tools_are_a_verb_of_the_one_command(capsys):
     assert humanoid_sim_main(["hardware", "budget", "--rate", "50"]) == 0
     assert capsys.readouterr().out.startswith("lite on 1 channel at 50 Hz")

@@ -1,9 +1,6 @@
 import io
 import time
-from collections.abc import Callable, Mapping
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 import yaml
@@ -17,28 +14,25 @@ from humanoid_sim.hardware.tools import identify as tool
 from humanoid_sim.hardware.tools.bench import motor_bench, read_value, write_value
 from humanoid_sim.robots.description import load_robot
 
-Run = Callable[..., tuple[int, str, str]]
-
 _CHANNEL = "virtual:bench-tools"
 _WRIST = ("identify", _CHANNEL, "left_wrist_yaw", "--yes")
 
 
 @pytest.fixture(autouse=True)
-def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+def _quick(monkeypatch):
     monkeypatch.setattr(tool, "_RAMP", 0.12)
     monkeypatch.setattr(tool, "_HOLD", 0.05)
     monkeypatch.setattr(enabled_motor, "CAN_TIMEOUT", 2.0)  # a busy machine may stand still for longer than 0.1 s
 
 
-def _is_stopped_as_before(motor_id: int) -> bool:
+def _is_stopped_as_before(motor_id):
     with motor_bench(_CHANNEL, motor_id, 0xFD) as channels:
         write_value(channels, PARAMETERS["zero_sta"], 0)
         sample = channels.table.slots[0].sample
-        assert sample is not None
         return read_value(channels, PARAMETERS["canTimeout"]) == 0 and sample.status.mode.name == "RESET"
 
 
-def test_the_joint_moves_in_its_positive_direction_and_back(run: Run, lite_motors: VirtualMotors) -> None:
+def test_the_joint_moves_in_its_positive_direction_and_back(run, lite_motors):
     status, printed, complained = run(*_WRIST)
     assert (status, complained) == (0, "")
     assert "motor 15 on virtual:bench-tools will move the joint by +0.15 rad" in printed
@@ -46,7 +40,7 @@ def test_the_joint_moves_in_its_positive_direction_and_back(run: Run, lite_motor
     assert _is_stopped_as_before(15)
 
 
-def test_a_motor_that_turns_the_other_way_than_its_joint(run: Run, lite_motors: VirtualMotors) -> None:
+def test_a_motor_that_turns_the_other_way_than_its_joint(run, lite_motors):
     before = lite_motors.truth.joint_position[5]
     status, printed, _ = run("identify", _CHANNEL, "left_wrist_roll", "--yes", "--angle", "0.2")
     assert status == 0
@@ -55,7 +49,7 @@ def test_a_motor_that_turns_the_other_way_than_its_joint(run: Run, lite_motors: 
     assert abs(lite_motors.truth.joint_position[5] - before) < 0.1
 
 
-def test_a_joint_that_is_wired_to_another_motor_is_told(run: Run, lite_motors: VirtualMotors, tmp_path: Path) -> None:
+def test_a_joint_that_is_wired_to_another_motor_is_told(run, lite_motors, tmp_path):
     """With the wrists' ids exchanged in the description, the roll's motor obeys the yaw's name."""
     document = yaml.safe_load(asset_path("robots", "lite.yaml").read_text(encoding="utf-8"))
     document["mjcf"] = str(asset_path("mjcf", "lite.xml"))
@@ -66,7 +60,7 @@ def test_a_joint_that_is_wired_to_another_motor_is_told(run: Run, lite_motors: V
     positions = []
     told = tool._positions
 
-    def look(*arguments: Any) -> Mapping[int, float]:
+    def look(*arguments):
         positions.append(lite_motors.truth.joint_position.copy())
         return told(*arguments)
 
@@ -78,18 +72,16 @@ def test_a_joint_that_is_wired_to_another_motor_is_told(run: Run, lite_motors: V
     assert abs(there[4]) < 0.05
 
 
-def test_a_joint_that_does_not_follow(run: Run, lite_motors: VirtualMotors) -> None:
+def test_a_joint_that_does_not_follow(run, lite_motors):
     status, _, complained = run(*_WRIST, "--torque", "0.02")  # less than the joint's friction
     assert status == 1
     assert complained == "warning: left_wrist_yaw did not follow: raise --torque, or hold the arm's weight\n"
 
 
-def test_ctrl_c_in_the_middle_leaves_the_motor_stopped(
-    run: Run, lite_motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_in_the_middle_leaves_the_motor_stopped(run, lite_motors, monkeypatch):
     calls = []
 
-    def interrupted(seconds: float) -> None:
+    def interrupted(seconds):
         calls.append(seconds)
         if len(calls) == 5:
             raise KeyboardInterrupt
@@ -101,7 +93,7 @@ def test_ctrl_c_in_the_middle_leaves_the_motor_stopped(
     assert _is_stopped_as_before(15)
 
 
-def test_nothing_moves_without_leave(run: Run, lite_motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_moves_without_leave(run, lite_motors, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO())
     status, _, complained = run(*_WRIST[:-1])
     assert status == 2
@@ -109,16 +101,14 @@ def test_nothing_moves_without_leave(run: Run, lite_motors: VirtualMotors, monke
 
 
 @pytest.mark.parametrize(("answer", "expected"), [("yes\n", 0), ("y\n", 2), ("\n", 2)])
-def test_leave_is_asked_for_on_a_terminal(
-    run: Run, lite_motors: VirtualMotors, monkeypatch: pytest.MonkeyPatch, answer: str, expected: int
-) -> None:
+def test_leave_is_asked_for_on_a_terminal(run, lite_motors, monkeypatch, answer, expected):
     terminal = io.StringIO(answer)
     monkeypatch.setattr(terminal, "isatty", lambda: True)
     monkeypatch.setattr("sys.stdin", terminal)
     assert run(*_WRIST[:-1])[0] == expected
 
 
-def test_firmware_that_scales_gains_is_refused(run: Run) -> None:
+def test_firmware_that_scales_gains_is_refused(run):
     channel = "virtual:bench-identify"
     with VirtualMotors(load_robot("lite"), [channel], settings=EmulationSettings(firmware={"rs-02": "0.2.3.5"})):
         status, _, complained = run("identify", channel, "left_shoulder_pitch", "--yes")

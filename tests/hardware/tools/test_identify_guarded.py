@@ -15,9 +15,9 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("is_killed", [False, True])
-def test_the_motor_is_disabled_whether_the_tool_ends_or_is_killed(is_killed: bool) -> None:
+def test_the_motor_is_disabled_whether_the_tool_ends_or_is_killed(is_killed):
     channel = f"udp_multicast:239.74.{os.getpid() % 250}.{time.monotonic_ns() // 1000 % 250}"
-    told: list[str] = []
+    told = []
     with punctual_threads(behind=10):
         motors = VirtualMotors(load_robot("lite_sito"), [channel], told=lambda _, text: told.append(text))
     words = ("identify", channel, "left_wrist_roll", "--robot", "lite_sito", "--yes", "--allow-no-timeout")

@@ -2,8 +2,6 @@
 
 import io
 import shlex
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -11,7 +9,7 @@ _PLACES = {"NOBODY": "virtual:nobody", "SHARED": "udp_multicast:239.74.163.62"}
 """Nobody answers on the first; the second could be another process'."""
 
 
-def _words(line: str) -> list[str]:
+def _words(line):
     for name, address in _PLACES.items():
         line = line.replace(name, address)
     return shlex.split(line)
@@ -107,9 +105,7 @@ def _words(line: str) -> list[str]:
         ("set-id NOBODY -1", "new id: is -1, expected 1 to 127\n"),
     ],
 )
-def test_options_that_are_not_accepted_are_one_line_and_leave_nothing(
-    run: Callable[..., tuple[int, str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str, message: str
-) -> None:
+def test_options_that_are_not_accepted_are_one_line_and_leave_nothing(run, tmp_path, monkeypatch, line, message):
     monkeypatch.setattr("sys.stdin", io.StringIO())
     monkeypatch.chdir(tmp_path)
     status, printed, complained = run(*_words(line))
@@ -123,6 +119,6 @@ def test_options_that_are_not_accepted_are_one_line_and_leave_nothing(
     ("line", "motor"),
     [("ping NOBODY 40", 40), ("param set NOBODY 40 zero_sta 1", 40), ("identify NOBODY left_wrist_yaw --yes", 15)],
 )
-def test_status_3_where_the_motor_is_silent(run: Callable[..., tuple[int, str, str]], line: str, motor: int) -> None:
+def test_status_3_where_the_motor_is_silent(run, line, motor):
     status, _, complained = run(*_words(line))
     assert (status, complained) == (3, f"error: motor {motor} does not answer on virtual:nobody\n")

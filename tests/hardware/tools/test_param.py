@@ -1,36 +1,30 @@
-from collections.abc import Callable, Iterator
-
 import pytest
 
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.robots.description import load_robot
 
-Run = Callable[..., tuple[int, str, str]]
-Rows = Callable[[str], list[list[str]]]
-Values = Callable[..., tuple[int, dict[str, str]]]
-
 _CHANNEL = "virtual:bench-param"
 
 
 @pytest.fixture(scope="module", autouse=True)
-def motors() -> Iterator[VirtualMotors]:
+def motors():
     """Motors of their own: these tests write to them."""
     with VirtualMotors(load_robot("lite"), [_CHANNEL]) as motors:
         yield motors
 
 
 @pytest.fixture
-def values(run: Run, table_rows: Rows) -> Callable[..., tuple[int, dict[str, str]]]:
+def values(run, table_rows):
     """Read parameters of a motor: exit status, and the first word of each value by name."""
 
-    def read(*words: str) -> tuple[int, dict[str, str]]:
+    def read(*words):
         status, printed, _ = run("param", "get", _CHANNEL, *words)
         return status, {row[1]: row[2] for row in table_rows(printed)}
 
     return read
 
 
-def test_all_parameters_with_a_name_are_read(values: Values) -> None:
+def test_all_parameters_with_a_name_are_read(values):
     status, found = values("15")
     assert status == 0
     assert len(found) == 29
@@ -38,19 +32,19 @@ def test_all_parameters_with_a_name_are_read(values: Values) -> None:
     assert found["damper"] == "not"  # there, on an rs-05
 
 
-def test_named_parameters_are_read(values: Values) -> None:
+def test_named_parameters_are_read(values):
     assert values("12", "vbus", "0x7026") == (0, {"VBUS": "48", "EPScan_time": "1"})
 
 
-def test_an_index_without_a_name_is_read_with_its_type(values: Values) -> None:
+def test_an_index_without_a_name_is_read_with_its_type(values):
     assert values("12", "0x3022", "--type", "u32") == (0, {"0x3022": "0"})
 
 
-def test_status_1_where_a_motor_has_no_such_parameter(values: Values) -> None:
+def test_status_1_where_a_motor_has_no_such_parameter(values):
     assert values("12", "0x3999", "--type", "f32") == (1, {"0x3999": "not"})
 
 
-def test_a_value_is_written_verified_and_said(run: Run, values: Values) -> None:
+def test_a_value_is_written_verified_and_said(run, values):
     status, printed, _ = run("param", "set", _CHANNEL, "12", "canTimeout", "2000")
     assert status == 0
     assert printed == (f"motor 12 on {_CHANNEL}: canTimeout 0 (off) -> 2000 (100 ms), until power-off unless saved\n")
@@ -58,13 +52,13 @@ def test_a_value_is_written_verified_and_said(run: Run, values: Values) -> None:
     assert values("12", "limit_torque") == (0, {"limit_torque": "12.1"})
 
 
-def test_a_value_that_the_motor_does_not_take_is_an_error(run: Run) -> None:
+def test_a_value_that_the_motor_does_not_take_is_an_error(run):
     status, _, complained = run("param", "set", _CHANNEL, "15", "damper", "0")  # an rs-05 has none
     assert status == 2
     assert complained == f"error: motor 15 on {_CHANNEL}: damper reads nothing after 0 was written\n"
 
 
-def test_a_function_code_is_what_it_is_in_the_motors_model(run: Run) -> None:
+def test_a_function_code_is_what_it_is_in_the_motors_model(run):
     at = ("param", "set", _CHANNEL, "15")
     assert run(*at, "0x3017", "1", "--type", "f32") == (
         2,
@@ -86,7 +80,7 @@ def test_a_function_code_is_what_it_is_in_the_motors_model(run: Run) -> None:
 @pytest.mark.parametrize(
     ("motor", "value", "peak"), [("15", "5.6", "5.5 N·m for an rs-05"), ("12", "14.5", "14 N·m for an rs-00")]
 )
-def test_a_torque_limit_is_within_the_models_peak(run: Run, values: Values, motor: str, value: str, peak: str) -> None:
+def test_a_torque_limit_is_within_the_models_peak(run, values, motor, value, peak):
     before = values(motor, "limit_torque")
     status, _, complained = run("param", "set", _CHANNEL, motor, "limit_torque", value)
     assert (status, complained) == (2, f"error: limit_torque: is {value}, expected 0 to {peak}\n")
@@ -96,7 +90,7 @@ def test_a_torque_limit_is_within_the_models_peak(run: Run, values: Values, moto
     run("param", "set", _CHANNEL, motor, "limit_torque", before[1]["limit_torque"])
 
 
-def test_saving_keeps_values_beyond_power_off(run: Run, motors: VirtualMotors) -> None:
+def test_saving_keeps_values_beyond_power_off(run, motors):
     run("param", "set", _CHANNEL, "14", "zero_sta", "1")
     status, printed, _ = run("param", "save", _CHANNEL, "14")
     assert (status, printed) == (0, f"motor 14 on {_CHANNEL}: saved\n")

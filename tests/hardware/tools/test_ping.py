@@ -1,5 +1,3 @@
-from collections.abc import Callable
-
 import pytest
 
 from humanoid_sim.hardware.emulation.faults import Fault
@@ -9,18 +7,15 @@ from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.tools.bench import motor_bench, read_value, write_value
 from humanoid_sim.robots.description import load_robot
 
-Inject = Callable[[VirtualMotors, Fault], None]
-Run = Callable[..., tuple[int, str, str]]
-
 _CHANNEL = "virtual:bench-tools"
 
 
-def _values(printed: str) -> dict[str, str]:
+def _values(printed):
     lines = (line.split(maxsplit=1) for line in printed.splitlines() if line.startswith("  "))
     return {words[0]: words[1] for words in lines}
 
 
-def test_a_motor_says_who_it_is_and_how_it_is(run: Run, lite_motors: VirtualMotors) -> None:
+def test_a_motor_says_who_it_is_and_how_it_is(run, lite_motors):
     status, printed, complained = run("ping", _CHANNEL, "13", "--count", "3")
     values = _values(printed)
     assert (status, complained) == (0, "")
@@ -30,7 +25,7 @@ def test_a_motor_says_who_it_is_and_how_it_is(run: Run, lite_motors: VirtualMoto
     assert "position" not in values
 
 
-def test_the_status_is_read_enabled_and_the_motor_left_stopped(run: Run, lite_motors: VirtualMotors) -> None:
+def test_the_status_is_read_enabled_and_the_motor_left_stopped(run, lite_motors):
     status, printed, _ = run("ping", _CHANNEL, "13", "--count", "1", "--read-status")
     values = _values(printed)
     assert status == 0
@@ -45,12 +40,12 @@ def test_the_status_is_read_enabled_and_the_motor_left_stopped(run: Run, lite_mo
         assert sample.status.mode.name == "RESET"
 
 
-def test_a_model_that_is_given_is_used(run: Run, lite_motors: VirtualMotors) -> None:
+def test_a_model_that_is_given_is_used(run, lite_motors):
     status, printed, _ = run("ping", _CHANNEL, "13", "--count", "1", "--read-status", "--model", "rs-03")
     assert (status, _values(printed)["model"]) == (0, "rs-03")
 
 
-def test_firmware_that_scales_gains_is_mentioned_where_none_are_asked_for(run: Run) -> None:
+def test_firmware_that_scales_gains_is_mentioned_where_none_are_asked_for(run):
     settings = EmulationSettings(firmware={"rs-02": "0.2.3.5"})
     with VirtualMotors(load_robot("lite"), ["virtual:bench-ping"], settings=settings):
         status, printed, complained = run("ping", "virtual:bench-ping", "11", "--count", "1", "--read-status")
@@ -60,7 +55,7 @@ def test_firmware_that_scales_gains_is_mentioned_where_none_are_asked_for(run: R
     )
 
 
-def test_a_motor_in_another_run_mode_is_not_enabled(run: Run) -> None:
+def test_a_motor_in_another_run_mode_is_not_enabled(run):
     with VirtualMotors(load_robot("lite"), ["virtual:bench-ping"]):
         with motor_bench("virtual:bench-ping", 13, 0xFD) as channels:
             write_value(channels, PARAMETERS["run_mode"], 2)
@@ -70,7 +65,7 @@ def test_a_motor_in_another_run_mode_is_not_enabled(run: Run) -> None:
         assert "temperature" not in printed
 
 
-def test_a_faulty_motor_is_reported_and_stopped(run: Run, inject: Inject) -> None:
+def test_a_faulty_motor_is_reported_and_stopped(run, inject):
     with VirtualMotors(load_robot("lite"), ["virtual:bench-ping"]) as motors:
         inject(motors, Fault("encoder_fault", ("left_shoulder_yaw",)))
         status, _, complained = run("ping", "virtual:bench-ping", "13", "--count", "1", "--read-status")

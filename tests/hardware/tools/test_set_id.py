@@ -1,26 +1,24 @@
 import io
-from collections.abc import Callable, Mapping, Sequence
 
 import pytest
 from lone_motor import cycle_power, lone_motors
 
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.robstride.messages import Command, SetDeviceId
+from humanoid_sim.hardware.robstride.messages import SetDeviceId
 from humanoid_sim.hardware.robstride.requests import Requests
 from humanoid_sim.robots.description import load_robot
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 
-Run = Callable[..., tuple[int, str, str]]
 
 _CHANNEL = "virtual:bench-set-id"
 
 
-def _ids(motors: VirtualMotors, *indices: int) -> list[int]:
+def _ids(motors, *indices):
     return [motors._emulator.motors.states[i].can_id for i in indices]
 
 
-def test_a_motor_from_the_factory_gets_its_id_and_keeps_it(run: Run) -> None:
+def test_a_motor_from_the_factory_gets_its_id_and_keeps_it(run):
     with lone_motors(_CHANNEL) as motors:
         status, printed, complained = run("set-id", _CHANNEL, "14", "--yes")
         assert (status, complained) == (0, "")
@@ -38,14 +36,14 @@ def test_a_motor_from_the_factory_gets_its_id_and_keeps_it(run: Run) -> None:
         assert " 127 " not in printed
 
 
-def test_a_motor_that_has_the_id_is_left_alone(run: Run) -> None:
+def test_a_motor_that_has_the_id_is_left_alone(run):
     with lone_motors(_CHANNEL):
         status, printed, _ = run("set-id", _CHANNEL, "127")
     assert status == 0
     assert printed.endswith("it has the id 127 already: nothing was changed\n")
 
 
-def test_several_motors_are_refused_with_one_id_too(run: Run) -> None:
+def test_several_motors_are_refused_with_one_id_too(run):
     with lone_motors(_CHANNEL, (3, 4)) as motors:
         status, _, complained = run("set-id", _CHANNEL, "14", "--yes")
         assert _ids(motors, 3, 4) == [127, 127]
@@ -53,7 +51,7 @@ def test_several_motors_are_refused_with_one_id_too(run: Run) -> None:
     assert complained.startswith(f"error: {_CHANNEL}: 2 motors answer, expected one alone on the bus: 127 (unique id ")
 
 
-def test_a_whole_robot_is_refused(run: Run) -> None:
+def test_a_whole_robot_is_refused(run):
     with VirtualMotors(load_robot("lite"), [_CHANNEL]) as motors:
         status, _, complained = run("set-id", _CHANNEL, "14", "--yes")
         assert _ids(motors, 0, 13) == [11, 27]
@@ -62,9 +60,7 @@ def test_a_whole_robot_is_refused(run: Run) -> None:
 
 
 @pytest.mark.parametrize(("answer", "expected"), [("yes\n", (0, 14)), ("y\n", (2, 127)), ("", (2, 127))])
-def test_an_operator_confirms(
-    run: Run, monkeypatch: pytest.MonkeyPatch, answer: str, expected: tuple[int, int]
-) -> None:
+def test_an_operator_confirms(run, monkeypatch, answer, expected):
     terminal = io.StringIO(answer)
     monkeypatch.setattr(terminal, "isatty", lambda: True)
     monkeypatch.setattr("sys.stdin", terminal)
@@ -74,7 +70,7 @@ def test_an_operator_confirms(
     assert complained == ("" if status == 0 else "error: the id was not changed: not confirmed\n")
 
 
-def test_without_a_terminal_and_yes_nothing_is_changed(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_terminal_and_yes_nothing_is_changed(run, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO())
     with lone_motors(_CHANNEL) as motors:
         status, _, complained = run("set-id", _CHANNEL, "14")
@@ -83,10 +79,10 @@ def test_without_a_terminal_and_yes_nothing_is_changed(run: Run, monkeypatch: py
 
 
 @pytest.mark.parametrize(("lost", "expected"), [(2, 0), (3, 2)])
-def test_a_lost_frame_is_sent_again(run: Run, monkeypatch: pytest.MonkeyPatch, lost: int, expected: int) -> None:
+def test_a_lost_frame_is_sent_again(run, monkeypatch, lost, expected):
     send, renames = Requests.send, []
 
-    def send_not_always(self: Requests, commands: Mapping[int, Sequence[Command]]) -> None:
+    def send_not_always(self, commands):
         if isinstance(next(iter(commands.values()))[0], SetDeviceId):
             renames.append(1)
             if len(renames) <= lost:
@@ -102,7 +98,7 @@ def test_a_lost_frame_is_sent_again(run: Run, monkeypatch: pytest.MonkeyPatch, l
         assert complained.startswith("error: motor 127 did not become 14: now answers 127 (unique id ")
 
 
-def test_what_saving_keeps_besides_is_told(run: Run) -> None:
+def test_what_saving_keeps_besides_is_told(run):
     with lone_motors(_CHANNEL):
         assert run("param", "set", _CHANNEL, "127", "canTimeout", "2000")[0] == 0
         status, _, complained = run("set-id", _CHANNEL, "14", "--yes")
@@ -113,7 +109,7 @@ def test_what_saving_keeps_besides_is_told(run: Run) -> None:
     )
 
 
-def test_status_3_and_advice_where_nobody_answers(run: Run) -> None:
+def test_status_3_and_advice_where_nobody_answers(run):
     status, _, complained = run("set-id", "virtual:nobody", "14", "--yes")
     assert status == 3
     assert complained.splitlines() == [

@@ -1,37 +1,33 @@
 import io
 import math
 import re
-from collections.abc import Callable
 
 import pytest
 from lone_motor import cycle_power, lone_motors
 
-from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
-from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.tools import set_zero as tool
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 
-Run = Callable[..., tuple[int, str, str]]
 
 _CHANNEL = "virtual:bench-set-zero"
 _MOUNTED = EmulationSettings(homing_offset={"left_elbow_pitch": 1.25})
 _AGAIN = ("set-zero", _CHANNEL, "--yes")
 
 
-def _shown(motors: VirtualMotors) -> float:
+def _shown(motors):
     """rad, what the motor calls its position now."""
     found = []
 
-    def look(emulator: Emulator) -> None:
+    def look(emulator):
         found.append(emulator.motors.sensed(3).shaft - emulator.motors.states[3].origin)
 
     motors.call(look)
     return found[0]
 
 
-def test_the_present_position_becomes_zero_and_stays_so(run: Run) -> None:
+def test_the_present_position_becomes_zero_and_stays_so(run):
     with lone_motors(_CHANNEL, settings=_MOUNTED) as motors:
         before = _shown(motors)
         assert abs(before) > 0.5
@@ -47,7 +43,7 @@ def test_the_present_position_becomes_zero_and_stays_so(run: Run) -> None:
         assert abs(math.remainder(_shown(motors), 2.0 * math.pi)) < 0.005  # 0 to 2π: a turn is not known
 
 
-def test_without_confirmation_nothing_is_changed(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_confirmation_nothing_is_changed(run, monkeypatch):
     terminal = io.StringIO("no\n")
     monkeypatch.setattr(terminal, "isatty", lambda: True)
     monkeypatch.setattr("sys.stdin", terminal)
@@ -57,7 +53,7 @@ def test_without_confirmation_nothing_is_changed(run: Run, monkeypatch: pytest.M
         assert _shown(motors) == pytest.approx(before, abs=0.005)
 
 
-def test_several_motors_are_refused(run: Run) -> None:
+def test_several_motors_are_refused(run):
     with lone_motors(_CHANNEL, (3, 4, 5), settings=_MOUNTED) as motors:
         before = _shown(motors)
         status, _, complained = run(*_AGAIN)
@@ -73,7 +69,7 @@ def test_several_motors_are_refused(run: Run) -> None:
         ("add_offset", "0.5", "add_offset is 0.5 rad, which moves its zero at the next power-on"),
     ],
 )
-def test_a_motor_whose_zero_would_not_stay_is_refused(run: Run, name: str, value: str, message: str) -> None:
+def test_a_motor_whose_zero_would_not_stay_is_refused(run, name, value, message):
     with lone_motors(_CHANNEL):
         assert run("param", "set", _CHANNEL, "127", name, value)[0] == 0
         status, _, complained = run(*_AGAIN)
@@ -81,7 +77,7 @@ def test_a_motor_whose_zero_would_not_stay_is_refused(run: Run, name: str, value
     assert message in complained
 
 
-def test_a_shaft_that_turns_is_refused(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_shaft_that_turns_is_refused(run, monkeypatch):
     positions = iter([0.3, 0.3, 0.35])
     monkeypatch.setattr(tool, "_position", lambda _: next(positions))
     with lone_motors(_CHANNEL, settings=_MOUNTED):
@@ -89,7 +85,7 @@ def test_a_shaft_that_turns_is_refused(run: Run, monkeypatch: pytest.MonkeyPatch
     assert (status, complained) == (2, "error: motor 127: its shaft turns: hold it still\n")
 
 
-def test_a_zero_that_the_motor_did_not_take_is_an_error(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_zero_that_the_motor_did_not_take_is_an_error(run, monkeypatch):
     monkeypatch.setattr(tool, "_position", lambda _: 0.3)
     with lone_motors(_CHANNEL, settings=_MOUNTED):
         status, _, complained = run(*_AGAIN)

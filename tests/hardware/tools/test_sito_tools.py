@@ -2,8 +2,6 @@
 
 import re
 import threading
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
@@ -15,26 +13,25 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.session.realtime import punctual_threads
 
-Run = Callable[..., tuple[int, str, str]]
 ROBOT = load_robot("lite_sito")
 CHANNEL = "virtual:bench-sito"
 ON = ("--robot", "lite_sito")
 
 
 @pytest.fixture(scope="module")
-def told() -> list[str]:
+def told():
     return []
 
 
 @pytest.fixture(scope="module")
-def motors(told: list[str]) -> Iterator[VirtualMotors]:
+def motors(told):
     with punctual_threads(behind=10):
         motors = VirtualMotors(ROBOT, [CHANNEL], told=lambda _, text: told.append(text))
     with motors:
         yield motors
 
 
-def test_discover_and_ping_only_listen(motors: VirtualMotors, told: list[str], run: Run) -> None:
+def test_discover_and_ping_only_listen(motors, told, run):
     status, printed, _ = run("discover", CHANNEL, *ON, "--wait", "0.005")
     assert status == 0
     assert "not heard: left_wrist_roll (motor 16 on virtual:bench-sito), left_wrist_pitch (motor 17 on " in printed
@@ -53,9 +50,7 @@ def test_discover_and_ping_only_listen(motors: VirtualMotors, told: list[str], r
     assert told == ["left_wrist_roll: enabled"]
 
 
-def test_identify_asks_for_leave_twice_over_and_bounds_by_the_position(
-    motors: VirtualMotors, told: list[str], run: Run
-) -> None:
+def test_identify_asks_for_leave_twice_over_and_bounds_by_the_position(motors, told, run):
     words = ("identify", CHANNEL, "left_wrist_roll", *ON, "--angle", "0.1", "--yes")
     status, _, complained = run(*words)
     assert (status, complained) == (
@@ -73,9 +68,7 @@ def test_identify_asks_for_leave_twice_over_and_bounds_by_the_position(
 
 
 @pytest.mark.slow
-def test_calibrate_enables_them_limp_for_the_sweep(
-    motors: VirtualMotors, told: list[str], run: Run, tmp_path: Path
-) -> None:
+def test_calibrate_enables_them_limp_for_the_sweep(motors, told, run, tmp_path):
     path = tmp_path / "calibration.yaml"
     words = ("calibrate", CHANNEL, *ON, "--output", str(path), "--joints", "left_wrist_roll", "--duration", "3")
     status, _, complained = run(*words)
@@ -94,7 +87,7 @@ def test_calibrate_enables_them_limp_for_the_sweep(
 
 
 @pytest.mark.slow
-def test_identify_has_a_guardian_where_the_channel_can_be_shared(run: Run) -> None:
+def test_identify_has_a_guardian_where_the_channel_can_be_shared(run):
     channel, told = "udp_multicast:239.74.166.21", []
     with punctual_threads(behind=10):
         shared = VirtualMotors(ROBOT, [channel], told=lambda _, text: told.append(text))

@@ -1,10 +1,9 @@
 """The line of commands under way."""
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
-from humanoid_sim.mit import FloatArray, MITCommand
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
@@ -17,7 +16,7 @@ MODEL = build_model(ROBOT, affine_actuators=True, scene=False)
 STEPS = 40
 
 
-def motors(delay: list[int], jitter: int = 0) -> tuple[BatchMotors, ModelPool]:
+def motors(delay, jitter=0):
     count = len(delay)
     pool = ModelPool(MODEL, count)
     differences = MotorDifferences.none(count, np.array(ROBOT.effort_limit))
@@ -28,14 +27,14 @@ def motors(delay: list[int], jitter: int = 0) -> tuple[BatchMotors, ModelPool]:
     return line, pool
 
 
-def effort(values: npt.ArrayLike) -> MITCommand:
+def effort(values):
     """Feed-forward effort alone, one value for all joints of each robot."""
     column = np.repeat(np.asarray(values, dtype=np.float64)[:, None], ROBOT.joint_count, axis=1)
     none = np.zeros_like(column)
     return MITCommand(none, none, column, none, none)
 
 
-def test_commands_arrive_in_their_own_step_or_later() -> None:
+def test_commands_arrive_in_their_own_step_or_later():
     line, _ = motors([0, 1, 39, 40, 100])
     seen = []
     for step in range(5):
@@ -43,13 +42,13 @@ def test_commands_arrive_in_their_own_step_or_later() -> None:
         assert control.shape == (5, STEPS, ROBOT.joint_count)
         np.testing.assert_array_equal(control, control[:, :, :1].repeat(ROBOT.joint_count, axis=2))
         seen.append(control[:, :, 0].copy())
-    path: FloatArray = np.concatenate(seen, axis=1)
+    path = np.concatenate(seen, axis=1)
     for row, delay in zip(path, [0, 1, 39, 40, 100], strict=True):
         expected = np.repeat(np.arange(1.0, 6.0), STEPS)
         np.testing.assert_array_equal(row, np.concatenate([np.zeros(delay), expected])[: len(row)])
 
 
-def test_jitter_is_drawn_anew_for_every_command() -> None:
+def test_jitter_is_drawn_anew_for_every_command():
     count = 300
     line, _ = motors([0] * count, jitter=20)
     arrivals = []
@@ -64,7 +63,7 @@ def test_jitter_is_drawn_anew_for_every_command() -> None:
     assert np.abs(np.corrcoef(late) - np.eye(6)).max() < 0.2
 
 
-def test_a_command_that_is_overtaken_is_dropped() -> None:
+def test_a_command_that_is_overtaken_is_dropped():
     line, _ = motors([0] * 64, jitter=2 * STEPS)
     last = np.zeros(64)
     overtaken = 0
@@ -77,7 +76,7 @@ def test_a_command_that_is_overtaken_is_dropped() -> None:
     assert overtaken > 20
 
 
-def test_models_stay_shared_while_all_gains_are_the_same() -> None:
+def test_models_stay_shared_while_all_gains_are_the_same():
     line, pool = motors([0, 0])
     ones = np.ones((2, ROBOT.joint_count))
     line.send(MITCommand(ones, ones, ones, 50.0 * ones, 2.0 * ones), np.zeros(2, dtype=np.int64), None)
@@ -93,7 +92,7 @@ def test_models_stay_shared_while_all_gains_are_the_same() -> None:
     assert (pool.nominal.actuator_biasprm[:, 1:3] == 0.0).all()
 
 
-def test_torque_is_the_mit_law_saturated() -> None:
+def test_torque_is_the_mit_law_saturated():
     line, _ = motors([0])
     ones = np.ones((1, ROBOT.joint_count))
     line.send(

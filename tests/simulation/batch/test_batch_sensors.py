@@ -1,14 +1,11 @@
 """What a batch measures against what MuJoCo gives one robot at the same state."""
 
-from collections.abc import Callable
-
 import mujoco
 import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool
 from humanoid_sim.simulation.batch.randomisation import Randomisation
@@ -55,9 +52,7 @@ EVERY_JOINT = """
 """
 
 
-def sensors_of(
-    robot: RobotDescription, bodies: list[str], anchor_body: str = ""
-) -> tuple[BatchPhysics, BatchSensors, mujoco.MjModel]:
+def sensors_of(robot, bodies, anchor_body=""):
     """At a random state; quaternions are of any length, as integration leaves them."""
     model = build_model(robot, affine_actuators=True, scene=False)
     physics = BatchPhysics(ModelPool(model, COUNT), COUNT, 1, 2, 1)
@@ -72,7 +67,7 @@ def sensors_of(
 
 
 @pytest.mark.parametrize("frame", ["imu", "hand", "limb", "trunk"])
-def test_the_imu_is_that_of_one_robot(small_robot: Callable[..., RobotDescription], frame: str) -> None:
+def test_the_imu_is_that_of_one_robot(small_robot, frame):
     base = {"type": "floating", "body": "trunk", "height": 1.0}
     robot = small_robot(EVERY_JOINT, ("slide", "hinge"), imu=frame, base=base)
     physics, sensors, model = sensors_of(robot, [])
@@ -87,7 +82,7 @@ def test_the_imu_is_that_of_one_robot(small_robot: Callable[..., RobotDescriptio
         np.testing.assert_allclose(state.imu_linear_acceleration[i], expected.linear_acceleration, rtol=0, atol=1e-10)
 
 
-def test_a_robot_on_a_stand_feels_gravity_only() -> None:
+def test_a_robot_on_a_stand_feels_gravity_only():
     robot = load_robot("lite")
     physics, sensors, model = sensors_of(robot, [])
     state = sensors.read(physics.now, sensors.measure(physics.now), np.zeros((COUNT, 14)), None)
@@ -100,7 +95,7 @@ def test_a_robot_on_a_stand_feels_gravity_only() -> None:
 
 
 @pytest.mark.parametrize("source", ["lite", "lite_biped", "every joint"])
-def test_poses_are_those_of_mj_kinematics(small_robot: Callable[..., RobotDescription], source: str) -> None:
+def test_poses_are_those_of_mj_kinematics(small_robot, source):
     robot = small_robot(EVERY_JOINT, ("slide", "hinge")) if source == "every joint" else load_robot(source)
     described = build_model(robot, scene=False)
     # The support is a mocap body, whose pose is not a function of qpos.
@@ -109,7 +104,7 @@ def test_poses_are_those_of_mj_kinematics(small_robot: Callable[..., RobotDescri
     measured = sensors.measure(physics.now)
     positions, quaternions = sensors.poses(measured, in_base=False)
     state = sensors.read(physics.now, measured, np.zeros((COUNT, robot.joint_count)), None)
-    anchor: FloatArray = state.extern["anchor_pose"].value
+    anchor = state.extern["anchor_pose"].value
     data = mujoco.MjData(model)
     ids = [model.body(name).id for name in bodies]
     for i in range(COUNT):
@@ -120,7 +115,7 @@ def test_poses_are_those_of_mj_kinematics(small_robot: Callable[..., RobotDescri
         np.testing.assert_array_equal(anchor[i], np.concatenate([data.xpos[ids[-1]], data.xquat[ids[-1]]]))
 
 
-def test_a_base_without_a_name(small_robot: Callable[..., RobotDescription]) -> None:
+def test_a_base_without_a_name(small_robot):
     mjcf = EVERY_JOINT.replace('<body name="trunk">', "<body>")
     physics, sensors, _ = sensors_of(small_robot(mjcf, ("slide", "hinge")), ["limb"])
     position, quaternion = sensors.poses(sensors.measure(physics.now), in_base=True)
@@ -128,7 +123,7 @@ def test_a_base_without_a_name(small_robot: Callable[..., RobotDescription]) -> 
     assert np.isfinite(quaternion).all()
 
 
-def test_unknown_frames_are_refused(small_robot: Callable[..., RobotDescription]) -> None:
+def test_unknown_frames_are_refused(small_robot):
     robot = small_robot(EVERY_JOINT, ("slide", "hinge"))
     known = "known: stand, slider, ball, tip, trunk, limb, hand$"
     with pytest.raises(InputError, match=f"^unknown body 'head' .did you mean 'hand'..; {known}"):

@@ -2,7 +2,6 @@
 
 import shutil
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -10,18 +9,17 @@ import pytest
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, COMMAND_FIELDS, MITCommand, MITState
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, COMMAND_FIELDS, MITCommand
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from humanoid_sim.simulation.plant import BatchActuation
 from humanoid_sim.simulation.push import Push, push_wrench
 
 PERIOD = 0.02
 
 
-def commands(robot: RobotDescription, count: int, spread: float, seed: int = 0) -> MITCommand:
+def commands(robot, count, spread, seed=0):
     """Targets around the initial position, gains of the description, a little of everything else."""
     generator = np.random.default_rng(seed)
     shape = (count, robot.joint_count)
@@ -34,11 +32,11 @@ def commands(robot: RobotDescription, count: int, spread: float, seed: int = 0) 
     )
 
 
-def row(command: MITCommand, i: int) -> MITCommand:
+def row(command, i):
     return MITCommand(*(getattr(command, name)[i] for name in COMMAND_FIELDS))
 
 
-def assert_reports(batch: MITState, i: int, alone: MITState, tolerance: float) -> None:
+def assert_reports(batch, i, alone, tolerance):
     for name in (
         "joint_position",
         "joint_velocity",
@@ -60,7 +58,7 @@ def assert_reports(batch: MITState, i: int, alone: MITState, tolerance: float) -
 @pytest.mark.parametrize(
     ("name", "anchor", "spread", "threads"), [("lite", "", 0.8, 2), ("lite_biped", "pelvis", 0.3, 1)]
 )
-def test_each_robot_moves_as_it_would_alone(name: str, anchor: str, spread: float, threads: int) -> None:
+def test_each_robot_moves_as_it_would_alone(name, anchor, spread, threads):
     robot = load_robot(name)
     count = 3
     batch = BatchSimulation(robot, count, control_period=PERIOD, anchor_body=anchor, threads=threads)
@@ -81,7 +79,7 @@ def test_each_robot_moves_as_it_would_alone(name: str, anchor: str, spread: floa
     assert not batch.fault.any()
 
 
-def test_passive_damping_is_no_obstacle(tmp_path: Path) -> None:
+def test_passive_damping_is_no_obstacle(tmp_path):
     """MuJoCo integrates it implicitly, so that the solver's start is known approximately only."""
     for folder in ("mjcf", "robots"):
         shutil.copytree(asset_path(folder), tmp_path / folder)
@@ -99,7 +97,7 @@ def test_passive_damping_is_no_obstacle(tmp_path: Path) -> None:
         np.testing.assert_allclose(batch.qpos[0], single.qpos, rtol=0, atol=1e-9)
 
 
-def test_gains_may_differ_between_robots_and_change() -> None:
+def test_gains_may_differ_between_robots_and_change():
     robot = load_robot("lite")
     batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1)
     singles = [MujocoRobot(robot, control_period=PERIOD, actuation="affine") for _ in range(2)]
@@ -114,7 +112,7 @@ def test_gains_may_differ_between_robots_and_change() -> None:
 
 
 @pytest.mark.parametrize("delay", [0.0005, 0.013, 0.02, 0.0475])
-def test_a_late_command_is_as_late_as_on_one_robot(delay: float) -> None:
+def test_a_late_command_is_as_late_as_on_one_robot(delay):
     robot = load_robot("lite")
     batch = BatchSimulation(
         robot, 2, control_period=PERIOD, threads=1, randomisation=Randomisation(command_delay=(delay, delay))
@@ -131,7 +129,7 @@ def test_a_late_command_is_as_late_as_on_one_robot(delay: float) -> None:
 
 
 @pytest.mark.parametrize(("name", "delay"), [("lite", 0.0005), ("lite", 0.02), ("lite_biped", 0.0275)])
-def test_a_late_report_is_as_late_as_on_one_robot(name: str, delay: float) -> None:
+def test_a_late_report_is_as_late_as_on_one_robot(name, delay):
     robot, late = load_robot(name), Randomisation(state_delay=(delay, delay))
     anchor = "pelvis" if name == "lite_biped" else ""
     batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1, randomisation=late, anchor_body=anchor)
@@ -151,7 +149,7 @@ def test_a_late_report_is_as_late_as_on_one_robot(name: str, delay: float) -> No
         np.testing.assert_array_equal(batch.state().joint_effort, 0.0)
 
 
-def test_until_the_first_command_arrives_the_start_is_held() -> None:
+def test_until_the_first_command_arrives_the_start_is_held():
     robot = load_robot("lite")
     late = BatchSimulation(
         robot, 1, control_period=PERIOD, threads=1, randomisation=Randomisation(command_delay=(PERIOD, PERIOD))
@@ -170,7 +168,7 @@ def test_until_the_first_command_arrives_the_start_is_held() -> None:
     np.testing.assert_allclose(late.qpos, punctual.qpos, rtol=0, atol=1e-12)
 
 
-def test_robots_outside_the_choice_stand_still_and_miss_nothing() -> None:
+def test_robots_outside_the_choice_stand_still_and_miss_nothing():
     robot = load_robot("lite_biped")
     delayed = Randomisation(command_delay=(0.03, 0.03))
     both = BatchSimulation(robot, 2, control_period=PERIOD, threads=1, randomisation=delayed)
@@ -188,9 +186,7 @@ def test_robots_outside_the_choice_stand_still_and_miss_nothing() -> None:
     assert both.steps.tolist() == [3, 6]
 
 
-def test_a_broken_simulation_stands_still_and_disturbs_nobody(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_broken_simulation_stands_still_and_disturbs_nobody(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)  # where MuJoCo would leave its MUJOCO_LOG.TXT
     robot = load_robot("lite")
     batch = BatchSimulation(robot, 4, control_period=PERIOD, threads=2)
@@ -218,12 +214,12 @@ def test_a_broken_simulation_stands_still_and_disturbs_nobody(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_batches_in_several_threads_leave_the_handler_of_warnings_as_it_was() -> None:
+def test_batches_in_several_threads_leave_the_handler_of_warnings_as_it_was():
     robot = load_robot("lite")
     before = mujoco.get_mju_user_warning()
     simulations = [BatchSimulation(robot, 2, threads=1) for _ in range(3)]
 
-    def run(simulation: BatchSimulation) -> None:
+    def run(simulation):
         for step in range(30):
             simulation.step(commands(robot, 2, 0.2, seed=step))
 
@@ -233,7 +229,7 @@ def test_batches_in_several_threads_leave_the_handler_of_warnings_as_it_was() ->
     np.testing.assert_array_equal(simulations[0].qpos, simulations[2].qpos)
 
 
-def test_every_robot_may_be_broken_at_once() -> None:
+def test_every_robot_may_be_broken_at_once():
     robot = load_robot("lite")
     batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1)
     shape = (2, robot.joint_count)
@@ -243,7 +239,7 @@ def test_every_robot_may_be_broken_at_once() -> None:
     assert batch.steps.tolist() == [0, 0]
 
 
-def test_a_reset_forgets_everything() -> None:
+def test_a_reset_forgets_everything():
     robot = load_robot("lite_biped")
     batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1)
     fresh = batch.state()
@@ -262,7 +258,7 @@ def test_a_reset_forgets_everything() -> None:
     np.testing.assert_array_equal(batch.qpos, again.qpos)
 
 
-def test_starts() -> None:
+def test_starts():
     robot = load_robot("lite_biped")
     batch = BatchSimulation(robot, 3, control_period=PERIOD, threads=1)
     turned = MujocoRobot(robot, support=False, base_yaw=0.7)
@@ -280,7 +276,7 @@ def test_starts() -> None:
     np.testing.assert_array_equal(batch.state().joint_position[1], robot.initial_position)
 
 
-def test_a_push_moves_what_it_pushes() -> None:
+def test_a_push_moves_what_it_pushes():
     robot = load_robot("lite_biped")
     batch = BatchSimulation(robot, 3, control_period=PERIOD, threads=1)
     foot = BatchSimulation(robot, 1, control_period=PERIOD, threads=1, push_body="left_foot")
@@ -297,7 +293,7 @@ def test_a_push_moves_what_it_pushes() -> None:
     assert not np.allclose(foot.qvel[0], batch.qvel[1], atol=1e-3)
 
 
-def test_a_change_of_velocity_moves_the_whole_robot_at_once() -> None:
+def test_a_change_of_velocity_moves_the_whole_robot_at_once():
     robot = load_robot("lite_biped")
     batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1)
     batch.reset()
@@ -317,7 +313,7 @@ def test_a_change_of_velocity_moves_the_whole_robot_at_once() -> None:
 
 
 @pytest.mark.parametrize("actuation", ["affine", "implicit"])
-def test_a_push_on_the_base_does_what_it_does_in_play(actuation: BatchActuation) -> None:
+def test_a_push_on_the_base_does_what_it_does_in_play(actuation):
     robot = load_robot("lite_biped")
     velocities = np.array([[0.4, 0.0], [-0.1, 0.3], [0.0, 0.0]])
     batch = BatchSimulation(robot, 3, control_period=PERIOD, actuation=actuation, threads=1)
@@ -338,7 +334,7 @@ def test_a_push_on_the_base_does_what_it_does_in_play(actuation: BatchActuation)
     assert batch.qvel[0, 4] > 0.05
 
 
-def test_body_poses_in_world_and_base() -> None:
+def test_body_poses_in_world_and_base():
     lite = load_robot("lite")
     kinematics = ForwardKinematics(lite)
     batch = BatchSimulation(lite, 4, bodies=kinematics.bodies, threads=1)
@@ -366,14 +362,14 @@ def test_body_poses_in_world_and_base() -> None:
     np.testing.assert_array_equal(walker.state().extern[ANCHOR_POSE].value[:, :3], feet[:, 0])
 
 
-def test_what_is_handed_out_cannot_be_written() -> None:
+def test_what_is_handed_out_cannot_be_written():
     batch = BatchSimulation(load_robot("lite"), 1, threads=1)
     for array in (batch.qpos, batch.qvel, batch.effort, batch.steps, batch.fault):
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 1
 
 
-def test_bad_options_are_named() -> None:
+def test_bad_options_are_named():
     robot = load_robot("lite")
     for options, message in (
         ({"count": 0}, "count: is 0, expected a whole number >= 1"),
@@ -384,10 +380,10 @@ def test_bad_options_are_named() -> None:
         ({"count": 1, "push_body": "nose"}, "unknown body 'nose'"),
     ):
         with pytest.raises(InputError, match=message):
-            BatchSimulation(robot, **options)  # type: ignore[arg-type]
+            BatchSimulation(robot, **options)
 
 
-def test_a_wrong_command_and_a_closed_simulation_are_refused() -> None:
+def test_a_wrong_command_and_a_closed_simulation_are_refused():
     robot = load_robot("lite")
     batch = BatchSimulation(robot, 2, threads=2)
     with pytest.raises(RobotError, match=r"lite: command has shape \(14,\), expected \(2, 14\)"):

@@ -1,5 +1,4 @@
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from humanoid_sim.simulation.batch.draws import normals, philox, seed_keys, uniforms, uniforms_of_streams
@@ -19,17 +18,17 @@ FULL = 0xFFFFFFFF
         ),
     ],
 )
-def test_known_answers_of_the_authors(counter: list[int], key: list[int], expected: list[int]) -> None:
+def test_known_answers_of_the_authors(counter, key, expected):
     """`kat_vectors` of Random123."""
     words = philox(np.array(counter, dtype=np.uint64)[:, None], np.array(key, dtype=np.uint64)[:, None])
     assert words[:, 0].tolist() == expected
 
 
-def counters(*values: int) -> npt.NDArray[np.int64]:
+def counters(*values):
     return np.array(values, dtype=np.int64)
 
 
-def test_an_environment_draws_the_same_in_any_batch() -> None:
+def test_an_environment_draws_the_same_in_any_batch():
     many = normals(seed_keys([5, 6, 7]), 3, counters(10, 11, 12), 9)
     alone = normals(seed_keys([6]), 3, counters(11), 9)
     np.testing.assert_array_equal(many[1:2], alone)
@@ -37,7 +36,7 @@ def test_an_environment_draws_the_same_in_any_batch() -> None:
     assert wider.shape == (1, 10)
 
 
-def test_seed_stream_and_counter_each_change_everything() -> None:
+def test_seed_stream_and_counter_each_change_everything():
     first = uniforms(seed_keys([1]), 1, counters(1), 64)[0]
     others = [
         uniforms(seed_keys([2]), 1, counters(1), 64)[0],
@@ -51,7 +50,7 @@ def test_seed_stream_and_counter_each_change_everything() -> None:
         assert abs(np.corrcoef(first, other)[0, 1]) < 0.4
 
 
-def test_distributions() -> None:
+def test_distributions():
     keys, steps = seed_keys(np.arange(500)), np.arange(500)
     uniform = uniforms(keys, 0, steps, 200)
     assert 0.0 < uniform.min() < 1e-4
@@ -65,7 +64,7 @@ def test_distributions() -> None:
     assert np.abs(np.corrcoef(normal, rowvar=False) - np.eye(201)).max() < 0.3
 
 
-def test_several_streams_at_once_are_those_of_each() -> None:
+def test_several_streams_at_once_are_those_of_each():
     keys, counter = seed_keys([5, 2**40]), np.array([7, 3 << 32])
     together = uniforms_of_streams(keys, [(1, 5), (9, 1), (3, 8)], counter)
     for (stream, width), found in zip([(1, 5), (9, 1), (3, 8)], together, strict=True):

@@ -1,7 +1,5 @@
 """What differs between the environments of a batch."""
 
-from typing import Any
-
 import mujoco
 import numpy as np
 import pytest
@@ -19,17 +17,17 @@ VARIED = Randomisation(
 )
 
 
-def batch(count: int, randomisation: Randomisation, seeds: Any = None, *, period: float = PERIOD) -> BatchSimulation:
+def batch(count, randomisation, seeds=None, *, period=PERIOD):
     return BatchSimulation(ROBOT, count, control_period=period, threads=1, randomisation=randomisation, seeds=seeds)
 
 
-def hold(count: int, position: float = 0.2) -> MITCommand:
+def hold(count, position=0.2):
     shape = (count, ROBOT.joint_count)
     zeros = np.zeros(shape)
     return MITCommand(zeros + position, zeros, zeros, zeros + 50.0, zeros + 2.0)
 
 
-def test_nothing_differs_unless_asked_for() -> None:
+def test_nothing_differs_unless_asked_for():
     plain = batch(3, Randomisation())
     assert plain.model(0) is plain.model(2)
     for _ in range(3):
@@ -38,7 +36,7 @@ def test_nothing_differs_unless_asked_for() -> None:
     np.testing.assert_array_equal(plain.state().joint_position, plain.qpos)
 
 
-def test_models_are_copied_once_and_keep_their_ranges() -> None:
+def test_models_are_copied_once_and_keep_their_ranges():
     varied = batch(6, VARIED)
     models = [varied.model(i) for i in range(6)]
     assert len({id(model) for model in models}) == 6
@@ -59,7 +57,7 @@ def test_models_are_copied_once_and_keep_their_ranges() -> None:
     assert [varied.model(i) for i in range(6)] == models
 
 
-def test_derived_quantities_follow_the_masses() -> None:
+def test_derived_quantities_follow_the_masses():
     varied = batch(2, Randomisation(mass=(2.0, 2.0)))
     model = varied.model(1)
     data = mujoco.MjData(model)
@@ -69,7 +67,7 @@ def test_derived_quantities_follow_the_masses() -> None:
     np.testing.assert_array_equal(model.dof_invweight0, before)
 
 
-def test_an_environment_is_the_same_in_any_batch_and_after_seeding_again() -> None:
+def test_an_environment_is_the_same_in_any_batch_and_after_seeding_again():
     several, alone = batch(4, VARIED, seeds=[3, 4, 5, 6]), batch(1, VARIED, seeds=5)
     again = batch(4, VARIED)
     again.step(hold(4))
@@ -83,8 +81,8 @@ def test_an_environment_is_the_same_in_any_batch_and_after_seeding_again() -> No
     assert len(np.unique(several.qpos[:, 0])) == 4
 
 
-def test_every_episode_is_drawn_anew_and_again_after_seeding() -> None:
-    def figures(simulation: BatchSimulation) -> list[float]:
+def test_every_episode_is_drawn_anew_and_again_after_seeding():
+    def figures(simulation):
         return [simulation.model(i).body_mass.sum() for i in range(simulation.count)]
 
     varied = batch(3, VARIED)
@@ -100,12 +98,12 @@ def test_every_episode_is_drawn_anew_and_again_after_seeding() -> None:
     assert figures(varied) == second
 
 
-def test_what_is_drawn_in_part_is_nearer_to_the_model() -> None:
+def test_what_is_drawn_in_part_is_nearer_to_the_model():
     drawn = batch(4, Randomisation(mass=(0.5, 1.5), payload=(1.0, 2.0), joint_position_bias=0.1))
     nominal = batch(1, Randomisation()).model(0).body_mass
     hands = [drawn.model(0).body(name).id for name in ROBOT.hands]
 
-    def bias() -> Any:
+    def bias():
         return drawn.state().joint_position - drawn.truth().joint_position
 
     full = np.array([drawn.model(i).body_mass for i in range(4)]) - nominal
@@ -121,7 +119,7 @@ def test_what_is_drawn_in_part_is_nearer_to_the_model() -> None:
     np.testing.assert_array_equal(bias(), 0.0)
 
 
-def test_noise_of_another_episode_is_another() -> None:
+def test_noise_of_another_episode_is_another():
     noisy = batch(1, Randomisation(joint_position_noise=0.01))
     first = noisy.state().joint_position
     noisy.reset()
@@ -131,7 +129,7 @@ def test_noise_of_another_episode_is_another() -> None:
     assert np.abs(noisy.state().joint_position - first).min() > 1e-6
 
 
-def test_payload_armature_and_centres_of_mass_are_in_the_models() -> None:
+def test_payload_armature_and_centres_of_mass_are_in_the_models():
     options = Randomisation(payload=(1.0, 2.0), armature=(2.0, 3.0), centre_of_mass=0.02)
     for robot, carriers in ((ROBOT, ROBOT.hands), (BIPED, ("pelvis",))):
         varied = BatchSimulation(robot, 5, threads=1, randomisation=options)
@@ -158,7 +156,7 @@ def test_payload_armature_and_centres_of_mass_are_in_the_models() -> None:
                 np.testing.assert_allclose(felt, model.body(name).ipos, rtol=0, atol=1e-12)
 
 
-def test_a_heavier_hand_hangs_lower() -> None:
+def test_a_heavier_hand_hangs_lower():
     simulations = [batch(1, Randomisation(payload=(load, load))) for load in (0.0, 0.5)]
     heights = []
     for simulation in simulations:
@@ -171,7 +169,7 @@ def test_a_heavier_hand_hangs_lower() -> None:
     assert (np.array(heights[1]) < np.array(heights[0]) - 0.005).all()
 
 
-def test_a_weak_motor_gives_a_share_of_its_torque_and_of_its_limit() -> None:
+def test_a_weak_motor_gives_a_share_of_its_torque_and_of_its_limit():
     weak = batch(1, Randomisation(motor_strength=(0.25, 0.25)))
     limited = batch(1, Randomisation(effort_limit=(0.25, 0.25)))
     plain = batch(1, Randomisation())
@@ -193,7 +191,7 @@ def test_a_weak_motor_gives_a_share_of_its_torque_and_of_its_limit() -> None:
     assert (np.abs(plain.effort[0]) > 0.25 * limit).any()
 
 
-def test_an_encoder_that_is_off_moves_the_motor_as_well() -> None:
+def test_an_encoder_that_is_off_moves_the_motor_as_well():
     off = batch(1, Randomisation(joint_position_bias=0.05))
     plain = batch(1, Randomisation())
     bias = off.state().joint_position - off.truth().joint_position
@@ -207,7 +205,7 @@ def test_an_encoder_that_is_off_moves_the_motor_as_well() -> None:
         np.testing.assert_allclose(off.state().joint_position, off.qpos + bias, rtol=0, atol=1e-12)
 
 
-def test_an_imu_that_is_off_stays_off_by_the_same() -> None:
+def test_an_imu_that_is_off_stays_off_by_the_same():
     off = BatchSimulation(
         BIPED,
         8,
@@ -236,7 +234,7 @@ def test_an_imu_that_is_off_stays_off_by_the_same() -> None:
 
 
 @pytest.mark.parametrize("robot", [ROBOT, BIPED], ids=lambda robot: robot.name)
-def test_gravity_that_is_tilted_is_felt_by_body_and_imu(robot: Any) -> None:
+def test_gravity_that_is_tilted_is_felt_by_body_and_imu(robot):
     tilted = BatchSimulation(robot, 30, control_period=PERIOD, threads=1, randomisation=Randomisation(gravity_tilt=0.2))
     plain = BatchSimulation(robot, 1, control_period=PERIOD, threads=1)
     gravity = np.array([tilted.model(i).opt.gravity for i in range(30)])
@@ -257,14 +255,14 @@ def test_gravity_that_is_tilted_is_felt_by_body_and_imu(robot: Any) -> None:
         )
 
 
-def test_pushes_speed_a_robot_up_by_what_was_drawn_once_in_every_interval() -> None:
+def test_pushes_speed_a_robot_up_by_what_was_drawn_once_in_every_interval():
     pushed = BatchSimulation(
         BIPED, 6, control_period=PERIOD, threads=1, randomisation=Randomisation(push=(0.2, 0.4), push_interval=0.5)
     )
     mass = pushed.model(0).body_subtreemass[0]
     forces = []
     for step in range(75):
-        wrench = pushed._pushes.wrench(np.full(6, step))  # type: ignore[union-attr]
+        wrench = pushed._pushes.wrench(np.full(6, step))
         np.testing.assert_array_equal(wrench[:, 2:], 0.0)
         forces.append(wrench[:, :2])
     impulse = np.array(forces).reshape(3, 25, 6, 2)
@@ -277,15 +275,15 @@ def test_pushes_speed_a_robot_up_by_what_was_drawn_once_in_every_interval() -> N
     for simulation in (pushed, still):
         for _ in range(25):
             simulation.step(MITCommand.zeros(6, 14))
-    assert np.abs(pushed.base.linear_velocity - still.base.linear_velocity)[:, :2].max() > 0.1  # type: ignore[union-attr]
+    assert np.abs(pushed.base.linear_velocity - still.base.linear_velocity)[:, :2].max() > 0.1
 
 
-def test_a_fixed_base_cannot_be_pushed() -> None:
+def test_a_fixed_base_cannot_be_pushed():
     with pytest.raises(InputError, match="push: 'lite' has a fixed base, which no push moves"):
         batch(1, Randomisation(push=(0.1, 0.2)))
 
 
-def test_factors_on_gains_are_the_motors() -> None:
+def test_factors_on_gains_are_the_motors():
     weak = batch(1, Randomisation(stiffness=(0.5, 0.5), damping=(0.25, 0.25)))
     reference = batch(1, Randomisation())
     command = hold(1)
@@ -299,7 +297,7 @@ def test_factors_on_gains_are_the_motors() -> None:
     np.testing.assert_array_equal(weak.effort, reference.effort)
 
 
-def test_noise_is_seen_and_not_felt() -> None:
+def test_noise_is_seen_and_not_felt():
     step = 0.0005  # as little physics as there can be
     quiet = batch(200, Randomisation(), period=step)
     noisy = batch(
@@ -355,15 +353,15 @@ def test_noise_is_seen_and_not_felt() -> None:
         ({"payload": 1.0}, "randomisation: payload is 1.0, expected two finite numbers"),
     ],
 )
-def test_a_bad_value_is_named(options: dict[str, Any], message: str) -> None:
+def test_a_bad_value_is_named(options, message):
     with pytest.raises(InputError, match=message):
         Randomisation(**options)
 
 
-def test_jitter_is_in_whole_physics_steps() -> None:
+def test_jitter_is_in_whole_physics_steps():
     with pytest.raises(InputError, match=r"command_jitter: 0\.0007 s is not a multiple of the physics step"):
         batch(1, Randomisation(command_jitter=0.0007))
 
 
-def test_ranges_of_lists_are_tuples() -> None:
-    assert Randomisation(mass=[0.5, 1]).mass == (0.5, 1.0)  # type: ignore[arg-type]
+def test_ranges_of_lists_are_tuples():
+    assert Randomisation(mass=[0.5, 1]).mass == (0.5, 1.0)

@@ -3,9 +3,7 @@
 import json
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
@@ -13,11 +11,9 @@ from humanoid_sim.cli import run_program
 from tools.bench import batches, figures, main, one_robot, plants
 from tools.bench.timing import Row
 
-Run = Callable[..., tuple[int, str, str]]
-
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
+def run(capsys, monkeypatch):
     """Run `bench` with blocks of a few ticks and steps: status, stdout, stderr."""
     monkeypatch.setattr(one_robot, "_BLOCK", 8)
     monkeypatch.setattr(one_robot, "_STEPS", 3)
@@ -31,7 +27,7 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(figures, "_SECONDS", 1.0)
     monkeypatch.setenv("COLUMNS", "200")
 
-    def bench(*arguments: str) -> tuple[int, str, str]:
+    def bench(*arguments):
         capsys.readouterr()
         try:
             status = run_program(main, arguments)
@@ -42,12 +38,12 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
     return bench
 
 
-def fake(monkeypatch: pytest.MonkeyPatch, **rows: Row) -> list[tuple[str, int]]:
+def fake(monkeypatch, **rows):
     """Put rows in the place of what is measured; gives the list of what was asked for."""
-    asked: list[tuple[str, int]] = []
+    asked = []
 
-    def taker(name: str, row: Row) -> Callable[[int], list[Row]]:
-        return lambda repetitions: asked.append((name, repetitions)) or [row]  # type: ignore[func-returns-value]
+    def taker(name, row):
+        return lambda repetitions: asked.append((name, repetitions)) or [row]
 
     monkeypatch.setattr(figures, "_BENCHMARKS", {name: taker(name, row) for name, row in rows.items()})
     return asked
@@ -59,16 +55,16 @@ FREE = Row("other thing", 7.0, "µs", 6.0, 8.0)
 FAST = Row("fast thing", 2.0, "ratio", 1.9, 2.1, 1.9, at_least=True)
 
 
-def _is_within(row: dict[str, Any]) -> bool:
+def _is_within(row):
     return bool(row["value"] >= row["target"] if row["at_least"] else row["value"] <= row["target"])
 
 
-def test_every_figure_can_be_taken(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_figure_can_be_taken(run, monkeypatch):
     quick = {name: take for name, take in figures._BENCHMARKS.items() if name != "hardware loop"}
     monkeypatch.setattr(figures, "_BENCHMARKS", quick)
     status, out, _ = run("--repetitions", "1", "--json")
     document = json.loads(out)
-    rows: dict[str, dict[str, Any]] = {row["name"]: row for row in document["rows"]}
+    rows = {row["name"]: row for row in document["rows"]}
     assert list(rows) == [
         "control tick of play at 200 Hz",
         "play --help",
@@ -111,7 +107,7 @@ def test_every_figure_can_be_taken(run: Run, monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.slow
-def test_the_hardware_loop_can_be_measured(run: Run) -> None:
+def test_the_hardware_loop_can_be_measured(run):
     status, out, _ = run("--only", "hardware loop", "--json")
     overruns, tick = json.loads(out)["rows"]
     assert (overruns["name"], overruns["target"]) == ("hardware loop, overruns in 60 s", 0.0)
@@ -120,7 +116,7 @@ def test_the_hardware_loop_can_be_measured(run: Run) -> None:
     assert status == (0 if overruns["met"] else 1)
 
 
-def test_a_missed_target_is_status_1(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missed_target_is_status_1(run, monkeypatch):
     fake(monkeypatch, good=GOOD, free=FREE)
     assert run()[0] == 0
     fake(monkeypatch, good=GOOD, bad=BAD)
@@ -129,7 +125,7 @@ def test_a_missed_target_is_status_1(run: Run, monkeypatch: pytest.MonkeyPatch) 
     assert run()[0] == 1
 
 
-def test_the_table_shows_figures_ranges_and_targets(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_table_shows_figures_ranges_and_targets(run, monkeypatch):
     asked = fake(monkeypatch, good=GOOD, free=FREE, fast=FAST)
     _, out, _ = run("--repetitions", "3")
     assert asked == [("good", 3), ("free", 3), ("fast", 3)]
@@ -140,7 +136,7 @@ def test_the_table_shows_figures_ranges_and_targets(run: Run, monkeypatch: pytes
     assert "medians of 3 repetitions" in out
 
 
-def test_only_what_was_asked_for_is_measured(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_what_was_asked_for_is_measured(run, monkeypatch):
     asked = fake(monkeypatch, **{"control tick": GOOD, "play --help": FREE})
     run("--only", "tick")
     assert asked == [("control tick", 15)]
@@ -159,19 +155,19 @@ def test_only_what_was_asked_for_is_measured(run: Run, monkeypatch: pytest.Monke
         (("--repetitions", "-3"), "error: --repetitions: is -3, expected a whole number >= 1\n"),
     ],
 )
-def test_a_bad_option_is_one_line(options: tuple[str, ...], expected: str, run: Run) -> None:
+def test_a_bad_option_is_one_line(options, expected, run):
     assert run(*options) == (2, "", expected)
 
 
 @pytest.mark.parametrize("options", [("--repetitions", "many"), ("--bogus",), ("extra",)])
-def test_what_the_parser_refuses_names_the_option(options: tuple[str, ...], run: Run) -> None:
+def test_what_the_parser_refuses_names_the_option(options, run):
     status, out, err = run(*options)
     assert (status, out) == (2, "")
     assert options[0] in err
     assert "'python -m tools.bench --help'" in err
 
 
-def test_the_package_says_where_it_is_now() -> None:
+def test_the_package_says_where_it_is_now():
     command = [sys.executable, "-m", "humanoid_sim.bench", "--json"]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stdout) == (2, "")

@@ -5,15 +5,10 @@ import pytest
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 from humanoid_sim.simulation.model import build_model
-from tools.samples.arm import ORIENTATION_SIGN, POSITION_SIGN, ArmModel, arm_joints, both_arms
+from tools.samples.arm import ORIENTATION_SIGN, POSITION_SIGN, arm_joints, both_arms
 from tools.samples.motions import BODIES
 
 LEFT_BODIES = ("left_elbow_pitch", "left_hand")
-
-
-@pytest.fixture(scope="module")
-def arm():
-    return ArmModel(load_robot("lite"))
 
 
 @pytest.fixture(scope="module")

@@ -5,18 +5,11 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from humanoid_sim.robots.description import load_robot  # noqa: E402 - only where PyTorch is
-from tools.samples.arm import ArmModel  # noqa: E402
 from tools.samples.closed_loop import ClosedLoop, linearise, train_closed_loop  # noqa: E402
 from tools.samples.random_motions import random_motions  # noqa: E402
 from tools.samples.statics import PoseBatches, patient, quadratic, soft, tensor, train_statics  # noqa: E402
 from tools.samples.student import ArmNetwork  # noqa: E402
 from tools.samples.teacher import training_motions, training_poses  # noqa: E402
-
-
-@pytest.fixture(scope="module")
-def arm():
-    return ArmModel(load_robot("lite"))
 
 
 def _linearised(arm, period):

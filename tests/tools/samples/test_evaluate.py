@@ -6,7 +6,6 @@ import pytest
 from humanoid_sim.assets import asset_path
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.motion import Motion, read_motion
-from humanoid_sim.robots.description import load_robot
 from tools.samples.arm import both_arms
 from tools.samples.evaluate import TrackingFailedError, follow, inverse_kinematics_policy
 from tools.samples.motions import BODIES, POLICY_DT, joint_frames, pose_a
@@ -15,11 +14,6 @@ from tools.samples.random_motions import held_out_motions
 pytestmark = pytest.mark.slow  # of the shipped policy, by the metrics that it was trained for
 
 SAMPLES = ("circle", "drum", "reach", "wave")
-
-
-@pytest.fixture(scope="module")
-def lite():
-    return load_robot("lite")
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.metadata import METADATA_KEYS
 from humanoid_sim.policy.onnx_policy import read_header
-from humanoid_sim.robots.description import load_robot
 from tools.samples import scales
 from tools.samples.arm import ORIENTATION_SIGN, POSITION_SIGN, arm_joints, both_arms
 from tools.samples.export import OBSERVATIONS, export_policy, sample_contract
@@ -17,11 +16,6 @@ from tools.samples.motions import BODIES, joint_frames, pose_a
 SHIPPED = asset_path("policies", "lite_tracking.onnx")
 LAYERS = {"shoulder": (16, 6, 4), "wrist": (9, 5, 3), "feedback": (35, 8, 7)}
 ORIGIN = np.array([0.0, 0.09, 0.39])
-
-
-@pytest.fixture(scope="module")
-def lite():
-    return load_robot("lite")
 
 
 @pytest.fixture(scope="module")
@@ -84,13 +78,7 @@ def test_the_shipped_policy_describes_itself(lite):
     assert contract.task_type == "tracking"
     assert contract.joint_names == contract.action_joint_names == lite.joint_names
     assert contract.observation_names == OBSERVATIONS
-    assert contract.observation_names == (
-        "motion_body_pos_b",
-        "motion_body_ori_b",
-        "joint_pos",
-        "joint_vel",
-        "actions",
-    )
+    assert contract.observation_names == ("motion_body_pos_b", "motion_body_ori_b", "joint_pos", "joint_vel", "actions")
     assert contract.body_names == BODIES
     assert contract.policy_dt == 0.02
     np.testing.assert_array_equal(contract.joint_stiffness, 50.0)

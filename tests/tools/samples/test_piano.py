@@ -1,7 +1,6 @@
 """The piano policy's rule, what it sees, and the shipped graph, which must do the same."""
 
 import numpy as np
-import numpy.typing as npt
 import onnxruntime
 import pytest
 
@@ -9,36 +8,26 @@ from humanoid_sim.assets import PIANO_POLICY
 from humanoid_sim.evaluation.key_poses import ABOVE, PRESSED, KeyPoses
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.robots.description import load_robot
-from tools.samples.piano.hands import FAR, NONE, Motion, Moves, home, moves_of, ways_of
+from tools.samples.piano.hands import FAR, NONE, Motion, home, moves_of, ways_of
 from tools.samples.piano.trace import piano_run
-from tools.samples.piano.ways import Ways
 
 OFFSETS = (0, *range(1, 13), *range(14, 31, 2), *range(35, 61, 5))
 KEYS = range(28, 60)
 """Some that both hands have, and where each is at home."""
-IntArray = npt.NDArray[np.int64]
 
 
 @pytest.fixture(scope="module")
-def ways() -> Ways:
+def ways():
     robot = load_robot("lite_piano")
     return ways_of(robot, KeyPoses.of(robot, KEYS))
 
 
 @pytest.fixture(scope="module")
-def moves(ways: Ways) -> tuple[Moves, Moves]:
+def moves(ways):
     return moves_of(ways, 0), moves_of(ways, 1)
 
 
-def steps(
-    moves: tuple[Moves, Moves],
-    pointed: IntArray,
-    wait: float,
-    left: float,
-    count: int,
-    rows: IntArray | None = None,
-    again: float = FAR,
-) -> IntArray:
+def steps(moves, pointed, wait, left, count, rows=None, again=FAR):
     """The rows of both hands, shape (count, S, 2), that are pointed at keys, shape (S, 2)."""
     rows = np.tile(home(moves), (len(pointed), 1)) if rows is None else rows
     found = []
@@ -49,7 +38,7 @@ def steps(
     return np.array(found)
 
 
-def test_a_hand_goes_to_its_key_and_presses_it_in_time(moves: tuple[Moves, Moves]) -> None:
+def test_a_hand_goes_to_its_key_and_presses_it_in_time(moves):
     own = moves[0]
     rows = steps(moves, np.array([[37, NONE]]), wait=30.0, left=50.0, count=60)[:, 0, 0]
     assert (own.key[rows] == 37).all(), "from its first step on it says where it goes"
@@ -60,7 +49,7 @@ def test_a_hand_goes_to_its_key_and_presses_it_in_time(moves: tuple[Moves, Moves
     assert rows[-1] == own.over[37 - 28]
 
 
-def test_a_hand_leaves_a_key_before_it_goes_elsewhere(moves: tuple[Moves, Moves]) -> None:
+def test_a_hand_leaves_a_key_before_it_goes_elsewhere(moves):
     own = moves[0]
     begun = np.array([[own.press[2] + own.busy[own.press[2]], home(moves)[1]]])
     assert own.is_down[begun[0, 0]]
@@ -69,7 +58,7 @@ def test_a_hand_leaves_a_key_before_it_goes_elsewhere(moves: tuple[Moves, Moves]
     assert own.key[rows].tolist() == [30] * 4 + [40] * 10
 
 
-def test_hands_keep_apart_wherever_they_are_pointed(moves: tuple[Moves, Moves]) -> None:
+def test_hands_keep_apart_wherever_they_are_pointed(moves):
     """From every pair of keys that they may be over to every pair, whichever note comes first."""
     left, right = moves
     pairs = [(a, b) for a in KEYS[::3] for b in KEYS[::3]]
@@ -87,7 +76,7 @@ def test_hands_keep_apart_wherever_they_are_pointed(moves: tuple[Moves, Moves]) 
     assert len(cases) == len(starts) * 121
 
 
-def test_a_key_that_sounds_again_is_released_in_time(moves: tuple[Moves, Moves]) -> None:
+def test_a_key_that_sounds_again_is_released_in_time(moves):
     own = moves[0]
     begun = np.array([[own.follows[own.press[2] + own.busy[own.press[2]]], home(moves)[1]]])
     rows = steps(moves, np.array([[30, NONE]]), wait=0.0, left=17.0, count=21, rows=begun, again=20.0)[:, 0, 0]
@@ -96,7 +85,7 @@ def test_a_key_that_sounds_again_is_released_in_time(moves: tuple[Moves, Moves])
     assert own.depth[rows[14:]].tolist() == pytest.approx([share / 7 for share in range(1, 8)]), "at once, and in time"
 
 
-def test_a_hand_moves_as_the_player_does(ways: Ways, moves: tuple[Moves, Moves]) -> None:
+def test_a_hand_moves_as_the_player_does(ways, moves):
     player = ways.player
     for hand, own in enumerate(moves):
         keys = np.arange(own.lowest, own.highest + 1)
@@ -108,7 +97,7 @@ def test_a_hand_moves_as_the_player_does(ways: Ways, moves: tuple[Moves, Moves])
         assert own.command[release : release + own.busy[release] + 1] == pytest.approx(player.release(hand, keys[5]))
 
 
-def test_a_hand_is_slower_where_its_motors_carry_a_stretched_arm() -> None:
+def test_a_hand_is_slower_where_its_motors_carry_a_stretched_arm():
     robot = load_robot("lite_piano")
     ways = ways_of(robot, KeyPoses.of(robot, [*range(8, 32), *range(40, 44)]))
     assert [len(ways.release(0, key)) - 1 for key in (8, 12, 30)] == [5, 4, 3]
@@ -117,7 +106,7 @@ def test_a_hand_is_slower_where_its_motors_carry_a_stretched_arm() -> None:
     assert [ways.player.way_steps(*pair) for pair in pairs] == [4, 5, 5, 8, 8], "nowhere is it faster than the player"
 
 
-def test_the_last_command_tells_what_a_hand_does(moves: tuple[Moves, Moves]) -> None:
+def test_the_last_command_tells_what_a_hand_does(moves):
     """In the precision of the graph, and however its commands are rounded on the way through an action."""
     for hand, own in enumerate(moves):
         default = own.command[home(moves)[hand]]
@@ -133,12 +122,12 @@ def test_the_last_command_tells_what_a_hand_does(moves: tuple[Moves, Moves]) -> 
         assert len(chosen) > 800
 
 
-def observed(last: np.ndarray, table: np.ndarray, frame: int) -> np.ndarray:
+def observed(last, table, frame):
     rows = np.minimum(frame + np.array(OFFSETS), len(table) - 1)
     return np.concatenate([last, np.zeros(88), table[rows].ravel()])[None].astype(np.float32)
 
 
-def test_the_shipped_policy_strikes_what_a_song_asks_for() -> None:
+def test_the_shipped_policy_strikes_what_a_song_asks_for():
     """Open loop: its commands go to the bottom of G3 and D5, each by one hand, in time, and come back; to G3 again."""
     checkpoint = load_checkpoint(PIANO_POLICY)
     contract = checkpoint.contract
@@ -159,11 +148,11 @@ def test_the_shipped_policy_strikes_what_a_song_asks_for() -> None:
     assert np.flatnonzero(down[:, 1]).tolist() == list(range(71, 98))
 
 
-def test_the_shipped_policy_carries_samples_of_its_trainers_run() -> None:
+def test_the_shipped_policy_carries_samples_of_its_trainers_run():
     assert load_checkpoint(PIANO_POLICY).golden == "8 samples of the trainer's run (lite_piano.npz)"
 
 
-def test_the_trainers_run_plays_the_song_and_is_a_trace() -> None:
+def test_the_trainers_run_plays_the_song_and_is_a_trace():
     robot = load_robot("lite_piano")
     table = np.zeros((120, 88))
     table[60:80, 34] = 1.0

@@ -6,14 +6,8 @@ import pytest
 from humanoid_sim.evaluation.tracking import peak_speed
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
-from tools.samples.arm import ArmModel
 from tools.samples.motions import BODIES, derivative, joint_frames, pose_a
 from tools.samples.random_motions import PERIOD, collisions, held_out_motions, random_motions
-
-
-@pytest.fixture(scope="module")
-def arm():
-    return ArmModel(load_robot("lite"))
 
 
 @pytest.fixture(scope="module")

@@ -1,24 +1,21 @@
 """The sample songs: their files are what the code makes, and two hands with a finger each can play them."""
 
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 
 from humanoid_sim.assets import asset_path, sample_songs
-from humanoid_sim.policy.song import Song, key_name, read_song
+from humanoid_sim.policy.song import key_name, read_song
 from tools.samples import main
 from tools.samples.songs import SONGS, most_onsets
 
 
 @pytest.fixture(params=sorted(SONGS))
-def song(request: pytest.FixtureRequest) -> Song:
+def song(request):
     return read_song(asset_path("songs", f"{request.param}.mid"))
 
 
-def test_the_shipped_files_are_what_the_code_makes_byte_for_byte(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_shipped_files_are_what_the_code_makes_byte_for_byte(tmp_path, capsys):
     assert main(["songs", "--output", str(tmp_path / "songs")]) == 0
     made = {path.name: path.read_bytes() for path in (tmp_path / "songs").iterdir()}
     shipped = {path.name: path.read_bytes() for path in asset_path("songs").iterdir()}
@@ -27,7 +24,7 @@ def test_the_shipped_files_are_what_the_code_makes_byte_for_byte(
     assert "ode_to_joy.mid: Ode to Joy, after L. van Beethoven (1824)" in capsys.readouterr().out
 
 
-def test_two_hands_can_play_them(song: Song) -> None:
+def test_two_hands_can_play_them(song):
     """One finger a hand: it leaves a key before it strikes the next, and the hands keep apart."""
     assert most_onsets(song) <= 3
     assert song.tracks[1:] == ("upper voice", "lower voice")
@@ -40,7 +37,7 @@ def test_two_hands_can_play_them(song: Song) -> None:
     assert 9.0 < song.seconds < 75.0
 
 
-def test_the_tune_is_the_one_that_everybody_knows() -> None:
+def test_the_tune_is_the_one_that_everybody_knows():
     ode = read_song(asset_path("songs", "ode_to_joy.mid"), tracks=[1])
     names = [key_name(note.key)[0] for note in ode.notes]
     assert "".join(names[:15]) == "EEFGGFEDCCDEEDD"

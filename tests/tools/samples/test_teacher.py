@@ -4,15 +4,10 @@ import pytest
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.plant import make_plant
-from tools.samples.arm import ArmModel, both_arms
+from tools.samples.arm import both_arms
 from tools.samples.motions import derivative
 from tools.samples.random_motions import PERIOD, random_motions
 from tools.samples.teacher import Plants, error_weight, exact_command, training_motions, training_poses
-
-
-@pytest.fixture(scope="module")
-def arm():
-    return ArmModel(load_robot("lite"))
 
 
 @pytest.fixture(scope="module")

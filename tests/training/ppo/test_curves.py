@@ -1,6 +1,5 @@
 import io
 import json
-from pathlib import Path
 
 import pytest
 from PIL import Image
@@ -11,7 +10,7 @@ from humanoid_sim.training import main
 HEADER = "steps,seconds,steps_per_second,return,episode_steps,failed,spread\n"
 
 
-def write_run(folder: Path, algorithm: str, robot: str = "lite", rows: str = "") -> Path:
+def write_run(folder, algorithm, robot="lite", rows=""):
     folder.mkdir()
     run = {"robot": robot, "task": "tracking", "algorithm": algorithm, "robots": 64}
     (folder / "run.json").write_text(json.dumps(run))
@@ -23,7 +22,7 @@ ROWS = "2000,1,2000,nan,nan,nan,0.4\n1000000,300,3000,1.5,50,1,0.4\n2000000,630,
 
 
 @pytest.fixture(scope="module")
-def fonts() -> None:
+def fonts():
     """matplotlib opens its fonts with the first text that it draws, and keeps them open."""
     figure = pytest.importorskip("matplotlib.figure").Figure()
     figure.subplots().set(title="text")
@@ -31,7 +30,7 @@ def fonts() -> None:
 
 
 @pytest.mark.usefixtures("fonts")
-def test_runs_become_a_picture_and_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_become_a_picture_and_lines(tmp_path, capsys):
     runs = [
         write_run(tmp_path / "a", "ppo-sb3", rows=ROWS),
         write_run(tmp_path / "b", "ppo-rsl_rl", rows=ROWS),
@@ -58,9 +57,7 @@ def test_runs_become_a_picture_and_lines(tmp_path: Path, capsys: pytest.CaptureF
         (ROWS, "[", "is not a folder of `train`: run.json cannot be read"),
     ],
 )
-def test_other_folders_are_refused(
-    rows: str, run: str | None, problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_other_folders_are_refused(rows, run, problem, tmp_path, capsys):
     folder = write_run(tmp_path / "a", "ppo-sb3", rows=rows)
     if run is not None:
         (folder / "run.json").write_text(run)
@@ -70,6 +67,6 @@ def test_other_folders_are_refused(
     assert not picture.exists()
 
 
-def test_the_picture_is_a_png(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_picture_is_a_png(tmp_path, capsys):
     assert run_program(main, ["curves", str(tmp_path), "--output", str(tmp_path / "a.jpg")]) == 2
     assert "expected a name that ends in .png" in capsys.readouterr().err

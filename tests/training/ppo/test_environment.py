@@ -4,7 +4,6 @@ import inspect
 import json
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -19,18 +18,18 @@ from humanoid_sim.training.ppo.options import TrainConfig
 EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
-def argument(name: str, **options: Any) -> Any:
+def argument(name, **options):
     return arguments_of(TrainConfig(**options))[name]
 
 
-def test_every_argument_is_an_option_and_one_of_the_environments() -> None:
+def test_every_argument_is_an_option_and_one_of_the_environments():
     assert set(ARGUMENTS) <= {field.name for field in fields(TrainConfig)}
     accepted = {name for kind in (PolicyVectorEnv, make_scenario) for name in inspect.signature(kind).parameters}
     assert set(ARGUMENTS) <= accepted
     assert set(ONLY_TRAINED) <= set(inspect.signature(PolicyEnv).parameters) & set(ARGUMENTS)
 
 
-def test_what_is_kept_is_plain_and_says_what_files_said(tmp_path: Path) -> None:
+def test_what_is_kept_is_plain_and_says_what_files_said(tmp_path):
     ground, spread, harder = (tmp_path / f"{name}.yaml" for name in ("ground", "spread", "harder"))
     ground.write_text("{kind: steps, step_height: 0.05}")
     spread.write_text("mass: [0.9, 1.1]")
@@ -49,7 +48,7 @@ def test_what_is_kept_is_plain_and_says_what_files_said(tmp_path: Path) -> None:
     assert read["curriculum"].value(0.75) == {"push": 0.5}
 
 
-def test_defaults_are_those_of_the_registered_environments() -> None:
+def test_defaults_are_those_of_the_registered_environments():
     for robot, contract, motion in (
         ("lite", "lite_tracking", "wave"),
         ("lite_biped", "lite_biped_velocity", None),
@@ -64,7 +63,7 @@ def test_defaults_are_those_of_the_registered_environments() -> None:
     assert argument("terrain").value is None
 
 
-def test_ones_own_task_and_curriculum() -> None:
+def test_ones_own_task_and_curriculum():
     task = argument("task", task=f"{EXAMPLES / 'own_task.py'}:HoldTask")
     assert task.value.__name__ == "HoldTask"
     assert task.told.endswith("own_task.py:HoldTask")
@@ -109,9 +108,7 @@ def broken(progress):
         ({"terrain": "bad.yaml"}, "bad.yaml: terrain: unknown field 'high'; known: kind, seed, "),
     ],
 )
-def test_bad_values_are_one_line(
-    options: dict[str, Any], expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_values_are_one_line(options, expected, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("own.py").write_text(OWN)
     Path("bad.yaml").write_text("{kind: steps, high: 1}")
@@ -121,7 +118,7 @@ def test_bad_values_are_one_line(
     assert str(error.value).startswith(expected)
 
 
-def test_what_an_environment_says_is_said_of_the_option() -> None:
+def test_what_an_environment_says_is_said_of_the_option():
     told = as_options(InputError("reference_start: is 2, expected a number from 0 to 1"))
     assert str(told) == "--reference-start: is 2, expected a number from 0 to 1"
     assert str(as_options(InputError("robot.yaml: no such file"))) == "robot.yaml: no such file"

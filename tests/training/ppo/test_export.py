@@ -1,9 +1,5 @@
 """From a training loop of one's own to a file that plays, with each library; and what no file can hold."""
 
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
-
 import gymnasium
 import numpy as np
 import pytest
@@ -27,11 +23,11 @@ from humanoid_sim.envs.rsl_rl import RslRlVecEnv
 from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
 from humanoid_sim.training.ppo.sb3 import NormalisedObservation
 
-LEGS: dict[str, Any] = {"id": "humanoid_sim/BipedVelocity-v0"}
-ARMS: dict[str, Any] = {"id": "humanoid_sim/LiteTracking-v0", "motion": "reach"}
+LEGS = {"id": "humanoid_sim/BipedVelocity-v0"}
+ARMS = {"id": "humanoid_sim/LiteTracking-v0", "motion": "reach"}
 
 
-def made(subject: dict[str, Any], **options: Any) -> Any:
+def made(subject, **options):
     torch.set_num_threads(1)
     return gymnasium.make_vec(
         **subject, num_envs=4, threads=1, actuation="implicit", autoreset_mode="SameStep", **options
@@ -39,13 +35,13 @@ def made(subject: dict[str, Any], **options: Any) -> Any:
 
 
 @pytest.fixture(scope="module")
-def arms() -> Iterator[Any]:
+def arms():
     envs = StableBaselinesVecEnv(RecordEpisodeStatistics(made(ARMS)))
     yield envs
     envs.close()
 
 
-def check(path: Path, scenario: Any, answers: Any) -> None:
+def check(path, scenario, answers):
     """The file answers what the library does, and its golden vectors are a trainer's."""
     checkpoint = load_checkpoint(path)  # which verifies them
     assert "trainer" in checkpoint.golden
@@ -59,13 +55,12 @@ def check(path: Path, scenario: Any, answers: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("activation", "normaliser"),
-    [(torch.nn.Tanh, "none"), (torch.nn.ReLU, "own"), (torch.nn.SiLU, "VecNormalize")],
+    ("activation", "normaliser"), [(torch.nn.Tanh, "none"), (torch.nn.ReLU, "own"), (torch.nn.SiLU, "VecNormalize")]
 )
-def test_a_loop_with_stable_baselines3(activation: Any, normaliser: str, tmp_path: Path) -> None:
+def test_a_loop_with_stable_baselines3(activation, normaliser, tmp_path):
     whole = made(LEGS)
-    envs: Any = VecMonitor(StableBaselinesVecEnv(whole))
-    settings: dict[str, Any] = {"activation_fn": activation, "net_arch": [8, 8], "log_std_init": -3.0}
+    envs = VecMonitor(StableBaselinesVecEnv(whole))
+    settings = {"activation_fn": activation, "net_arch": [8, 8], "log_std_init": -3.0}
     if normaliser == "VecNormalize":
         envs = VecNormalize(envs, clip_obs=1.5)
     if normaliser == "own":
@@ -80,7 +75,7 @@ def test_a_loop_with_stable_baselines3(activation: Any, normaliser: str, tmp_pat
     output = export_policy(model, envs, tmp_path / "mine.onnx")
     assert output == tmp_path / "mine.onnx"
 
-    def answers(seen: Any) -> Any:
+    def answers(seen):
         seen = envs.normalize_obs(seen) if normaliser == "VecNormalize" else seen
         return model.predict(seen, deterministic=True)[0]
 
@@ -91,17 +86,13 @@ def test_a_loop_with_stable_baselines3(activation: Any, normaliser: str, tmp_pat
     envs.close()
 
 
-def runner(envs: RslRlVecEnv, **actor: Any) -> OnPolicyRunner:
+def runner(envs, **actor):
     network = {"class_name": "MLPModel", "hidden_dims": [8, 8], "activation": "elu", "obs_normalization": True}
     configuration = {
         "num_steps_per_env": 8,
         "save_interval": 100,
         "obs_groups": {"actor": ["policy"], "critic": ["critic"]},
-        "actor": {
-            **network,
-            "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": 0.05},
-            **actor,
-        },
+        "actor": {**network, "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": 0.05}, **actor},
         "critic": network,
         "algorithm": {"class_name": "PPO", "num_learning_epochs": 1, "num_mini_batches": 1},
     }
@@ -109,14 +100,14 @@ def runner(envs: RslRlVecEnv, **actor: Any) -> OnPolicyRunner:
 
 
 @pytest.mark.parametrize("settings", [{}, {"activation": "relu", "obs_normalization": False}])
-def test_a_loop_with_rsl_rl(settings: dict[str, Any], tmp_path: Path) -> None:
+def test_a_loop_with_rsl_rl(settings, tmp_path):
     envs = RslRlVecEnv(made(LEGS, privileged=["base_linear_velocity"]), seed=0)
     model = runner(envs, **settings)
     model.learn(2)
     output = export_policy(model, envs, str(tmp_path / "mine.onnx"))
     policy = model.alg.get_policy()
 
-    def answers(seen: Any) -> Any:
+    def answers(seen):
         with torch.no_grad():
             return policy({"policy": torch.from_numpy(seen)}).numpy()
 
@@ -124,7 +115,7 @@ def test_a_loop_with_rsl_rl(settings: dict[str, Any], tmp_path: Path) -> None:
     envs.close()
 
 
-def test_an_actor_that_sees_more_than_the_policy_is_refused(tmp_path: Path) -> None:
+def test_an_actor_that_sees_more_than_the_policy_is_refused(tmp_path):
     envs = RslRlVecEnv(made(LEGS, privileged=["base_linear_velocity"]), seed=0)
     model = runner(envs)
     model.alg.get_policy().obs_groups = ["policy", "critic"]
@@ -139,7 +130,7 @@ def test_an_actor_that_sees_more_than_the_policy_is_refused(tmp_path: Path) -> N
     envs.close()
 
 
-def test_a_policy_that_follows_a_motion(arms: Any, tmp_path: Path) -> None:
+def test_a_policy_that_follows_a_motion(arms, tmp_path):
     model = A2C("MlpPolicy", arms, n_steps=4, policy_kwargs={"log_std_init": -3.0}, seed=0, device="cpu")
     model.learn(16)
     output = export_policy(model, arms, tmp_path / "mine.onnx")
@@ -158,15 +149,13 @@ def test_a_policy_that_follows_a_motion(arms: Any, tmp_path: Path) -> None:
         ),
     ],
 )
-def test_models_that_no_file_can_hold(
-    arms: Any, kind: Any, settings: dict[str, Any], message: str, tmp_path: Path
-) -> None:
+def test_models_that_no_file_can_hold(arms, kind, settings, message, tmp_path):
     with pytest.raises(InputError, match=f"^{message}"):
         export_policy(kind("MlpPolicy", arms, device="cpu", **settings), arms, tmp_path / "mine.onnx")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_environments_and_files_that_do_not_fit_are_named(arms: Any, tmp_path: Path) -> None:
+def test_environments_and_files_that_do_not_fit_are_named(arms, tmp_path):
     output, model = tmp_path / "mine.onnx", PPO("MlpPolicy", arms, n_steps=4, batch_size=8, device="cpu")
     with pytest.raises(InputError, match=r"^output: is '.*mine\.pt', expected a name that ends in \.onnx$"):
         export_policy(model, arms, tmp_path / "mine.pt")

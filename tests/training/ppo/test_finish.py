@@ -1,23 +1,15 @@
 """What is told while a policy is measured, and what Ctrl-C does then."""
 
-from pathlib import Path
-from typing import Any
-
-import pytest
-
-from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.training.ppo import run
 from humanoid_sim.training.ppo.environment import subject_of
 from humanoid_sim.training.ppo.options import TrainConfig
 from humanoid_sim.training.ppo.run import measure
 
 
-def test_measuring_is_announced_and_may_be_left_out(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    asked: list[RegressConfig] = []
+def test_measuring_is_announced_and_may_be_left_out(tmp_path, monkeypatch, capsys):
+    asked = []
 
-    def regress(config: RegressConfig) -> int:
+    def regress(config):
         asked.append(config)
         if len(asked) == 2:
             raise KeyboardInterrupt
@@ -33,7 +25,7 @@ def test_measuring_is_announced_and_may_be_left_out(
     assert capsys.readouterr().err == f"{line}regress: left out; {policy} is whole\n"
 
 
-def test_a_task_without_a_suite_is_not_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    subject: Any = subject_of(TrainConfig(task="balance"))
+def test_a_task_without_a_suite_is_not_measured(tmp_path, capsys):
+    subject = subject_of(TrainConfig(task="balance"))
     assert measure(subject, tmp_path / "policy.onnx", tmp_path)
     assert capsys.readouterr().err == "regress: no suite ships for the task balance\n"

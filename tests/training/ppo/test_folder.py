@@ -1,6 +1,5 @@
 import dataclasses
 import json
-from pathlib import Path
 
 import pytest
 
@@ -12,11 +11,11 @@ from humanoid_sim.training.ppo.run import RunFolder
 SUBJECT = {"task": "tracking", "contract": "lite_tracking", "motion": "wave"}
 
 
-def folder(path: Path, config: TrainConfig | None = None, **subject: str) -> RunFolder:
+def folder(path, config=None, **subject):
     return RunFolder(path, config or TrainConfig(), {**SUBJECT, **subject}, SETTINGS, ".zip")
 
 
-def test_a_run_is_begun_and_resumed(tmp_path: Path) -> None:
+def test_a_run_is_begun_and_resumed(tmp_path):
     path = tmp_path / "deep" / "run"
     new = folder(path)
     assert (new.is_resumed, new.start) == (False, None)
@@ -29,7 +28,7 @@ def test_a_run_is_begun_and_resumed(tmp_path: Path) -> None:
     assert sorted(file.name for file in path.iterdir()) == ["checkpoint.zip", "run.json"]
 
 
-def test_a_run_is_neither_overwritten_nor_mixed_with_another(tmp_path: Path) -> None:
+def test_a_run_is_neither_overwritten_nor_mixed_with_another(tmp_path):
     folder(tmp_path)
     with pytest.raises(InputError, match="has a run; --resume goes on with it, another folder begins"):
         folder(tmp_path)
@@ -45,7 +44,7 @@ def test_a_run_is_neither_overwritten_nor_mixed_with_another(tmp_path: Path) -> 
         folder(tmp_path, TrainConfig(resume=True))
 
 
-def test_a_curriculum_goes_on_as_it_was(tmp_path: Path) -> None:
+def test_a_curriculum_goes_on_as_it_was(tmp_path):
     new = RunFolder(tmp_path, TrainConfig(), {**SUBJECT, "curriculum_steps": 5000}, SETTINGS, ".zip")
     assert new.curriculum_steps == 5000
     again = TrainConfig(resume=True, steps=9_000_000)
@@ -54,7 +53,7 @@ def test_a_curriculum_goes_on_as_it_was(tmp_path: Path) -> None:
         RunFolder(tmp_path, again, {**SUBJECT, "curriculum_steps": 6000}, SETTINGS, ".zip")
 
 
-def test_nothing_to_resume_leaves_no_folder(tmp_path: Path) -> None:
+def test_nothing_to_resume_leaves_no_folder(tmp_path):
     with pytest.raises(InputError, match="has no run to go on with, expected a folder of `train`"):
         folder(tmp_path / "new", TrainConfig(resume=True))
     assert not (tmp_path / "new").exists()

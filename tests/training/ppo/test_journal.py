@@ -1,6 +1,3 @@
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 from humanoid_sim.errors import InputError
@@ -10,18 +7,18 @@ from humanoid_sim.training.ppo.journal import Journal, Update, read_progress
 class Meter:
     """Figures of episodes that never change."""
 
-    def means(self) -> tuple[float, float, float]:
+    def means(self):
         return 7.25, 120.0, 0.25
 
-    def terms(self) -> dict[str, float]:
+    def terms(self):
         return {"alive": 0.01}
 
 
-METER: Any = Meter()
+METER = Meter()
 
 
-def test_each_update_is_a_row_and_the_last_is_told(tmp_path: Path) -> None:
-    lines: list[str] = []
+def test_each_update_is_a_row_and_the_last_is_told(tmp_path):
+    lines = []
     journal = Journal(tmp_path, 2000, METER, lines.append, tensorboard=False)
     for steps in (1000, 2000):
         journal.record(Update(steps, 0.4, {"value": 0.1}))
@@ -34,7 +31,7 @@ def test_each_update_is_a_row_and_the_last_is_told(tmp_path: Path) -> None:
     assert line.endswith("return 7.25, episodes of 120 steps, 25 % failed, 0 min left")
 
 
-def test_the_time_left_ends_with_the_minutes(tmp_path: Path) -> None:
+def test_the_time_left_ends_with_the_minutes(tmp_path):
     row = {"steps": 1000.0, "seconds": 30.0, "steps_per_second": 1.0}
     row |= {"return": 1.0, "episode_steps": 2.0, "failed": 0.0}
     for steps, limit, left in ((2_000_000, 630.0, "10 min"), (1120, 630.0, "2 min"), (1120, 20.0, "0 min")):
@@ -44,7 +41,7 @@ def test_the_time_left_ends_with_the_minutes(tmp_path: Path) -> None:
     assert unlimited.line(row).endswith("3.0 h left")
 
 
-def test_what_a_checkpoint_does_not_know_is_dropped(tmp_path: Path) -> None:
+def test_what_a_checkpoint_does_not_know_is_dropped(tmp_path):
     path = tmp_path / "progress.csv"
     path.write_text(
         "steps,seconds,steps_per_second,return,episode_steps,failed,spread\n"
@@ -60,7 +57,7 @@ def test_what_a_checkpoint_does_not_know_is_dropped(tmp_path: Path) -> None:
     assert rows[2]["seconds"] >= 120.0
 
 
-def test_a_new_run_drops_all_rows(tmp_path: Path) -> None:
+def test_a_new_run_drops_all_rows(tmp_path):
     Journal(tmp_path, 10, METER, print, tensorboard=False).record(Update(5, 0.3))
     Journal(tmp_path, 10, METER, print, tensorboard=False)
     assert read_progress(tmp_path / "progress.csv") == []
@@ -79,7 +76,7 @@ def test_a_new_run_drops_all_rows(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_another_file_is_refused(text: str | None, problem: str, tmp_path: Path) -> None:
+def test_another_file_is_refused(text, problem, tmp_path):
     path = tmp_path / "progress.csv"
     if text is not None:
         path.write_text(text)

@@ -6,7 +6,7 @@ import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.training.ppo.journal import EpisodeMeter
 
 
-def test_returns_and_lengths_are_those_of_the_episodes() -> None:
+def test_returns_and_lengths_are_those_of_the_episodes():
     meter = EpisodeMeter(
         gymnasium.make_vec(
             "humanoid_sim/LiteTracking-v0", num_envs=3, threads=1, autoreset_mode="SameStep", max_episode_steps=4

@@ -1,6 +1,5 @@
 import dataclasses
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import onnxruntime
@@ -10,13 +9,13 @@ from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import HumanoidSimError, InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.training.ppo.environment import subject_of
-from humanoid_sim.training.ppo.network import Float32Array, Network, require_same_answers, write_network
+from humanoid_sim.training.ppo.network import Network, require_same_answers, write_network
 from humanoid_sim.training.ppo.options import TrainConfig
 
 LEGS = subject_of(TrainConfig(robot="lite_biped")).contract
 
 
-def network(bounds: bool) -> Network:
+def network(bounds):
     rng = np.random.default_rng(0)
     sizes = (53, 8, 6, 14)
     layers = tuple(
@@ -28,7 +27,7 @@ def network(bounds: bool) -> Network:
     return Network(mean.astype(np.float32), deviation.astype(np.float32), layers, limits)
 
 
-def answers(trained: Network, observations: Float32Array) -> Float32Array:
+def answers(trained, observations):
     """What the arrays come to, by hand: ELU between the layers."""
     value = (observations - trained.mean) / trained.deviation
     for i, (weight, bias) in enumerate(trained.layers):
@@ -39,7 +38,7 @@ def answers(trained: Network, observations: Float32Array) -> Float32Array:
 
 
 @pytest.mark.parametrize("bounds", [False, True])
-def test_the_file_answers_what_the_arrays_do(bounds: bool, tmp_path: Path) -> None:
+def test_the_file_answers_what_the_arrays_do(bounds, tmp_path):
     path, trained = tmp_path / "policy.onnx", network(bounds)
     write_network(path, trained, LEGS, "policy")
     observations = np.random.default_rng(1).normal(size=(20, 53)).astype(np.float32)
@@ -49,7 +48,7 @@ def test_the_file_answers_what_the_arrays_do(bounds: bool, tmp_path: Path) -> No
     assert bool((np.abs(actual) > 1.0).any()) is not bounds
 
 
-def test_the_file_holds_its_whole_contract(tmp_path: Path) -> None:
+def test_the_file_holds_its_whole_contract(tmp_path):
     path = tmp_path / "policy.onnx"
     elsewhere = dataclasses.replace(LEGS, tensors=TensorNames("observations", "mu"))  # of another model's
     write_network(path, network(bounds=False), elsewhere, "policy")
@@ -60,7 +59,7 @@ def test_the_file_holds_its_whole_contract(tmp_path: Path) -> None:
     np.testing.assert_array_equal(contract.command_ranges, LEGS.command_ranges)
 
 
-def test_an_export_that_answers_otherwise_is_a_defect(tmp_path: Path) -> None:
+def test_an_export_that_answers_otherwise_is_a_defect(tmp_path):
     path, trained = tmp_path / "policy.onnx", network(bounds=False)
     write_network(path, trained, LEGS, "policy")
     observations = np.random.default_rng(1).normal(size=(4, 53)).astype(np.float32)
@@ -73,6 +72,6 @@ def test_an_export_that_answers_otherwise_is_a_defect(tmp_path: Path) -> None:
         require_same_answers(load_checkpoint(path), observations, other)
 
 
-def test_a_folder_that_is_gone_is_one_line(tmp_path: Path) -> None:
+def test_a_folder_that_is_gone_is_one_line(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         write_network(tmp_path / "gone" / "policy.onnx", network(bounds=False), LEGS, "policy")

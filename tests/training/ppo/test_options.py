@@ -2,7 +2,6 @@
 
 import re
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -63,13 +62,7 @@ from humanoid_sim.training.ppo.run import seed_of
         (["--privileged", "joint_torque"], "--privileged: stable-baselines3's critic sees what the policy sees"),
     ],
 )
-def test_a_mistake_is_one_line_and_leaves_nothing(
-    options: list[str],
-    expected: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_mistake_is_one_line_and_leaves_nothing(options, expected, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert run_program(main, ["train", *options]) == 2
     (line,) = capsys.readouterr().err.splitlines(keepends=True)
@@ -78,20 +71,20 @@ def test_a_mistake_is_one_line_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_bad_randomisation_names_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bad_randomisation_names_its_file(tmp_path, capsys):
     file = tmp_path / "spread.yaml"
     file.write_text("weight: [0.9, 1.1]\n")
     assert run_program(main, ["train", "--randomisation", str(file)]) == 2
     assert f"{file}: randomisation: unknown field 'weight'; known: mass, " in capsys.readouterr().err
 
 
-def test_a_training_that_goes_on_draws_other_numbers() -> None:
+def test_a_training_that_goes_on_draws_other_numbers():
     assert seed_of(7, 0) == 7
     assert seed_of(7, 12) == seed_of(7, 12)
     assert len({seed_of(7, 0), seed_of(7, 12), seed_of(7, 13), seed_of(8, 12)}) == 4
 
 
-def test_help_names_every_task_and_algorithm(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_names_every_task_and_algorithm(capsys):
     with pytest.raises(SystemExit) as ended:
         main(["train", "--help"])
     assert ended.value.code == 0
@@ -100,17 +93,9 @@ def test_help_names_every_task_and_algorithm(capsys: pytest.CaptureFixture[str])
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "missing", "module"),
-    [("ppo-sb3", "stable_baselines3", "sb3"), ("ppo-rsl_rl", "rsl_rl", "rsl")],
+    ("algorithm", "missing", "module"), [("ppo-sb3", "stable_baselines3", "sb3"), ("ppo-rsl_rl", "rsl_rl", "rsl")]
 )
-def test_a_missing_library_says_what_to_install(
-    algorithm: str,
-    missing: str,
-    module: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_missing_library_says_what_to_install(algorithm, missing, module, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for name in [name for name in sys.modules if name == missing or name.startswith(f"{missing}.")]:
         monkeypatch.delitem(sys.modules, name)

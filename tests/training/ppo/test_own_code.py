@@ -7,7 +7,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.training.ppo.environment import own_object
 
 
-def test_a_name_in_a_file_and_in_a_module(tmp_path: Path) -> None:
+def test_a_name_in_a_file_and_in_a_module(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text("from dataclasses import dataclass\n\n@dataclass\nclass Mine:\n    x: int = 7\n")
     assert own_object("--task", f"{file}:Mine")().x == 7
@@ -28,9 +28,7 @@ def test_a_name_in_a_file_and_in_a_module(tmp_path: Path) -> None:
         ("ends.py:Mine", r"^--task: 'ends.py' cannot be imported: SystemExit: 3$"),
     ],
 )
-def test_what_cannot_be_used_is_one_line(
-    text: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_used_is_one_line(text, expected, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, code in {
         "mine": "class Mine:\n    pass\n",

@@ -29,11 +29,10 @@ _PATIENCE = 180.0
 """s, for a machine on which much else runs."""
 
 
-def killed_after_a_checkpoint(options: list[str], folder: Path, checkpoint: str) -> None:
+def killed_after_a_checkpoint(options, folder, checkpoint):
     """Start a training that would never end, and kill it when a second checkpoint has been written."""
     command = [sys.executable, "-m", "humanoid_sim.training", "train", *options, "--checkpoint-seconds", "0.01"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE)
-    assert process.stderr is not None
     try:
         deadline, first = time.monotonic() + _PATIENCE, None
         while time.monotonic() < deadline:
@@ -58,9 +57,7 @@ def killed_after_a_checkpoint(options: list[str], folder: Path, checkpoint: str)
         ("ppo-rsl_rl", "checkpoint.pt", ["--robot", "lite_biped", "--privileged", "base_linear_velocity"]),
     ],
 )
-def test_train_kill_resume_export_play(
-    algorithm: str, checkpoint: str, subject: list[str], tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_train_kill_resume_export_play(algorithm, checkpoint, subject, tmp_path, capfd):
     folder, options = tmp_path / "run", [*subject, "--algorithm", algorithm, "--robots", "16"]
     options += ["--physics-timestep", "0.005", "--folder", str(folder)]
     killed_after_a_checkpoint([*options, "--steps", "100000000"], folder, checkpoint)
@@ -96,7 +93,7 @@ def test_train_kill_resume_export_play(
     assert json.loads(summary.read_text())
 
 
-def test_a_finished_run_is_only_exported_again_and_measured(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_finished_run_is_only_exported_again_and_measured(tmp_path, capfd):
     folder = tmp_path / "run"
     options = ["--robots", "8", "--steps", "512", "--folder", str(folder), "--no-tensorboard", "--motion", "wave"]
     assert main(["train", *options, "--no-regress"]) == 0
@@ -112,7 +109,7 @@ def test_a_finished_run_is_only_exported_again_and_measured(tmp_path: Path, capf
     assert "wave" in capfd.readouterr().out
 
 
-def test_minutes_that_are_used_up_are_no_training(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_minutes_that_are_used_up_are_no_training(tmp_path, capfd):
     folder = tmp_path / "run"
     options = ["--robots", "4", "--folder", str(folder), "--no-tensorboard", "--no-regress", "--minutes", "1e-6"]
     assert main(["train", *options]) == 0  # one update
@@ -135,16 +132,14 @@ TWO_MOTIONS = ["--motion", "wave", "--motion", "circle", "--reference-start", "0
 
 
 @pytest.mark.parametrize("algorithm", ["ppo-sb3", "ppo-rsl_rl"])
-def test_ground_that_grows_harder(
-    algorithm: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    told: list[float] = []
+def test_ground_that_grows_harder(algorithm, tmp_path, monkeypatch, capfd):
+    told = []
     known = PolicyVectorEnv.progress
     assert known.fset is not None
 
-    def tell(envs: PolicyVectorEnv, progress: float) -> None:
+    def tell(envs, progress):
         told.append(progress)
-        known.fset(envs, progress)  # type: ignore[misc]
+        known.fset(envs, progress)
 
     monkeypatch.setattr(PolicyVectorEnv, "progress", property(known.fget, tell))
     folder, harder = tmp_path / "run", tmp_path / "harder.yaml"
@@ -174,7 +169,7 @@ def test_ground_that_grows_harder(
     ],
     ids=["own task", "piano"],
 )
-def test_tasks_and_motions(options: list[str], task: str, tmp_path: Path) -> None:
+def test_tasks_and_motions(options, task, tmp_path):
     folder = tmp_path / "run"
     quick = ["--robots", "4", "--steps", "256", "--no-tensorboard", "--no-regress", "--folder", str(folder)]
     assert main(["train", *options, *quick]) == 0
@@ -182,12 +177,12 @@ def test_tasks_and_motions(options: list[str], task: str, tmp_path: Path) -> Non
     assert "trainer" in load_checkpoint(folder / "policy.onnx").golden
 
 
-def usual_signals() -> None:
+def usual_signals():
     """Undo what the test runner may have inherited: a job in the background ignores SIGINT."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def interrupted(options: list[str], folder: Path, *, twice: bool) -> tuple[int, str]:
+def interrupted(options, folder, *, twice):
     """Start a training that would never end, and interrupt it after an update; exit status and standard error."""
     command = [sys.executable, "-m", "humanoid_sim.training", "train", *options, "--steps", "100000000"]
     command += ["--checkpoint-seconds", "100000", "--no-tensorboard", "--folder", str(folder)]
@@ -197,7 +192,6 @@ def interrupted(options: list[str], folder: Path, *, twice: bool) -> tuple[int, 
         text=True,
         preexec_fn=usual_signals,  # noqa: PLW1509 - no thread of the tests runs here
     )
-    assert process.stderr is not None
     try:
         deadline, progress = time.monotonic() + _PATIENCE, folder / "progress.csv"
         while not (progress.exists() and progress.read_text().count("\n") >= 2):
@@ -221,9 +215,7 @@ def interrupted(options: list[str], folder: Path, *, twice: bool) -> tuple[int, 
 
 
 @pytest.mark.parametrize(("algorithm", "checkpoint"), [("ppo-sb3", "checkpoint.zip"), ("ppo-rsl_rl", "checkpoint.pt")])
-def test_ctrl_c_loses_nothing(
-    algorithm: str, checkpoint: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_ctrl_c_loses_nothing(algorithm, checkpoint, tmp_path, capfd):
     folder, options = tmp_path / "run", ["--motion", "wave", "--robots", "16", "--algorithm", algorithm]
     status, told = interrupted(options, folder, twice=False)
     assert status == 130
@@ -239,7 +231,7 @@ def test_ctrl_c_loses_nothing(
     assert (folder / "policy.onnx").exists()
 
 
-def test_a_second_ctrl_c_ends_at_once(tmp_path: Path) -> None:
+def test_a_second_ctrl_c_ends_at_once(tmp_path):
     # An update of so many robots takes seconds, and the second signal comes in the middle of it.
     status, told = interrupted(["--motion", "wave", "--robots", "256"], tmp_path / "run", twice=True)
     assert status == 130

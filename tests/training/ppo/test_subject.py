@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import gymnasium
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ from humanoid_sim.training.ppo.learner import first_spread
 from humanoid_sim.training.ppo.options import TrainConfig
 
 
-def test_a_robot_alone_is_trained_for_what_its_policy_does() -> None:
+def test_a_robot_alone_is_trained_for_what_its_policy_does():
     arms = subject_of(TrainConfig())
     assert (arms.task, arms.told["contract"], arms.told["motion"]) == ("tracking", "lite_tracking", "wave")
     legs = subject_of(TrainConfig(robot="lite_biped"))
@@ -25,7 +23,7 @@ def test_a_robot_alone_is_trained_for_what_its_policy_does() -> None:
     assert first_spread(legs.contract, is_floating=True) == pytest.approx(0.4)
 
 
-def test_the_environments_are_those_of_the_options() -> None:
+def test_the_environments_are_those_of_the_options():
     envs = subject_of(TrainConfig(actuation="implicit", physics_timestep=0.005)).environments(2)
     assert (envs.scenario.actuation, envs.scenario.physics_timestep) == ("implicit", 0.005)
     assert envs.metadata["autoreset_mode"] is gymnasium.vector.AutoresetMode.SAME_STEP
@@ -43,7 +41,7 @@ def test_the_environments_are_those_of_the_options() -> None:
     plain.close()
 
 
-def test_what_the_critic_sees_is_rsl_rls_affair() -> None:
+def test_what_the_critic_sees_is_rsl_rls_affair():
     subject = subject_of(TrainConfig(algorithm="ppo-rsl_rl", privileged=("joint_torque",)))
     envs = subject.environments(1)
     assert envs.reset(seed=0)[1]["privileged"].shape == (1, 14)
@@ -52,7 +50,7 @@ def test_what_the_critic_sees_is_rsl_rls_affair() -> None:
         subject_of(TrainConfig(algorithm="ppo-rsl_rl", privileged=("base_height",)))
 
 
-def test_ground_motions_and_starts_reach_the_environments() -> None:
+def test_ground_motions_and_starts_reach_the_environments():
     walking = subject_of(TrainConfig(robot="lite_biped", terrain="steps"))
     assert walking.scenario.terrain is not None
     assert walking.told["terrain"]["kind"] == "steps"
@@ -64,7 +62,7 @@ def test_ground_motions_and_starts_reach_the_environments() -> None:
     alone.close()
 
 
-def test_a_song_is_the_motion_of_the_piano(tmp_path: Path) -> None:
+def test_a_song_is_the_motion_of_the_piano(tmp_path):
     subject = subject_of(TrainConfig(robot="lite_piano", motion=("twinkle",)))
     assert (subject.task, subject.told["motion"]) == ("piano", "twinkle")
     file = motion_file(subject.scenario.motion, tmp_path)

@@ -1,6 +1,3 @@
-from pathlib import Path
-from typing import Any
-
 import av
 import numpy as np
 import pytest
@@ -17,21 +14,21 @@ LEGS = subject_of(TrainConfig(robot="lite_biped"))
 class Still:
     """Answers zeros, and keeps what it saw."""
 
-    def __init__(self) -> None:
-        self.seen: list[np.ndarray] = []
+    def __init__(self):
+        self.seen = []
 
-    def answer(self, observations: np.ndarray) -> np.ndarray:
+    def answer(self, observations):
         assert observations.shape == (1, 53)
         self.seen.append(observations[0])
         return np.zeros((1, 14), dtype=np.float32)
 
 
 @pytest.mark.slow  # draws
-def test_a_video_shows_an_episode_at_half_speed_ahead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_video_shows_an_episode_at_half_speed_ahead(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_SECONDS", 0.4)
     now = [0.0]
     monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
-    learner: Any = Still()
+    learner = Still()
     videos = Videos(LEGS, tmp_path, 1.0)
     for seconds, steps in ((59.0, 1000), (61.0, 2000), (100.0, 3000)):
         now[0] = seconds
@@ -46,8 +43,8 @@ def test_a_video_shows_an_episode_at_half_speed_ahead(tmp_path: Path, monkeypatc
         assert (stream.width, stream.height, stream.frames) == (640, 360, 10)
 
 
-def test_none_is_made_unless_asked_for(tmp_path: Path) -> None:
-    learner: Any = None  # which would fail
+def test_none_is_made_unless_asked_for(tmp_path):
+    learner = None  # which would fail
     for minutes in (None, 60.0):
         videos = Videos(LEGS, tmp_path, minutes)
         videos.show(learner, 1000)
@@ -56,19 +53,19 @@ def test_none_is_made_unless_asked_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_network_that_fails_leaves_no_video(tmp_path: Path) -> None:
+def test_a_network_that_fails_leaves_no_video(tmp_path):
     class Broken:
-        def answer(self, observations: np.ndarray) -> np.ndarray:
+        def answer(self, observations):
             raise RuntimeError("broken")
 
-    learner: Any = Broken()
+    learner = Broken()
     videos = Videos(LEGS, tmp_path, 1e-9)
     with pytest.raises(RuntimeError, match="broken"):
         videos.show(learner, 1000)
     assert list((tmp_path / "videos").iterdir()) == []
 
 
-def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_one_line(tmp_path):
     (tmp_path / "videos").write_text("")
     with pytest.raises(InputError, match=r"videos: cannot be made a folder: File exists"):
         Videos(LEGS, tmp_path, 1.0)

@@ -1,5 +1,4 @@
 import json
-from pathlib import Path
 
 import numpy as np
 import onnxruntime
@@ -15,7 +14,7 @@ from tools.samples.walking.evaluate import CASES, WalkingCase, run_case
 pytestmark = pytest.mark.slow  # of the shipped policy, by the metrics that it was trained for
 
 
-def test_the_cases_are_those_that_the_policy_is_judged_by() -> None:
+def test_the_cases_are_those_that_the_policy_is_judged_by():
     assert [case.command for case in CASES[:8]] == [
         (0.0, 0.0, 0.0),
         (0.6, 0.0, 0.0),
@@ -32,7 +31,7 @@ def test_the_cases_are_those_that_the_policy_is_judged_by() -> None:
     assert [case.force_push for case in CASES if case.force_push] == [0.2, 0.2, 0.4, 0.4]
 
 
-def test_the_shipped_policy_stands_and_walks() -> None:
+def test_the_shipped_policy_stands_and_walks():
     """A sample of the table in docs/training.md, on the plant that it was not trained on."""
     scenario = make_scenario(WALKING_POLICY, "lite_biped", task="velocity")
     assert scenario.physics_timestep == 0.0005
@@ -47,14 +46,14 @@ def test_the_shipped_policy_stands_and_walks() -> None:
     assert walks.touchdown > 0.0
 
 
-def test_a_robot_that_is_pushed_over_has_not_survived() -> None:
+def test_a_robot_that_is_pushed_over_has_not_survived():
     scenario = make_scenario(WALKING_POLICY, "lite_biped", task="velocity", actuation="implicit")
     for push in ({"velocity_push": 2.0}, {"force_push": 3.0}):
         case = WalkingCase("pushed", (0.0, 0.0, 0.0), 6.5, **push)
         assert run_case(scenario, WALKING_POLICY, case, range(2)).survived == 0
 
 
-def test_the_shipped_policy_withstands_pushes_and_stands_again() -> None:
+def test_the_shipped_policy_withstands_pushes_and_stands_again():
     scenario = make_scenario(WALKING_POLICY, "lite_biped", task="velocity", actuation="implicit")
     for case in (
         WalkingCase("pushed while it walks", (0.3, 0.0, 0.0), 7.0, velocity_push=0.4),
@@ -64,7 +63,7 @@ def test_the_shipped_policy_withstands_pushes_and_stands_again() -> None:
         assert run_case(scenario, WALKING_POLICY, case, range(8)).survived >= 7
 
 
-def test_walking_begins_and_ends_at_any_moment_of_the_clock() -> None:
+def test_walking_begins_and_ends_at_any_moment_of_the_clock():
     """The gait's clock runs while the robot stands, and does not wait for a command."""
     envs = PolicyVectorEnv(
         32, WALKING_POLICY, "lite_biped", actuation="implicit", physics_timestep=0.0025, autoreset_mode="SameStep"
@@ -81,7 +80,7 @@ def test_walking_begins_and_ends_at_any_moment_of_the_clock() -> None:
     envs.close()
 
 
-def test_the_command_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_its_figures(tmp_path, capsys):
     output = tmp_path / "figures.json"
     options = ["evaluate-walking", "--only", "turn left", "--seeds", "1", "--actuation", "implicit"]
     assert main([*options, "--json", str(output)]) == 0
@@ -98,6 +97,6 @@ def test_the_command_writes_its_figures(tmp_path: Path, capsys: pytest.CaptureFi
         (("--only", "jump"), "error: --only: is 'jump', expected part of one of stand, forward 0.6"),
     ],
 )
-def test_bad_options_are_one_line(options: tuple[str, ...], expected: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_options_are_one_line(options, expected, capsys):
     assert run_program(main, ["evaluate-walking", *options]) == 2
     assert expected in capsys.readouterr().err

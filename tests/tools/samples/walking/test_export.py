@@ -1,5 +1,4 @@
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import onnxruntime
@@ -26,7 +25,7 @@ from tools.samples.walking.gait import (
 CONTRACT = asset_path("policies", "lite_biped_velocity.contract.yaml")
 
 
-def test_the_graph_is_the_network_between_two_mirrors(tmp_path: Path) -> None:
+def test_the_graph_is_the_network_between_two_mirrors(tmp_path):
     rng = np.random.default_rng(0)
     sizes = (INPUTS, 8, ANSWERS)
     weights = {}

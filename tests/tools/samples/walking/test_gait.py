@@ -23,7 +23,7 @@ from tools.samples.walking.gait import (
 )
 
 
-def test_the_mirror_of_the_mirror_is_the_original() -> None:
+def test_the_mirror_of_the_mirror_is_the_original():
     for source, sign in (ACTION_MIRROR, OBSERVATION_MIRROR):
         values = np.random.default_rng(0).normal(size=len(source)).astype(np.float32)
         once = values[source] * sign
@@ -31,13 +31,13 @@ def test_the_mirror_of_the_mirror_is_the_original() -> None:
         np.testing.assert_array_equal(once[source] * sign, values)
 
 
-def test_mirrored_joints_put_the_feet_where_a_mirror_shows_them() -> None:
+def test_mirrored_joints_put_the_feet_where_a_mirror_shows_them():
     robot = load_robot("lite_biped")
     model = build_model(robot, scene=False)
     data, joints = mujoco.MjData(model), joint_addresses(model, robot.joint_names)
     source, sign = ACTION_MIRROR
 
-    def feet(position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def feet(position):
         data.qpos[joints.qpos] = position
         mujoco.mj_kinematics(model, data)
         return data.body("left_foot").xpos.copy(), data.body("right_foot").xpos.copy()
@@ -51,7 +51,7 @@ def test_mirrored_joints_put_the_feet_where_a_mirror_shows_them() -> None:
         np.testing.assert_allclose(mirrored_right, left * [1.0, -1.0, 1.0], atol=1e-3)
 
 
-def test_the_network_sees_a_left_leg_that_swings() -> None:
+def test_the_network_sees_a_left_leg_that_swings():
     observations = np.random.default_rng(2).normal(size=(50, OBSERVATIONS)).astype(np.float32)
     seen, mirrored = to_canonical(observations)
     assert 10 < int(mirrored.sum()) < 40
@@ -64,14 +64,14 @@ def test_the_network_sees_a_left_leg_that_swings() -> None:
 NOTHING = np.zeros(ANSWERS, dtype=np.float32)
 
 
-def observed(phase: float, command: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+def observed(phase, command=(0.0, 0.0, 0.0)):
     observation = np.zeros(OBSERVATIONS, dtype=np.float32)
     observation[COMMAND : COMMAND + 3] = command
     observation[PHASE : PHASE + 2] = np.sin(phase), np.cos(phase)
     return observation
 
 
-def test_the_gait_lifts_the_left_foot_in_mid_swing_and_rests_while_standing() -> None:
+def test_the_gait_lifts_the_left_foot_in_mid_swing_and_rests_while_standing():
     assert not gait(np.zeros(OBSERVATIONS, dtype=np.float32), NOTHING).any()
     lift = 0.25 * gait(observed(np.pi / 2), NOTHING)
     np.testing.assert_allclose(lift[[0, 3, 5]], [-0.25, 0.5, -0.25], atol=1e-6)
@@ -80,8 +80,8 @@ def test_the_gait_lifts_the_left_foot_in_mid_swing_and_rests_while_standing() ->
     np.testing.assert_allclose(stride[[0, 7]], [0.215 - 0.05, -0.215 - 0.05], atol=1e-6)  # behind, in front; and a lean
 
 
-def test_a_robot_that_stands_sees_the_clock_as_far_as_its_base_moves() -> None:
-    def stirred(speed: float, command: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> float:
+def test_a_robot_that_stands_sees_the_clock_as_far_as_its_base_moves():
+    def stirred(speed, command=(0.0, 0.0, 0.0)):
         """Share of the clock that is seen by a robot whose legs turn forward about their ankles."""
         observation = observed(np.pi / 3, command)
         observation[RATES + 3 : RATES + 18 : 7] = 0.05 * speed / 0.34  # both knees
@@ -96,7 +96,7 @@ def test_a_robot_that_stands_sees_the_clock_as_far_as_its_base_moves() -> None:
     assert [stirred(0.0, (vx, 0.0, 0.0)) for vx in (0.04, 0.06, -0.3)] == [0.0, 1.0, 1.0]
 
 
-def test_the_network_sizes_and_aims_the_gait() -> None:
+def test_the_network_sizes_and_aims_the_gait():
     answer = NOTHING.copy()
     answer[ACTIONS] = -0.25
     lift = 0.25 * gait(observed(np.pi / 2), answer)
@@ -110,7 +110,7 @@ def test_the_network_sizes_and_aims_the_gait() -> None:
         np.testing.assert_allclose(further, 0.2 * step, atol=1e-6)
 
 
-def test_a_leg_that_stands_measures_the_velocity_of_the_base() -> None:
+def test_a_leg_that_stands_measures_the_velocity_of_the_base():
     """Against MuJoCo: how fast the right foot moves under a base that only turns."""
     robot = load_robot("lite_biped")
     model = build_model(robot, scene=False)

@@ -1,6 +1,5 @@
 """How robots are pushed while they learn to walk."""
 
-from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -18,7 +17,7 @@ ALWAYS = 0.02
 
 
 @contextmanager
-def learning(robots: int, **options: float) -> Iterator[tuple[LearningEnv, PolicyVectorEnv]]:
+def learning(robots, **options):
     envs = PolicyVectorEnv(
         robots, CONTRACT, "lite_biped", task="walking", actuation="implicit", autoreset_mode="SameStep", threads=1
     )
@@ -29,12 +28,11 @@ def learning(robots: int, **options: float) -> Iterator[tuple[LearningEnv, Polic
     env.close()
 
 
-def forces(envs: PolicyVectorEnv) -> np.ndarray:
-    assert envs.wrench is not None
+def forces(envs):
     return np.linalg.norm(envs.wrench[:, :2], axis=1)
 
 
-def test_a_velocity_push_changes_the_velocity_and_a_force_push_acts_for_a_tenth_of_a_second() -> None:
+def test_a_velocity_push_changes_the_velocity_and_a_force_push_acts_for_a_tenth_of_a_second():
     with learning(8, push=0.0, velocity_push=0.5) as (env, envs):
         before = envs.simulation.qvel.copy()
         env._pushes()
@@ -56,7 +54,7 @@ def test_a_velocity_push_changes_the_velocity_and_a_force_push_acts_for_a_tenth_
         np.testing.assert_array_equal(envs.simulation.qvel, before)
 
 
-def test_where_there_are_both_either_comes_half_of_the_time() -> None:
+def test_where_there_are_both_either_comes_half_of_the_time():
     with learning(64, push=0.4, velocity_push=0.5) as (env, envs):
         before = envs.simulation.qvel.copy()
         env._pushes()
@@ -65,7 +63,7 @@ def test_where_there_are_both_either_comes_half_of_the_time() -> None:
         np.testing.assert_array_equal(forces(envs) > 0.0, ~sudden)
 
 
-def test_nobody_pushes_where_neither_is_asked_for() -> None:
+def test_nobody_pushes_where_neither_is_asked_for():
     with learning(2, push=0.0, velocity_push=0.0) as (env, envs):
         before = envs.simulation.qvel.copy()
         env._pushes()

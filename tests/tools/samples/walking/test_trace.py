@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 
 from humanoid_sim.assets import WALKING_POLICY
@@ -8,7 +6,7 @@ from humanoid_sim.robots.description import load_robot
 from tools.samples.walking.trace import walking_run, write_walking_trace
 
 
-def test_a_run_begins_standing_and_then_steps() -> None:
+def test_a_run_begins_standing_and_then_steps():
     run = walking_run(WALKING_POLICY, load_robot("lite_biped"))
     assert run["obs"].shape == (150, 53)
     assert run["qpos"].shape == (150, 21)
@@ -21,7 +19,7 @@ def test_a_run_begins_standing_and_then_steps() -> None:
     assert float(run["qpos"][:, 2].min()) > 0.6
 
 
-def test_the_shipped_policy_carries_a_trainers_samples(tmp_path: Path) -> None:
+def test_the_shipped_policy_carries_a_trainers_samples(tmp_path):
     output = tmp_path / "trace.npz"
     assert write_walking_trace(WALKING_POLICY, output) == 0
     with np.load(output) as stored:

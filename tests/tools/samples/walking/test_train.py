@@ -1,7 +1,6 @@
 """That every stage runs, is resumed, and ends in a checkpoint; how well it walks is the shipped one's business."""
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -18,7 +17,7 @@ from tools.samples.walking.stages import STAGES
 pytestmark = pytest.mark.slow
 
 
-def test_all_stages_run_and_are_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_stages_run_and_are_resumed(tmp_path, capsys):
     output, folder = tmp_path / "walk.onnx", tmp_path / "run"
     arguments = ["train-walking", "--quick", "--output", str(output), "--folder", str(folder)]
     assert main(arguments) == 0

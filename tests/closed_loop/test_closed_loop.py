@@ -1,0 +1,218 @@
+"""Whole stacks on simulated robots: each mode does to the robot what it is for."""
+
+import mujoco
+import numpy as np
+import pytest
+from drive import Drive
+
+from humanoid_sim.assets import SAMPLE_POLICY, asset_path
+from humanoid_sim.evaluation.tracking import TrackingErrors
+from humanoid_sim.gravity import gravity_command
+from humanoid_sim.messages import Intent, Mode, RemoteCommand
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.policy.loaded_policy import load_policy
+from humanoid_sim.policy.motion import read_motion
+from humanoid_sim.simulation.kinematics import GravityTorque
+
+MOTIONS = sorted(path.stem for path in asset_path("motions").glob("*.mcap"))
+
+
+def test_there_are_motions():
+    assert {"wave", "circle", "reach"} <= set(MOTIONS)
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_the_sample_policy_tracks_the_sample_motions(name):
+    checkpoint = load_checkpoint(SAMPLE_POLICY)
+    motion = read_motion(asset_path("motions", f"{name}.mcap"))
+    drive = Drive(load_policy(checkpoint.contract, checkpoint.policy, motion, checkpoint.observation_width))
+    errors = TrackingErrors(drive.description, motion.frames, motion.body_names, motion.policy_dt)
+    drive.stand()
+    drive.step(Intent.START_LOCOMOTION)
+    drive.run(motion.duration)
+    frames = []
+    for state, output in zip(drive.states, drive.outputs, strict=True):
+        if output.policy_step is not None:
+            frames.append(output.policy_step.frame)
+            errors.update(output.policy_step.frame, state.joint_position)
+    assert frames == list(range(len(motion.frames)))
+    assert drive.outputs[-1].control_mode.mode is Mode.LOCOMOTION
+    summary = errors.summary()
+    assert summary.peak_speed >= 0.5  # m/s
+    assert summary.hands.position_rms <= 0.03
+    assert summary.hands.orientation_rms <= np.radians(12.0)
+    assert np.abs(drive.applied()).max() < drive.description.effort_limit.max()
+
+
+def test_at_the_end_of_the_motion_the_last_frame_is_held():
+    checkpoint = load_checkpoint(SAMPLE_POLICY)
+    motion = read_motion(asset_path("motions", "reach.mcap"))
+    drive = Drive(load_policy(checkpoint.contract, checkpoint.policy, motion))
+    drive.stand()
+    drive.step(Intent.START_LOCOMOTION)
+    drive.run(motion.duration + 1.0)
+    last = [output.policy_step.frame for output in drive.outputs if output.policy_step][-50:]
+    assert last == [len(motion.frames) - 1] * 50
+    assert np.abs(drive.states[-1].joint_velocity).max() < 0.05
+
+
+@pytest.mark.parametrize("load", [Intent.LOAD_A, Intent.LOAD_B])
+def test_standby_reaches_its_pose_up_to_the_sag_of_its_springs(load):
+    drive = Drive()
+    drive.stand(load)
+    robot = drive.description
+    standby = robot.standby_controller_a if load is Intent.LOAD_A else robot.standby_controller_b
+    goal = np.array(standby.pose_segments[-1])
+    assert drive.outputs[-1].command.position.tolist() == goal.tolist()
+    assert drive.time == pytest.approx(sum(standby.segment_durations), abs=0.02)
+    drive.run(1.0)
+    # A spring of stiffness K_p gives way by gravity / K_p; friction and what still moves add 0.1° or so.
+    sag = np.abs(GravityTorque(robot)(drive.position)) / np.array(standby.target_stiffness)
+    assert 0.01 < sag.max() < 0.1
+    assert (np.abs(drive.position - goal) <= sag + 0.003).all()
+    assert np.abs(drive.states[-1].joint_velocity).max() < 0.005
+    assert drive.outputs[-1].control_mode.mode is Mode.STANDBY
+
+
+@pytest.mark.parametrize("load", [Intent.LOAD_A, Intent.LOAD_B])
+def test_gains_ramp_in_without_a_step_in_torque(load):
+    drive = Drive()
+    drive.run(1.0)
+    drive.step(Intent.DAMP)
+    drive.run(1.0)  # at rest
+    entered = len(drive.states)
+    drive.step(load)
+    drive.run(4.1)
+    change = np.abs(np.diff(drive.applied(entered - 1), axis=0)).max(axis=1)
+    durations = drive.description.standby_controller_a.segment_durations
+    ramp = round(durations[0] / drive.robot.control_period)
+    assert change[:3].max() < 0.02  # N·m per tick of 5 ms: nothing jumps when it begins
+    assert change[:ramp].max() < 0.1
+    # The corner of the trajectory between its segments is a step in speed, which K_d turns into one of torque.
+    assert change.max() < 0.5
+    assert np.abs(drive.applied(entered)).max() > 1.0  # something was driven at all
+
+
+def test_a_walk_that_is_interrupted_begins_again_from_where_the_arms_are():
+    drive = Drive()
+    drive.step(Intent.DAMP)
+    drive.step(Intent.LOAD_A)
+    drive.run(3.0)
+    drive.step(Intent.DAMP)
+    drive.run(0.2)
+    entered = len(drive.states)
+    drive.step(Intent.LOAD_B)
+    drive.run(0.5)
+    start = drive.states[entered].joint_position
+    first = drive.outputs[entered].command
+    assert first.position.tolist() == start.tolist()
+    assert not first.stiffness.any()
+    assert np.abs(np.diff(drive.applied(entered + 1), axis=0)).max() < 0.5
+
+
+def energy(drive):
+    """J, potential and kinetic."""
+    model, data = drive.robot.model, drive.robot.data
+    mujoco.mj_energyPos(model, data)
+    mujoco.mj_energyVel(model, data)
+    return float(data.energy.sum())
+
+
+def test_damping_only_ever_takes_energy_out():
+    drive = Drive()
+    drive.stand()
+    drive.step(Intent.DAMP)
+    energies = []
+    for _ in range(1000):
+        drive.step()
+        energies.append(energy(drive))
+    assert np.diff(energies).max() < 0.0
+    assert energies[0] - energies[-1] > 1.0
+    assert drive.outputs[-1].control_mode.mode is Mode.DAMPING
+
+
+def test_arms_that_are_let_go_sink_slowly():
+    speeds = {}
+    for intent in (Intent.DAMP, None):
+        drive = Drive()
+        drive.stand()
+        if intent is None:  # without damping: what ZERO_TORQUE would do
+            drive.memory = drive.supervisor.initial()
+        drive.step(*([intent] if intent else []))
+        drive.run(1.0)
+        speeds[intent] = max(np.abs(state.joint_velocity).max() for state in drive.states[-200:])
+    assert speeds[Intent.DAMP] < 1.0  # rad/s
+    assert speeds[None] > 5.0
+
+
+class Compensation:
+    """What the gravity front end sends, one command per tick and late by one, without its process."""
+
+    def __init__(self, drive, form):
+        self._drive = drive
+        self._form = form
+        self._gravity = GravityTorque(drive.description)
+        self._held = None
+
+    def __call__(self):
+        drive = self._drive
+        self._held = drive.position if self._held is None or self._form == "effort" else self._held
+        command = gravity_command(drive.description, self._held, self._gravity(self._held), self._form)
+        return RemoteCommand(command, drive.time)
+
+
+def in_remote():
+    drive = Drive(remote=True)
+    drive.stand()
+    drive.run(0.5)
+    assert drive.step(Intent.START_REMOTE).control_mode.mode is Mode.REMOTE
+    return drive
+
+
+@pytest.mark.parametrize(("form", "drift"), [("effort", 0.01), ("pd", 0.002)])
+def test_gravity_compensation_holds_the_arms_still(form, drift):
+    drive = in_remote()
+    start = drive.position
+    drive.run(5.0, Compensation(drive, form))
+    assert drive.outputs[-1].control_mode.mode is Mode.REMOTE
+    assert np.abs(drive.position - start).max() < drift  # rad in 5 s
+    assert np.abs(drive.states[-1].joint_velocity).max() < 0.001
+    assert np.abs(drive.applied()[-1]).max() > 1.0
+
+
+def test_the_effort_form_lets_the_arms_be_moved_and_the_pd_form_pulls_back():
+    moved = {}
+    for form in ("effort", "pd"):
+        drive = in_remote()
+        source = Compensation(drive, form)
+        drive.run(0.5, source)
+        start = drive.position
+        elbow = drive.robot.model.body("left_elbow_pitch").id
+        drive.robot.data.xfrc_applied[elbow, 0] = 10.0  # N, forward, for half a second
+        drive.run(0.5, source)
+        drive.robot.data.xfrc_applied[:] = 0.0
+        drive.run(1.5, source)
+        moved[form] = float(np.abs(drive.position - start).max())
+    assert moved["effort"] > 0.1
+    assert moved["pd"] < 0.005
+
+
+@pytest.mark.parametrize("form", ["effort", "pd"])
+def test_a_source_that_falls_silent_lets_the_arms_sink_damped(form):
+    drive = in_remote()
+    drive.run(1.0, Compensation(drive, form))
+    last = Compensation(drive, form)()
+    silent = len(drive.states)
+    drive.run(1.0, lambda: last)  # the same old command, as an inbox keeps it
+    for i in range(silent, len(drive.states)):
+        command, age = drive.outputs[i].command, float(drive.states[i].time) - last.arrival_time
+        if age <= 0.1:
+            assert command is last.command
+        else:
+            assert command.damping.tolist() == [5.0] * 14
+            assert not command.stiffness.any()
+            assert not command.effort.any()
+            assert command.position.tolist() == drive.states[i].joint_position.tolist()
+    assert drive.outputs[-1].control_mode.mode is Mode.REMOTE
+    fastest = max(np.abs(state.joint_velocity).max() for state in drive.states[silent:])
+    assert 0.05 < fastest < 1.0  # they sink, and slowly
