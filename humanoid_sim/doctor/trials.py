@@ -16,7 +16,7 @@ from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rl_policy import infer
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy
-from humanoid_sim.doctor.goals import BodiesGoal, Goal, MotionGoal, Quality, Strain, UprightGoal, VelocityGoal
+from humanoid_sim.doctor.goals import BodiesGoal, Goal, MotionGoal, Quality, Strain, VelocityGoal
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.evaluation.failure import has_run_away
 from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot
@@ -106,7 +106,7 @@ class TrialRunner:
         if contract.task_type == "tracking" and motion is not None and motion.body_names:
             errors = TrackingErrors(robot.description, motion.frames, motion.body_names, contract.policy_dt)
             return BodiesGoal(errors)
-        return UprightGoal()
+        return Goal()
 
     @cached_property
     def _base_reference(self) -> MotionReference | None:
