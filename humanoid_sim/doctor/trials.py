@@ -115,7 +115,9 @@ class TrialRunner:
     def _robot(self, contract: PolicyContract, trial: Trial) -> MujocoRobot:
         """Give a simulation of the robot in the contract's default pose, with a physics step that suits its damping."""
         order = np.argsort(contract.joint_names)
-        built = contract.default_joint_pos[order].tobytes(), _physics_key(contract)
+        limits = contract.effort_limit
+        efforts = None if limits is None else limits[order].tobytes()
+        built = contract.default_joint_pos[order].tobytes(), contract.model_joint_damping, efforts
         gains = contract.joint_damping, contract.joint_stiffness
         damped = *built, *(each[order].tobytes() for each in gains)
         for timestep in _TIMESTEPS:
@@ -176,10 +178,3 @@ def _run(one: OneRobot, loop: ClosedLoop, policy: Policy, goal: Goal, trial: Tri
             return Outcome(step * period, trial.seconds, Quality({**goal.parts(), **strain.parts()}), lost)
         strain.update(state, loop.act(inferred.action))
     return Outcome(trial.seconds, trial.seconds, Quality({**goal.parts(), **strain.parts()}))
-
-
-def _physics_key(contract: PolicyContract) -> tuple[object, ...]:
-    """Return the same for contracts under which the simulated robot has the same damping and the same torque limits."""
-    limits = contract.effort_limit
-    efforts = None if limits is None else limits[np.argsort(contract.joint_names)].tobytes()
-    return contract.model_joint_damping, efforts
