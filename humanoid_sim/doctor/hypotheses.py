@@ -132,13 +132,14 @@ def spared(contract: PolicyContract, hypothesis: Hypothesis) -> Iterator[Hypothe
     changed, parts = hypothesis.contract, dict[str, Change]()
     for item in fields(contract):
         value = getattr(contract, item.name)
-        if item.name not in ("observation", "provenance", "tensors") and not _agree(contract, changed, item.name):
+        is_one = item.name not in ("observation", "provenance", "tensors")
+        if is_one and not same_value(value, getattr(changed, item.name)):
             parts[item.name] = set_fields(**{item.name: value})
     before = {term.name: term for term in contract.terms}
     for term in changed.terms:
         for option in fields(Term):
-            if not _agree(before[term.name], term, option.name):
-                value = getattr(before[term.name], option.name)
+            value = getattr(before[term.name], option.name)
+            if not same_value(value, getattr(term, option.name)):
                 parts[f"terms.{term.name}.{option.name}"] = term_edit(term, "", "", "", **{option.name: value}).change
     if len(parts) < 2:
         return
@@ -152,10 +153,6 @@ def spared(contract: PolicyContract, hypothesis: Hypothesis) -> Iterator[Hypothe
         name, doubt = f"{last.name}, but not {part}", 0.5 * last.doubt
         edit = replace(last, name=name, explanation=explanation, change=spare, doubt=doubt)
         yield Hypothesis((*others, edit), restore(changed))
-
-
-def _agree(a: object, b: object, name: str) -> bool:
-    return same_value(getattr(a, name), getattr(b, name))
 
 
 def same_contract(a: PolicyContract, b: PolicyContract) -> bool:
