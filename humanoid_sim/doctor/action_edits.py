@@ -23,6 +23,8 @@ _RATES = (25.0, 50.0, 100.0)
 """Hz"""
 _EFFORT_SHARE = 0.25
 """mjlab and whole_body_tracking scale an action so that 1 asks for a quarter of the joint's effort limit."""
+_G1_EFFORTS = {14.251: 25.0, 16.778: 5.0, 28.501: 50.0, 40.179: 88.0, 99.098: 139.0}
+"""N·m by stiffness in N·m/rad, of the joints of Unitree's G1 as these two drive it: few of its models have limits."""
 
 
 def action_scales(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
@@ -34,7 +36,7 @@ def action_scales(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]
     for factor in _SCALE_FACTORS:
         text = f"an action is multiplied by {factor:g} times what the contract says"
         yield Edit(f"action scale × {factor:g}", scale, text, _multiplied(("action_scale",), factor))
-    if np.isfinite(robot.effort_limit).all() and (contract.joint_stiffness > 0.0).all():
+    if (contract.joint_stiffness > 0.0).all():
         text = f"action_scale is {_EFFORT_SHARE:g} · effort limit / stiffness, joint by joint, as mjlab computes it"
         yield Edit("action scale from effort limits", scale, text, _scale_from_efforts(robot))
     for title, order in _listed_orders(robot).items():
@@ -125,8 +127,11 @@ def _scale_from_efforts(robot: RobotFacts) -> Change:
     limit = _robot_values(robot.effort_limit, robot)
 
     def change(contract: PolicyContract) -> PolicyContract:
-        scale = _EFFORT_SHARE * limit(contract) / contract.joint_stiffness
-        return replace(contract, action_scale=np.round(scale[_driven(contract)], 4))
+        stiffness, effort = contract.joint_stiffness, limit(contract)
+        for known, its_effort in _G1_EFFORTS.items():
+            effort[np.isinf(effort) & np.isclose(stiffness, known, rtol=0.01)] = its_effort
+        scale = np.round(_EFFORT_SHARE * effort / stiffness, 3)  # as it is written
+        return replace(contract, action_scale=scale[_driven(contract)])  # refused if one is infinite
 
     return change
 

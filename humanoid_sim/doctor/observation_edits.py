@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
+from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.edits import (
-    DOUBT,
     STRONG_DOUBT,
+    Change,
     Edit,
     RobotFacts,
     change_terms,
@@ -29,6 +29,11 @@ _LEGGED_GYM_COMMANDS: Mapping[str, float | tuple[float, ...]] = {
     "command_lin_vel": 2.0,
     "command_ang_vel": 0.25,
 }
+_LAYOUTS = {
+    "rows": "first two columns, row by row",
+    "columns": "first two columns, one after the other",
+    "two_rows": "first two rows",
+}
 _PERIODS = (0.6, 0.8, 1.0)
 """s of a gait cycle, seen in the wild."""
 
@@ -43,90 +48,68 @@ def zeroed(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
         if not _is_zero(term):
             yield term_edit(term, " fed as zeros", "zeroed", f"the policy was trained with {term.name} zero", scale=0.0)
             continue
+        text = f"{term.name} is not zero: the policy was trained with it"
         for scale in contract.kind(term).scales:
-            yield term_edit(
-                term,
-                " fed" + (f", scaled by {scale:g}" if scale != 1.0 else ""),
-                "zeroed",
-                f"{term.name} is not zero: the policy was trained with it",
-                scale=scale,
-            )
-
-
-def _scaled(term: Term, scale: float | tuple[float, ...]) -> Term:
-    return replace(term, scale=np.asarray(scale, dtype=np.float64))
+            title = " fed" + (f", scaled by {scale:g}" if scale != 1.0 else "")
+            yield term_edit(term, title, "zeroed", text, scale=scale)
 
 
 def scales(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     """Yield other scales of the observation: all 1, those of legged_gym, or one term's alone."""
     together: dict[str, Mapping[str, float | tuple[float, ...]]] = {
         "all 1": {},
-        "of legged_gym (ang vel 0.25, joint vel 0.05)": dict(_LEGGED_GYM),
+        "of legged_gym (ang vel 0.25, joint vel 0.05)": _LEGGED_GYM,
         "of legged_gym, commands too": {**_LEGGED_GYM, **_LEGGED_GYM_COMMANDS},
     }
     for title, values in together.items():
-
-        def scaled(
-            contract: PolicyContract, values: Mapping[str, float | tuple[float, ...]] = values
-        ) -> PolicyContract:
-            def changed(term: Term) -> Term:
-                return term if _is_zero(term) else _scaled(term, values.get(contract.kind(term).name, 1.0))
-
-            return change_terms(contract, changed)
-
-        yield Edit(f"observation scales {title}", "observation scales", f"the observation's scales are {title}", scaled)
+        text = f"the observation's scales are {title}"
+        yield Edit(f"observation scales {title}", "observation scales", text, _scaled(values))
     for term in contract.terms:
-        if _is_zero(term):
-            continue
-        for scale in contract.kind(term).scales:
-            yield term_edit(
-                term, f" scaled by {scale:g}", "scale", f"{term.name} is multiplied by {scale:g}", scale=scale
-            )
+        for scale in () if _is_zero(term) else contract.kind(term).scales:
+            text = f"{term.name} is multiplied by {scale:g}"
+            yield term_edit(term, f" scaled by {scale:g}", "scale", text, scale=scale)
+
+
+def _scaled(values: Mapping[str, float | tuple[float, ...]]) -> Change:
+    """Scale by the kind of a term; those without a value by 1, those that are fed as zeros not at all."""
+
+    def change(contract: PolicyContract) -> PolicyContract:
+        def changed(term: Term) -> Term:
+            scale = np.asarray(values.get(contract.kind(term).name, 1.0))
+            return term if _is_zero(term) else replace(term, scale=scale)
+
+        return change_terms(contract, changed)
+
+    return change
 
 
 def conventions(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
     """Signs, frames, quaternion order, and what joint positions and the last action are relative to."""
     for term in terms_with(contract, "sign"):
-        yield term_edit(
-            term,
-            " sign flipped",
-            "sign",
-            f"{term.name} points the other way when the robot stands upright",
-            scale=-np.asarray(term.scale),
-        )
+        text = f"{term.name} points the other way when the robot stands upright"
+        yield term_edit(term, " sign flipped", "sign", text, scale=-np.asarray(term.scale))
     for term in terms_with(contract, "frame"):
         (other,) = term.others("frame")
-        yield term_edit(
-            term, f" in the {other} frame", "frame", f"{term.name} is given in the {other} frame", frame=other
-        )
+        text = f"{term.name} is given in the {other} frame"
+        yield term_edit(term, f" in the {other} frame", "frame", text, frame=other)
+    points = {BASE: "the base's origin", IMU: "the IMU", **{site: f"the site '{site}'" for site in robot.points}}
     for term in terms_with(contract, "at"):
-        points = {BASE: "the base's origin", IMU: "the IMU", **{site: f"the site '{site}'" for site in robot.points}}
         for other, point in points.items():
             if other != term.at:
                 yield term_edit(term, f" at {point}", "point", f"{term.name} is the velocity of {point}", at=other)
     for term in terms_with(contract, "quaternion"):
         (other,) = term.others("quaternion")
-        yield term_edit(
-            term, f" {' '.join(other)}", "order", f"{term.name} is ordered {' '.join(other)}", quaternion=other
-        )
+        order = " ".join(other)
+        yield term_edit(term, f" {order}", "order", f"{term.name} is ordered {order}", quaternion=other)
     for term in terms_with(contract, "relative"):
         is_relative = contract.kind(term).is_relative(term)
-        yield term_edit(
-            term,
-            f" {'absolute' if is_relative else 'less the default pose'}",
-            "relative",
-            f"positions in {term.name} are {'the angles themselves' if is_relative else 'less the default pose'}",
-            relative=not is_relative,
-        )
+        title = " absolute" if is_relative else " less the default pose"
+        text = f"positions in {term.name} are {'the angles themselves' if is_relative else 'less the default pose'}"
+        yield term_edit(term, title, "relative", text, relative=not is_relative)
     for term in terms_with(contract, "form"):
         (other,) = term.others("form")
-        yield term_edit(
-            term,
-            f" {other}",
-            "form",
-            f"{term.name} is the network's output" + (" times the action scale" if other == "scaled" else " as it is"),
-            form=other,
-        )
+        what = "times the action scale" if other == "scaled" else "as it is"
+        yield term_edit(term, f" {other}", "form", f"{term.name} is the network's output {what}", form=other)
 
 
 def imu_turns(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
@@ -149,59 +132,39 @@ def phases(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     rule = contract.phase
     if rule is None or not contract.requires("phase"):
         return
-    changes: dict[str, tuple[str, PhaseRule]] = {
-        "gait clock from the other foot": ("gait clock start", replace(rule, offsets=rule.offsets[::-1])),
-        f"gait clock {'not ' if rule.advance_first else ''}advanced before the first observation": (
-            "gait clock start",
-            replace(rule, advance_first=not rule.advance_first),
+    starts = {
+        "from the other foot": replace(rule, offsets=rule.offsets[::-1]),
+        f"{'not ' if rule.advance_first else ''}advanced before the first observation": replace(
+            rule, advance_first=not rule.advance_first
         ),
     }
+    for title, changed in starts.items():
+        name = f"gait clock {title}"
+        yield Edit(name, "gait clock start", f"phase: {name}", set_fields(phase=changed))
     for period in _PERIODS if rule.period is not None else ():
-        changes[f"gait period {period:g} s"] = ("gait period", replace(rule, period=period))
-    for name, (cause, changed) in changes.items():
-        doubt = STRONG_DOUBT if cause == "gait period" else DOUBT
-        yield Edit(name, cause, f"phase: {name}", set_fields(phase=changed), doubt)
+        name, change = f"gait period {period:g} s", set_fields(phase=replace(rule, period=period))
+        yield Edit(name, "gait period", f"phase: {name}", change, STRONG_DOUBT)
 
 
 def reference_conventions(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
     """Yield what the motion reference's terms may mean, and how the reference may be laid onto the robot."""
-    layouts = {
-        "rows": "first two columns, row by row",
-        "columns": "first two columns, one after the other",
-        "two_rows": "first two rows",
-    }
     for term in terms_with(contract, "layout"):
-        for layout, title in layouts.items():
-            yield term_edit(
-                term, f": {title}", "layout", f"{term.name} holds the rotation matrix's {title}", layout=layout
-            )
+        for layout, title in _LAYOUTS.items():
+            text = f"{term.name} holds the rotation matrix's {title}"
+            yield term_edit(term, f": {title}", "layout", text, layout=layout)
     for term in terms_with(contract, "inverse"):
-        yield term_edit(
-            term,
-            f" {'forward' if term.inverse else 'inverted'}",
-            "direction",
-            f"{term.name} is the "
-            + ("reference seen from the robot" if term.inverse else "robot seen from the reference"),
-            inverse=not term.inverse,
-        )
+        title = " forward" if term.inverse else " inverted"
+        seen = "reference seen from the robot" if term.inverse else "robot seen from the reference"
+        yield term_edit(term, title, "direction", f"{term.name} is the {seen}", inverse=not term.inverse)
     if not contract.requires("anchor_body"):
         return
     for body in robot.motion_bodies:
-        yield Edit(
-            f"anchor body {body}", "anchor body", f"the anchor terms compare {body}", set_fields(anchor_body=body)
-        )
-    yield Edit(
-        "reference not aligned" if contract.align_reference else "reference aligned",
-        "reference alignment",
-        "the reference stays in its own world frame"
-        if contract.align_reference
-        else "the reference is turned to the robot's heading at the start",
-        set_fields(align_reference=not contract.align_reference),
-    )
+        text = f"the anchor terms compare {body}"
+        yield Edit(f"anchor body {body}", "anchor body", text, set_fields(anchor_body=body))
+    name, text = "reference aligned", "the reference is turned to the robot's heading at the start"
+    if contract.align_reference:
+        name, text = "reference not aligned", "the reference stays in its own world frame"
+    yield Edit(name, "reference alignment", text, set_fields(align_reference=not contract.align_reference))
     other = "xyzw" if contract.reference_quaternion == "wxyz" else "wxyz"
-    yield Edit(
-        f"reference quaternions {' '.join(other)}",
-        "reference quaternion order",
-        f"the motion's quaternions are ordered {' '.join(other)}",
-        set_fields(reference_quaternion=other),
-    )
+    name, text = f"reference quaternions {' '.join(other)}", f"the motion's quaternions are ordered {' '.join(other)}"
+    yield Edit(name, "reference quaternion order", text, set_fields(reference_quaternion=other))

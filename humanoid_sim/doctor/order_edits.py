@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -29,20 +30,11 @@ def joint_orders(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
     for title, order in orders.items():
         if sorted(order) != sorted(contract.joint_names) or order == contract.joint_names:
             continue
-        yield Edit(
-            f"joint order {title}, values stay in place",
-            "joint order",
-            f"joint_names is {title} order; the lists of gains, pose and scale are in that order already",
-            relabelled(order),
-            is_whole=True,
-        )
-        yield Edit(
-            f"joint order {title}, values move along",
-            "joint order",
-            f"the policy sees and drives the joints in {title} order; gains, pose and scale belong to their joints",
-            reordered(order),
-            is_whole=True,
-        )
+        name, cause = f"joint order {title}", "joint order"
+        text = f"joint_names is {title} order; the lists of gains, pose and scale are in that order already"
+        yield Edit(f"{name}, values stay in place", cause, text, relabelled(order), is_whole=True)
+        text = f"the policy sees and drives the joints in {title} order; gains, pose and scale belong to their joints"
+        yield Edit(f"{name}, values move along", cause, text, reordered(order), is_whole=True)
 
 
 def relabelled(order: tuple[str, ...]) -> Change:
@@ -50,18 +42,14 @@ def relabelled(order: tuple[str, ...]) -> Change:
 
     def change(contract: PolicyContract) -> PolicyContract:
         names = dict(zip(contract.joint_names, order, strict=True))
-        return replace(
-            contract,
-            joint_names=order,
-            action_joint_names=tuple(names[name] for name in contract.action_joint_names),
-            observation=tuple(_renamed(term, names) for term in contract.terms),
-        )
+
+        def renamed(term: Term) -> Term:
+            return replace(term, joints=term.joints and tuple(names[name] for name in term.joints))
+
+        driven = tuple(names[name] for name in contract.action_joint_names)
+        return replace(change_terms(contract, renamed), joint_names=order, action_joint_names=driven)
 
     return change
-
-
-def _renamed(term: Term, names: Mapping[str, str]) -> Term:
-    return term if term.joints is None else replace(term, joints=tuple(names[name] for name in term.joints))
 
 
 def reordered(order: tuple[str, ...]) -> Change:
@@ -77,8 +65,8 @@ def reordered(order: tuple[str, ...]) -> Change:
             for name, form in FORMS.items()
             if form.kind != "names" and form.joints and isinstance(value := getattr(contract, name), np.ndarray)
         }
-        terms = tuple(_sorted_joints(term, order) for term in contract.terms)
-        return replace(contract, joint_names=order, action_joint_names=driven, observation=terms, **moved)
+        contract = change_terms(contract, lambda term: _sorted_joints(term, order))
+        return replace(contract, joint_names=order, action_joint_names=driven, **moved)
 
     return change
 
@@ -87,10 +75,9 @@ def _sorted_joints(term: Term, order: tuple[str, ...]) -> Term:
     if term.joints is None:
         return term
     shown = tuple(name for name in order if name in term.joints)
-    if np.ndim(term.scale) and np.size(term.scale) > 1:
-        places = [term.joints.index(name) for name in shown]
-        return replace(term, joints=shown, scale=np.asarray(term.scale)[places])
-    return replace(term, joints=shown)
+    places = [term.joints.index(name) for name in shown]
+    scale = np.asarray(term.scale)
+    return replace(term, joints=shown, scale=scale[places] if scale.size > 1 else scale)
 
 
 def term_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
@@ -104,20 +91,12 @@ def term_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
         "reversed": terms[::-1],
     }
     for title, order in orders.items():
-        yield Edit(
-            f"terms {title}",
-            "term order",
-            f"the observation's terms are {title}: {', '.join(term.name for term in order)}",
-            _listed_terms(order),
-        )
-    for i in range(len(terms) - 1):
-        order = (*terms[:i], terms[i + 1], terms[i], *terms[i + 2 :])
-        yield Edit(
-            f"terms {terms[i].name} and {terms[i + 1].name} swapped",
-            "term order",
-            f"{terms[i + 1].name} comes before {terms[i].name} in the observation",
-            _listed_terms(order),
-        )
+        text = f"the observation's terms are {title}: {', '.join(term.name for term in order)}"
+        yield Edit(f"terms {title}", "term order", text, _listed_terms(order))
+    for i, (one, other) in enumerate(pairwise(terms)):
+        text = f"{other.name} comes before {one.name} in the observation"
+        order = (*terms[:i], other, one, *terms[i + 2 :])
+        yield Edit(f"terms {one.name} and {other.name} swapped", "term order", text, _listed_terms(order))
 
 
 def _listed_terms(order: tuple[Term, ...]) -> Change:
@@ -135,22 +114,14 @@ def history_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     if all(term.history == 1 for term in contract.terms):
         return
     flip: dict[HistoryOrder, HistoryOrder] = {"oldest_first": "newest_first", "newest_first": "oldest_first"}
-    shown = contract.terms[0].history_order
+    order = flip[contract.terms[0].history_order].replace("_", " ")
 
     def flipped(contract: PolicyContract) -> PolicyContract:
         return change_terms(contract, lambda term: replace(term, history_order=flip[term.history_order]))
 
-    yield Edit(
-        f"history {flip[shown].replace('_', ' ')}",
-        "history order",
-        f"the steps of a term's history are {flip[shown].replace('_', ' ')}",
-        flipped,
-        is_whole=True,
-    )
-    other = "per_step" if contract.history_layout == "per_term" else "per_term"
-    yield Edit(
-        f"history {other.replace('_', ' ')}",
-        "history layout",
-        "each step's terms lie together" if other == "per_step" else "each term's steps lie together",
-        set_fields(history_layout=other),
-    )
+    text = f"the steps of a term's history are {order}"
+    yield Edit(f"history {order}", "history order", text, flipped, is_whole=True)
+    name, text, layout = "history per step", "each step's terms lie together", "per_step"
+    if contract.history_layout == "per_step":
+        name, text, layout = "history per term", "each term's steps lie together", "per_term"
+    yield Edit(name, "history layout", text, set_fields(history_layout=layout))

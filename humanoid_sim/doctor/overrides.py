@@ -25,13 +25,6 @@ _LINE = 110
 
 
 @dataclass(frozen=True, slots=True)
-class _Default:
-    """A value that nobody gave."""
-
-    value: bool
-
-
-@dataclass(frozen=True, slots=True)
 class Pasting:
     """File into which to paste the doctor's output, and the values that it overrides already."""
 
@@ -130,7 +123,7 @@ def _at(contract: PolicyContract, path: str) -> Any:
         name, _, option = path.removeprefix("terms.").rpartition(".")
         (term,) = (term for term in contract.terms if term.name == name)
         if option == "relative" and term.relative is None:
-            return _Default(contract.kind(term).is_relative(term))
+            return f"{_short(contract.kind(term).is_relative(term))} (default)"
         return _plain(option, getattr(term, option))
     name, _, part = path.partition(".")
     value = getattr(contract, name)
@@ -162,11 +155,9 @@ def _flat(path: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _short(value: Any) -> str:
-    if isinstance(value, _Default):
-        return f"{_short(value.value)} (default)"
-    if not isinstance(value, list):
-        return (
-            f"{value:g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
-        )
-    shown = ", ".join(_short(item) for item in value[:2])
-    return f"[{shown}, … {len(value)} in all]" if len(value) > 3 else f"[{', '.join(_short(item) for item in value)}]"
+    if isinstance(value, list):
+        shown = [_short(item) for item in value]
+        return f"[{', '.join(shown[:2])}, … {len(shown)} in all]" if len(shown) > 3 else f"[{', '.join(shown)}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)

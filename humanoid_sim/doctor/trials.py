@@ -16,7 +16,7 @@ from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rl_policy import infer
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy
-from humanoid_sim.doctor.goals import BodiesGoal, Goal, MotionGoal, Quality, Strain, UprightGoal, VelocityGoal
+from humanoid_sim.doctor.goals import BodiesGoal, Goal, MotionGoal, Quality, Strain, VelocityGoal
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.evaluation.failure import has_run_away
 from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot
@@ -106,7 +106,7 @@ class TrialRunner:
         if contract.task_type == "tracking" and motion is not None and motion.body_names:
             errors = TrackingErrors(robot.description, motion.frames, motion.body_names, contract.policy_dt)
             return BodiesGoal(errors)
-        return UprightGoal()
+        return Goal()
 
     @cached_property
     def _base_reference(self) -> MotionReference | None:
@@ -115,7 +115,9 @@ class TrialRunner:
     def _robot(self, contract: PolicyContract, trial: Trial) -> MujocoRobot:
         """Give a simulation of the robot in the contract's default pose, with a physics step that suits its damping."""
         order = np.argsort(contract.joint_names)
-        built = contract.default_joint_pos[order].tobytes(), _physics_key(contract)
+        limits = contract.effort_limit
+        efforts = None if limits is None else limits[order].tobytes()
+        built = contract.default_joint_pos[order].tobytes(), contract.model_joint_damping, efforts
         gains = contract.joint_damping, contract.joint_stiffness
         damped = *built, *(each[order].tobytes() for each in gains)
         for timestep in _TIMESTEPS:
@@ -176,10 +178,3 @@ def _run(one: OneRobot, loop: ClosedLoop, policy: Policy, goal: Goal, trial: Tri
             return Outcome(step * period, trial.seconds, Quality({**goal.parts(), **strain.parts()}), lost)
         strain.update(state, loop.act(inferred.action))
     return Outcome(trial.seconds, trial.seconds, Quality({**goal.parts(), **strain.parts()}))
-
-
-def _physics_key(contract: PolicyContract) -> tuple[object, ...]:
-    """Return the same for contracts under which the simulated robot has the same damping and the same torque limits."""
-    limits = contract.effort_limit
-    efforts = None if limits is None else limits[np.argsort(contract.joint_names)].tobytes()
-    return contract.model_joint_damping, efforts

@@ -1,4 +1,4 @@
-"""Progress of episodes, and how long the rest will take: a bar on a terminal, a line now and then elsewhere."""
+"""Progress of episodes, and how long the rest will take."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ from collections.abc import Callable
 from time import perf_counter
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import TimeRemainingColumn
 
-_EVERY = 10.0
-"""s between two lines where nobody watches."""
+from humanoid_sim.command_line.progress import BarOrLines
 
 
-class EpisodeProgress(Progress):
+class EpisodeProgress(BarOrLines):
     """A context that is called with how many episodes have just ended."""
 
     def __init__(self, console: Console, label: str, total: int, clock: Callable[[], float] = perf_counter) -> None:
@@ -21,22 +20,15 @@ class EpisodeProgress(Progress):
         Args:
             label: whose episodes these are; empty to show nothing.
         """
-        columns = TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn()
-        is_hidden = not label or not console.is_terminal
-        super().__init__(*columns, TimeRemainingColumn(), console=console, transient=True, disable=is_hidden)
+        super().__init__(console, label, total, TimeRemainingColumn())
         self._label, self._done, self._total = label, 0, total
-        self._clock = clock
-        self._begin = self._said = clock()
-        self._episodes = self.add_task(label, total=total)
+        self._clock, self._begin = clock, clock()
 
     def __call__(self, count: int) -> None:
         """Take in that so many more have ended."""
         self._done += count
-        self.advance(self._episodes, count)
-        now = self._clock()
-        if not self._label or self.console.is_terminal or now - self._said < _EVERY or self._done >= self._total:
-            return
-        self._said = now
-        left = (now - self._begin) * (self._total - self._done) / max(self._done, 1)
-        text = f"{self._label}: episodes {self._done} of {self._total}, about {left:.0f} s left"
-        self.console.print(text, markup=False, highlight=False, soft_wrap=True)
+        self.advance(self._task, count)
+        elapsed = self._clock() - self._begin
+        if self._label and self._done < self._total and self.is_due(elapsed):
+            left = elapsed * (self._total - self._done) / max(self._done, 1)
+            self.say(elapsed, f"{self._label}: episodes {self._done} of {self._total}, about {left:.0f} s left")

@@ -53,13 +53,13 @@ class Invented:
 
     def __init__(self, judge: Judge) -> None:
         self._judge = judge
-        self.trials = 0
+        self.seconds: list[float] = []
 
     def __call__(self, examined: object) -> Invented:
         return self
 
     def run(self, contract: PolicyContract, trial: Trial, until: float = math.inf) -> Outcome | None:
-        self.trials += 1
+        self.seconds.append(trial.seconds)
         up, cost = self._judge(contract)
         return Outcome(up * trial.seconds, trial.seconds, Quality({"all": cost}), "" if up == 1.0 else "fell")
 
@@ -290,3 +290,13 @@ def test_a_joint_is_tried_at_a_glance_first(examine: Callable[..., Ranking]) -> 
     result = examine(wrong, right_only(right))
     assert names(result)[0] == "left_knee turned round"
     assert result.singles_tried == result.singles_known
+
+
+def test_pairs_are_tried_until_past_the_fall_of_nearly_all_single_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    contract = tracker()
+    trials = Invented(lambda tried: (0.1 if same_contract(tried, contract) else 0.4, 5.0))
+    monkeypatch.setattr(module, "TrialRunner", trials)
+    plan = make_plan(contract, motion_seconds=9.0, pairs=500)
+    search(Patient(contract), FACTS, plan, Ranking(), lambda *_: None)  # type: ignore[arg-type]
+    glances = [seconds for seconds in trials.seconds if seconds < 4.0]
+    assert glances.count(pytest.approx(1.3 * 0.4 * 4.0)) >= 500

@@ -67,7 +67,7 @@ def test_a_trial_can_be_repeated_to_the_bit(trials: TrialRunner) -> None:
 
 def test_the_command_counts(trials: TrialRunner) -> None:
     outcome = trials.run(standing(), Trial(2.0, (0.5, 0.0, 0.0)))
-    assert outcome.quality.parts["velocity"] == pytest.approx(0.5 / 0.25, rel=0.1)
+    assert outcome.quality.parts["velocity"] == pytest.approx(0.5 / 0.2, rel=0.1)
 
 
 def test_a_contract_that_cannot_run_is_lost_at_once(trials: TrialRunner) -> None:
