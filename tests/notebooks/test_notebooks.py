@@ -16,7 +16,7 @@ LIMIT = 300
 """s, of one notebook on two cores."""
 LARGEST = 1_000_000
 """Bytes."""
-SHOWING = {"print", "program", "show", "Image"}
+SHOWING = {"print", "figure", "show", "Image"}
 """Functions by which a cell shows something."""
 MACHINE = re.compile(r"/(work|tmp|home|root|var|Users)/|\b20\d\d-\d\d-\d\d\b")
 """Paths and dates."""

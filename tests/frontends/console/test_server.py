@@ -222,18 +222,20 @@ def test_a_press_that_comes_late_moves_nothing(played: Any, way: str) -> None:
             time.sleep(1.0)
         finally:
             go_on()
+        answers: list[dict[str, Any]] = []
         events: list[str] = []
 
-        def is_answered(told: dict[str, Any]) -> bool:
+        def is_told(told: dict[str, Any]) -> bool:
+            answers.extend(told.get("answers", ()))
             events.extend(event[2] for event in told.get("events", ()))
-            return bool(told.get("answers"))
+            return any(
+                event.startswith(f"{answer['text']}; requested by console") for answer in answers for event in events
+            )
 
-        told = until(page, is_answered)
-        (answer,) = told["answers"]
+        assert until(page, is_told)["mode"] == "DAMPING"
+        (answer,) = answers
         assert not answer["granted"]
         assert answer["text"].startswith("LOAD_A refused: what its sender had seen was ")
-        assert told["mode"] == "DAMPING"
-        assert any(event.startswith(f"{answer['text']}; requested by console") for event in events)
 
 
 def test_a_page_that_does_not_say_what_it_saw_is_told_to_reload(played: Any) -> None:
