@@ -15,7 +15,7 @@ from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
 from types import MappingProxyType
-from typing import Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 from weakref import finalize
 
 import msgspec
@@ -34,6 +34,11 @@ from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.regress.options import RegressConfig, with_files
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.strict_yaml import schema_problem
+
+if TYPE_CHECKING:
+    from humanoid_sim.controllers.observation import ObservationLayout
+    from humanoid_sim.doctor.run import Examination
+    from humanoid_sim.regress.results import Results
 
 __all__ = [
     "Diagnosis",
@@ -129,7 +134,7 @@ class Policy(_Shown):
         return f"Policy('{self.path}': {self.contract.task_type}, {joints} joints, {terms} observation terms)"
 
     @cached_property
-    def _layout(self) -> Any:
+    def _layout(self) -> ObservationLayout:
         return contract_layout(self.contract, self.checkpoint.observation_width)
 
     def _print(self, console: Console) -> None:
@@ -223,7 +228,7 @@ class Diagnosis(_Shown):
     conclusion: str
     ranking: tuple[Mapping[str, Any], ...]
     """The changes that were tried, the best first, as `policy doctor --json` lists them."""
-    _examined: Any
+    _examined: Examination
 
     def frame(self) -> Any:
         """Return the ranking as a pandas frame. Raises `MissingPackageError` without pandas."""
@@ -268,7 +273,7 @@ class SuiteRun(_Shown):
 
     passed: bool
     """No policy is worse than the baseline by more than the suite tolerates."""
-    results: Any
+    results: Results
     """Everything, as `regress --json` writes it: a `humanoid_sim.regress.results.Results`."""
 
     def document(self) -> dict[str, Any]:
