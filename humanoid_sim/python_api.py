@@ -244,12 +244,13 @@ class Diagnosis(_Shown):
 _RANKED = ("rank", "hypothesis", "explanation", "stays_up", "time_up", "quality")
 
 
-def diagnose(policy: Given, robot: str, **options: Any) -> Diagnosis:
+def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) -> Diagnosis:
     """Find out what is wired wrongly in a policy that does not behave; takes minutes, and shows how far it is.
 
     Args:
         policy: which.
         robot: a shipped robot, `robot_descriptions:NAME`, a YAML file or an MJCF.
+        quiet: do not show how far it is.
         options: those of `policy doctor`, such as `motion`, `command`, `budget=60`.
 
     Raises:
@@ -260,7 +261,7 @@ def diagnose(policy: Given, robot: str, **options: Any) -> Diagnosis:
     chosen = _of_policy(policy)
     checkpoint = policy_path(chosen.pop("policy"), "diagnose")
     given = {**options, **chosen, "checkpoint": checkpoint, "robot": robot}
-    found = examine(_config("diagnose", DoctorConfig, given), Console(stderr=True))
+    found = examine(_config("diagnose", DoctorConfig, given), Console(stderr=True, quiet=quiet))
     if found.is_interrupted:
         raise KeyboardInterrupt
     document = found.document()
