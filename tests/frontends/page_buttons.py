@@ -3,7 +3,7 @@
 from typing import Any
 
 
-def in_mode(page: Any, mode: str, timeout: float = 20.0) -> None:
+def in_mode(page: Any, mode: str, timeout: float = 60.0) -> None:
     page.wait_for_selector(f'#mode[data-mode="{mode}"]', timeout=1e3 * timeout)
 
 
