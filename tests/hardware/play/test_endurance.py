@@ -38,18 +38,22 @@ def seconds(request):
 
 
 @pytest.mark.parametrize("robot", ["lite", "lite_sito"])
-def test_runs_at_50_hz_on_one_bus(robot, run, seconds):
-    """Of one family, and of two: ten motors that acknowledge each command, and four that acknowledge none."""
+def test_runs_at_50_hz_on_one_bus(robot, run, stalls, seconds):
+    """Of one family, and of two: ten motors that acknowledge each command, and four that acknowledge none.
+
+    No deadline is missed but where the machine itself stood still.
+    """
     options = ("--hardware", "virtual:minute", "--robot", robot, *SCRIPT, "--duration", str(seconds))
     result = run(*options, *(("--allow-no-timeout",) if robot == "lite_sito" else ()))
     report(result.summary, f"{robot} on one bus")
     assert result.status == 0
     loop, hardware = result.summary["loop"], result.summary["hardware"]
-    assert loop["ticks"] >= 50 * seconds
+    assert loop["ticks"] + loop["skipped_deadlines"] >= 50 * seconds
+    assert loop["overruns"] <= len(stalls.missed)
     is_first = any(line.startswith("SCHED_FIFO, ") for line in loop["measures"])
-    assert loop["overruns"] <= (0 if is_first else 0.005 * loop["ticks"])  # else other programs may come first
+    assert len(stalls.unexplained()) <= (0 if is_first else 0.005 * loop["ticks"])  # else others may come first
     silent = 4 if robot == "lite_sito" else 0
-    assert hardware["commanded"] == hardware["acknowledged"] >= (14 - silent) * 50 * seconds
+    assert hardware["commanded"] == hardware["acknowledged"] >= (14 - silent) * loop["ticks"]
     assert hardware["unconfirmed"] * 14 == silent * (hardware["commanded"] + hardware["unconfirmed"])
     assert (hardware["invalid_frames"], hardware["refused"], hardware["saturations"]) == (0, 0, {})
     assert result.summary["safety"] == []
