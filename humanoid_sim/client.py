@@ -613,7 +613,7 @@ class Intake:
     def ask(self, word: str, timeout: float = 2.0, *, seen: int | None = None) -> Answer:
         """Ask for something, and wait for what became of it in the session's next tick.
 
-        All but `damp`, `mark` and `safety` is refused if it was meant for what the robot is no more: if what was seen
+        All but `damp`, `mark` and `safety` are refused if the robot has changed since they were meant: if what was seen
         is more than 0.5 s old, or from before the robot last went to DAMPING or ZERO_TORQUE.
 
         Args:

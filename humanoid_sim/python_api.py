@@ -8,7 +8,10 @@ input raises `humanoid_sim.errors.InputError` with the line that the program wou
 from __future__ import annotations
 
 import io
+import threading
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -59,11 +62,12 @@ _WIDTH = 120
 _PAGE = '<pre style="line-height: 1.2; font-family: monospace">{code}</pre>'
 
 
-class _Shown:
+class _Shown(ABC):
     """A result that is shown as its program prints it."""
 
+    @abstractmethod
     def _print(self, console: Console) -> None:
-        raise NotImplementedError
+        """Print it."""
 
     def __str__(self) -> str:
         console = self._printed()
@@ -191,7 +195,7 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
         policy: what runs; None: the robot's sample policy.
         record: the recording to write (.mcap); None: one that goes with the result.
         options: those of `play`, such as `robot="lite_biped"`, `command="0.3,0,0"`, `policy_seconds=5`,
-            `script="damp; load_a"`; without `hardware`.
+            `script="damp; load_a"`; neither `hardware` nor `manual`, for whose operators `play` is.
 
     Raises:
         InputError: an option, the policy or the robot is not accepted; nothing has moved then.
@@ -202,20 +206,25 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
     from humanoid_sim.play.run import played  # noqa: PLC0415
     from humanoid_sim.rendering.backend import check_environment  # noqa: PLC0415
 
-    if options.get("hardware") is not None:
-        raise InputError(f"simulate: hardware is '{options['hardware']}', expected none; play --hardware drives motors")
-    folder = mkdtemp(prefix="humanoid_sim-") if record is None else None
-    path = Path(str(record)) if folder is None else Path(folder, "run.mcap")
-    given = {"viewer": "none", "video": "none", **options, **_of_policy(policy), "record": str(path)}
-    config = _config("simulate", PlayConfig, given)
-    refuse_early(config)
-    check_environment()
-    outcome = played(config, PlayConsole(quiet=True))
-    if outcome.status > 128:
-        raise KeyboardInterrupt
-    recording = open_recording(path)
-    if folder is not None:
-        finalize(recording, rmtree, folder, ignore_errors=True)
+    for name in ("hardware", "manual"):
+        if options.get(name):
+            raise InputError(f"simulate: {name} is {options[name]!r}, expected none; an operator's runs are play's")
+    thread = threading.current_thread()
+    if thread is not threading.main_thread():  # which alone gets signals
+        raise InputError(f"simulate: is called from the thread '{thread.name}', expected the main one")
+    with ExitStack() as stack:
+        folder = Path(mkdtemp(prefix="humanoid_sim-"))
+        stack.callback(rmtree, folder, ignore_errors=True)
+        path = (folder / "run.mcap" if record is None else Path(record)).absolute()
+        given = {"viewer": "none", "video": "none", **options, **_of_policy(policy), "record": path}
+        config = _config("simulate", PlayConfig, given)
+        refuse_early(config)
+        check_environment()
+        outcome = played(config, PlayConsole(quiet=True))
+        if outcome.status > 128:
+            raise KeyboardInterrupt
+        recording = open_recording(path)
+        finalize(recording, stack.pop_all().close)  # whoever reads it may outlive this run
     return Simulation(outcome.status == 0, outcome.summary, outcome.problems, recording)
 
 
@@ -352,7 +361,7 @@ def _of_policy(policy: Given | None) -> dict[str, Any]:
 
 
 def _config(function: str, kind: type[_Config], given: Mapping[str, Any]) -> _Config:
-    """Return a program's options from keywords. Raises `InputError` for one that does not exist or is no such value."""
+    """Return a program's options from keywords. Raises `InputError` for one that does not exist, or a wrong value."""
     names = [item.name for item in fields(kind)]
     for name in given:
         if name not in names:

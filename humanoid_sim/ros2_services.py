@@ -73,7 +73,7 @@ _ELSEWHERE = (
 _DAMPS_AT_ONCE = 4
 """Threads that only a damp ever takes."""
 _TURN = 0.05
-"""s that the executor waits for at most: a request in whose time this program stood still is told apart."""
+"""s that the executor waits for at most, so that a program that was suspended notices it (`Looks`)."""
 _LOOK = 10
 """Turns between two looks at whether the session goes on."""
 

@@ -2,15 +2,20 @@
 
 import gc
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import humanoid_sim
-from humanoid_sim import Policy, Simulation, diagnose, open_recording, run_suite, simulate
+from humanoid_sim import Policy, Recording, Simulation, diagnose, open_recording, python_api, run_suite, simulate
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.policy_tools import main as policy_program
@@ -35,7 +40,8 @@ def test_importing_the_package_loads_none_of_it() -> None:
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     mujoco, onnxruntime, *names = ran.stdout.split()
     assert (mujoco, onnxruntime) == ("False", "False")
-    assert {"simulate", "Policy", "__version__"} <= set(names)
+    assert {*humanoid_sim.__all__, "__version__"} <= set(names)
+    assert humanoid_sim.__all__ == python_api.__all__
     with pytest.raises(AttributeError, match="has no attribute 'simulat'"):
         humanoid_sim.simulat  # noqa: B018
 
@@ -66,10 +72,9 @@ def test_a_run_has_what_play_reports_and_every_tick_as_arrays(run: Simulation) -
 
 
 def test_a_frame_is_the_table_that_record_export_writes(run: Simulation, tmp_path: Path) -> None:
-    pandas = pytest.importorskip("pandas")
     file = tmp_path / "run.csv"
     assert record_program(["export", str(run.recording.path), "--csv", str(file)]) == 0
-    pandas.testing.assert_frame_equal(run.frame(), pandas.read_csv(file), check_dtype=False, rtol=1e-12)
+    pd.testing.assert_frame_equal(run.frame(), pd.read_csv(file), check_dtype=False, rtol=1e-12)
 
 
 def test_a_figure_shows_the_joints_that_are_named(run: Simulation) -> None:
@@ -107,7 +112,13 @@ def test_a_recording_that_was_not_named_goes_with_its_last_reader() -> None:
         ({"polcy_seconds": 1}, r"simulate: unknown option 'polcy_seconds' \(did you mean 'policy_seconds'\?\)"),
         ({"actuation": "afine"}, "simulate: actuation: is 'afine', expected one of qfrc_applied, affine, implicit"),
         ({"duration": "long"}, "simulate: duration: is 'long', expected a number"),
+        ({"duration": float("nan")}, "--duration: is nan, expected a finite number > 0"),
         ({"hardware": "can0"}, "simulate: hardware is 'can0', expected none"),
+        ({"manual": True}, "simulate: manual is True, expected none"),
+        ({"record": "none"}, r"--record: .*/none"),
+        ({"policy": ""}, r"\.: is a directory, expected an ONNX file"),
+        ({"policy": "/tmp"}, "/tmp: is a directory"),
+        ({"policy": "nothing.onnx"}, "nothing.onnx: no such file"),
         ({"robot": "lite_bipet"}, "unknown robot 'lite_bipet'"),
     ],
 )
@@ -115,6 +126,37 @@ def test_a_wrong_option_is_one_line(options: dict[str, object], line: str) -> No
     with pytest.raises(InputError, match=line) as raised:
         simulate(**options)  # type: ignore[arg-type]
     assert "\n" not in str(raised.value)
+
+
+def test_it_is_called_from_the_main_thread_which_gets_ctrl_c() -> None:
+    with ThreadPoolExecutor(1) as pool, pytest.raises(InputError, match=r"from the thread .*, expected the main one"):
+        pool.submit(simulate, "placeholder").result()
+
+
+def test_ctrl_c_ends_a_run_through_damping_and_leaves_nothing(tmp_path: Path) -> None:
+    call = "simulate('placeholder', script='hold 600', pace='realtime')"
+    with subprocess.Popen(
+        [sys.executable, "-c", f"from humanoid_sim import simulate; {call}"],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+    ) as program:
+        deadline = time.monotonic() + 60.0
+        while not list(tmp_path.glob("*/run.mcap*")) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert list(tmp_path.glob("*/run.mcap*"))
+        program.send_signal(signal.SIGINT)
+        _, told = program.communicate(timeout=60.0)
+    assert "KeyboardInterrupt" in told
+    assert list(tmp_path.glob("*/run.mcap*")) == []
+
+
+def test_a_run_without_ticks_has_empty_arrays_and_a_figure(run: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
+    nothing = Recording(run.recording.path, run.recording.header)
+    monkeypatch.setattr(nothing, "ticks", lambda: iter(()))
+    assert nothing.arrays()["position"].shape == (0, 14)
+    assert nothing.arrays()["action"].shape == (0, 14)
+    assert len(nothing.figure("left_elbow_pitch").axes) == 1
 
 
 def test_a_policy_is_what_policy_show_prints(
@@ -133,7 +175,6 @@ def test_a_policy_is_what_policy_show_prints(
 
 
 def test_a_suite_is_run_and_its_episodes_are_a_table(capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("pandas")
     found = run_suite("lite_tracking", "lite_tracking", only="wave", seeds=2)
     assert found.passed
     assert capsys.readouterr().out == ""
@@ -147,7 +188,6 @@ def test_a_suite_is_run_and_its_episodes_are_a_table(capsys: pytest.CaptureFixtu
 
 @pytest.mark.slow
 def test_a_diagnosis_ranks_changes(capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("pandas")
     found = diagnose("lite_tracking", "lite", motion="wave", seconds=0.3, pairs=0, budget=20)
     assert capsys.readouterr().out == ""
     assert found.ranking[0]["rank"] == 1

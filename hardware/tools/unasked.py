@@ -17,7 +17,7 @@ from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.hardware.motors import MotorLink, SessionTerms
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.tools.bench import silence, some_motors
-from humanoid_sim.robots.motors import FAMILIES
+from humanoid_sim.robots.motors import FAMILIES, MOTORS
 
 __all__ = ["LISTENING", "Ear", "MovedMotor", "limp_motors", "no_question", "title"]
 
@@ -59,7 +59,7 @@ class Ear:
     def __init__(self, family: str, channels: RobstrideLink) -> None:
         traits = FAMILIES[family]
         self._places = [(channel, number) for channel in range(len(channels.sources)) for number in traits.ids]
-        motors = some_motors(self._places, channels.sources, traits.models[0])
+        motors = some_motors(self._places, channels.sources, MOTORS[traits.models[0].name])
         self._link = DRIVERS[family].link(channels.line, motors, SessionTerms(channels.host_id, 0.0, _PERIOD))
         channels.line.listeners.insert(0, self._link.receive)
 

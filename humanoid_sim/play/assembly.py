@@ -175,7 +175,7 @@ class Run:
             self.recorder = McapRecorder(
                 plan.outputs.record,
                 overwrite=config.overwrite,
-                encoded=lambda record: self.feed.encoded(record),  # noqa: PLW0108 - there is no feed yet
+                encoded=lambda record: self.feed.encoded(record),  # noqa: PLW0108 - the feed comes later
                 tell=lambda text: self.session.event(text, EventKind.FAILURE),
             )
         self.monitor = RunMonitor(

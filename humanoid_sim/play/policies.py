@@ -281,7 +281,7 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
 def _pushes(path: str, recorded: Any, added: tuple[str, ...], begin: float) -> tuple[str, ...]:
     """Return the pushes of the recorded run, for what it went through comes again, and those that options add."""
     if not (isinstance(recorded, list) and all(isinstance(text, str) for text in recorded)):
-        raise InputError(f"--branch: '{path}' was made with push {recorded!r}, which is no such option")
+        raise _strange("--branch", path, "push", recorded)
     for text, push in zip(added, parse_pushes(added), strict=True):
         if push.time < begin:
             raise InputError(f"--push: is '{text}', expected at {begin:g} s, where the branch begins, or later")
@@ -302,5 +302,9 @@ def _options(option: str, path: str, header: SessionHeader) -> dict[str, Any]:
         value = options.get(field.name, field.default)
         kinds = {type(field.default), str, float} if field.default is None else {type(field.default), int}
         if value is not None and type(value) not in kinds and field.name in _REPEATED:
-            raise InputError(f"{option}: '{path}' was made with {field.name} {value!r}, which is no such option")
+            raise _strange(option, path, field.name, value)
     return options
+
+
+def _strange(option: str, path: str, name: str, value: object) -> InputError:
+    return InputError(f"{option}: '{path}' was made with {name} {value!r}, which play does not take")

@@ -71,7 +71,9 @@ def arrays(recording: Recording) -> dict[str, Any]:
     `imu_angular_velocity` and `imu_linear_acceleration`, (t, 3), rad/s and m/s² in the IMU's frame; `action`, (t, m),
     NaN where no policy ran. Raises `InputError` as `Recording.ticks` does.
     """
-    names = (*_MEASURED, *(f"command_{name}" for name in COMMAND_FIELDS), *_IMU)
+    joints = len(recording.header.joint_names)
+    widths = dict.fromkeys((*_MEASURED, *(f"command_{name}" for name in COMMAND_FIELDS)), joints)
+    widths |= dict(zip(_IMU, (4, 3, 3), strict=True))
     none = np.full(len(action_names(recording)), np.nan)
     times, modes, actions, found = [], [], [], []
     for tick in recording.ticks():
@@ -80,8 +82,10 @@ def arrays(recording: Recording) -> dict[str, Any]:
         modes.append(int(tick.output.control_mode.mode))
         actions.append(none if step is None else step.action.reshape(-1)[: len(none)])
         found.append(_arrays_of(tick))
-    stacked = {name: np.array([arrays[i] for arrays in found]) for i, name in enumerate(names)}
-    return {"time": np.array(times), "mode": np.array(modes), **stacked, "action": np.array(actions)}
+    columns = (np.array([arrays[i] for arrays in found]) for i in range(len(widths)))
+    stacked = {name: column.reshape(-1, widths[name]) for name, column in zip(widths, columns, strict=True)}
+    numbers = {"time": np.array(times), "mode": np.array(modes, dtype=np.int64)}
+    return {**numbers, **stacked, "action": np.array(actions).reshape(-1, max(len(none), 1))[:, : len(none)]}
 
 
 def frame(recording: Recording) -> Any:
@@ -102,7 +106,7 @@ def figure(recording: Recording, joints: Sequence[str] = ()) -> Any:
         A Matplotlib figure.
 
     Raises:
-        InputError: there is no such joint.
+        InputError: a joint is not one of the recording's.
         MissingPackageError: Matplotlib is not installed.
     """
     try:

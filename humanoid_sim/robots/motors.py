@@ -118,7 +118,7 @@ class MotorFamily:
     stiffness_doubt: float = 1.0
     """Largest ratio of a motor's K_p to what it was told, where sources disagree: torque is bounded for that."""
     damping_doubt: float = 1.0
-    """Likewise K_d."""
+    """Largest such ratio of its K_d."""
 
     @property
     def period_frames(self) -> int:

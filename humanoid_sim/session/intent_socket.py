@@ -110,13 +110,11 @@ class IntentSocket(IntentSource, Sink):
         self._reactivating: list[_Asked] = []
         self._loading = loading
         self._awaiting_load: list[_Asked] = []
-        self._mode = Mode.ZERO_TORQUE
         self._freshness = Freshness()
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """All intents since the last call: whatever was in the socket when this call began, and a bounded rest."""
         self._time = time
-        self._mode = Mode.ZERO_TORQUE if output is None else output.control_mode.mode
         self._freshness.follow(output)
         intents: list[Intent] = []
         asking: dict[str, None] = {}
@@ -189,7 +187,7 @@ class IntentSocket(IntentSource, Sink):
         """Have a policy prepared, or answer why not."""
         refusal = "load refused: this session runs no policy but a shadow, which stays as it is"
         if self._loading is not None:
-            refusal = self._loading.request(options, self._mode)
+            refusal = self._loading.request(options, self._freshness.mode)
         if refusal:
             self._tell(f"{refusal}; requested by {who[:80] or 'somebody'}")
             self._answer([asked], Answer(False, refusal))

@@ -62,15 +62,16 @@ class Freshness:
         """Know of no mode yet; `clock` gives ns."""
         self._clock = clock
         self._polled = self._entered = 0
-        self._mode = Mode.ZERO_TORQUE
+        self.mode = Mode.ZERO_TORQUE
+        """Mode of the previous tick."""
 
     def follow(self, output: TickOutput | None) -> None:
         """Take the mode of the previous tick into account: to be called in every poll, before anything is judged."""
         mode, now = Mode.ZERO_TORQUE if output is None else output.control_mode.mode, self._clock()
-        if mode is not self._mode and mode in (Mode.DAMPING, Mode.ZERO_TORQUE):
-            # The tick that entered it polled before it was published; a fresh start is no tick's.
+        if mode is not self.mode and mode in (Mode.DAMPING, Mode.ZERO_TORQUE):
+            # The tick that entered it polled before it was published; a fresh start happens between two ticks.
             self._entered = now if output is None else self._polled
-        self._mode, self._polled = mode, now
+        self.mode, self._polled = mode, now
 
     def problem(self, seen: int) -> str:
         """Return why what was asked for does not count; empty if it does.
@@ -79,10 +80,12 @@ class Freshness:
             seen: ns, when what its sender had seen was so.
         """
         age = 1e-9 * (self._clock() - seen)
+        if age < 0.0:
+            return "what its sender had seen is in the future; expected ns of CLOCK_MONOTONIC, as of a tick's stamp"
         if age > self.OLDEST:
             return f"what its sender had seen was {age:.2f} s old, at most {self.OLDEST:g} s; look, and ask anew"
         if seen < self._entered:
-            return f"its sender had not seen yet that the mode is {self._mode.name}; look, and ask anew"
+            return f"its sender had not seen yet that the mode is {self.mode.name}; look, and ask anew"
         return ""
 
 

@@ -151,7 +151,7 @@ def test_a_recording_that_does_not_say_what_it_was_made_with(tmp_path: Path, set
 
 @pytest.mark.parametrize("options", [{"policy": ["x"]}, {"yaw": "north"}, {"base_height": {}}])
 def test_options_that_are_none(tmp_path: Path, options: dict[str, object]) -> None:
-    with pytest.raises(InputError, match="which is no such option"):
+    with pytest.raises(InputError, match="which play does not take"):
         with_recorded_options(PlayConfig(again=recording(tmp_path, {"options": options})))
 
 

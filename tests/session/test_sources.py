@@ -1,4 +1,5 @@
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -27,9 +28,11 @@ def test_an_intent_that_waited_for_the_loop_too_long_is_left_out_unless_it_damps
     long_ago = monotonic_ns() - 600_000_000
     for intent in (Intent.LOAD_A, Intent.DAMP, Intent.QUIT):
         queue.put(intent, long_ago)
+    queue.put(Intent.LOAD_A, time.time_ns())  # of another clock: such a stamp would never grow old
     queue.put(Intent.LOAD_B, monotonic_ns())
     assert list(queue.poll(0.0, None)) == [Intent.DAMP, Intent.LOAD_B]
-    assert [line.split(":")[0] for line in told] == ["LOAD_A refused", "QUIT refused"]
+    assert [line.split(":")[0] for line in told] == ["LOAD_A refused", "QUIT refused", "LOAD_A refused"]
+    assert "is in the future" in told[2]
 
 
 def test_an_intent_queue_loses_nothing_between_threads() -> None:

@@ -265,8 +265,8 @@ def interruptible() -> Iterator[threading.Event]:
     asked, before = threading.Event(), signal.getsignal(signal.SIGINT)
 
     def note(_: int, __: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, before)  # first: a second one may come at once, and finds no lock taken
         asked.set()
-        signal.signal(signal.SIGINT, before)
         with contextlib.suppress(OSError):
             os.write(2, _CTRL_C)  # not print, which may be in the middle of another line
 
