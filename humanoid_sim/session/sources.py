@@ -83,9 +83,9 @@ class Freshness:
         if age < 0.0:
             return "what its sender had seen is in the future; expected ns of CLOCK_MONOTONIC, as of a tick's stamp"
         if age > self.OLDEST:
-            return f"what its sender had seen was {age:.2f} s old, at most {self.OLDEST:g} s; look, and ask anew"
+            return f"too late, it was meant for the robot of {age:.2f} s ago, at most {self.OLDEST:g} s; look, and ask again"
         if seen < self._entered:
-            return f"its sender had not seen yet that the mode is {self.mode.name}; look, and ask anew"
+            return f"the robot went to {self.mode.name} meanwhile, which its sender had not seen; look, and ask again"
         return ""
 
 

@@ -122,7 +122,7 @@ def test_a_button_pressed_while_it_stood_still_moves_nothing_and_damp_damps(loca
         assert foxglove.call("/damp")["success"]
         answer = pressed("/load_a")
         assert not answer["success"]
-        assert "LOAD_A refused: what its sender had seen was" in answer["message"]
+        assert "LOAD_A refused: too late, it was meant for the robot of" in answer["message"]
         assert records[-1].output.control_mode.mode is Mode.DAMPING
         assert pressed("/damp")["success"]
         time.sleep(0.7)

@@ -112,7 +112,7 @@ def test_what_was_pressed_while_the_program_stood_still_moves_nothing_but_damps(
     pad.press("L1", "A")
     time.sleep(0.6)
     desk.look()
-    assert "what its sender had seen was" in local.told[-1]
+    assert "too late, it was meant for the robot of" in local.told[-1]
     assert desk.mode is Mode.DAMPING
     pad.release("A")
     desk.look()

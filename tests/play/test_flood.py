@@ -72,4 +72,4 @@ def test_a_damp_sent_during_a_flood_of_10_khz_acts_in_the_next_tick(run: Callabl
     assert rates[0] > 10_000
     assert len(late) == 10
     assert max(late) <= 2
-    assert refusals[0].startswith("LOAD_A refused: what its sender had seen was ")
+    assert refusals[0].startswith("LOAD_A refused: too late, it was meant for the robot of ")

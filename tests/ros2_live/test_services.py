@@ -77,7 +77,7 @@ def test_all_six_drive_the_fsm_with_its_own_answers(robot: Machine, services: su
     later.start()
     granted, message = call("load_a")
     assert not granted
-    assert message.startswith("LOAD_A refused: what its sender had seen was ")
+    assert message.startswith("LOAD_A refused: too late, it was meant for the robot of ")
     time.sleep(1.0)
     assert call("quit")[0] is True
     assert session.wait(30.0) == 0

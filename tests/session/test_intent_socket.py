@@ -63,7 +63,9 @@ def test_what_was_meant_for_a_robot_of_long_ago_is_refused(local: LocalSession, 
     answer = late.answer(tokens[0], 1.0)
     name = word.partition(" ")[0].upper()
     assert not answer.granted
-    assert re.fullmatch(rf"{name} refused: what its sender had seen was 0\.\d\d s old, at most 0.5 s.*", answer.text)
+    assert re.fullmatch(
+        rf"{name} refused: too late, it was meant for the robot of 0\.\d\d s ago, at most 0.5 s.*", answer.text
+    )
     assert f"{answer.text}; requested by late ({os.getpid()})" in local.told
     assert stopped.answer(tokens[1], 1.0).granted
 
@@ -87,7 +89,7 @@ def test_what_was_meant_for_the_mode_before_is_refused_however_young(local: Loca
     answer = operator.answer(token, 1.0)
     assert (
         answer.text
-        == f"LOAD_B refused: its sender had not seen yet that the mode is {passive.name}; look, and ask anew"
+        == f"LOAD_B refused: the robot went to {passive.name} meanwhile, which its sender had not seen; look, and ask again"
     )
     token = operator.post("damp" if passive is Mode.ZERO_TORQUE else "load_b", seen=seen_then(local))
     local.tick()

@@ -78,6 +78,19 @@ def test_keys_become_intents(terminal: Terminal) -> None:
         keyboard.close()
 
 
+def test_a_key_that_the_loop_hears_too_late_moves_nothing(terminal: Terminal) -> None:
+    told: list[str] = []
+    keyboard = Keyboard(record=told.append)
+    try:
+        terminal.type("a ")
+        time.sleep(0.8)
+        assert heard(keyboard, 1) == [Intent.DAMP]
+        (line,) = told
+        assert line.startswith("LOAD_A refused: too late, it was meant for the robot of 0.")
+    finally:
+        keyboard.close()
+
+
 def test_the_terminal_is_given_back_as_it_was(terminal: Terminal) -> None:
     before = termios.tcgetattr(terminal.slave)
     keyboard = Keyboard()
