@@ -83,7 +83,8 @@ class Freshness:
         if age < 0.0:
             return "what its sender had seen is in the future; expected ns of CLOCK_MONOTONIC, as of a tick's stamp"
         if age > self.OLDEST:
-            return f"too late, it was meant for the robot of {age:.2f} s ago, at most {self.OLDEST:g} s; look, and ask again"
+            late = f"too late, it was meant for the robot of {age:.2f} s ago"
+            return f"{late}, at most {self.OLDEST:g} s; look, and ask again"
         if seen < self._entered:
             return f"the robot went to {self.mode.name} meanwhile, which its sender had not seen; look, and ask again"
         return ""
