@@ -34,8 +34,10 @@ MCAP_CHUNK_BYTES = 64 * _MIB
 """Bytes of one chunk of an MCAP file, unpacked. Those of a recording hold half a second, about 100 kB."""
 MCAP_RECORD_BYTES = 256 * _MIB
 """Bytes of any record of an MCAP file outside of chunks, attachments among them."""
-MIDI_BYTES = 4 * _MIB
+MIDI_BYTES = 512 * _KIB
 """Bytes of a song: an hour of two hands has 200 kB."""
+SONG_SECONDS = 3600.0
+"""s of a song: the goals of all keys in each step of a fast policy are 250 MB."""
 OBSERVATION_WIDTH = 1_000_000
 """Values of one observation that a recording may declare."""
 MJCF_BYTES = 16 * _MIB

@@ -14,7 +14,7 @@ from enum import IntEnum
 from functools import partial
 from types import MappingProxyType
 
-from humanoid_sim.errors import InputError, RobotError, known_names, missing_system, was_interrupted
+from humanoid_sim.errors import InputError, RobotError, known_names, missing_system, reason_of, was_interrupted
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,10 +143,14 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
         else:
             raise
     except OSError as error:
-        # Whoever opens a file reports its failure with its name; what has none failed while printing.
-        if error.errno not in _UNWRITABLE or error.filename is not None:
-            raise
-        status, problem = ExitStatus.FAILED, error
+        if error.errno in _UNWRITABLE and error.filename is None:  # it failed while printing
+            status, problem = ExitStatus.FAILED, error
+        else:
+            complain(f"error: {'' if error.filename is None else f'{error.filename}: '}{error.strerror or error}")
+            status = ExitStatus.BAD_INPUT
+    except MemoryError as error:
+        complain(f"error: the memory of this machine does not suffice ({reason_of(error)})")
+        status = ExitStatus.BAD_INPUT
     problem = problem or _output_problem()
     if problem is None:
         return status

@@ -46,6 +46,8 @@ def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = 
     path = Path(path)
     try:
         status = path.stat()
+        if stat.S_ISREG(status.st_mode):
+            path.open("rb").close()
     except FileNotFoundError:
         raise InputError(f"{path}: no such file, expected {what}") from None
     except OSError as error:

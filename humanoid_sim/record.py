@@ -58,7 +58,7 @@ class Recover:
     """Recording (.mcap) that was cut off, or is damaged."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """File to write. Default: <file>.recovered.mcap beside it."""
-    force: bool = False
+    overwrite: bool = False
     """Replace the output if it exists."""
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
@@ -103,7 +103,7 @@ def _info(command: Info) -> None:
 
 
 def _recover(command: Recover) -> None:
-    result = recover(command.file, command.output or default_output(command.file), force=command.force)
+    result = recover(command.file, command.output or default_output(command.file), overwrite=command.overwrite)
     if result.was_complete:
         print(f"{command.file}: is complete; copied all the same")
     else:

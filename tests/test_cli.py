@@ -159,9 +159,17 @@ def test_a_closed_output_is_one_line():
     assert run.stderr == "error: standard output is closed, expected somewhere to write to, such as /dev/null\n"
 
 
-def test_any_other_failure_of_the_system_is_a_bug():
-    with pytest.raises(FileNotFoundError):
-        failing(FileNotFoundError(2, "No such file or directory"))
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (PermissionError(13, "Permission denied", "robot.xml"), "robot.xml: Permission denied"),
+        (OSError(24, "Too many open files"), "Too many open files"),
+        (MemoryError(), "the memory of this machine does not suffice (MemoryError)"),
+    ],
+)
+def test_any_other_failure_of_the_system_is_one_line(error, line, capsys):
+    assert failing(error) == 2
+    assert capsys.readouterr() == ("", f"error: {line}\n")
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1:strict", "ascii:surrogateescape"])

@@ -1,4 +1,5 @@
 import os
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,19 @@ def test_what_is_no_file_is_named(tmp_path):
     assert refusal("a\0b") == "a\0b: is not a name of a file, expected a motion file (.mcap)"
     for path in (gone, tmp_path, pipe, loop, long, "a\0b"):
         assert not is_file(path)
+
+
+def test_a_file_that_its_user_may_not_read_is_one_line():
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder:  # pytest's own is closed to others
+        os.chmod(folder, 0o755)
+        path = Path(folder) / "robot.xml"
+        path.touch(mode=0o000)
+        user = os.geteuid()
+        os.seteuid(65534 if user == 0 else user)
+        try:
+            assert refusal(path) == f"{path}: cannot be read: Permission denied"
+        finally:
+            os.seteuid(user)
 
 
 def test_a_name_of_full_length_can_be_written(tmp_path):

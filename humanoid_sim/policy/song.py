@@ -18,7 +18,7 @@ import mido
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.bounds import MIDI_BYTES, MOTION_VALUES
+from humanoid_sim.bounds import MIDI_BYTES, SONG_SECONDS
 from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import regular_file
 from humanoid_sim.policy.motion import Motion
@@ -88,7 +88,7 @@ def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain:
         sustain: notes sound on while the sustain pedal is down.
 
     Raises:
-        InputError: no MIDI file, one without notes, no such track, or a time division in frames.
+        InputError: no MIDI file, one without notes, no such track, a time division in frames, or longer than an hour.
     """
     path = regular_file(path, "a MIDI file (.mid)", MIDI_BYTES)
     try:
@@ -109,7 +109,10 @@ def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain:
     notes = [note for i in chosen for note in _track_notes(file.tracks[i], i, clock, sustain)]
     if not notes:
         raise InputError(f"{path}: has no notes in {'it' if tracks is None else 'the chosen tracks'}")
-    return Song(tuple(sorted(notes, key=lambda note: (note.start, note.key))), names)
+    song = Song(tuple(sorted(notes, key=lambda note: (note.start, note.key))), names)
+    if song.seconds > SONG_SECONDS:
+        raise InputError(f"{path}: lasts {song.seconds:.0f} s, expected at most {SONG_SECONDS:.0f} s")
+    return song
 
 
 class _Clock:
@@ -236,11 +239,7 @@ def playable(song: Song, robot: RobotDescription) -> tuple[Song, tuple[Note, ...
 
 
 def song_motion(song: Song, policy_dt: float, robot: RobotDescription) -> Motion:
-    """Return the goals of a song, one row per policy step of `policy_dt` (s), as what a policy for the robot follows.
-
-    Raises:
-        InputError: the song is too long.
-    """
+    """Return the goals of a song, one row per policy step of `policy_dt` (s), for a policy to follow."""
     return Motion(goals(song, policy_dt), (), policy_dt, task_type="piano", robot=robot.name)
 
 
@@ -262,8 +261,6 @@ def goals(song: Song, policy_dt: float, *, gap: float = 0.06) -> npt.NDArray[np.
         gap: s.
     """
     last = max((round(note.end / policy_dt) for note in song.notes), default=0)
-    if (last + 2) * KEY_COUNT > MOTION_VALUES:
-        raise InputError(f"the song lasts {song.seconds:.0f} s, expected at most {MOTION_VALUES // KEY_COUNT} steps")
     table = np.zeros((last + 2, KEY_COUNT), dtype=np.float32)
     released = max(round(gap / policy_dt), 1)
     following: dict[int, int] = {}

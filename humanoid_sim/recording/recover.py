@@ -9,7 +9,7 @@ from typing import IO
 from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import is_file, regular_file, whole_file
+from humanoid_sim.files import is_file, output_file, regular_file, whole_file
 from humanoid_sim.recording.recorder import TICK_TOPIC
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
 from humanoid_sim.ros2.mcap_writer import ChunkedWriter
@@ -40,18 +40,17 @@ def default_output(path: Path) -> Path:
     return path.with_name(f"{path.stem}.recovered.mcap")
 
 
-def recover(path: Path, output: Path, *, force: bool = False) -> Recovery:
+def recover(path: Path, output: Path, *, overwrite: bool = False) -> Recovery:
     """Copy what is sound in any MCAP file to `output`, with an index.
 
     Raises:
-        InputError: if `path` is not an MCAP file or holds no sound message, or `output` exists (unless `force`), is the
-            input, or cannot be written.
+        InputError: if `path` is not an MCAP file or holds no sound message, or `output` exists (unless `overwrite`),
+            is the input, or cannot be written.
     """
     regular_file(path, "a recording (.mcap)")
     if is_file(output) and output.samefile(path):
         raise InputError(f"{output}: is the file to recover, expected another name")
-    if is_file(output) and not force:
-        raise InputError(f"{output}: exists already, expected a new name or --force")
+    output_file(output, "--output", overwrite=overwrite)
     try:
         with path.open("rb") as source:
             stream = McapStream(source, past_damage=True)

@@ -216,7 +216,7 @@ class McapStream:
             start = self._file.tell()
             opcode, body = self._next_record(start)
             if opcode == Opcode.FOOTER:
-                if len(body) != _FOOTER_SIZE or self._file.read() != MCAP0_MAGIC:
+                if len(body) != _FOOTER_SIZE or self._file.read(len(MCAP0_MAGIC) + 1) != MCAP0_MAGIC:
                     raise _CutError("cut in the index")
                 return
 

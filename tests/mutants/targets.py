@@ -275,7 +275,7 @@ def _read_recording(path: Path) -> None:
     reads: tuple[Callable[[], object], ...] = (
         lambda: _run("record", "info", path),
         lambda: _run("record", "info", path, "--json"),
-        lambda: _run("record", "recover", path, "--output", path.parent / "recovered.mcap", "--force"),
+        lambda: _run("record", "recover", path, "--output", path.parent / "recovered.mcap", "--overwrite"),
         lambda: _run("replay", path),
         lambda: _run("replay", path, "--infer", "--json"),
         lambda: _run("compare", path, path),

@@ -137,6 +137,8 @@ def test_voices_and_reach():
     assert ([note.key for note in everything.notes][:2], nothing) == ([22, 62], ())
 
 
-def test_a_song_that_is_too_long_is_refused():
-    with pytest.raises(InputError, match="the song lasts 100000 s, expected at most"):
-        goals(Song((Note(0, 0.0, 1e5),), ()), 0.02)
+def test_a_song_that_is_too_long_is_refused(tmp_path):
+    track = mido.MidiTrack([mido.Message("note_on", note=60), mido.Message("note_off", note=60, time=0x0FFFFFFF)])
+    mido.MidiFile(tracks=[track]).save(path := tmp_path / "long.mid")
+    with pytest.raises(InputError, match=r"long\.mid: lasts 279620 s, expected at most 3600 s"):
+        read_song(path)

@@ -147,8 +147,8 @@ def test_a_cut_file_says_so_and_is_recovered(path, capsys, monkeypatch):
     info = json.loads(capsys.readouterr().out)
     assert (info["complete"], info["ticks"]) == (True, COUNT)
     assert record(["recover", str(path)]) == 2
-    assert "exists already, expected a new name or --force" in capsys.readouterr().err
-    assert record(["recover", str(path), "--force"]) == 0
+    assert "exists; choose another name, or add --overwrite" in capsys.readouterr().err
+    assert record(["recover", str(path), "--overwrite"]) == 0
     assert record(["recover", str(path), "-o", str(path.with_name("other.mcap"))]) == 0
     assert path.with_name("other.mcap").exists()
 

@@ -1,5 +1,7 @@
 """Recovery: a cut file becomes one that every reader opens, with everything up to the cut."""
 
+import os
+
 import pytest
 from recording_samples import bits, make_header, make_tick, write_recording
 from rosbags.highlevel import AnyReader
@@ -67,16 +69,24 @@ def test_a_complete_file_is_copied(tmp_path):
     assert [bits(tick) for tick in open_recording(result.output).ticks()] == [bits(make_tick(i)) for i in range(5)]
 
 
+def test_what_follows_the_end_is_not_read_into_memory(tmp_path):
+    path = tmp_path / "run.mcap"
+    write_recording(path, [make_tick(index) for index in range(5)])
+    os.truncate(path, 1 << 36)  # zeros that take no room on the disk
+    assert not recover(path, tmp_path / "copy.mcap").was_complete
+    assert len(list(open_recording(tmp_path / "copy.mcap").ticks())) == 5
+
+
 def test_nothing_is_replaced_unasked(cut):
     output = cut.with_name("other.mcap")
     output.write_text("precious")
-    with pytest.raises(InputError, match=r"other\.mcap: exists already, expected a new name or --force"):
+    with pytest.raises(InputError, match=r"other\.mcap' exists; choose another name, or add --overwrite"):
         recover(cut, output)
     assert output.read_text() == "precious"
-    recover(cut, output, force=True)
+    recover(cut, output, overwrite=True)
     assert open_recording(output).header.robot == "lite"
     with pytest.raises(InputError, match="is the file to recover"):
-        recover(cut, cut, force=True)
+        recover(cut, cut, overwrite=True)
 
 
 def test_a_file_without_messages_leaves_nothing_behind(tmp_path):
@@ -90,6 +100,6 @@ def test_a_file_without_messages_leaves_nothing_behind(tmp_path):
         recover(tmp_path / "gone.mcap", tmp_path / "out.mcap")
     with pytest.raises(InputError, match="is a directory"):
         recover(tmp_path, tmp_path / "out.mcap")
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(InputError, match="does not exist"):
         recover(path, tmp_path / "missing" / "out.mcap")
     assert [entry.name for entry in tmp_path.iterdir()] == ["run.mcap"]
