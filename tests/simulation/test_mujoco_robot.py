@@ -258,6 +258,17 @@ def test_a_measured_robot_stands_tilted_on_the_floor():
     assert robot.supported
 
 
+def test_a_measured_robot_is_turned_as_its_imu_was_however_that_is_mounted(small_robot):
+    mjcf = """<mujoco><worldbody><geom type="plane" size="9 9 1"/><body name="trunk"><freejoint/>
+      <site name="imu" quat="0.5 0.1 -0.7 0.4"/><geom size="0.2" mass="5"/>
+      <body><joint name="hip"/><geom size="0.1" pos="0 0 -0.3" mass="1"/></body></body></worldbody></mujoco>"""
+    base = {"type": "floating", "body": "trunk", "height": 1.0}
+    robot = MujocoRobot(small_robot(mjcf, ("hip",), base=base))
+    quaternion = np.array([0.9, 0.3, 0.2, -0.5]) / np.linalg.norm([0.9, 0.3, 0.2, -0.5])
+    robot.begin_at(0.0, np.zeros(1), np.zeros(1), quaternion)
+    assert abs(float(robot.read()[0].imu_quaternion @ quaternion)) == pytest.approx(1.0, abs=1e-9)
+
+
 def test_another_policys_live_inputs_are_measured_from_the_next_reading_on(small_robot):
     """Bit for bit as by a robot that measured them from the beginning."""
     plain, measuring = (MujocoRobot(small_robot(), anchor_body=body) for body in ("", "lower"))
