@@ -117,6 +117,17 @@ def test_own_samples_catch_change(walker):
     assert "trainer" not in problem
 
 
+def test_large_values_are_compared_by_their_size(walker):
+    """An observation of some thousands in float32 is right to some thousandths, not to 1e-4."""
+    scaled = contract(observation=terms(joint_vel_rel={"scale": 1000.0}))
+    checkpoint = replace(load_checkpoint(walker, verify=False), contract=scaled)
+    samples = own_samples(checkpoint)
+    assert np.abs(samples.observation).max() > 100.0
+    near, far = (replace(samples, observation=samples.observation * np.float32(1.0 + by)) for by in (5e-5, 2e-4))
+    assert "observation" not in golden_problem(checkpoint, near)
+    assert "joint_vel_rel" in golden_problem(checkpoint, far)
+
+
 def test_every_convention_is_seen_by_a_good_trace(walker, trace):
     checkpoint = load_checkpoint(walker)
     samples = trainer_samples(checkpoint, read_trace(trace, checkpoint.contract))
