@@ -32,7 +32,7 @@ class ModeOptions:
     """
 
     intent: Intent
-    """Intent to ask for: damp, load_a, load_b, start_locomotion, start_remote, quit or reactivate."""
+    """Intent to ask for: damp (or stop), load_a, load_b, start_locomotion, start_remote, quit or reactivate."""
     session: int | None = None
     """Process id of the session. Default: the only one that runs."""
 
@@ -71,6 +71,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words[:1] == [LOAD]:
         return _load(words[1:])
+    if words[:1] == ["stop"]:  # as somebody types who has no time to look it up
+        words[0] = "damp"
     config = _read_usual(words)
     if config is None:
         from humanoid_sim.command_line import parse  # noqa: PLC0415 - help, and what is wrong, may take a moment

@@ -57,9 +57,10 @@ def told():
     return f"session {os.getpid()} (three, policy p.onnx, started in {os.getcwd()})"
 
 
-def test_it_names_the_session_that_it_reached(local, capsys):
+@pytest.mark.parametrize("word", ["damp", "stop"])
+def test_it_names_the_session_that_it_reached(word, local, capsys):
     status = []
-    assert serve(local, lambda: status.append(run("damp"))) == [Intent.DAMP]
+    assert serve(local, lambda: status.append(run(word))) == [Intent.DAMP]
     assert status == [0]
     assert capsys.readouterr().out == f"{told()}: DAMPING (damping_controller): DAMP requested\n"
 

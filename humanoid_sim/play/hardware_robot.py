@@ -30,6 +30,7 @@ from humanoid_sim.play.front_ends import EMULATED_KEYBOARD
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import BringUp, RobotSetup, gravity_levers
 from humanoid_sim.policy.robot_check import motor_findings
+from humanoid_sim.policy.suspicious import suspicious_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.realtime import punctual_threads
 from humanoid_sim.simulation.floating_base import support_in_mode
@@ -130,8 +131,9 @@ def _emulated_keyboard(description: RobotDescription, motors: VirtualMotors) -> 
 
 
 def check_policy(contract: PolicyContract, description: RobotDescription, *, has_imu: bool) -> tuple[str, ...]:
-    """Refuse what the motors cannot be told and what nobody measures."""
-    findings = list(motor_findings(contract, description, hardware=True))
+    """Refuse what the motors cannot be told, what cannot be meant, and what nobody measures."""
+    suspicious = (finding for finding in suspicious_findings(contract) if finding.severity == "error")
+    findings = [*suspicious, *motor_findings(contract, description, hardware=True)]
     for finding in findings:
         if finding.severity == "error":
             raise InputError(

@@ -17,6 +17,7 @@ from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.robot_check import effort_findings, model_damping_findings
 from humanoid_sim.policy.song import key_name
+from humanoid_sim.policy.suspicious import suspicious_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.imu import imu_line
 from humanoid_sim.robots.mjcf import bare_model, own_joint_damping, prefix_line
@@ -170,9 +171,12 @@ def simulated_robot(
 
     def check_policy(contract: PolicyContract) -> tuple[str, ...]:
         gains = resolve_action(contract, description.joint_names)
-        doubled = model_damping_findings(contract, own_joint_damping(bare, description))
-        limits = effort_findings(contract, description)
-        return robot.stability.check(gains.damping, "policy", gains.stiffness), *map(str, (*doubled, *limits))
+        findings = [
+            *(finding for finding in suspicious_findings(contract) if finding.severity == "error"),
+            *model_damping_findings(contract, own_joint_damping(bare, description)),
+            *effort_findings(contract, description),
+        ]
+        return robot.stability.check(gains.damping, "policy", gains.stiffness), *map(str, findings)
 
     levers, unjudged = gravity_levers(description)
     return RobotSetup(

@@ -32,7 +32,7 @@ from humanoid_sim.policy.readers.complete import UnnamedJointsError
 from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.policy.song import key_name, left_out, song_motion
 from humanoid_sim.recording.reader import open_recording, recorded_settings
-from humanoid_sim.robots.description import RobotDescription, with_contract, with_contract_physics
+from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics
 from humanoid_sim.simulation.push import parse_pushes
 
 
@@ -132,36 +132,40 @@ def choose_for_robot(
     config: PlayConfig, description: RobotDescription, wrap: Callable[[Policy], Policy]
 ) -> tuple[PolicyChoice, RobotDescription]:
     """Return the policy, chosen by `choose_policy`, and the robot with what it takes from the policy's contract."""
-    is_default = config.robot == DEFAULT_ROBOT and config.checkpoint is not None
-    hint = f"--robot: the default, '{DEFAULT_ROBOT}', is used, and this policy is for another robot: "
-    own = [name for name in shipped("robots") if sample_policy(name) == checkpoint_path(config)]
-    hint += f"add --robot {own[0]}; " if own else "name its MJCF or YAML file; "
     try:
         policy = choose_policy(config, description, wrap)
     except InputError as error:
+        is_default = config.robot == DEFAULT_ROBOT and config.checkpoint is not None
         count = _count_of_places(config) if is_default else None
         if count is None:
             raise
         has = f"; the policy has {count} joints, the default robot '{DEFAULT_ROBOT}' {description.joint_count}"
-        raise InputError(f"{hint}{error}{f'{has}: give --robot' if count else ''}") from None
+        raise InputError(f"{_ANOTHER_ROBOT}: {error}{f'{has}: give --robot' if count else ''}") from None
     contract = policy.contract
     if (contract is None or config.shadow is not None) and description.has_no_gains:
         option = "--policy none" if contract is None else "--shadow"
         raise InputError(f"{option}: '{description.name}' has no gains of its own to stand by, expected a robot's YAML")
     if contract is None:
         return policy, description
-    require_joints(contract, description, hint if is_default else "")
+    require_joints(contract, description)
     if config.shadow is not None:
         return policy, description  # as it is without the policy
     change = with_contract if description.has_no_gains else with_contract_physics
     return policy, change(description, contract)
 
 
-def require_joints(contract: PolicyContract, description: RobotDescription, hint: str = "") -> None:
-    """Refuse a policy whose joints the robot does not have; `hint` begins the message."""
+_ANOTHER_ROBOT = f"--robot: '{DEFAULT_ROBOT}', the default, is not this policy's robot, name its MJCF or YAML file"
+
+
+def require_joints(contract: PolicyContract, description: RobotDescription) -> None:
+    """Refuse a policy whose joints the robot does not have."""
     try:
         resolve_action(contract, description.joint_names)
     except FieldError as error:
+        hint = ""
+        if description.name == DEFAULT_ROBOT:
+            fitting = [name for name in shipped("robots") if contract.joint_names == load_robot(name).joint_names]
+            hint = f"it fits --robot {fitting[0]}; " if fitting else f"{_ANOTHER_ROBOT}: "
         raise InputError(f"{hint}policy on robot '{description.name}': {error}") from None
 
 
@@ -184,6 +188,8 @@ def policy_notices(policy: PolicyChoice) -> tuple[str, ...]:
     if policy.checkpoint is None:
         return ()
     golden = policy.checkpoint.golden
+    if not golden and not policy.warning and not policy.checkpoint.contract.live_inputs:
+        golden = "none, so nothing proves that the policy is wired here as it was trained"
     return (
         *assumptions(policy.checkpoint.contract),
         *policy.notices,

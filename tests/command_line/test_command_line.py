@@ -73,7 +73,7 @@ HELP = "--help' says what is accepted"
         ),
         (
             ("play", "--policy", "lite_biped_velocity"),
-            "--robot: the default, 'lite', is used, and this policy is for another robot: add --robot lite_biped; ",
+            "it fits --robot lite_biped; policy on robot 'lite': ",
         ),
         (("play", "--script"), "--script: its value is missing; "),
         (

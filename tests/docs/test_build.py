@@ -30,7 +30,7 @@ def build():
         ("docs/concepts.md", "[a](../CONTRIBUTING.md#layout)", "[a](contributing.md#layout)"),
         ("docs/guides/researcher.md", "[a](../play.md) [b](../../README.md)", "[a](../play.md) [b](../index.md)"),
         ("README.md", "[docs/figures.md](docs/figures.md)", "[Figures](figures.md)"),
-        ("docs/first-hour.md", "[figures.md](figures.md#x) say", "[Figures](figures.md#x) say"),
+        ("docs/checklist.md", "[figures.md](figures.md#x) say", "[Figures](figures.md#x) say"),
         ("docs/play.md", "[a](../notebooks/3_regression.ipynb)", "[a](notebooks/3_regression.md)"),
         ("notebooks/3_regression.ipynb", "[a](../docs/play.md) [b](../README.md)", "[a](../play.md) [b](../index.md)"),
         ("docs/play.md", "[a](#here) [b](https://example.org/x.md)", "[a](#here) [b](https://example.org/x.md)"),

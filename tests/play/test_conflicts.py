@@ -38,7 +38,7 @@ BAD: list[tuple[str, str]] = [
     ("--policy text.onnx", "text.onnx: is not a model that ONNX Runtime can load: "),
     (
         "--policy other.onnx",
-        "--robot: the default, 'lite', is used, and this policy is for another robot: name its MJCF or YAML file; "
+        "--robot: 'lite', the default, is not this policy's robot, name its MJCF or YAML file: "
         "policy on robot 'lite': joint_names of the policy do not match the robot's joints: ",
     ),
     ("--yaw 90", "--yaw: is 90 rad, expected -6.283 to 6.283 rad; is it in degrees? 90° is 1.571 rad"),

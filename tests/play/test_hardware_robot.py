@@ -6,12 +6,23 @@ from typing import Any
 import numpy as np
 import pytest
 
+from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import MITState
-from humanoid_sim.play.hardware_robot import MeasuredPose, real_robot
+from humanoid_sim.play.hardware_robot import MeasuredPose, check_policy, real_robot
 from humanoid_sim.play.options import PlayConfig
+from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
+
+
+def test_a_policy_that_cannot_move_its_joints_is_refused() -> None:
+    lite = load_robot("lite")
+    contract = load_checkpoint(SAMPLE_POLICY).contract
+    check_policy(contract, lite, has_imu=True)
+    weak = replace(contract, joint_stiffness=np.zeros(lite.joint_count))
+    with pytest.raises(InputError, match="joint_stiffness of left_shoulder_pitch: is 0: the action cannot move"):
+        check_policy(weak, lite, has_imu=True)
 
 
 @pytest.mark.parametrize("name", ["lite", "lite_biped"])

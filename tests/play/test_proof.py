@@ -59,7 +59,8 @@ def test_nothing_is_proved_any_more_when_the_session_ends() -> None:
 
 def test_a_policy_for_another_robot_is_refused() -> None:
     with pytest.raises(
-        InputError, match=r"^policy on robot 'lite': joint_names of the policy do not match .* left_knee"
+        InputError,
+        match=r"^it fits --robot lite_biped; policy on robot 'lite': joint_names of the policy do not match .* left_knee",
     ):
         proved(header(), policy="lite_biped_velocity")
 

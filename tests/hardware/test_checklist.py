@@ -1,4 +1,4 @@
-"""The list of docs/first-hour.md: its commands exist, and on emulated motors they print what it says."""
+"""The list of docs/checklist.md: its commands exist, and on emulated motors they print what it says."""
 
 import importlib
 import io
@@ -16,11 +16,11 @@ from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.tools import bring_up
 from humanoid_sim.robots.description import load_robot
 
-_PAGE = (Path(__file__).parents[2] / "docs" / "first-hour.md").read_text(encoding="utf-8")
+_PAGE = (Path(__file__).parents[2] / "docs" / "checklist.md").read_text(encoding="utf-8")
 _STEPS = [step.split("\n## ")[0] for step in _PAGE.split("\n- [ ] ")[1:]]
 _COMMAND = re.compile(r"^ {4}python -m humanoid_sim\.(\w+) (.+)$", re.MULTILINE)
 _COMMANDS = [match for step in _STEPS for match in _COMMAND.findall(step)]
-_CHANNEL = "virtual:first-hour"
+_CHANNEL = "virtual:checklist"
 
 
 class _ParsedError(Exception):
