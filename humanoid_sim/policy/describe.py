@@ -13,6 +13,7 @@ import numpy as np
 from humanoid_sim.client import LIVE_TIMEOUT
 from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
+from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.controllers.term_kinds import TermKind
 from humanoid_sim.controllers.terms import SCAN_OPTIONS, Term
 from humanoid_sim.mit import FloatArray
@@ -190,6 +191,8 @@ def known_document(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, 
 
 
 def _value(name: str, value: Any, joint_names: tuple[str, ...]) -> str:
+    if name == "action_limit" and value is None:
+        value = ACTION_LIMIT
     if value is None or (isinstance(value, str | tuple) and not value):
         return "none"
     if name in _FORMATS:

@@ -182,7 +182,7 @@ def _overview(checkpoint: Checkpoint, layout: ObservationLayout, golden: str, pr
         "rate": f"{1.0 / contract.policy_dt:g} Hz",
         "joints": f"{len(contract.joint_names)}, of which {contract.action_count} driven",
         "observation": f"{layout.width} values in {len(contract.terms)} terms{fits}",
-        "command": ", ".join(contract.command_names) or "none",
+        "command": "velocity" if contract.takes_velocity_command else ", ".join(contract.command_names) or "none",
         "motion": _motion(checkpoint),
         "golden vectors": f"[red]REFUSED: {escape(problem)}[/red]" if problem else escape(golden or "none"),
         **_file_rows(checkpoint.contract_file, checkpoint.sha256),

@@ -58,10 +58,7 @@ def test_nothing_is_proved_any_more_when_the_session_ends() -> None:
 
 
 def test_a_policy_for_another_robot_is_refused() -> None:
-    with pytest.raises(
-        InputError,
-        match=r"^it fits --robot lite_biped; policy on robot 'lite': joint_names of the policy do not match .* left_knee",
-    ):
+    with pytest.raises(InputError, match=r"^it fits --robot lite_biped; policy on robot 'lite': .* left_knee_pitch"):
         proved(header(), policy="lite_biped_velocity")
 
 
