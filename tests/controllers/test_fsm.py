@@ -256,6 +256,13 @@ def test_describe_safety(status, line):
     assert fsm.describe_safety(status) == line
 
 
+def test_the_intent_that_took_effect_is_the_chosen_one_unless_it_was_refused_too():
+    assert fsm.granted_intent((), ()) is None
+    assert fsm.granted_intent((Intent.LOAD_A,), ()) is Intent.LOAD_A
+    assert fsm.granted_intent((Intent.LOAD_A,), ("LOAD_A refused",)) is None
+    assert fsm.granted_intent((Intent.LOAD_A, Intent.DAMP), ("LOAD_A refused",)) is Intent.DAMP
+
+
 @pytest.mark.parametrize(
     ("current", "finished", "expected"),
     [

@@ -10,13 +10,18 @@ from rig import BAD_ANSWERS, JOINTS, PERIOD, contract, good_answer, reference, t
 
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.reference import MotionReference, no_reference
-from humanoid_sim.controllers.rl_policy import RLPolicyController
+from humanoid_sim.controllers.rl_policy import RLPolicyController, ticks_per_step
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import Extern
 from humanoid_sim.testing import ScriptedPolicy, fingerprint
 
 NAN, INF = np.nan, np.inf
+
+
+def test_periods_must_be_multiples_but_for_rounding():
+    assert ticks_per_step(0.02, 0.02 / 3) == (3, True)
+    assert ticks_per_step(0.02001, 0.005) == (4, False)
 
 
 def zeros(observation, frame):

@@ -11,6 +11,7 @@ from alike import EVERYTHING, FIELD, growing, same
 import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.envs import dm
 from humanoid_sim.envs.spaces import INTENTS
+from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent
 from humanoid_sim.robots.description import load_robot
 
@@ -41,6 +42,9 @@ def actions(space, count):
 )
 def test_one_robot_goes_on_alike(how, name, options):
     env = gymnasium.make(f"humanoid_sim/{name}-v0", robot=ROBOTS[name], **options)
+    for wrong in (1.5, "half"):
+        with pytest.raises(InputError, match=f"progress: is {wrong!r}, expected a number from 0 to 1"):
+            env.unwrapped.progress = wrong
     env.unwrapped.progress = 0.7
     env.reset(seed=3)
     taken = actions(env.action_space, 16)

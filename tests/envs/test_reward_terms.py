@@ -35,6 +35,7 @@ def stepped(number, term, steps=1):
         ({"knees": 0.5}, r"^rewards: knees is 0\.5, expected \(weight, function\)$"),
         ({"knees": (elbow, -0.01)}, r"^rewards: knees is \(a function, -0\.01\), expected \(weight, function\)$"),
         ({"knees": ("much", elbow)}, r"^rewards: knees is \(a str, a function\), expected \(weight, function\)$"),
+        ({"knees": (float("nan"), elbow)}, r"^weights: knees is nan, expected a finite number$"),
         ({"knees": (1.0, elbow, 2.0)}, r"^rewards: knees is a tuple, expected \(weight, function\)$"),
         ([("knees", elbow)], r"^rewards: is a list, expected a \(weight, function\) by the name of each term$"),
     ],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from regress_runs import standing_policy, yaml_suite
 
 from humanoid_sim.evaluation.tracking import TrackingErrors
 from humanoid_sim.regress.episodes import LONGEST_TRACE, EpisodeBatch, Step, episode_keys, run_episodes, thinned
-from humanoid_sim.regress.metrics import METRICS
+from humanoid_sim.regress.metrics import METRICS, VelocityMeasures
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.suite import Case, Disturbance, Pushes, Suite, Tolerance
 from humanoid_sim.regress.suite_file import load_suite
@@ -167,6 +168,15 @@ def test_errors_are_against_the_command(standing):
     assert episode.metrics["yaw_rate_error"] == pytest.approx(0.7, abs=0.05)
     for name in ("vx_reached", "vy_reached", "yaw_rate_reached"):
         assert episode.metrics[name] == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_velocity_is_averaged_over_a_second():
+    """A robot that starts late is wrong until a second after it has the speed asked for."""
+    measures = VelocityMeasures(SimpleNamespace(contract=SimpleNamespace(policy_dt=0.02)), None, 0.0, 200, 1)
+    measures._command, measures._velocity[:] = np.array([[0.5, 0.0, 0.0]]), 0.0
+    measures._velocity[50:, 0, 0] = 0.5
+    error = measures.traces()["velocity_error"][:, 0]
+    assert error[[49, 74, 99, 199]].tolist() == pytest.approx([0.5, 0.25, 0.0, 0.0])
 
 
 def test_a_speed_is_reached_along_the_axes_that_are_commanded(standing):

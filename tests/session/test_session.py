@@ -239,8 +239,10 @@ def test_arms_that_were_held_still_are_not_at_rest_when_damping_begins() -> None
 
 def test_joints_that_never_rest_do_not_keep_a_run_from_ending() -> None:
     robot = FakeRobot(velocity=1.0)
-    session(robot, duration=0.2, damping_time=1.0, intents=[FakeSource(TO_STANDBY)]).run()
+    source = FakeSource(TO_STANDBY)
+    result = session(robot, duration=0.2, damping_time=1.0, intents=[source]).run()
     assert ended_damped(robot) == 1 + 50 + 1  # DAMP, one second, QUIT
+    assert source.polls == result.ticks - 2  # whoever asks meanwhile is answered
 
 
 def test_a_velocity_that_is_unknown_is_no_motion() -> None:

@@ -343,6 +343,10 @@ _OVERVOLTAGE = {0x3022: (1 << 3).to_bytes(4, "little")}
             {"counted": 0.25 + 8.0 * math.pi},
             "counts 25.38 rad by itself and reports 0.25: it turned beyond ±4π since power-on; switch it off and on",
         ),
+        (
+            {"position": -0.25, "counted": 8.0 * math.pi - 0.25},
+            "counts 24.88 rad by itself and reports -0.25: it turned beyond ±4π since power-on; switch it off and on",
+        ),
     ],
 )
 def test_a_motor_that_is_not_sound_is_refused(state, problem, robot, left):
