@@ -194,7 +194,7 @@ def simulate(policy: Given | None = None, *, record: str | Path | None = None, *
     Args:
         policy: what runs; None: the robot's sample policy.
         record: the recording to write (.mcap); None: one that goes with the result.
-        options: those of `play`, such as `robot="lite_biped"`, `command="0.3,0,0"`, `policy_seconds=5`,
+        options: those of `play`, such as `robot="lite_biped"`, `command=(0.3, 0, 0)`, `policy_seconds=5`,
             `script="damp; load_a"`; neither `hardware` nor `manual`, for whose operators `play` is.
 
     Raises:
@@ -366,11 +366,18 @@ def _config(function: str, kind: type[_Config], given: Mapping[str, Any]) -> _Co
     for name in given:
         if name not in names:
             raise InputError(f"{function}: {known_names('option', name, names, listed=False)}")
-    plain = {name: str(value) if isinstance(value, Path) else value for name, value in given.items()}
+    plain = {name: _plain(value) for name, value in given.items()}
     try:
         return msgspec.convert(plain, kind, dec_hook=lambda wanted, value: wanted(value))
     except msgspec.ValidationError as error:
         raise InputError(f"{function}: {schema_problem(error, plain, kind)}") from None
+
+
+def _plain(value: Any) -> Any:
+    """Return the value of an option as the command line has it: paths, and numbers such as a velocity's, as texts."""
+    if isinstance(value, tuple | list) and value and all(type(item) in (int, float) for item in value):
+        return ",".join(map(str, value))
+    return str(value) if isinstance(value, Path) else value
 
 
 def _frame(rows: Iterable[Mapping[str, Any]]) -> Any:

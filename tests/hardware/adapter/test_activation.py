@@ -30,6 +30,7 @@ from humanoid_sim.hardware.robstride.messages import (
     WriteParameter,
 )
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, unpack_value
+from humanoid_sim.hardware.robstride.requests import _ANSWER_TIMES
 from humanoid_sim.messages import OK, SafetyFlag, SafetyLevel
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.motors import MOTORS
@@ -343,16 +344,22 @@ _OVERVOLTAGE = {0x3022: (1 << 3).to_bytes(4, "little")}
             {"counted": 0.25 + 8.0 * math.pi},
             "counts 25.38 rad by itself and reports 0.25: it turned beyond ±4π since power-on; switch it off and on",
         ),
-        (
-            {"position": -0.25, "counted": 8.0 * math.pi - 0.25},
-            "counts 24.88 rad by itself and reports -0.25: it turned beyond ±4π since power-on; switch it off and on",
-        ),
     ],
 )
 def test_a_motor_that_is_not_sound_is_refused(state, problem, robot, left):
     _set(left, state)
     assert _refusal(robot) == [f"left: {problem}"]
     assert left.mode is MotorMode.RESET
+
+
+def test_a_silent_motor_is_waited_for_less_than_a_second():
+    assert sum(_ANSWER_TIMES) < 1.0
+
+
+def test_a_motor_that_stands_on_another_turn_and_counts_it_is_sound(robot, left):
+    _set(left, {"position": 0.25 + 2.0 * math.pi, "counted": 0.25 + 2.0 * math.pi})
+    robot.activate()
+    assert left.mode is MotorMode.RUN
 
 
 def _set(motor, state):

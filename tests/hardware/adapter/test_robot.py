@@ -50,6 +50,16 @@ def _wait_for(robot, flags, channel=0):
     return statuses[channel]
 
 
+def test_a_command_that_could_not_leave_within_two_periods_never_does(enabled, monkeypatch):
+    """By then there are newer ones, or none because the program stood still."""
+    given = []
+    with monkeypatch.context() as patch:
+        for channel in enabled._motors.channels:
+            patch.setattr(channel, "send", lambda batch, lifetime: given.append((len(batch), lifetime)))
+        enabled.write(_hold())
+    assert given == [(1, 2.0 * enabled.control_period)] * 2
+
+
 def test_a_command_reaches_each_motor_in_its_own_frame(enabled, left, right):
     enabled.write(_hold())
     assert wait_until(lambda: bool(left.commands and right.commands))
