@@ -177,7 +177,7 @@ def robot_facts(description: RobotDescription, motion: Motion | None) -> RobotFa
         stiffness=description.stiffness,
         damping=description.damping,
         own_damping=own_joint_damping(bare_model(description), description),
-        poses={"the robot's initial position": np.array(description.initial_position)},
+        initial_position=np.array(description.initial_position),
         points=tuple(point for point in points if point != description.imu),
         motion_bodies=motion.body_names if motion is not None and motion.layout == "joints_bodies_w" else (),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -15,7 +16,6 @@ from humanoid_sim.doctor.edits import (
     JOINT_DOUBT,
     LIMBS,
     STRONG_DOUBT,
-    Change,
     Edit,
     RobotFacts,
     change_terms,
@@ -31,38 +31,34 @@ def joint_signs(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     for name in contract.joint_names:
         for along, which in ((True, ""), (False, ", its default angle stays")):
             text = f"{name} turns the other way in the policy than on the robot{which}"
-            change = _turned_round(name, along)
+            change = partial(_turned_round, name, along)
             yield Edit(f"{name} turned round{which}", "joint direction", text, change, JOINT_DOUBT, True, True)
 
 
-def _turned_round(name: str, along: bool) -> Change:
+def _turned_round(name: str, along: bool, contract: PolicyContract) -> PolicyContract:
     """Turn one joint round; `along`: its default angle too."""
+    of_joint = np.where(np.array(contract.joint_names) == name, -1.0, 1.0)
+    of_action = np.where(np.array(contract.action_joint_names) == name, -1.0, 1.0)
+    clip = contract.position_clip
+    if isinstance(clip, np.ndarray):
+        clip = np.sort(clip * of_action[:, None], axis=1)
 
-    def change(contract: PolicyContract) -> PolicyContract:
-        of_joint = np.where(np.array(contract.joint_names) == name, -1.0, 1.0)
-        of_action = np.where(np.array(contract.action_joint_names) == name, -1.0, 1.0)
-        clip = contract.position_clip
-        if isinstance(clip, np.ndarray):
-            clip = np.sort(clip * of_action[:, None], axis=1)
+    def seen(term: Term) -> Term:
+        kind = contract.kind(term)
+        # The reference, and the network's own output, are in the policy's directions already.
+        if not kind.reads.startswith("joint_") and term.form != "scaled":
+            return term
+        joints = np.array(kind.value_names(term, contract))
+        return replace(term, scale=term.scale * np.where(joints == name, -1.0, 1.0)) if joints.size else term
 
-        def seen(term: Term) -> Term:
-            kind = contract.kind(term)
-            # The reference, and the network's own output, are in the policy's directions already.
-            if not kind.reads.startswith("joint_") and term.form != "scaled":
-                return term
-            joints = np.array(kind.value_names(term, contract))
-            return replace(term, scale=term.scale * np.where(joints == name, -1.0, 1.0)) if joints.size else term
-
-        assert contract.action_offset is not None
-        return replace(
-            change_terms(contract, seen),
-            action_scale=contract.action_scale * of_action,
-            default_joint_pos=contract.default_joint_pos * (of_joint if along else 1.0),
-            action_offset=contract.action_offset * (of_action if along else 1.0),
-            position_clip=clip,
-        )
-
-    return change
+    assert contract.action_offset is not None
+    return replace(
+        change_terms(contract, seen),
+        action_scale=contract.action_scale * of_action,
+        default_joint_pos=contract.default_joint_pos * (of_joint if along else 1.0),
+        action_offset=contract.action_offset * (of_action if along else 1.0),
+        position_clip=clip,
+    )
 
 
 def swapped_sides(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
@@ -73,8 +69,8 @@ def swapped_sides(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     for title, chosen in groups.items():
         order = tuple(mirror.get(name, name) if name in chosen else name for name in names)
         if order != names:
-            text = f"joint_names has {title} swapped"
-            yield Edit(f"{title} swapped", "joint order", text, relabelled(order), JOINT_DOUBT, True, len(chosen) == 2)
+            text, change = f"joint_names has {title} swapped", partial(relabelled, order)
+            yield Edit(f"{title} swapped", "joint order", text, change, JOINT_DOUBT, True, len(chosen) == 2)
 
 
 def swapped_gains(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -11,11 +12,11 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.edits import (
     STRONG_DOUBT,
-    Change,
     Edit,
     RobotFacts,
     change_terms,
     set_fields,
+    set_options,
     term_edit,
     terms_with,
 )
@@ -63,24 +64,21 @@ def scales(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     }
     for title, values in together.items():
         text = f"the observation's scales are {title}"
-        yield Edit(f"observation scales {title}", "observation scales", text, _scaled(values))
+        yield Edit(f"observation scales {title}", "observation scales", text, partial(_scaled, values))
     for term in contract.terms:
         for scale in () if _is_zero(term) else contract.kind(term).scales:
             text = f"{term.name} is multiplied by {scale:g}"
             yield term_edit(term, f" scaled by {scale:g}", "scale", text, scale=scale)
 
 
-def _scaled(values: Mapping[str, float | tuple[float, ...]]) -> Change:
+def _scaled(values: Mapping[str, float | tuple[float, ...]], contract: PolicyContract) -> PolicyContract:
     """Scale by the kind of a term; those without a value by 1, those that are fed as zeros not at all."""
 
-    def change(contract: PolicyContract) -> PolicyContract:
-        def changed(term: Term) -> Term:
-            scale = np.asarray(values.get(contract.kind(term).name, 1.0))
-            return term if _is_zero(term) else replace(term, scale=scale)
+    def scaled(term: Term) -> Term:
+        scale = np.asarray(values.get(contract.kind(term).name, 1.0))
+        return term if _is_zero(term) else replace(term, scale=scale)
 
-        return change_terms(contract, changed)
-
-    return change
+    return change_terms(contract, scaled)
 
 
 def conventions(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
@@ -119,12 +117,8 @@ def imu_turns(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
         return
     names = {term.name for term in shown}
     for axes in shown[0].others("axes"):
-
-        def turned(contract: PolicyContract, axes: str = axes) -> PolicyContract:
-            return change_terms(contract, lambda term: replace(term, axes=axes) if term.name in names else term)
-
         text = f"the IMU is turned: what the policy knows as x y z are its axes {axes}"
-        yield Edit(f"IMU turned: {axes}", "IMU axes", text, turned, is_whole=True)
+        yield Edit(f"IMU turned: {axes}", "IMU axes", text, partial(set_options, names, axes=axes), is_whole=True)
 
 
 def phases(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -13,9 +14,7 @@ from humanoid_sim.controllers.contract import FORMS, PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.term_kinds import TERM_KINDS
 from humanoid_sim.controllers.terms import HistoryOrder, Term
-from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, change_terms, mirrored, set_fields
-
-__all__ = ["history_orders", "joint_orders", "relabelled", "term_orders"]
+from humanoid_sim.doctor.edits import Edit, RobotFacts, change_terms, mirrored, set_fields
 
 
 def joint_orders(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
@@ -32,43 +31,35 @@ def joint_orders(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
             continue
         name, cause = f"joint order {title}", "joint order"
         text = f"joint_names is {title} order; the lists of gains, pose and scale are in that order already"
-        yield Edit(f"{name}, values stay in place", cause, text, relabelled(order), is_whole=True)
+        yield Edit(f"{name}, values stay in place", cause, text, partial(relabelled, order), is_whole=True)
         text = f"the policy sees and drives the joints in {title} order; gains, pose and scale belong to their joints"
-        yield Edit(f"{name}, values move along", cause, text, reordered(order), is_whole=True)
+        yield Edit(f"{name}, values move along", cause, text, partial(_reordered, order), is_whole=True)
 
 
-def relabelled(order: tuple[str, ...]) -> Change:
+def relabelled(order: tuple[str, ...], contract: PolicyContract) -> PolicyContract:
     """Give the joints, place by place, the names of `order`."""
+    names = dict(zip(contract.joint_names, order, strict=True))
 
-    def change(contract: PolicyContract) -> PolicyContract:
-        names = dict(zip(contract.joint_names, order, strict=True))
+    def renamed(term: Term) -> Term:
+        return replace(term, joints=term.joints and tuple(names[name] for name in term.joints))
 
-        def renamed(term: Term) -> Term:
-            return replace(term, joints=term.joints and tuple(names[name] for name in term.joints))
-
-        driven = tuple(names[name] for name in contract.action_joint_names)
-        return replace(change_terms(contract, renamed), joint_names=order, action_joint_names=driven)
-
-    return change
+    driven = tuple(names[name] for name in contract.action_joint_names)
+    return replace(change_terms(contract, renamed), joint_names=order, action_joint_names=driven)
 
 
-def reordered(order: tuple[str, ...]) -> Change:
+def _reordered(order: tuple[str, ...], contract: PolicyContract) -> PolicyContract:
     """Sort the joints and everything that belongs to them into `order`."""
-
-    def change(contract: PolicyContract) -> PolicyContract:
-        joints = joint_indices(order, contract.joint_names, "joints of the policy")
-        driven = tuple(name for name in order if name in contract.action_joint_names)
-        actions = joint_indices(driven, contract.action_joint_names, "action joints of the policy")
-        places = {"joint_names": joints, "action_joint_names": actions}
-        moved: dict[str, Any] = {
-            name: value[places[form.joints]]
-            for name, form in FORMS.items()
-            if form.kind != "names" and form.joints and isinstance(value := getattr(contract, name), np.ndarray)
-        }
-        contract = change_terms(contract, lambda term: _sorted_joints(term, order))
-        return replace(contract, joint_names=order, action_joint_names=driven, **moved)
-
-    return change
+    joints = joint_indices(order, contract.joint_names, "joints of the policy")
+    driven = tuple(name for name in order if name in contract.action_joint_names)
+    actions = joint_indices(driven, contract.action_joint_names, "action joints of the policy")
+    places = {"joint_names": joints, "action_joint_names": actions}
+    moved: dict[str, Any] = {
+        name: value[places[form.joints]]
+        for name, form in FORMS.items()
+        if form.kind != "names" and form.joints and isinstance(value := getattr(contract, name), np.ndarray)
+    }
+    contract = change_terms(contract, lambda term: _sorted_joints(term, order))
+    return replace(contract, joint_names=order, action_joint_names=driven, **moved)
 
 
 def _sorted_joints(term: Term, order: tuple[str, ...]) -> Term:
@@ -92,21 +83,17 @@ def term_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     }
     for title, order in orders.items():
         text = f"the observation's terms are {title}: {', '.join(term.name for term in order)}"
-        yield Edit(f"terms {title}", "term order", text, _listed_terms(order))
+        yield Edit(f"terms {title}", "term order", text, partial(_listed_terms, order))
     for i, (one, other) in enumerate(pairwise(terms)):
         text = f"{other.name} comes before {one.name} in the observation"
         order = (*terms[:i], other, one, *terms[i + 2 :])
-        yield Edit(f"terms {one.name} and {other.name} swapped", "term order", text, _listed_terms(order))
+        yield Edit(f"terms {one.name} and {other.name} swapped", "term order", text, partial(_listed_terms, order))
 
 
-def _listed_terms(order: tuple[Term, ...]) -> Change:
+def _listed_terms(order: tuple[Term, ...], contract: PolicyContract) -> PolicyContract:
     """Sort the terms as these are, whatever else has been changed about them."""
-
-    def change(contract: PolicyContract) -> PolicyContract:
-        terms = {term.name: term for term in contract.terms}
-        return replace(contract, observation=tuple(terms[term.name] for term in order))
-
-    return change
+    terms = {term.name: term for term in contract.terms}
+    return replace(contract, observation=tuple(terms[term.name] for term in order))
 
 
 def history_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
