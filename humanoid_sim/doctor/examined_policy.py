@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from humanoid_sim.assets import motion_path
@@ -24,7 +22,7 @@ from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
-from humanoid_sim.simulation.model import base_body, build_model
+from humanoid_sim.simulation.model import base_body, breadth_first, build_model, joints_of
 from humanoid_sim.simulation.plant import BatchActuation
 
 
@@ -172,7 +170,7 @@ def robot_facts(description: RobotDescription, motion: Motion | None) -> RobotFa
     points = [site.name for site in sites if int(site.bodyid[0]) == base or "imu" in site.name.lower()]
     return RobotFacts(
         joint_names=description.joint_names,
-        breadth_first=breadth_first(model, description.joint_names),
+        breadth_first=joints_of(model, breadth_first(model), description.joint_names),
         effort_limit=description.effort_limit,
         stiffness=description.stiffness,
         damping=description.damping,
@@ -181,18 +179,3 @@ def robot_facts(description: RobotDescription, motion: Motion | None) -> RobotFa
         points=tuple(point for point in points if point != description.imu),
         motion_bodies=motion.body_names if motion is not None and motion.layout == "joints_bodies_w" else (),
     )
-
-
-def breadth_first(model: mujoco.MjModel, joints: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the joints level by level through the kinematic tree; siblings as the MJCF lists them."""
-    children: dict[int, list[int]] = {}
-    for body in range(1, model.nbody):
-        children.setdefault(int(model.body_parentid[body]), []).append(body)
-    names: list[str] = []
-    level = deque([0])
-    while level:
-        body = level.popleft()
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-        names += [model.joint(i).name for i in range(first, first + count) if model.joint(i).name in joints]
-        level.extend(children.get(body, ()))
-    return tuple(names)

@@ -23,7 +23,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.doctor.edits import RobotFacts
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy
-from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, present, singles, spared
+from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, singles, spared
 from humanoid_sim.doctor.ranking import Ranking, Verdict
 from humanoid_sim.doctor.trials import Outcome, Trial, TrialRunner
 
@@ -139,7 +139,7 @@ class _Search:
     def run(self) -> None:
         """Go through all stages."""
         contract, ranking = self._contract, self._ranking
-        unchanged, changed = present(contract), singles(contract, self._robot)
+        unchanged, changed = Hypothesis((), contract), singles(contract, self._robot)
         details = [hypothesis for hypothesis in changed if hypothesis.is_detail]
         coarse = [unchanged, *(hypothesis for hypothesis in changed if not hypothesis.is_detail)]
         ranking.singles_known = len(changed)
