@@ -193,11 +193,11 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     baseline: float | None
     """Mean over the episodes that are compared; cases weigh equally."""
     candidate: float | None
-    change: float | None
-    low: float | None
+    change: float | None = None
+    low: float | None = None
     """Lower end of the confidence interval of the change."""
-    high: float | None
-    tolerance: float | None
+    high: float | None = None
+    tolerance: float | None = None
     """The worsening that the suite lets pass, a positive number."""
     episodes: int
     """Pairs that are compared, or, unpaired, the candidate's episodes."""

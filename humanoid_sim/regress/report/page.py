@@ -82,13 +82,7 @@ def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, 
         "undecided": candidate.undecided,
         "few_seeds": candidate.few_seeds,
         "rows": [
-            (
-                metric,
-                comparison,
-                interval_bar(metric, comparison, end),
-                announced.get(metric.name),
-                comparison.detectable,
-            )
+            (metric, comparison, interval_bar(metric, comparison, end), announced.get(metric.name))
             for metric, comparison in known
         ],
         "end": end,
