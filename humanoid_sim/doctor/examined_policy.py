@@ -81,13 +81,7 @@ class ExaminedPolicy:
 
 
 def load_examined(
-    path: Path,
-    description: RobotDescription,
-    contract_file: Path | None = None,
-    motion: str | None = None,
-    *,
-    base_height: float | None = None,
-    actuation: BatchActuation = "affine",
+    path: Path, description: RobotDescription, contract_file: Path | None = None, motion: str | None = None
 ) -> ExaminedPolicy:
     """Return a checkpoint on a robot, however wrong its contract: only what cannot run at all is refused.
 
@@ -96,8 +90,6 @@ def load_examined(
         description: of the robot.
         contract_file: a contract.yaml; None: the one beside the model, if there is one.
         motion: a motion file or the name of a sample motion; None: the one that the model carries.
-        base_height: as `ExaminedPolicy.base_height`.
-        actuation: how the motors are simulated.
 
     Raises:
         InputError: the checkpoint cannot be read, its widths do not fit, or it needs a motion.
@@ -113,16 +105,8 @@ def load_examined(
         raise InputError(f"--motion: is missing; {path} is a {contract.task_type} policy and follows a motion")
     chosen = (given or checkpoint.motion) if follows else None
     load_policy(contract, checkpoint.policy, chosen, checkpoint.observation_width, source=str(path))
-    return ExaminedPolicy(
-        contract,
-        checkpoint.policy,
-        description,
-        chosen,
-        given is None,
-        base_height,
-        actuation,
-        _contradicts(checkpoint),
-    )
+    contradicts = _contradicts(checkpoint)
+    return ExaminedPolicy(contract, checkpoint.policy, description, chosen, given is None, contradicts=contradicts)
 
 
 def _contradicts(checkpoint: Checkpoint) -> Callable[[PolicyContract], bool] | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
+from dataclasses import replace
 
 from rich.console import Console
 from rich.progress import TimeElapsedColumn
@@ -49,14 +50,9 @@ def examine(config: DoctorConfig, console: Console) -> Examination:
     """
     start = time.perf_counter()
     _check(config)
-    examined = load_examined(
-        config.checkpoint,
-        with_imu(load_robot(config.robot), config.imu_site),
-        config.contract,
-        config.motion,
-        base_height=config.base_height,
-        actuation=config.actuation,
-    )
+    robot = with_imu(load_robot(config.robot), config.imu_site)
+    examined = load_examined(config.checkpoint, robot, config.contract, config.motion)
+    examined = replace(examined, base_height=config.base_height, actuation=config.actuation)
     for name, width in examined.contract.live_inputs.items():
         raise InputError(f"{config.checkpoint}: needs the live input '{name}' of width {width}, and doctor has none")
     plan = make_plan(
