@@ -17,31 +17,28 @@ import numpy as np
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorNames
 from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.doctor.action_edits import action_scales, default_poses, gains, group_gains, model_damping, rates
+from humanoid_sim.doctor import action_edits, joint_edits, observation_edits
 from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, set_fields, set_options
-from humanoid_sim.doctor.joint_edits import joint_signs, swapped_gains, swapped_sides
-from humanoid_sim.doctor.observation_edits import conventions, imu_turns, phases, reference_conventions, scales, zeroed
-from humanoid_sim.doctor.order_edits import history_orders, joint_orders, term_orders
 
 _FAMILIES: tuple[Callable[[PolicyContract, RobotFacts], Iterator[Edit]], ...] = (
-    joint_orders,
-    term_orders,
-    conventions,
-    imu_turns,
-    reference_conventions,
-    phases,
-    zeroed,
-    scales,
-    action_scales,
-    history_orders,
-    default_poses,
-    gains,
-    group_gains,
-    model_damping,
-    rates,
-    joint_signs,
-    swapped_sides,
-    swapped_gains,
+    joint_edits.joint_orders,
+    observation_edits.term_orders,
+    observation_edits.conventions,
+    observation_edits.imu_turns,
+    observation_edits.reference_conventions,
+    observation_edits.phases,
+    observation_edits.zeroed,
+    observation_edits.scales,
+    action_edits.action_scales,
+    observation_edits.history_orders,
+    action_edits.default_poses,
+    action_edits.gains,
+    action_edits.group_gains,
+    action_edits.model_damping,
+    action_edits.rates,
+    joint_edits.joint_signs,
+    joint_edits.swapped_sides,
+    joint_edits.swapped_gains,
 )
 _DETAIL = 4
 """As there are so many, each is less likely."""

@@ -1,15 +1,17 @@
-"""Hypotheses about the observation's terms: signs, scales, frames, conventions, and terms fed as zeros."""
+"""Hypotheses about the observation's terms: order, signs, scales, frames, conventions, history, zeros."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.terms import Term
+from humanoid_sim.controllers.term_kinds import TERM_KINDS
+from humanoid_sim.controllers.terms import HistoryOrder, Term
 from humanoid_sim.doctor.edits import (
     STRONG_DOUBT,
     Edit,
@@ -162,3 +164,46 @@ def reference_conventions(contract: PolicyContract, robot: RobotFacts) -> Iterat
     other = "xyzw" if contract.reference_quaternion == "wxyz" else "wxyz"
     name, text = f"reference quaternions {' '.join(other)}", f"the motion's quaternions are ordered {' '.join(other)}"
     yield Edit(name, "reference quaternion order", text, set_fields(reference_quaternion=other))
+
+
+def term_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
+    """Yield other orders of the terms, and the last two or three in each other's places."""
+    terms = contract.terms
+    listed = list(TERM_KINDS)  # in the order of legged_gym and Isaac Lab
+    places = {term.name: listed.index(contract.kind(term).name) for term in terms if contract.kind(term).name in listed}
+    orders = {
+        "alphabetical": tuple(sorted(terms, key=lambda term: term.name)),
+        "as task configurations list them": tuple(sorted(terms, key=lambda term: places.get(term.name, len(listed)))),
+        "reversed": terms[::-1],
+    }
+    for title, order in orders.items():
+        text = f"the observation's terms are {title}: {', '.join(term.name for term in order)}"
+        yield Edit(f"terms {title}", "term order", text, partial(_listed_terms, order))
+    for i, (one, other) in enumerate(pairwise(terms)):
+        text = f"{other.name} comes before {one.name} in the observation"
+        order = (*terms[:i], other, one, *terms[i + 2 :])
+        yield Edit(f"terms {one.name} and {other.name} swapped", "term order", text, partial(_listed_terms, order))
+
+
+def _listed_terms(order: tuple[Term, ...], contract: PolicyContract) -> PolicyContract:
+    """Sort the terms as these are, whatever else has been changed about them."""
+    terms = {term.name: term for term in contract.terms}
+    return replace(contract, observation=tuple(terms[term.name] for term in order))
+
+
+def history_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
+    """Yield histories whose steps are the other way round, or laid out step by step instead of term by term."""
+    if all(term.history == 1 for term in contract.terms):
+        return
+    flip: dict[HistoryOrder, HistoryOrder] = {"oldest_first": "newest_first", "newest_first": "oldest_first"}
+    order = flip[contract.terms[0].history_order].replace("_", " ")
+
+    def flipped(contract: PolicyContract) -> PolicyContract:
+        return change_terms(contract, lambda term: replace(term, history_order=flip[term.history_order]))
+
+    text = f"the steps of a term's history are {order}"
+    yield Edit(f"history {order}", "history order", text, flipped, is_whole=True)
+    name, text, layout = "history per step", "each step's terms lie together", "per_step"
+    if contract.history_layout == "per_step":
+        name, text, layout = "history per term", "each term's steps lie together", "per_term"
+    yield Edit(name, "history layout", text, set_fields(history_layout=layout))
