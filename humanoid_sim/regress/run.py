@@ -90,8 +90,7 @@ def tested(config: RegressConfig, verdicts: Console) -> Results:
         config.junit: lambda: junit_xml(results, seconds),
     }
     if config.report is not None:
-        from humanoid_sim.regress.report.page import report_page  # noqa: PLC0415 - only where there is a report
-        from humanoid_sim.regress.report.pictures import worst_pictures  # noqa: PLC0415
+        from humanoid_sim.regress.report.page import report_page, worst_pictures  # noqa: PLC0415 - where there is one
 
         pictures = worst_pictures(prepared, policies, baseline, results)
         documents[config.report] = lambda: report_page(results, pictures).encode()

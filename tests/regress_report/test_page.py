@@ -13,8 +13,7 @@ from humanoid_sim.errors import MissingPackageError
 from humanoid_sim.regress import report
 from humanoid_sim.regress.report import require_report
 from humanoid_sim.regress.report.drawing import LIGHT
-from humanoid_sim.regress.report.page import interval_bar, report_page, scale_end
-from humanoid_sim.regress.report.pictures import Picture, worst_moment
+from humanoid_sim.regress.report.page import Picture, interval_bar, report_page, scale_end, worst_moment
 from humanoid_sim.regress.results import Comparison, MetricInfo
 
 VOID = {"img", "meta", "br"}
