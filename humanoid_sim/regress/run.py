@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from functools import partial
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
 
@@ -20,7 +21,7 @@ from rich.progress import TimeRemainingColumn
 from humanoid_sim import __version__
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.command_line.progress import BarOrLines
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.files import whole_file
 from humanoid_sim.regress.compare import FEW_SEEDS, detectable_changes, fewest_seeds, judge
@@ -30,7 +31,6 @@ from humanoid_sim.regress.margins import measure_margins, planned_levels
 from humanoid_sim.regress.options import RegressConfig, check_outputs
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, distinct_names, prepare_policy, prepare_suite
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
-from humanoid_sim.regress.report import require_report
 from humanoid_sim.regress.results import Candidate, PolicyRun, Results, SuiteInfo
 from humanoid_sim.regress.show import say, show_candidate, show_detectable, show_run, show_verdict
 from humanoid_sim.regress.suite_file import chosen_suite, load_suite
@@ -51,8 +51,8 @@ def tested(config: RegressConfig, verdicts: Console) -> Results:
         InputError: if what was given cannot be used.
     """
     check_outputs(config)
-    if config.report is not None:
-        require_report()
+    if config.report is not None and find_spec("matplotlib") is None:
+        raise MissingPackageError("matplotlib", "report", "--report")
     suite, folder = load_suite(config.suite)
     prepared = prepare_suite(chosen_suite(suite, config), folder, config.robot)
     contract = None if config.contract is None else Path(config.contract)
