@@ -224,10 +224,10 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             found.append(f"{len(self.new_failures)} new: {'; '.join(self.new_failures[:_LISTED])}{more}")
         alone = [case for case in self.cases if case.verdict in FAILING]
         if alone and len(alone) < len(self.cases):
-            shares = (
-                f" by {100.0 * case.change / abs(case.baseline):+.1f} %" if case.baseline else "" for case in alone
+            words = (
+                f"{c.case} by {100.0 * c.change / abs(c.baseline):+.1f} %" if c.baseline else c.case for c in alone
             )
-            found.append("in " + ", ".join(f"{case.case}{share}" for case, share in zip(alone, shares, strict=True)))
+            found.append(f"in {', '.join(words)}")
         return "; ".join(found)
 
     @property

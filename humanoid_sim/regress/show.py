@@ -139,8 +139,8 @@ def _show_trouble(console: Console, baseline: PolicyRun | None, candidate: Candi
         return
     verdicts = {margin.axis: margin.verdict for margin in candidate.margins}
     old = {margin.axis: margin for margin in baseline.margins} if baseline else {}
-    compared = ("verdict", *_numbers("baseline, up to")) if verdicts else ()
-    headings = "disturbance", *compared, *_numbers("tolerated up to"), "fails"
+    compared = [Column("verdict"), *_numbers("baseline, up to")] if verdicts else []
+    headings = Column("disturbance"), *compared, *_numbers("tolerated up to"), Column("fails")
     table = Table(*headings, title="robustness margins", title_justify="left")
     for margin in run.margins:
         verdict = verdicts.get(margin.axis, "")
