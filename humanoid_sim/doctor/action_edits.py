@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -138,7 +139,8 @@ def _scale_from_efforts(robot: RobotFacts, contract: PolicyContract) -> PolicyCo
 def _robot_values(robot: RobotFacts, values: Mapping[str, FloatArray], contract: PolicyContract) -> PolicyContract:
     """Set fields to values of the robot's joints, each of shape (n,)."""
     places = _places(contract.joint_names, robot.joint_names)
-    return replace(contract, **{name: value[places] for name, value in values.items()})
+    own: dict[str, Any] = {name: value[places] for name, value in values.items()}
+    return replace(contract, **own)
 
 
 def _listed_orders(robot: RobotFacts) -> Mapping[str, tuple[str, ...]]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rich.console import Console, JustifyMethod
+from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.overrides import Pasting, change_lines
@@ -16,13 +15,6 @@ from humanoid_sim.doctor.ranking import Ranking, Verdict
 
 _EQUALS = 5
 """Changes that are named as good as the first."""
-_COLUMNS: Mapping[str, JustifyMethod] = {
-    "": "right",
-    "hypothesis": "default",
-    "time up": "right",
-    "quality": "right",
-    "what it changes": "default",
-}
 
 
 def conclusion(ranking: Ranking) -> str:
@@ -107,13 +99,16 @@ class Examination:
         """Print the best of every cause, the conclusion, and what the first would have you write."""
         best = self.ranking.best()
         table = Table(
+            Column(justify="right"),
+            "hypothesis",
+            Column("time up", justify="right"),
+            Column("quality", justify="right"),
+            "what it changes",
             title="by time up, then by quality (smaller is better); unlikely causes rank lower",
             title_justify="left",
             caption=_quality(best),
             caption_justify="left",
         )
-        for heading, justify in _COLUMNS.items():
-            table.add_column(heading, justify=justify)
         for rank, verdict in enumerate(best, 1):
             if rank <= rows or not verdict.hypothesis.edits:
                 table.add_row(str(rank), *_row(verdict, self.contract))
