@@ -20,10 +20,7 @@ from humanoid_sim.simulation.floating_base import BaseState
 
 
 class Goal:
-    """Judges a run step by step: of a free base, whether it falls. Subclasses know more.
-
-    Their measures must not depend on the contract that is being tried.
-    """
+    """Judges a run step by step: of a free base, whether it falls. Subclasses know more."""
 
     def __init__(self) -> None:
         self._standing_height = 0.0

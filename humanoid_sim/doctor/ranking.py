@@ -183,10 +183,15 @@ class Ranking:
         """Return whether what a change saves may be chance."""
         return self.saved(verdict) < _SLIGHT
 
+    @property
+    def ordered(self) -> list[Verdict]:
+        """All verdicts, best first."""
+        return sorted(self.verdicts.values(), key=lambda verdict: verdict.order)
+
     def best(self) -> list[Verdict]:
         """Best first: of every cause its best edit, and of pairs those that do better than each of their halves."""
         found: dict[tuple[str, ...], Verdict] = {}
-        for verdict in sorted(self.verdicts.values(), key=lambda verdict: verdict.order):
+        for verdict in self.ordered:
             if len(verdict.hypothesis.edits) < 2 or self._pays(verdict):
                 found.setdefault(verdict.hypothesis.causes, verdict)
         return list(found.values())
@@ -214,8 +219,8 @@ class Ranking:
 
     def alternatives(self, verdict: Verdict) -> list[Verdict]:
         """Other edits of the same cause, best first."""
-        same = [v for v in self.verdicts.values() if v.hypothesis.causes == verdict.hypothesis.causes]
-        return sorted((v for v in same if v is not verdict), key=lambda v: v.order)
+        causes = verdict.hypothesis.causes
+        return [other for other in self.ordered if other.hypothesis.causes == causes and other is not verdict]
 
 
 def _beats(pair: Verdict, half: Verdict) -> bool:

@@ -15,6 +15,7 @@ from humanoid_sim.doctor.ranking import Ranking, Verdict
 
 _EQUALS = 5
 """Changes that are named as good as the first."""
+_NOTICEABLE = "each is about 1 where an onlooker would begin to notice it"
 
 
 def conclusion(ranking: Ranking) -> str:
@@ -98,6 +99,7 @@ class Examination:
     def print(self, console: Console, rows: int) -> None:
         """Print the best of every cause, the conclusion, and what the first would have you write."""
         best = self.ranking.best()
+        parts = ", ".join(best[0].parts) if best else ""  # they depend on what the policy is to do
         table = Table(
             Column(justify="right"),
             "hypothesis",
@@ -106,7 +108,7 @@ class Examination:
             "what it changes",
             title="by time up, then by quality (smaller is better); unlikely causes rank lower",
             title_justify="left",
-            caption=_quality(best),
+            caption=f"quality: the sum of {parts}; {_NOTICEABLE}" if parts else None,
             caption_justify="left",
         )
         for rank, verdict in enumerate(best, 1):
@@ -159,14 +161,6 @@ class Examination:
             "override": self.pasting.override(self.contract, hypothesis.contract),
             "alternatives": [other.hypothesis.name for other in self.ranking.alternatives(verdict)],
         }
-
-
-def _quality(best: list[Verdict]) -> str | None:
-    """Return what the column is made of; it depends on what the policy is to do."""
-    parts = list(best[0].parts) if best else []
-    if not parts:
-        return None
-    return f"quality: the sum of {', '.join(parts)}; each is about 1 where an onlooker would begin to notice it"
 
 
 def _row(verdict: Verdict, contract: PolicyContract) -> tuple[str, ...]:

@@ -149,9 +149,9 @@ class _Search:
         glanced = Ranking()
         look = _shortened(self._plan.brief, _long_enough(ranking))
         rest += self._stage("changes of one joint", details, look, glanced, _GLANCED)
-        seen = _sorted(glanced)
+        seen = [verdict.hypothesis for verdict in glanced.ordered]
         rest += self._stage("the best of one joint", seen[:_PROMOTED_DETAILS], self._plan.brief, ranking, _PROMOTED_BY)
-        ranked = [hypothesis for hypothesis in _sorted(ranking) if hypothesis.edits]
+        ranked = [verdict.hypothesis for verdict in ranking.ordered if verdict.hypothesis.edits]
         ranked += [hypothesis for hypothesis in seen if hypothesis.name not in ranking.verdicts]
         self._at_length(unchanged, _AT_LENGTH)
         self._try_pairs(ranked, look)
@@ -188,7 +188,7 @@ class _Search:
         if known > _PROMOTED_GLANCES:
             seen = Ranking()
             left = self._stage("pairs at a glance", wanted, glance, seen, _PAIRS_GLANCED, known)
-            best = _sorted(seen)[:_PROMOTED_GLANCES]
+            best = [verdict.hypothesis for verdict in seen.ordered[:_PROMOTED_GLANCES]]
             self._stage("pairs of changes", best, plan.brief, together, _PAIRS_BRIEFLY)
         else:
             left = self._stage("pairs of changes", wanted, plan.brief, together, _PAIRS_BRIEFLY, known)
@@ -257,11 +257,6 @@ class _Search:
             smaller = tuple(spared(self._contract, verdict.hypothesis))
             if len(smaller) <= _MOST_PARTS:
                 self._stage("parts of the best", smaller, self._plan.thorough, self._ranking, 1.0)
-
-
-def _sorted(ranking: Ranking) -> list[Hypothesis]:
-    verdicts = sorted(ranking.verdicts.values(), key=lambda verdict: verdict.order)
-    return [verdict.hypothesis for verdict in verdicts]
 
 
 def _long_enough(ranking: Ranking) -> float:

@@ -165,7 +165,7 @@ class TrialRunner:
 def _run(one: OneRobot, loop: ClosedLoop, policy: Policy, goal: Goal, trial: Trial, until: float) -> Outcome | None:
     """One trial from its start: a policy step per control period."""
     period = loop.wiring.contract.policy_dt
-    strain = Strain(period)
+    strain, time_up = Strain(period), trial.seconds
     for step in range(max(round(trial.seconds / period), 1)):
         if time.perf_counter() > until:
             return None
@@ -179,6 +179,7 @@ def _run(one: OneRobot, loop: ClosedLoop, policy: Policy, goal: Goal, trial: Tri
         if isinstance(inferred, Fault):
             lost = lost or inferred.message
         if lost or isinstance(inferred, Fault):
-            return Outcome(step * period, trial.seconds, {**goal.parts(), **strain.parts()}, lost)
+            time_up = step * period
+            break
         strain.update(state, loop.act(inferred.action))
-    return Outcome(trial.seconds, trial.seconds, {**goal.parts(), **strain.parts()})
+    return Outcome(time_up, trial.seconds, {**goal.parts(), **strain.parts()}, lost)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.regress.compare import mean_of_cases
 from humanoid_sim.regress.results import Episode, MetricInfo, PolicyRun
 
 
@@ -65,8 +66,8 @@ def metric_values(episodes: Iterable[Episode], metric: str) -> Mapping[str, Floa
 
 def mean_over_cases(episodes: Sequence[Episode], metric: str) -> float | None:
     """Return the mean of the cases' means, as verdicts take it: cases weigh equally, whatever failed in them."""
-    means = [members.mean() for members in metric_values(episodes, metric).values()]
-    return float(np.mean(means)) if means else None
+    values = [*metric_values(episodes, metric).values()]
+    return mean_of_cases(values) if values else None
 
 
 def trace_difference(pair: Pair, name: str) -> float:
