@@ -15,7 +15,7 @@ import tyro
 from humanoid_sim.cli import ExitStatus, run_program
 from humanoid_sim.command_line import Commands, parse
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.evaluation.piano_score import Performance, PlayedKeys
+from humanoid_sim.evaluation.piano_score import PlayedKeys, score
 from humanoid_sim.mit import KEY_PRESSED
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ def _score(options: Score) -> int:
     if options.picture is not None:
         output_file(options.picture, "--picture", ".png", overwrite=options.overwrite)
     played = read_performance(options.recording, options.song)
-    result = played.score(options.onset_tolerance)
+    result = score(played.pressed, played.wanted, played.step, onset_tolerance=options.onset_tolerance)
     if options.json:
         print(json.dumps(asdict(result), indent=1))
     else:
@@ -241,7 +241,7 @@ def _write(picture: Image, path: Path) -> None:
     print(f"wrote {path}", file=sys.stderr)
 
 
-def read_performance(recording: Path, song: Path | None = None) -> Performance:
+def read_performance(recording: Path, song: Path | None = None) -> PlayedKeys:
     """Return the keys of a recording, and those that its song asks for.
 
     Args:
@@ -271,10 +271,9 @@ def read_performance(recording: Path, song: Path | None = None) -> Performance:
                 played.update(step.frame, keys.value)
     except FieldError as error:
         raise InputError(f"{recording}: {error}") from None
-    performance = played.performance()
-    if performance is None:
+    if not len(played.pressed):
         raise InputError(f"{recording}: has no policy step with live keys, expected a run of a piano policy")
-    return performance
+    return played
 
 
 if __name__ == "__main__":

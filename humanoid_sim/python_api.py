@@ -40,7 +40,7 @@ from humanoid_sim.strict_yaml import schema_problem
 
 if TYPE_CHECKING:
     from humanoid_sim.controllers.observation import ObservationLayout
-    from humanoid_sim.doctor.run import Examination
+    from humanoid_sim.doctor.report import Examination
     from humanoid_sim.regress.results import Results
 
 __all__ = [

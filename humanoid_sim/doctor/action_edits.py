@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -35,13 +37,13 @@ def action_scales(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]
         yield Edit(f"action scale {value:g}", scale, text, set_fields(action_scale=value))
     for factor in _SCALE_FACTORS:
         text = f"an action is multiplied by {factor:g} times what the contract says"
-        yield Edit(f"action scale × {factor:g}", scale, text, _multiplied(("action_scale",), factor))
+        yield Edit(f"action scale × {factor:g}", scale, text, partial(_multiplied, ("action_scale",), factor))
     if (contract.joint_stiffness > 0.0).all():
         text = f"action_scale is {_EFFORT_SHARE:g} · effort limit / stiffness, joint by joint, as mjlab computes it"
-        yield Edit("action scale from effort limits", scale, text, _scale_from_efforts(robot))
+        yield Edit("action scale from effort limits", scale, text, partial(_scale_from_efforts, robot))
     for title, order in _listed_orders(robot).items():
         text = f"the values of action_scale are in {title} order"
-        yield Edit(f"action scale listed in {title} order", scale, text, _listed(("action_scale",), order))
+        yield Edit(f"action scale listed in {title} order", scale, text, partial(_listed, ("action_scale",), order))
     offset = "action offset"
     text = "an action is a joint position itself, not relative to the default pose"
     yield Edit("action offset 0", offset, text, set_fields(action_offset=0.0))
@@ -51,13 +53,15 @@ def action_scales(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]
 
 def default_poses(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
     """Yield default poses: others of the robot's poses, and the values in another order."""
-    changes: dict[str, Change] = {"all zeros": _posed(lambda contract: np.zeros(len(contract.joint_names)))}
-    for title, pose in robot.poses.items():
-        changes[title] = _posed(_robot_values(pose, robot))
+    changes: dict[str, Change] = {
+        "all zeros": set_fields(default_joint_pos=0.0),
+        "the robot's initial position": partial(_robot_values, robot, {"default_joint_pos": robot.initial_position}),
+    }
     for title, order in _listed_orders(robot).items():
-        changes[f"listed in {title} order"] = _posed(_listed_pose(order))
+        changes[f"listed in {title} order"] = partial(_listed, ("default_joint_pos",), order)
     for title, change in changes.items():
-        yield Edit(f"default pose {title}", "default pose", f"default_joint_pos is {title}", change)
+        text = f"default_joint_pos is {title}"
+        yield Edit(f"default pose {title}", "default pose", text, partial(_posed, change))
 
 
 def gains(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
@@ -66,13 +70,14 @@ def gains(_: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
     for factor in _GAIN_FACTORS:
         for title, names in {"gains": both, both[0]: both[:1], both[1]: both[1:]}.items():
             text = f"{' and '.join(names)} are {factor:g} times what the contract says"
-            yield Edit(f"{title} × {factor:g}", "gains", text, _multiplied(names, factor), STRONG_DOUBT)
+            yield Edit(f"{title} × {factor:g}", "gains", text, partial(_multiplied, names, factor), STRONG_DOUBT)
     for title, order in _listed_orders(robot).items():
         text = f"the values of {' and '.join(both)} are in {title} order"
-        yield Edit(f"gains listed in {title} order", "gains", text, _listed(both, order), STRONG_DOUBT)
+        yield Edit(f"gains listed in {title} order", "gains", text, partial(_listed, both, order), STRONG_DOUBT)
     if robot.stiffness.any():
         text = f"{' and '.join(both)} are those of the robot's description"
-        yield Edit("gains of the robot", "gains", text, _robot_gains(robot), STRONG_DOUBT)
+        values = {"joint_stiffness": robot.stiffness, "joint_damping": robot.damping}
+        yield Edit("gains of the robot", "gains", text, partial(_robot_values, robot, values), STRONG_DOUBT)
 
 
 def group_gains(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
@@ -96,7 +101,7 @@ def group_gains(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
                 f"({', '.join(joints[:3])}{', …' if len(joints) > 3 else ''})"
             )
             factors = np.where(chosen, factor, 1.0)
-            yield Edit(f"gains of {name} × {factor:g}", cause, text, _multiplied(_BOTH, factors), STRONG_DOUBT)
+            yield Edit(f"gains of {name} × {factor:g}", cause, text, partial(_multiplied, _BOTH, factors), STRONG_DOUBT)
 
 
 def model_damping(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
@@ -119,31 +124,23 @@ def rates(_: PolicyContract, __: RobotFacts) -> Iterator[Edit]:
         yield Edit(f"rate {rate:g} Hz", "rate", text, set_fields(policy_dt=1.0 / rate), RATE_DOUBT)
 
 
-def _multiplied(names: tuple[str, ...], factor: float | FloatArray) -> Change:
-    return lambda contract: replace(contract, **{name: getattr(contract, name) * factor for name in names})
+def _multiplied(names: tuple[str, ...], factor: float | FloatArray, contract: PolicyContract) -> PolicyContract:
+    return replace(contract, **{name: getattr(contract, name) * factor for name in names})
 
 
-def _scale_from_efforts(robot: RobotFacts) -> Change:
-    limit = _robot_values(robot.effort_limit, robot)
-
-    def change(contract: PolicyContract) -> PolicyContract:
-        stiffness, effort = contract.joint_stiffness, limit(contract)
-        for known, its_effort in _G1_EFFORTS.items():
-            effort[np.isinf(effort) & np.isclose(stiffness, known, rtol=0.01)] = its_effort
-        scale = np.round(_EFFORT_SHARE * effort / stiffness, 3)  # as it is written
-        return replace(contract, action_scale=scale[_driven(contract)])  # refused if one is infinite
-
-    return change
+def _scale_from_efforts(robot: RobotFacts, contract: PolicyContract) -> PolicyContract:
+    stiffness, effort = contract.joint_stiffness, robot.effort_limit[_places(contract.joint_names, robot.joint_names)]
+    for known, its_effort in _G1_EFFORTS.items():
+        effort[np.isinf(effort) & np.isclose(stiffness, known, rtol=0.01)] = its_effort
+    scale = np.round(_EFFORT_SHARE * effort / stiffness, 3)  # as it is written
+    return replace(contract, action_scale=scale[_driven(contract)])  # refused if one is infinite
 
 
-def _robot_gains(robot: RobotFacts) -> Change:
-    stiffness, damping = _robot_values(robot.stiffness, robot), _robot_values(robot.damping, robot)
-    return lambda contract: replace(contract, joint_stiffness=stiffness(contract), joint_damping=damping(contract))
-
-
-def _robot_values(values: FloatArray, robot: RobotFacts) -> Callable[[PolicyContract], FloatArray]:
-    """Values of the robot's joints, shape (n,), in a policy's order."""
-    return lambda contract: values[joint_indices(contract.joint_names, robot.joint_names, "joints of the robot")]
+def _robot_values(robot: RobotFacts, values: Mapping[str, FloatArray], contract: PolicyContract) -> PolicyContract:
+    """Set fields to values of the robot's joints, each of shape (n,)."""
+    places = _places(contract.joint_names, robot.joint_names)
+    own: dict[str, Any] = {name: value[places] for name, value in values.items()}
+    return replace(contract, **own)
 
 
 def _listed_orders(robot: RobotFacts) -> Mapping[str, tuple[str, ...]]:
@@ -151,39 +148,23 @@ def _listed_orders(robot: RobotFacts) -> Mapping[str, tuple[str, ...]]:
     return {"the robot's": robot.joint_names, "breadth-first (Isaac)": robot.breadth_first}
 
 
-def _listed(names: tuple[str, ...], order: tuple[str, ...]) -> Change:
-    """Return the values of some fields, read as a list that follows `order`."""
-
-    def change(contract: PolicyContract) -> PolicyContract:
-        joints = contract.action_joint_names if names == ("action_scale",) else contract.joint_names
-        place = _places(joints, order)
-        return replace(contract, **{name: getattr(contract, name)[place] for name in names})
-
-    return change
+def _listed(names: tuple[str, ...], order: tuple[str, ...], contract: PolicyContract) -> PolicyContract:
+    """Return the contract with the values of some fields read as a list that follows `order`."""
+    joints = contract.action_joint_names if names == ("action_scale",) else contract.joint_names
+    places = _places(joints, tuple(name for name in order if name in joints))
+    return replace(contract, **{name: getattr(contract, name)[places] for name in names})
 
 
-def _listed_pose(order: tuple[str, ...]) -> Callable[[PolicyContract], FloatArray]:
-    return lambda contract: contract.default_joint_pos[_places(contract.joint_names, order)]
-
-
-def _places(joints: tuple[str, ...], order: tuple[str, ...]) -> npt.NDArray[np.intp]:
-    """Return where each of `joints` is in a list that follows `order` and holds only these."""
-    return joint_indices(joints, tuple(name for name in order if name in joints), "joints of the policy")
-
-
-def _posed(pose: Callable[[PolicyContract], FloatArray]) -> Change:
-    """Another default pose. An action is relative to it unless the contract says otherwise, so its offset moves too."""
-
-    def change(contract: PolicyContract) -> PolicyContract:
-        follows = np.array_equal(np.asarray(contract.action_offset), contract.default_joint_pos[_driven(contract)])
-        return replace(
-            contract,
-            default_joint_pos=pose(contract),
-            action_offset=None if follows else contract.action_offset,
-        )
-
-    return change
+def _posed(change: Change, contract: PolicyContract) -> PolicyContract:
+    """Change the default pose. An action is relative to it unless the contract says otherwise: its offset moves too."""
+    follows = np.array_equal(np.asarray(contract.action_offset), contract.default_joint_pos[_driven(contract)])
+    return replace(change(contract), action_offset=None if follows else contract.action_offset)
 
 
 def _driven(contract: PolicyContract) -> npt.NDArray[np.intp]:
-    return joint_indices(contract.action_joint_names, contract.joint_names, "joints of the policy")
+    return _places(contract.action_joint_names, contract.joint_names)
+
+
+def _places(joints: tuple[str, ...], order: tuple[str, ...]) -> npt.NDArray[np.intp]:
+    """Return where each of `joints` is in a list that follows `order`."""
+    return joint_indices(joints, order, "joints")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from humanoid_sim.controllers.contract import PolicyContract
@@ -46,8 +47,8 @@ class RobotFacts:
     """Shape (n,), N·m/rad, the robot's own gains, in its order; zeros if it has none."""
     damping: FloatArray
     """Shape (n,), N·m·s/rad, likewise."""
-    poses: dict[str, FloatArray] = field(default_factory=dict)
-    """Poses of the robot by name, each of shape (n,), rad, its order."""
+    initial_position: FloatArray
+    """Shape (n,), rad, likewise."""
     own_damping: Mapping[str, float] = field(default_factory=dict)
     """Damping in the robot's own model, N·m·s/rad by joint."""
     motion_bodies: tuple[str, ...] = ()
@@ -107,13 +108,16 @@ def change_terms(contract: PolicyContract, change: Callable[[Term], Term]) -> Po
     return replace(contract, observation=tuple(change(term) for term in contract.terms))
 
 
+def set_options(names: Collection[str], contract: PolicyContract, **options: Any) -> PolicyContract:
+    """Set options of the terms with these names."""
+    return change_terms(contract, lambda term: replace(term, **options) if term.name in names else term)
+
+
 def term_edit(term: Term, title: str, about: str, explanation: str, **options: Any) -> Edit:
     """Options of one term set anew. Name and cause are the term's name and what follows it: `title` with its space."""
-
-    def change(contract: PolicyContract) -> PolicyContract:
-        return change_terms(contract, lambda other: replace(other, **options) if other.name == term.name else other)
-
-    return Edit(f"{term.name}{title}", f"{term.name} {about}", explanation, change)
+    return Edit(
+        f"{term.name}{title}", f"{term.name} {about}", explanation, partial(set_options, (term.name,), **options)
+    )
 
 
 def set_fields(**fields: Any) -> Change:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from humanoid_sim.assets import motion_path
@@ -24,7 +22,7 @@ from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
-from humanoid_sim.simulation.model import base_body, build_model
+from humanoid_sim.simulation.model import base_body, breadth_first, build_model, joints_of
 from humanoid_sim.simulation.plant import BatchActuation
 
 
@@ -83,13 +81,7 @@ class ExaminedPolicy:
 
 
 def load_examined(
-    path: Path,
-    description: RobotDescription,
-    contract_file: Path | None = None,
-    motion: str | None = None,
-    *,
-    base_height: float | None = None,
-    actuation: BatchActuation = "affine",
+    path: Path, description: RobotDescription, contract_file: Path | None = None, motion: str | None = None
 ) -> ExaminedPolicy:
     """Return a checkpoint on a robot, however wrong its contract: only what cannot run at all is refused.
 
@@ -98,8 +90,6 @@ def load_examined(
         description: of the robot.
         contract_file: a contract.yaml; None: the one beside the model, if there is one.
         motion: a motion file or the name of a sample motion; None: the one that the model carries.
-        base_height: as `ExaminedPolicy.base_height`.
-        actuation: how the motors are simulated.
 
     Raises:
         InputError: the checkpoint cannot be read, its widths do not fit, or it needs a motion.
@@ -115,16 +105,8 @@ def load_examined(
         raise InputError(f"--motion: is missing; {path} is a {contract.task_type} policy and follows a motion")
     chosen = (given or checkpoint.motion) if follows else None
     load_policy(contract, checkpoint.policy, chosen, checkpoint.observation_width, source=str(path))
-    return ExaminedPolicy(
-        contract,
-        checkpoint.policy,
-        description,
-        chosen,
-        given is None,
-        base_height,
-        actuation,
-        _contradicts(checkpoint),
-    )
+    contradicts = _contradicts(checkpoint)
+    return ExaminedPolicy(contract, checkpoint.policy, description, chosen, given is None, contradicts=contradicts)
 
 
 def _contradicts(checkpoint: Checkpoint) -> Callable[[PolicyContract], bool] | None:
@@ -172,27 +154,12 @@ def robot_facts(description: RobotDescription, motion: Motion | None) -> RobotFa
     points = [site.name for site in sites if int(site.bodyid[0]) == base or "imu" in site.name.lower()]
     return RobotFacts(
         joint_names=description.joint_names,
-        breadth_first=breadth_first(model, description.joint_names),
+        breadth_first=joints_of(model, breadth_first(model), description.joint_names),
         effort_limit=description.effort_limit,
         stiffness=description.stiffness,
         damping=description.damping,
         own_damping=own_joint_damping(bare_model(description), description),
-        poses={"the robot's initial position": np.array(description.initial_position)},
+        initial_position=np.array(description.initial_position),
         points=tuple(point for point in points if point != description.imu),
         motion_bodies=motion.body_names if motion is not None and motion.layout == "joints_bodies_w" else (),
     )
-
-
-def breadth_first(model: mujoco.MjModel, joints: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the joints level by level through the kinematic tree; siblings as the MJCF lists them."""
-    children: dict[int, list[int]] = {}
-    for body in range(1, model.nbody):
-        children.setdefault(int(model.body_parentid[body]), []).append(body)
-    names: list[str] = []
-    level = deque([0])
-    while level:
-        body = level.popleft()
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-        names += [model.joint(i).name for i in range(first, first + count) if model.joint(i).name in joints]
-        level.extend(children.get(body, ()))
-    return tuple(names)

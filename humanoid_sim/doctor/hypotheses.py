@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import combinations
 from typing import Any
 
@@ -17,35 +17,31 @@ import numpy as np
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorNames
 from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.doctor.action_edits import action_scales, default_poses, gains, group_gains, model_damping, rates
-from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, set_fields, term_edit
-from humanoid_sim.doctor.joint_edits import joint_signs, swapped_gains, swapped_sides
-from humanoid_sim.doctor.observation_edits import conventions, imu_turns, phases, reference_conventions, scales, zeroed
-from humanoid_sim.doctor.order_edits import history_orders, joint_orders, term_orders
+from humanoid_sim.doctor import action_edits, joint_edits, observation_edits
+from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, set_fields, set_options
 
 _FAMILIES: tuple[Callable[[PolicyContract, RobotFacts], Iterator[Edit]], ...] = (
-    joint_orders,
-    term_orders,
-    conventions,
-    imu_turns,
-    reference_conventions,
-    phases,
-    zeroed,
-    scales,
-    action_scales,
-    history_orders,
-    default_poses,
-    gains,
-    group_gains,
-    model_damping,
-    rates,
-    joint_signs,
-    swapped_sides,
-    swapped_gains,
+    joint_edits.joint_orders,
+    observation_edits.term_orders,
+    observation_edits.conventions,
+    observation_edits.imu_turns,
+    observation_edits.reference_conventions,
+    observation_edits.phases,
+    observation_edits.zeroed,
+    observation_edits.scales,
+    action_edits.action_scales,
+    observation_edits.history_orders,
+    action_edits.default_poses,
+    action_edits.gains,
+    action_edits.group_gains,
+    action_edits.model_damping,
+    action_edits.rates,
+    joint_edits.joint_signs,
+    joint_edits.swapped_sides,
+    joint_edits.swapped_gains,
 )
 _DETAIL = 4
-"""As there are so many, each is less likely. Measured: of 11 pairs of mistakes all come within the first 800, without
-this within 1700."""
+"""As there are so many, each is less likely."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,14 +77,9 @@ class Hypothesis:
         return "; ".join(edit.explanation for edit in self.edits) or "the contract as it is"
 
 
-def present(contract: PolicyContract) -> Hypothesis:
-    """Hypothesis 0: nothing is wrong."""
-    return Hypothesis((), contract)
-
-
 def singles(contract: PolicyContract, robot: RobotFacts) -> tuple[Hypothesis, ...]:
     """Every single edit that fits and changes something, no contract twice."""
-    found = {_contract_key(contract): present(contract)}
+    found = {_contract_key(contract): Hypothesis((), contract)}
     for family in _FAMILIES:
         for edit in family(contract, robot):
             changed = edit.apply(contract)
@@ -129,40 +120,44 @@ def spared(contract: PolicyContract, hypothesis: Hypothesis) -> Iterator[Hypothe
     """
     if not hypothesis.edits or any(edit.is_whole for edit in hypothesis.edits):
         return
-    changed, parts = hypothesis.contract, dict[str, Change]()
-    for item in fields(contract):
-        value = getattr(contract, item.name)
-        is_one = item.name not in ("observation", "provenance", "tensors")
-        if is_one and not same_value(value, getattr(changed, item.name)):
-            parts[item.name] = set_fields(**{item.name: value})
-    before = {term.name: term for term in contract.terms}
-    for term in changed.terms:
-        for option in fields(Term):
-            value = getattr(before[term.name], option.name)
-            if not same_value(value, getattr(term, option.name)):
-                parts[f"terms.{term.name}.{option.name}"] = term_edit(term, "", "", "", **{option.name: value}).change
+    before, parts = {term.name: term for term in contract.terms}, dict[str, Change]()
+    for name, option in differences(contract, hypothesis.contract):
+        if option:
+            values = {option: getattr(before[name], option)}
+            parts[f"terms.{name}.{option}"] = partial(set_options, (name,), **values)
+        else:
+            parts[name] = set_fields(**{name: getattr(contract, name)})
     if len(parts) < 2:
         return
     *others, last = hypothesis.edits
     for part, restore in parts.items():
-
-        def spare(contract: PolicyContract, restore: Change = restore) -> PolicyContract:
-            return restore(last.change(contract))
-
         explanation = f"{last.explanation}; but {part} is right as it is"
         name, doubt = f"{last.name}, but not {part}", 0.5 * last.doubt
-        edit = replace(last, name=name, explanation=explanation, change=spare, doubt=doubt)
-        yield Hypothesis((*others, edit), restore(changed))
+        change = partial(_both, last.change, restore)
+        edit = replace(last, name=name, explanation=explanation, change=change, doubt=doubt)
+        yield Hypothesis((*others, edit), restore(hypothesis.contract))
+
+
+def _both(first: Change, second: Change, contract: PolicyContract) -> PolicyContract:
+    return second(first(contract))
+
+
+def differences(present: PolicyContract, wanted: PolicyContract) -> Iterator[tuple[str, str]]:
+    """Yield what differs, as a field and '', or a term and one of its options; the terms' order is left out."""
+    for item in fields(present):
+        is_one = item.name not in ("observation", "provenance", "tensors")
+        if is_one and _key(getattr(present, item.name)) != _key(getattr(wanted, item.name)):
+            yield item.name, ""
+    before = {term.name: term for term in present.terms}
+    for term in wanted.terms:
+        for option in fields(Term):
+            if _key(getattr(before[term.name], option.name)) != _key(getattr(term, option.name)):
+                yield term.name, option.name
 
 
 def same_contract(a: PolicyContract, b: PolicyContract) -> bool:
     """Compare how two contracts wire a policy; where their fields came from does not count."""
     return _contract_key(a) == _contract_key(b)
-
-
-def same_value(a: object, b: object) -> bool:
-    """Compare the meaning of two values of a field, or of a term's option."""
-    return _key(a) == _key(b)
 
 
 def _contract_key(contract: PolicyContract) -> Hashable:

@@ -1,21 +1,24 @@
-"""Hypotheses about the observation's terms: signs, scales, frames, conventions, and terms fed as zeros."""
+"""Hypotheses about the observation's terms: order, signs, scales, frames, conventions, history, zeros."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.terms import Term
+from humanoid_sim.controllers.term_kinds import TERM_KINDS
+from humanoid_sim.controllers.terms import HistoryOrder, Term
 from humanoid_sim.doctor.edits import (
     STRONG_DOUBT,
-    Change,
     Edit,
     RobotFacts,
     change_terms,
     set_fields,
+    set_options,
     term_edit,
     terms_with,
 )
@@ -63,24 +66,21 @@ def scales(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     }
     for title, values in together.items():
         text = f"the observation's scales are {title}"
-        yield Edit(f"observation scales {title}", "observation scales", text, _scaled(values))
+        yield Edit(f"observation scales {title}", "observation scales", text, partial(_scaled, values))
     for term in contract.terms:
         for scale in () if _is_zero(term) else contract.kind(term).scales:
             text = f"{term.name} is multiplied by {scale:g}"
             yield term_edit(term, f" scaled by {scale:g}", "scale", text, scale=scale)
 
 
-def _scaled(values: Mapping[str, float | tuple[float, ...]]) -> Change:
+def _scaled(values: Mapping[str, float | tuple[float, ...]], contract: PolicyContract) -> PolicyContract:
     """Scale by the kind of a term; those without a value by 1, those that are fed as zeros not at all."""
 
-    def change(contract: PolicyContract) -> PolicyContract:
-        def changed(term: Term) -> Term:
-            scale = np.asarray(values.get(contract.kind(term).name, 1.0))
-            return term if _is_zero(term) else replace(term, scale=scale)
+    def scaled(term: Term) -> Term:
+        scale = np.asarray(values.get(contract.kind(term).name, 1.0))
+        return term if _is_zero(term) else replace(term, scale=scale)
 
-        return change_terms(contract, changed)
-
-    return change
+    return change_terms(contract, scaled)
 
 
 def conventions(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
@@ -119,12 +119,8 @@ def imu_turns(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
         return
     names = {term.name for term in shown}
     for axes in shown[0].others("axes"):
-
-        def turned(contract: PolicyContract, axes: str = axes) -> PolicyContract:
-            return change_terms(contract, lambda term: replace(term, axes=axes) if term.name in names else term)
-
         text = f"the IMU is turned: what the policy knows as x y z are its axes {axes}"
-        yield Edit(f"IMU turned: {axes}", "IMU axes", text, turned, is_whole=True)
+        yield Edit(f"IMU turned: {axes}", "IMU axes", text, partial(set_options, names, axes=axes), is_whole=True)
 
 
 def phases(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
@@ -168,3 +164,46 @@ def reference_conventions(contract: PolicyContract, robot: RobotFacts) -> Iterat
     other = "xyzw" if contract.reference_quaternion == "wxyz" else "wxyz"
     name, text = f"reference quaternions {' '.join(other)}", f"the motion's quaternions are ordered {' '.join(other)}"
     yield Edit(name, "reference quaternion order", text, set_fields(reference_quaternion=other))
+
+
+def term_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
+    """Yield other orders of the terms, and the last two or three in each other's places."""
+    terms = contract.terms
+    listed = list(TERM_KINDS)  # in the order of legged_gym and Isaac Lab
+    places = {term.name: listed.index(contract.kind(term).name) for term in terms if contract.kind(term).name in listed}
+    orders = {
+        "alphabetical": tuple(sorted(terms, key=lambda term: term.name)),
+        "as task configurations list them": tuple(sorted(terms, key=lambda term: places.get(term.name, len(listed)))),
+        "reversed": terms[::-1],
+    }
+    for title, order in orders.items():
+        text = f"the observation's terms are {title}: {', '.join(term.name for term in order)}"
+        yield Edit(f"terms {title}", "term order", text, partial(_listed_terms, order))
+    for i, (one, other) in enumerate(pairwise(terms)):
+        text = f"{other.name} comes before {one.name} in the observation"
+        order = (*terms[:i], other, one, *terms[i + 2 :])
+        yield Edit(f"terms {one.name} and {other.name} swapped", "term order", text, partial(_listed_terms, order))
+
+
+def _listed_terms(order: tuple[Term, ...], contract: PolicyContract) -> PolicyContract:
+    """Sort the terms as these are, whatever else has been changed about them."""
+    terms = {term.name: term for term in contract.terms}
+    return replace(contract, observation=tuple(terms[term.name] for term in order))
+
+
+def history_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
+    """Yield histories whose steps are the other way round, or laid out step by step instead of term by term."""
+    if all(term.history == 1 for term in contract.terms):
+        return
+    flip: dict[HistoryOrder, HistoryOrder] = {"oldest_first": "newest_first", "newest_first": "oldest_first"}
+    order = flip[contract.terms[0].history_order].replace("_", " ")
+
+    def flipped(contract: PolicyContract) -> PolicyContract:
+        return change_terms(contract, lambda term: replace(term, history_order=flip[term.history_order]))
+
+    text = f"the steps of a term's history are {order}"
+    yield Edit(f"history {order}", "history order", text, flipped, is_whole=True)
+    name, text, layout = "history per step", "each step's terms lie together", "per_step"
+    if contract.history_layout == "per_step":
+        name, text, layout = "history per term", "each term's steps lie together", "per_term"
+    yield Edit(name, "history layout", text, set_fields(history_layout=layout))

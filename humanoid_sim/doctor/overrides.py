@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,7 @@ import numpy as np
 import yaml
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.terms import Term
-from humanoid_sim.doctor.hypotheses import same_value
+from humanoid_sim.doctor.hypotheses import differences
 from humanoid_sim.policy.contract_json import plain_value
 from humanoid_sim.policy.readers.contract_yaml import own_contract
 from humanoid_sim.strict_yaml import read_yaml
@@ -82,19 +81,17 @@ def pasting_for(checkpoint: Path, contract_file: Path | None) -> Pasting:
 
 def overrides(present: PolicyContract, wanted: PolicyContract) -> dict[str, Any]:
     """Give the fields of the section `override:` that change, as plain values; empty if the contracts are the same."""
+    after = {term.name: term for term in wanted.terms}
     changed: dict[str, Any] = {}
-    for item in fields(PolicyContract):
-        before, after = getattr(present, item.name), getattr(wanted, item.name)
-        if item.name in ("observation", "provenance", "tensors") or same_value(before, after):
-            continue
-        changed[item.name] = _plain(item.name, after)
+    terms: dict[str, dict[str, Any]] = {}
+    for name, option in differences(present, wanted):
+        if option:
+            terms.setdefault(name, {})[option] = _plain(option, getattr(after[name], option))
+        else:
+            changed[name] = _plain(name, getattr(wanted, name))
     if present.observation_names != wanted.observation_names:
         changed["observation"] = list(wanted.observation_names)
-    before = {term.name: term for term in present.terms}
-    terms = {term.name: _options(before[term.name], term) for term in wanted.terms}
-    if any(terms.values()):
-        changed["terms"] = {name: options for name, options in terms.items() if options}
-    return changed
+    return {**changed, "terms": terms} if terms else changed
 
 
 def change_lines(present: PolicyContract, wanted: PolicyContract) -> list[str]:
@@ -130,14 +127,6 @@ def _at(contract: PolicyContract, path: str) -> Any:
     if part:
         return _plain(part, getattr(value, part, None))
     return list(contract.observation_names) if name == "observation" else _plain(name, value)
-
-
-def _options(before: Term, after: Term) -> dict[str, Any]:
-    return {
-        item.name: _plain(item.name, getattr(after, item.name))
-        for item in fields(Term)
-        if not same_value(getattr(before, item.name), getattr(after, item.name))
-    }
 
 
 def _plain(name: str, value: Any) -> Any:

@@ -15,16 +15,16 @@ _WORTH = 0.15
 _LONGER = 0.05
 """Difference in the share of the time that the robot stays up, beyond which that alone decides."""
 _NOTICED = 1.1
-"""A part of the quality from which on an onlooker notices something. Measured: a policy that is wired right and walks
-tilts by 1.04."""
+"""A part of the quality from which on an onlooker notices something. A policy that is wired right may tilt by 1.03:
+`policy doctor lite_biped_velocity --robot lite_biped --command=0.3,0,0 --pairs 0 --json`."""
 _SLIGHT = 0.15
 """Share of the cost below which an improvement may be chance."""
 _EQUAL = 0.05
 """Share of the cost by which two runs differ by chance."""
 _TELLING = 0.5
-"""Cost that a change must save in a run in which there is nothing to notice. Measured: published policies that observe
-no velocity still walk and dance that way, and the right wiring saves 0.54 and 0.59; a policy that stands well saves
-0.23 with smaller actions."""
+"""Cost that a change must save in a run in which there is nothing to notice: published policies that observe no
+velocity still walk and dance that way, and a policy that stands well does a little better with smaller actions
+(tests/doctor/test_ranking.py)."""
 _WORSENED = 0.05
 """Amount by which it must not make any part of such a run worse: with half of its actions a policy that walks well
 rocks less, and falls short of its velocity."""
@@ -52,20 +52,20 @@ class Verdict:
     @property
     def cost(self) -> float:
         """Mean cost of the trials, smaller is better."""
-        return sum(outcome.quality.cost for outcome in self.outcomes) / len(self.outcomes)
+        return sum(outcome.cost for outcome in self.outcomes) / len(self.outcomes)
 
     @property
     def is_inconspicuous(self) -> bool:
         """Return whether it was never lost, and an onlooker would have noticed nothing."""
-        parts = (part for outcome in self.outcomes for part in outcome.quality.parts.values())
+        parts = (part for outcome in self.outcomes for part in outcome.quality.values())
         return self.stays_up and all(part <= _NOTICED for part in parts)
 
     @property
     def parts(self) -> dict[str, float]:
         """The parts of the cost by name, each the mean over the trials."""
         count = len(self.outcomes)
-        names = dict.fromkeys(name for outcome in self.outcomes for name in outcome.quality.parts)
-        return {name: sum(outcome.quality.parts.get(name, 0.0) for outcome in self.outcomes) / count for name in names}
+        names = dict.fromkeys(name for outcome in self.outcomes for name in outcome.quality)
+        return {name: sum(outcome.quality.get(name, 0.0) for outcome in self.outcomes) / count for name in names}
 
     @property
     def worst(self) -> float:
@@ -183,10 +183,15 @@ class Ranking:
         """Return whether what a change saves may be chance."""
         return self.saved(verdict) < _SLIGHT
 
+    @property
+    def ordered(self) -> list[Verdict]:
+        """All verdicts, best first."""
+        return sorted(self.verdicts.values(), key=lambda verdict: verdict.order)
+
     def best(self) -> list[Verdict]:
         """Best first: of every cause its best edit, and of pairs those that do better than each of their halves."""
         found: dict[tuple[str, ...], Verdict] = {}
-        for verdict in sorted(self.verdicts.values(), key=lambda verdict: verdict.order):
+        for verdict in self.ordered:
             if len(verdict.hypothesis.edits) < 2 or self._pays(verdict):
                 found.setdefault(verdict.hypothesis.causes, verdict)
         return list(found.values())
@@ -214,8 +219,8 @@ class Ranking:
 
     def alternatives(self, verdict: Verdict) -> list[Verdict]:
         """Other edits of the same cause, best first."""
-        same = [v for v in self.verdicts.values() if v.hypothesis.causes == verdict.hypothesis.causes]
-        return sorted((v for v in same if v is not verdict), key=lambda v: v.order)
+        causes = verdict.hypothesis.causes
+        return [other for other in self.ordered if other.hypothesis.causes == causes and other is not verdict]
 
 
 def _beats(pair: Verdict, half: Verdict) -> bool:

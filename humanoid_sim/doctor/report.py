@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.overrides import Pasting, change_lines
@@ -14,6 +15,7 @@ from humanoid_sim.doctor.ranking import Ranking, Verdict
 
 _EQUALS = 5
 """Changes that are named as good as the first."""
+_NOTICEABLE = "each is about 1 where an onlooker would begin to notice it"
 
 
 def conclusion(ranking: Ranking) -> str:
@@ -83,101 +85,93 @@ def _nothing_wrong(ranking: Ranking, present: Verdict) -> str:
     )
 
 
-def print_ranking(console: Console, ranking: Ranking, contract: PolicyContract, rows: int, pasting: Pasting) -> None:
-    """Print the best of every cause, and what the first would have you write."""
-    best = ranking.best()
-    table = Table(
-        title="by time up, then by quality (smaller is better); unlikely causes rank lower",
-        title_justify="left",
-        caption=_quality(best),
-        caption_justify="left",
-    )
-    table.add_column("", justify="right")
-    table.add_column("hypothesis")
-    table.add_column("time up", justify="right")
-    table.add_column("quality", justify="right")
-    table.add_column("what it changes")
-    shown = best[:rows]
-    shown += [verdict for verdict in best[rows:] if not verdict.hypothesis.edits]
-    for verdict in shown:
-        table.add_row(*_row(best.index(verdict) + 1, verdict, contract))
-    console.print(table)
-    console.print(escape(conclusion(ranking)), style="bold", soft_wrap=True)
-    finding = ranking.finding
-    if finding is None:
-        return
-    text = pasting.text(contract, finding.hypothesis.contract)
-    console.print(text, soft_wrap=True, end="", markup=False, emoji=False, highlight=False)
-    others = [verdict.hypothesis.name for verdict in ranking.alternatives(finding) if verdict.stays_up]
-    if others:
-        console.print(f"[dim]of the same cause, and up as well: {escape(', '.join(others))}[/dim]", soft_wrap=True)
+@dataclass(frozen=True)
+class Examination:
+    """Outcome of a search."""
+
+    ranking: Ranking
+    contract: PolicyContract
+    pasting: Pasting
+    """Place where a change is to be written."""
+    is_interrupted: bool = False
+    """Ctrl-C ended it."""
+
+    def print(self, console: Console, rows: int) -> None:
+        """Print the best of every cause, the conclusion, and what the first would have you write."""
+        best = self.ranking.best()
+        parts = ", ".join(best[0].parts) if best else ""  # they depend on what the policy is to do
+        table = Table(
+            Column(justify="right"),
+            "hypothesis",
+            Column("time up", justify="right"),
+            Column("quality", justify="right"),
+            "what it changes",
+            title="by time up, then by quality (smaller is better); unlikely causes rank lower",
+            title_justify="left",
+            caption=f"quality: the sum of {parts}; {_NOTICEABLE}" if parts else None,
+            caption_justify="left",
+        )
+        for rank, verdict in enumerate(best, 1):
+            if rank <= rows or not verdict.hypothesis.edits:
+                table.add_row(str(rank), *_row(verdict, self.contract))
+        console.print(table)
+        console.print(escape(conclusion(self.ranking)), style="bold", soft_wrap=True)
+        finding = self.ranking.finding
+        if finding is None:
+            return
+        text = self.pasting.text(self.contract, finding.hypothesis.contract)
+        console.print(text, soft_wrap=True, end="", markup=False, emoji=False, highlight=False)
+        others = [verdict.hypothesis.name for verdict in self.ranking.alternatives(finding) if verdict.stays_up]
+        if others:
+            console.print(f"[dim]of the same cause, and up as well: {escape(', '.join(others))}[/dim]", soft_wrap=True)
+
+    def document(self) -> dict[str, Any]:
+        """Return everything as plain values, for JSON."""
+        ranking = self.ranking
+        return {
+            "complete": ranking.is_complete,
+            "seconds": round(ranking.seconds, 1),
+            "singles_tried": ranking.singles_tried,
+            "singles_known": ranking.singles_known,
+            "pairs_tried": ranking.pairs_tried,
+            "pairs_known": ranking.pairs_known,
+            "healthy": ranking.is_healthy,
+            "conclusion": conclusion(ranking),
+            "as_good": [each.hypothesis.name for each in (ranking.equals(ranking.finding) if ranking.finding else ())],
+            "file": str(self.pasting.file),
+            "ranking": [self._entry(rank, verdict) for rank, verdict in enumerate(ranking.best(), 1)],
+        }
+
+    def _entry(self, rank: int, verdict: Verdict) -> dict[str, Any]:
+        hypothesis = verdict.hypothesis
+        return {
+            "rank": rank,
+            "hypothesis": hypothesis.name,
+            "causes": list(hypothesis.causes),
+            "explanation": hypothesis.explanation,
+            "stays_up": verdict.stays_up,
+            "time_up": verdict.time_up,
+            "quality": verdict.cost,
+            "tried_at_length": verdict.is_thorough,
+            "trials": [
+                {name: getattr(outcome, name) for name in ("time_up", "seconds", "lost", "quality")}
+                for outcome in verdict.outcomes
+            ],
+            "changes": change_lines(self.contract, hypothesis.contract),
+            "override": self.pasting.override(self.contract, hypothesis.contract),
+            "alternatives": [other.hypothesis.name for other in self.ranking.alternatives(verdict)],
+        }
 
 
-def _quality(best: list[Verdict]) -> str | None:
-    """Return what the column is made of; it depends on what the policy is to do."""
-    parts = list(best[0].parts) if best else []
-    if not parts:
-        return None
-    return f"quality: the sum of {', '.join(parts)}; each is about 1 where an onlooker would begin to notice it"
-
-
-def _row(rank: int, verdict: Verdict, contract: PolicyContract) -> tuple[str, ...]:
+def _row(verdict: Verdict, contract: PolicyContract) -> tuple[str, ...]:
     lost = [outcome for outcome in verdict.outcomes if outcome.lost]
     color = "green" if verdict.stays_up else "yellow" if verdict.time_up > 0.5 else "red"
     seconds = "/".join(f"{outcome.time_up:.1f}" for outcome in verdict.outcomes)
-    total = verdict.outcomes[0].seconds
     reason = f"\n[dim]{escape(lost[0].lost)}[/dim]" if lost else ""
-    lines = change_lines(contract, verdict.hypothesis.contract)
     name = escape(verdict.hypothesis.name)
     return (
-        str(rank),
         f"[bold]{name}[/bold]" if not verdict.hypothesis.edits else f"{name}{reason}",
-        f"[{color}]{seconds} of {total:g} s[/]",
+        f"[{color}]{seconds} of {verdict.outcomes[0].seconds:g} s[/]",
         f"{verdict.cost:.2f}" if verdict.stays_up else "–",
-        escape("\n".join(lines)),
+        escape("\n".join(change_lines(contract, verdict.hypothesis.contract))),
     )
-
-
-def ranking_document(ranking: Ranking, contract: PolicyContract, pasting: Pasting) -> dict[str, Any]:
-    """Everything as plain values."""
-    return {
-        "complete": ranking.is_complete,
-        "seconds": round(ranking.seconds, 1),
-        "singles_tried": ranking.singles_tried,
-        "singles_known": ranking.singles_known,
-        "pairs_tried": ranking.pairs_tried,
-        "pairs_known": ranking.pairs_known,
-        "healthy": ranking.is_healthy,
-        "conclusion": conclusion(ranking),
-        "as_good": [other.hypothesis.name for other in (ranking.equals(ranking.finding) if ranking.finding else ())],
-        "file": str(pasting.file),
-        "ranking": [
-            _entry(rank, verdict, ranking, contract, pasting) for rank, verdict in enumerate(ranking.best(), 1)
-        ],
-    }
-
-
-def _entry(rank: int, verdict: Verdict, ranking: Ranking, contract: PolicyContract, pasting: Pasting) -> dict[str, Any]:
-    hypothesis = verdict.hypothesis
-    return {
-        "rank": rank,
-        "hypothesis": hypothesis.name,
-        "causes": list(hypothesis.causes),
-        "explanation": hypothesis.explanation,
-        "stays_up": verdict.stays_up,
-        "time_up": verdict.time_up,
-        "quality": verdict.cost,
-        "tried_at_length": verdict.is_thorough,
-        "trials": [
-            {
-                "time_up": outcome.time_up,
-                "seconds": outcome.seconds,
-                "lost": outcome.lost,
-                "quality": dict(outcome.quality.parts),
-            }
-            for outcome in verdict.outcomes
-        ],
-        "changes": change_lines(contract, hypothesis.contract),
-        "override": pasting.override(contract, hypothesis.contract),
-        "alternatives": [other.hypothesis.name for other in ranking.alternatives(verdict)],
-    }

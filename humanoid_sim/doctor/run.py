@@ -5,45 +5,24 @@ from __future__ import annotations
 import json
 import math
 import time
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import replace
 
 from rich.console import Console
+from rich.progress import TimeElapsedColumn
 
 from humanoid_sim.cli import ExitStatus
-from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.command_line.progress import BarOrLines
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy, load_examined, robot_facts
-from humanoid_sim.doctor.overrides import Pasting, pasting_for
-from humanoid_sim.doctor.progress import SearchProgress
+from humanoid_sim.doctor.overrides import pasting_for
 from humanoid_sim.doctor.ranking import Ranking
-from humanoid_sim.doctor.report import print_ranking, ranking_document
-from humanoid_sim.doctor.search import make_plan, search
+from humanoid_sim.doctor.report import Examination
+from humanoid_sim.doctor.search import Plan, make_plan, search
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.contract_yaml import find_contract
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import load_robot, with_imu
 from humanoid_sim.session.sources import parse_velocity
-
-
-@dataclass(frozen=True)
-class Examination:
-    """Outcome of a search."""
-
-    ranking: Ranking
-    contract: PolicyContract
-    pasting: Pasting
-    """Place where a change is to be written."""
-    is_interrupted: bool
-    """Ctrl-C ended it."""
-
-    def document(self) -> dict[str, Any]:
-        """Return the whole ranking, for JSON."""
-        return ranking_document(self.ranking, self.contract, self.pasting)
-
-    def print(self, console: Console, top: int) -> None:
-        """Print the first rows of the ranking, the conclusion, and what to change."""
-        print_ranking(console, self.ranking, self.contract, top, self.pasting)
 
 
 def doctor(config: DoctorConfig) -> int:
@@ -71,14 +50,9 @@ def examine(config: DoctorConfig, console: Console) -> Examination:
     """
     start = time.perf_counter()
     _check(config)
-    examined = load_examined(
-        config.checkpoint,
-        with_imu(load_robot(config.robot), config.imu_site),
-        config.contract,
-        config.motion,
-        base_height=config.base_height,
-        actuation=config.actuation,
-    )
+    robot = with_imu(load_robot(config.robot), config.imu_site)
+    examined = load_examined(config.checkpoint, robot, config.contract, config.motion)
+    examined = replace(examined, base_height=config.base_height, actuation=config.actuation)
     for name, width in examined.contract.live_inputs.items():
         raise InputError(f"{config.checkpoint}: needs the live input '{name}' of width {width}, and doctor has none")
     plan = make_plan(
@@ -98,6 +72,27 @@ def examine(config: DoctorConfig, console: Console) -> Examination:
         except KeyboardInterrupt:
             interrupted = True
     return Examination(ranking, examined.contract, pasting, interrupted)
+
+
+class SearchProgress(BarOrLines):
+    """A context that the search calls with every trial."""
+
+    def __init__(self, console: Console, ranking: Ranking, plan: Plan) -> None:
+        super().__init__(console, "single changes", None, TimeElapsedColumn())
+        self._ranking, self._plan = ranking, plan
+        self._has_begun = False
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Take in that so many of a stage's changes have been tried."""
+        elapsed = self._ranking.seconds
+        if not self._has_begun:
+            self._has_begun = True
+            limit = "" if self._plan.budget is None else f"; the search ends after {self._plan.budget:.0f} s (--budget)"
+            self.say(0.0, f"single changes: {total}{limit}", "dim")
+        self.update(self._task, description=stage, completed=done, total=total)
+        if not self.console.is_terminal and (done == total or self.is_due(elapsed)):
+            tried = f"{total}" if done == total else f"{done} of {total}"
+            self.say(elapsed, f"{stage}: {tried} tried, {elapsed:.0f} s so far", "dim")
 
 
 def _check(config: DoctorConfig) -> None:

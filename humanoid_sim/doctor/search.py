@@ -23,7 +23,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.doctor.edits import RobotFacts
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy
-from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, present, singles, spared
+from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, singles, spared
 from humanoid_sim.doctor.ranking import Ranking, Verdict
 from humanoid_sim.doctor.trials import Outcome, Trial, TrialRunner
 
@@ -40,8 +40,7 @@ _GLANCE = 0.25
 _PROBE = 0.125
 """Share of it that shows how fast the machine is."""
 _PAST_THE_FALL, _NEARLY_ALL = 1.3, 0.95
-"""Times what the robot stays up with nearly all single changes: a cure shows when it does not fall there. Measured:
-with the contract as it is a robot fell at 0.5 s, with two in three of all pairs between 1 and 2 s."""
+"""Times what the robot stays up with nearly all single changes: a cure shows when it does not fall there."""
 _PROMOTED_GLANCES = 150
 """Pairs that are tried briefly."""
 _PROMOTED_PAIRS = 8
@@ -140,7 +139,7 @@ class _Search:
     def run(self) -> None:
         """Go through all stages."""
         contract, ranking = self._contract, self._ranking
-        unchanged, changed = present(contract), singles(contract, self._robot)
+        unchanged, changed = Hypothesis((), contract), singles(contract, self._robot)
         details = [hypothesis for hypothesis in changed if hypothesis.is_detail]
         coarse = [unchanged, *(hypothesis for hypothesis in changed if not hypothesis.is_detail)]
         ranking.singles_known = len(changed)
@@ -150,9 +149,9 @@ class _Search:
         glanced = Ranking()
         look = _shortened(self._plan.brief, _long_enough(ranking))
         rest += self._stage("changes of one joint", details, look, glanced, _GLANCED)
-        seen = _sorted(glanced)
+        seen = [verdict.hypothesis for verdict in glanced.ordered]
         rest += self._stage("the best of one joint", seen[:_PROMOTED_DETAILS], self._plan.brief, ranking, _PROMOTED_BY)
-        ranked = [hypothesis for hypothesis in _sorted(ranking) if hypothesis.edits]
+        ranked = [verdict.hypothesis for verdict in ranking.ordered if verdict.hypothesis.edits]
         ranked += [hypothesis for hypothesis in seen if hypothesis.name not in ranking.verdicts]
         self._at_length(unchanged, _AT_LENGTH)
         self._try_pairs(ranked, look)
@@ -189,7 +188,7 @@ class _Search:
         if known > _PROMOTED_GLANCES:
             seen = Ranking()
             left = self._stage("pairs at a glance", wanted, glance, seen, _PAIRS_GLANCED, known)
-            best = _sorted(seen)[:_PROMOTED_GLANCES]
+            best = [verdict.hypothesis for verdict in seen.ordered[:_PROMOTED_GLANCES]]
             self._stage("pairs of changes", best, plan.brief, together, _PAIRS_BRIEFLY)
         else:
             left = self._stage("pairs of changes", wanted, plan.brief, together, _PAIRS_BRIEFLY, known)
@@ -258,11 +257,6 @@ class _Search:
             smaller = tuple(spared(self._contract, verdict.hypothesis))
             if len(smaller) <= _MOST_PARTS:
                 self._stage("parts of the best", smaller, self._plan.thorough, self._ranking, 1.0)
-
-
-def _sorted(ranking: Ranking) -> list[Hypothesis]:
-    verdicts = sorted(ranking.verdicts.values(), key=lambda verdict: verdict.order)
-    return [verdict.hypothesis for verdict in verdicts]
 
 
 def _long_enough(ranking: Ranking) -> float:

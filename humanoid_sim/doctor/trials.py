@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import OrderedDict
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -16,7 +17,7 @@ from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rl_policy import infer
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy
-from humanoid_sim.doctor.goals import BodiesGoal, Goal, MotionGoal, Quality, Strain, VelocityGoal
+from humanoid_sim.doctor.goals import BodiesGoal, Goal, MotionGoal, Strain, VelocityGoal
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.evaluation.failure import has_run_away
 from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot
@@ -55,12 +56,15 @@ class Outcome:
     """Time for which the robot stayed up, s; at most `seconds`."""
     seconds: float
     """Length of the trial, s."""
-    quality: Quality
+    quality: Mapping[str, float]
+    """Parts of the run's quality by name; each is about 1 where an onlooker would begin to notice."""
     lost: str = ""
     """Way in which the robot was lost; empty if it was not."""
 
-
-_NOTHING = Quality({})
+    @property
+    def cost(self) -> float:
+        """The parts' sum: smaller is better."""
+        return sum(self.quality.values())
 
 
 @dataclass
@@ -94,7 +98,7 @@ class TrialRunner:
             one = OneRobot(robot)
             loop = ClosedLoop(one, wiring, np.array(trial.command))
         except (FieldError, InputError) as error:
-            return Outcome(0.0, trial.seconds, _NOTHING, str(error))
+            return Outcome(0.0, trial.seconds, {}, str(error))
         return _run(one, loop, loaded.policy, self._goal(loaded, trial, robot), trial, until)
 
     def _goal(self, loaded: LoadedPolicy, trial: Trial, robot: MujocoRobot) -> Goal:
@@ -161,7 +165,7 @@ class TrialRunner:
 def _run(one: OneRobot, loop: ClosedLoop, policy: Policy, goal: Goal, trial: Trial, until: float) -> Outcome | None:
     """One trial from its start: a policy step per control period."""
     period = loop.wiring.contract.policy_dt
-    strain = Strain(period)
+    strain, time_up = Strain(period), trial.seconds
     for step in range(max(round(trial.seconds / period), 1)):
         if time.perf_counter() > until:
             return None
@@ -175,6 +179,7 @@ def _run(one: OneRobot, loop: ClosedLoop, policy: Policy, goal: Goal, trial: Tri
         if isinstance(inferred, Fault):
             lost = lost or inferred.message
         if lost or isinstance(inferred, Fault):
-            return Outcome(step * period, trial.seconds, Quality({**goal.parts(), **strain.parts()}), lost)
+            time_up = step * period
+            break
         strain.update(state, loop.act(inferred.action))
-    return Outcome(trial.seconds, trial.seconds, Quality({**goal.parts(), **strain.parts()}))
+    return Outcome(time_up, trial.seconds, {**goal.parts(), **strain.parts()}, lost)

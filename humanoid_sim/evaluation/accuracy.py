@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
+from humanoid_sim.evaluation.errors import length, rms
 from humanoid_sim.evaluation.rollout import ClosedLoop, OneRobot
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.robots.description import RobotDescription
@@ -104,21 +105,14 @@ def plant_errors(motion: CommandedMotion, plants: Sequence[tuple[Actuation, floa
     for actuation, given in plants:
         timestep = timestep_of(motion.description, actuation, given)
         joints, hands, speed = _run(motion, actuation, timestep)
-        off = np.abs(joints - true_joints)
-        away = np.sqrt(((hands - true_hands) ** 2).sum(axis=-1))
-        known = away.size > 0
-        errors.append(
-            PlantError(
-                actuation,
-                timestep,
-                float(np.sqrt(np.mean(away**2))) if known else np.nan,
-                float(away.max()) if known else np.nan,
-                float(np.sqrt(np.mean(off**2))),
-                float(off.max()),
-                speed,
-            )
-        )
+        away, off = length(hands - true_hands), np.abs(joints - true_joints)
+        errors.append(PlantError(actuation, timestep, *_rms_and_most(away), *_rms_and_most(off), speed))
     return tuple(errors)
+
+
+def _rms_and_most(values: FloatArray) -> tuple[float, float]:
+    """Return both of all values; NaN without any."""
+    return (float(rms(values.ravel())), float(values.max())) if values.size else (np.nan, np.nan)
 
 
 def describe_error(error: PlantError, what: str) -> str:

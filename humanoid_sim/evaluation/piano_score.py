@@ -47,24 +47,8 @@ class PianoScore:
     """Strokes that no note asked for."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Performance:
-    """The keys of one run, at the song's frames that the policy was shown, of each the first time."""
-
-    pressed: npt.NDArray[np.bool_]
-    """Shape (T, K), whether a key was down."""
-    wanted: npt.NDArray[np.bool_]
-    """Shape (T, K), whether it should have been."""
-    step: float
-    """s between two rows."""
-
-    def score(self, onset_tolerance: float = ONSET_TOLERANCE) -> PianoScore:
-        """Return how well it was played; the tolerance is in s."""
-        return score(self.pressed, self.wanted, self.step, onset_tolerance=onset_tolerance)
-
-
 class PlayedKeys:
-    """Collects a performance, policy step by policy step."""
+    """The keys of one run, at the song's frames that the policy was shown, of each the first time."""
 
     def __init__(self, goals: npt.NDArray[np.floating], step: float) -> None:
         """Begin.
@@ -73,7 +57,7 @@ class PlayedKeys:
             goals: shape (F, K), 1 where a key should be down.
             step: s between two rows.
         """
-        self._goals, self._step = np.asarray(goals) > 0.5, step
+        self._goals, self.step = np.asarray(goals) > 0.5, step
         self._pressed = np.zeros_like(self._goals)
         self._seen = np.zeros(len(self._goals), dtype=np.bool_)
 
@@ -88,11 +72,15 @@ class PlayedKeys:
         if frame < len(self._seen) and not self._seen[frame]:
             self._pressed[frame], self._seen[frame] = keys > 0.5, True
 
-    def performance(self) -> Performance | None:
-        """Return what was played; None where no frame was shown."""
-        if not self._seen.any():
-            return None
-        return Performance(self._pressed[self._seen], self._goals[self._seen], self._step)
+    @property
+    def pressed(self) -> npt.NDArray[np.bool_]:
+        """Shape (T, K), whether a key was down, in the T frames that were shown."""
+        return self._pressed[self._seen]
+
+    @property
+    def wanted(self) -> npt.NDArray[np.bool_]:
+        """Shape (T, K), whether it should have been."""
+        return self._goals[self._seen]
 
 
 def score(

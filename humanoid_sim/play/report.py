@@ -17,6 +17,7 @@ from rich.table import Table
 from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.evaluation.joint_use import describe_effort
+from humanoid_sim.evaluation.piano_score import score
 from humanoid_sim.evaluation.tracking import AnchorErrors
 from humanoid_sim.files import whole_file
 from humanoid_sim.play.assembly import Run
@@ -35,7 +36,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
     """Everything that the final table shows, in SI units and radians."""
     plan, monitor, judged = run.plan, run.monitor, run.judged
     tracking = None if judged.tracking is None else judged.tracking.summary()
-    performance = None if judged.keys is None else judged.keys.performance()
+    keys = judged.keys
     return {
         "robot": plan.description.name,
         "policy": None if plan.shadow is not None or run.policy.loaded is None else run.policy.source,
@@ -56,7 +57,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "tracking": None if tracking is None or not tracking.samples else asdict(tracking),
         "anchor": _figures(judged.anchor),
         "base": _figures(run.monitor.base),
-        "piano": None if performance is None else asdict(performance.score()),
+        "piano": None if keys is None or not len(keys.pressed) else asdict(score(keys.pressed, keys.wanted, keys.step)),
         "key_force": plan.setup.key_force(),
         "doctor": _doctor(run.config),
         "definitions": dict(DEFINITIONS),

@@ -9,7 +9,6 @@ from itertools import product
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import matrix
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
@@ -17,10 +16,8 @@ from humanoid_sim.prepare.conventions import (
     ANGLE_UNITS,
     LENGTH_UNITS,
     Conventions,
-    body_orders,
     in_si,
     interpret,
-    joint_orders,
 )
 from humanoid_sim.prepare.motion_fit import (
     BaseHeight,
@@ -61,9 +58,7 @@ class Findings:
     notes: tuple[str, ...]
 
 
-def accept(
-    source: SourceMotion, conventions: Conventions, contract: PolicyContract, skeleton: Skeleton, tolerance: Tolerance
-) -> Findings:
+def accept(source: SourceMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance) -> Findings:
     """Check a motion against the robot.
 
     Raises:
@@ -76,7 +71,7 @@ def accept(
     notes: list[str] = []
     method, bodies = FORWARD, check_bodies(motion, skeleton, tolerance)
     if bodies:
-        _refuse_mismatch(source, conventions, contract, skeleton, tolerance, bodies)
+        _refuse_mismatch(source, conventions, skeleton, tolerance, bodies)
     elif motion.joint_position is None:
         method, bodies = INVERSE, _check_bodies_alone(motion, skeleton, tolerance)
     else:
@@ -87,7 +82,7 @@ def accept(
                 f"; with --length-unit {unit} it would be at {LENGTH_UNITS[unit] * high.height:.2f} m" if unit else ""
             )
             raise InputError(f"{source.source}: {_high_in_words(high)}{hint}; --length-unit m says that it is right")
-        _check_joints_alone(source, conventions, contract, skeleton, tolerance, excess)
+        _check_joints_alone(source, conventions, skeleton, tolerance, excess)
         notes.append(
             "the source holds no body poses, so the order of its joints could not be verified, only that they stay "
             "within the robot's limits"
@@ -105,7 +100,6 @@ def accept(
 def _refuse_mismatch(
     source: SourceMotion,
     conventions: Conventions,
-    contract: PolicyContract,
     skeleton: Skeleton,
     tolerance: Tolerance,
     bodies: tuple[BodyCheck, ...],
@@ -114,9 +108,8 @@ def _refuse_mismatch(
     if worst.excess(tolerance) <= 1.0:
         return
     off = sum(check.excess(tolerance) > 1.0 for check in bodies)
-    orders = joint_orders(contract, skeleton), body_orders(contract, skeleton)
     hint = (
-        what_would_fit(source, conventions, skeleton, tolerance, *orders)
+        what_would_fit(source, conventions, skeleton, tolerance)
         or "no other order of joints, bodies or quaternions that was tried fits: is this another robot's motion?"
     )
     raise InputError(
@@ -182,7 +175,6 @@ def _reach(motion: SourceMotion, skeleton: Skeleton, tolerance: Tolerance) -> tu
 def _check_joints_alone(
     source: SourceMotion,
     conventions: Conventions,
-    contract: PolicyContract,
     skeleton: Skeleton,
     tolerance: Tolerance,
     excess: LimitExcess | None,
@@ -195,18 +187,16 @@ def _check_joints_alone(
         )
     if excess is None or excess.excess <= tolerance.angle:
         return
-    hint = _within_limits(source, conventions, contract, skeleton, tolerance)
+    hint = _within_limits(source, conventions, skeleton, tolerance)
     raise InputError(
         f"{source.source}: joint '{excess.joint}' is at {excess.position:.3f} rad in frame {excess.frame}, beyond its "
         f"limits {excess.lower:g} to {excess.upper:g} rad{hint}"
     )
 
 
-def _within_limits(
-    source: SourceMotion, conventions: Conventions, contract: PolicyContract, skeleton: Skeleton, tolerance: Tolerance
-) -> str:
+def _within_limits(source: SourceMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance) -> str:
     """Return the order of joints, or the unit, in which joints stay within their limits; empty if there is none."""
-    orders = {"": conventions.joint_names} | dict(joint_orders(contract, skeleton))
+    orders = {"": conventions.joint_names} | dict(skeleton.joint_orders)
     for unit in ANGLE_UNITS:
         columns = in_si(source, replace(conventions, angle_unit=unit)).joint_position
         assert columns is not None  # which is why they are beyond
@@ -221,14 +211,7 @@ _MUCH = 0.1
 """Largest share of the error that remains of a motion that comes much nearer."""
 
 
-def what_would_fit(
-    source: SourceMotion,
-    conventions: Conventions,
-    skeleton: Skeleton,
-    tolerance: Tolerance,
-    joint_orders: Orders,
-    body_orders: Orders,
-) -> str:
+def what_would_fit(source: SourceMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance) -> str:
     """Return the options with which a motion that was read by these conventions would fit; empty if none tried does.
 
     Where none does, but one brings the bodies much nearer, it is that one, with what remains.
@@ -236,7 +219,7 @@ def what_would_fit(
     frames = np.linspace(0, source.frame_count - 1, min(_FRAMES, source.frame_count)).round()
     few = source.select(np.unique(frames.astype(np.intp)))
     present, best, best_words = np.inf, np.inf, ""
-    for candidate, words in _named_orders(conventions, joint_orders, body_orders):
+    for candidate, words in _named_orders(conventions, skeleton):
         try:
             checks = check_bodies(interpret(few, candidate, skeleton), skeleton, tolerance)
         except InputError:  # a body order without the base of a floating robot
@@ -253,15 +236,13 @@ def what_would_fit(
     return ""
 
 
-def _named_orders(
-    conventions: Conventions, joint_orders: Orders, body_orders: Orders
-) -> Iterator[tuple[Conventions, str]]:
+def _named_orders(conventions: Conventions, skeleton: Skeleton) -> Iterator[tuple[Conventions, str]]:
     """Orders that exporters use, the other order of quaternions, the inverse rotations, other units.
 
     None changed comes first, without words; then one change before two, two before three.
     """
-    joints = {"": conventions.joint_names} | _others(joint_orders, conventions.joint_names)
-    bodies = {"": conventions.body_names} | _others(body_orders, conventions.body_names)
+    joints = {"": conventions.joint_names} | _others(skeleton.joint_orders, conventions.joint_names)
+    bodies = {"": conventions.body_names} | _others(skeleton.body_orders, conventions.body_names)
     present = conventions.quaternions
     turns = {"": present, other_quaternion_order(present): other_quaternion_order(present)}
     conjugates = {"": conventions.conjugate} | ({} if conventions.conjugate else {" ": True})
@@ -274,6 +255,7 @@ def _named_orders(
     options = ("--joint-order", "--body-order", "--quaternions", "--conjugate", "--angle-unit", "--length-unit")
     for change in changes:
         joint, body, turn, conjugate, angle, length = change
+        words = (f"{option} {value}".rstrip() for option, value in zip(options, change, strict=True) if value)
         candidate = replace(
             conventions,
             joint_names=joints[joint],
@@ -283,10 +265,7 @@ def _named_orders(
             angle_unit=angles[angle],
             length_unit=lengths[length],
         )
-        yield (
-            candidate,
-            " ".join(f"{option} {value}".rstrip() for option, value in zip(options, change, strict=True) if value),
-        )
+        yield candidate, " ".join(words)
 
 
 def _others(orders: Orders, present: tuple[str, ...]) -> dict[str, tuple[str, ...]]:

@@ -8,7 +8,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import conjugate as inverse_of
 from humanoid_sim.controllers.terms import QuaternionOrder
 from humanoid_sim.errors import InputError, known_names
@@ -48,26 +47,14 @@ class Conventions:
     """The unit of lengths was given, not assumed."""
 
 
-def joint_orders(contract: PolicyContract, skeleton: Skeleton) -> Orders:
-    """Return the orders in which exporters write joints."""
-    return {"contract": contract.joint_names, **skeleton.joint_orders}
-
-
-def body_orders(contract: PolicyContract, skeleton: Skeleton) -> Orders:
-    """Return the orders in which exporters write bodies."""
-    return {"contract": contract.body_names, **skeleton.body_orders}
-
-
-def choose_conventions(
-    source: SourceMotion, contract: PolicyContract, skeleton: Skeleton, options: PrepareOptions
-) -> Conventions:
+def choose_conventions(source: SourceMotion, skeleton: Skeleton, options: PrepareOptions) -> Conventions:
     """Return what the source says, else what the options say, else what the format is known to do.
 
     Raises:
         InputError: if an option contradicts the names in the source, or a number of columns fits no order.
     """
-    joints, joints_by = _joints(source, joint_orders(contract, skeleton), options.joint_order)
-    bodies, bodies_by = _bodies(source, body_orders(contract, skeleton), options.body_order)
+    joints, joints_by = _joints(source, skeleton.joint_orders, options.joint_order)
+    bodies, bodies_by = _bodies(source, skeleton.body_orders, options.body_order)
     order, order_by, given = source.quaternion_order, source.quaternion_order_source, options.quaternions
     if given is not None and order_by != "column names":
         order, order_by = given, "--quaternions"

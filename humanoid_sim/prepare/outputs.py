@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, read_contract
@@ -145,9 +145,8 @@ def report_bytes(report: MotionReport) -> bytes:
 def print_report(console: Console, report: MotionReport) -> None:
     """Print the table for a person: lengths in mm, angles in degrees."""
     read, source, found, motion = report.conventions, report.source, report.found, report.motion
-    table = Table(title=f"motion {escape(source.source)}", show_header=False, title_justify="left")
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
+    columns = Column(style="bold"), Column(overflow="fold")
+    table = Table(*columns, title=f"motion {escape(source.source)}", show_header=False, title_justify="left")
     rows = {
         "robot": f"{motion.robot}, policy {report.policy}",
         "source": f"{source.kind}, {source.frame_count} frames at {source.fps:g} per second",
@@ -191,10 +190,8 @@ def _bodies(report: MotionReport) -> Table:
     tolerance = report.tolerance
     limits = f"{1e3 * tolerance.position:g} mm, {math.degrees(tolerance.angle):g}°"
     title = f"bodies against {report.found.method}, tolerance {limits}"
-    table = Table(title=title, title_justify="left")
-    table.add_column("body", no_wrap=True)
-    for heading in ("mm rms", "max", "° rms", "max", "frame"):
-        table.add_column(heading, justify="right")
+    numbers = (Column(heading, justify="right") for heading in ("mm rms", "max", "° rms", "max", "frame"))
+    table = Table(Column("body", no_wrap=True), *numbers, title=title, title_justify="left")
     for body in report.found.bodies:
         table.add_row(
             escape(body.name),

@@ -67,7 +67,7 @@ def prepare(options: PrepareOptions) -> int:
         _write(outputs, {}, checkpoint, path, console)
         console.print(f"{path.name}: {why}; nothing else to prepare", markup=False)
         return 0
-    skeleton = Skeleton(description)
+    skeleton = Skeleton(description, checkpoint.contract)
     source = _read(options, checkpoint, skeleton, console)
     if options.velocities == "positions":
         if source.joint_position is None:
@@ -168,8 +168,8 @@ def _make(options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, s
     """Check, resample and convert."""
     contract = checkpoint.contract
     tolerance = Tolerance(options.tolerance, math.radians(options.angle_tolerance))
-    conventions = choose_conventions(source, contract, skeleton, options)
-    found = accept(source, conventions, contract, skeleton, tolerance)
+    conventions = choose_conventions(source, skeleton, options)
+    found = accept(source, conventions, skeleton, tolerance)
     same_rate = has_rate(source.fps, contract.policy_dt)
     if not same_rate and not options.resample:
         raise InputError(

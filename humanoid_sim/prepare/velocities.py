@@ -138,18 +138,14 @@ def refuse_velocities(
         raise InputError(f"{source}: fps is {fps:g}, but its joint velocities match {rate.fps:.1f} frames per second")
     if not faults:
         return
-    raise InputError(
-        f"{source}: its joint velocities do not match its joint positions: {faults_in_words(faults, count)}; correct "
-        "them, or let --velocities positions compute them from the positions"
-    )
-
-
-def faults_in_words(faults: list[VelocityCheck], count: int) -> str:
-    """Each fault once, after the joints that have it; `count` is the number of the robot's joints."""
     joints: dict[str, list[str]] = {}
     for check in faults:
         joints.setdefault(check.fault, []).append(check.joint)
-    return "; ".join(f"{_listed(names, count)}: velocities are {fault}" for fault, names in joints.items())
+    words = "; ".join(f"{_listed(names, count)}: velocities are {fault}" for fault, names in joints.items())
+    raise InputError(
+        f"{source}: its joint velocities do not match its joint positions: {words}; correct them, or let --velocities "
+        "positions compute them from the positions"
+    )
 
 
 def _listed(names: list[str], count: int) -> str:

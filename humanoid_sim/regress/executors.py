@@ -48,19 +48,20 @@ Executor = Callable[[Sequence[PreparedCase], Sequence[int], Disturbance, Advance
 episodes are the same, bit for bit on machines of a kind."""
 
 
-def local_executor(threads: int | None = None) -> Executor:
-    """Return what runs case after case in this process, each on so many threads; None for one per processor."""
-
-    def run(
-        cases: Sequence[PreparedCase], seeds: Sequence[int], disturbance: Disturbance, advance: Advance
-    ) -> list[Episode]:
-        episodes: list[Episode] = []
-        for case in cases:
-            episodes += run_episodes(case, seeds, disturbance, threads=threads)
-            advance(len(seeds))
-        return episodes
-
-    return run
+def run_locally(
+    cases: Sequence[PreparedCase],
+    seeds: Sequence[int],
+    disturbance: Disturbance,
+    advance: Advance,
+    *,
+    threads: int | None = None,
+) -> list[Episode]:
+    """Run case after case in this process, each on so many threads; None for one per processor. See `Executor`."""
+    episodes: list[Episode] = []
+    for case in cases:
+        episodes += run_episodes(case, seeds, disturbance, threads=threads)
+        advance(len(seeds))
+    return episodes
 
 
 @dataclass(frozen=True, slots=True)

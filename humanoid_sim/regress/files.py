@@ -65,11 +65,12 @@ def matching_baseline(prepared: PreparedSuite, baseline: PolicyRun, config: Regr
             it lacks a metric that the suite judges.
     """
     source, digests, suite = config.baseline, prepared.digests, prepared.suite
+    again = f"make it again: {_remake(baseline, config)}"
     others = differing(baseline.definitions)
     if others:
         raise InputError(
             f"{source}: was made with other definitions than today's ({', '.join(others)}), so its figures cannot be "
-            f"compared; make it again: {_remake(baseline, config)}"
+            f"compared; {again}"
         )
     for name, digest in digests.items():
         if name not in baseline.case_digests:
@@ -77,7 +78,7 @@ def matching_baseline(prepared: PreparedSuite, baseline: PolicyRun, config: Regr
         if baseline.case_digests[name] != digest:
             raise InputError(
                 f"{source}: its case '{name}' was run under other conditions (suite, motion or robot have changed "
-                f"since); make it again: {_remake(baseline, config)}"
+                f"since); {again}"
             )
     kept = tuple(episode for episode in baseline.episodes if episode.case in digests)
     known = {(episode.case, metric) for episode in kept for metric in episode.metrics}
@@ -87,10 +88,8 @@ def matching_baseline(prepared: PreparedSuite, baseline: PolicyRun, config: Regr
         if any(has_metric(metric.name, case.command) and (case.name, metric.name) not in known for case in suite.cases)
     ]
     if lacking:
-        raise InputError(
-            f"{source}: was made before {', '.join(lacking)} could be measured, which the suite judges; make it again: "
-            f"{_remake(baseline, config)}"
-        )
+        named = ", ".join(lacking)
+        raise InputError(f"{source}: was made before {named} could be measured, which the suite judges; {again}")
     return msgspec.structs.replace(baseline, episodes=kept, case_digests=digests)
 
 

@@ -23,23 +23,16 @@ from humanoid_sim.policy.onnx_policy import OnnxPolicy
 from humanoid_sim.policy.random_songs import named_song
 from humanoid_sim.policy.song import Song, song_motion
 from humanoid_sim.regress.batched_policy import BatchedPolicy
-from humanoid_sim.regress.metrics import TaskName
 from humanoid_sim.regress.suite import Case, Suite
 from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots
 
 _JUDGING = ("seeds", "first_seed", "tolerances", "case_tolerance", "confidence", "resamples", "margins")
-_POLICIES: Mapping[TaskName, tuple[str, str]] = {
-    "tracking": ("tracking", "a policy that follows motions"),
-    "velocity": ("locomotion", "one that walks at a velocity"),
-    "piano": ("piano", "one that plays songs"),
+_POLICIES = {
+    "tracking": ("tracking", "a policy that follows motions", "--suite lite_tracking"),
+    "locomotion": ("velocity", "one that walks at a velocity", "--suite velocity --robot lite_biped"),
+    "piano": ("piano", "one that plays songs", "--suite lite_piano"),
 }
-"""By task of a suite: the `task_type` of its policies, and those in words."""
-_USE_INSTEAD = {
-    "tracking": "--suite lite_tracking",
-    "locomotion": "--suite velocity --robot lite_biped",
-    "piano": "--suite lite_piano",
-}
-"""By task_type of a policy."""
+"""By `task_type` of a policy: the task of its suites, itself in words, and the options of a suite for it."""
 _NAMES = ("name", "summary", "robot", "cases")
 _INCLUDE = re.compile(rb"<include\s[^>]*file\s*=\s*[\"']([^\"']+)[\"']")
 
@@ -183,11 +176,12 @@ def prepare_policy(
     suite, description = prepared.suite, prepared.description
     checkpoint = load_checkpoint(path, contract_file, description.joint_names)
     contract = checkpoint.contract
-    wanted, described = _POLICIES[suite.task]
-    if contract.task_type != wanted:
+    task, _, use = _POLICIES[contract.task_type]
+    if task != suite.task:
+        (wanted,) = (described for task, described, _ in _POLICIES.values() if task == suite.task)
         raise InputError(
-            f"{path}: is a policy for task_type {contract.task_type}, the suite '{suite.name}' is for {described}; use "
-            f"{_USE_INSTEAD[contract.task_type]}"
+            f"{path}: is a policy for task_type {contract.task_type}, the suite '{suite.name}' is for {wanted}; use "
+            f"{use}"
         )
     assert isinstance(checkpoint.policy, OnnxPolicy)  # load_checkpoint makes no other
     policy = BatchedPolicy(checkpoint.policy)

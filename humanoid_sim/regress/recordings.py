@@ -16,8 +16,6 @@ from dataclasses import fields
 from pathlib import Path
 
 import msgspec
-import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim import __version__
 from humanoid_sim.controllers.supervisor import Supervisor
@@ -72,8 +70,8 @@ def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance
         )
     contract, suite = case.scenario.contract, case.suite
     description = _short_standby(case.scenario.description, contract.policy_dt)
-    actions = _RecordedActions(steps)
-    loaded = load_policy(contract, actions, case.motion)
+    answers = (step.action[0] for step in steps if step.action is not None)  # one by one, as they were given
+    loaded = load_policy(contract, lambda *_: next(answers), case.motion)
     # The episode ran without guards, and goes on where one would have ended it.
     supervisor = build_supervisor(description, contract.policy_dt, loaded, action_limit=suite.action_limit, guards=None)
     header = run_header(
@@ -90,7 +88,7 @@ def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance
     recorder.start(header)
     try:
         time = 0.0
-        for record in _ticks(supervisor, steps, actions, contract.policy_dt):
+        for record in _ticks(supervisor, steps, contract.policy_dt):
             recorder.tick(record)
             time = float(record.input.state.time)
         kind = {"lost": EventKind.FALL, "fault": EventKind.FAILURE}.get(episode.kind, EventKind.NOTE)
@@ -140,23 +138,7 @@ def _short_standby(description: RobotDescription, period: float) -> RobotDescrip
     )
 
 
-class _RecordedActions:
-    """The policy's place: answers what it answered."""
-
-    def __init__(self, steps: Sequence[Step]) -> None:
-        self._steps = steps
-        self.step = 0
-
-    def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
-        action = self._steps[self.step].action
-        assert action is not None  # in the last step DAMP has come
-        answer: npt.NDArray[np.float32] = action[0]
-        return answer
-
-
-def _ticks(
-    supervisor: Supervisor, steps: Sequence[Step], actions: _RecordedActions, period: float
-) -> Iterator[TickRecord]:
+def _ticks(supervisor: Supervisor, steps: Sequence[Step], period: float) -> Iterator[TickRecord]:
     """Yield the ticks of a recording: the FSM's way up, the episode, and a last one in DAMPING."""
     memory = supervisor.initial()
     intents: list[Intent] = [Intent.DAMP, Intent.LOAD_A, Intent.START_LOCOMOTION]
@@ -171,8 +153,7 @@ def _ticks(
         yield TickRecord(index, tick_input, output, 0.0, False, steps[0].qpos[0])
         index += 1
         ready = output.standby is None or output.standby.is_finished
-    for i, step in enumerate(steps[1:], start=1):
-        actions.step = i
+    for step in steps[1:]:
         # The last state is one in which no policy ran any more.
         due = (Intent.DAMP,) if step.action is None else ()
         tick_input = TickInput(_one(step.state, index * period), (), due)

@@ -193,11 +193,11 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     baseline: float | None
     """Mean over the episodes that are compared; cases weigh equally."""
     candidate: float | None
-    change: float | None
-    low: float | None
+    change: float | None = None
+    low: float | None = None
     """Lower end of the confidence interval of the change."""
-    high: float | None
-    tolerance: float | None
+    high: float | None = None
+    tolerance: float | None = None
     """The worsening that the suite lets pass, a positive number."""
     episodes: int
     """Pairs that are compared, or, unpaired, the candidate's episodes."""
@@ -224,10 +224,10 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             found.append(f"{len(self.new_failures)} new: {'; '.join(self.new_failures[:_LISTED])}{more}")
         alone = [case for case in self.cases if case.verdict in FAILING]
         if alone and len(alone) < len(self.cases):
-            shares = (
-                f" by {100.0 * case.change / abs(case.baseline):+.1f} %" if case.baseline else "" for case in alone
+            words = (
+                f"{c.case} by {100.0 * c.change / abs(c.baseline):+.1f} %" if c.baseline else c.case for c in alone
             )
-            found.append("in " + ", ".join(f"{case.case}{share}" for case, share in zip(alone, shares, strict=True)))
+            found.append(f"in {', '.join(words)}")
         return "; ".join(found)
 
     @property

@@ -6,7 +6,9 @@ import platform
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
+from functools import partial
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
 
@@ -14,21 +16,21 @@ import mujoco
 import numpy as np
 from msgspec.structs import replace
 from rich.console import Console
+from rich.progress import TimeRemainingColumn
 
 from humanoid_sim import __version__
 from humanoid_sim.cli import ExitStatus, complain
-from humanoid_sim.errors import InputError
+from humanoid_sim.command_line.progress import BarOrLines
+from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.files import whole_file
 from humanoid_sim.regress.compare import FEW_SEEDS, detectable_changes, fewest_seeds, judge
-from humanoid_sim.regress.executors import LOCAL, Executor, RayExecutor, local_executor
+from humanoid_sim.regress.executors import LOCAL, Executor, RayExecutor, run_locally
 from humanoid_sim.regress.files import json_of, junit_xml, matching_baseline, read_baseline
 from humanoid_sim.regress.margins import measure_margins, planned_levels
 from humanoid_sim.regress.options import RegressConfig, check_outputs
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, distinct_names, prepare_policy, prepare_suite
-from humanoid_sim.regress.progress import EpisodeProgress
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
-from humanoid_sim.regress.report import require_report
 from humanoid_sim.regress.results import Candidate, PolicyRun, Results, SuiteInfo
 from humanoid_sim.regress.show import say, show_candidate, show_detectable, show_run, show_verdict
 from humanoid_sim.regress.suite_file import chosen_suite, load_suite
@@ -49,8 +51,8 @@ def tested(config: RegressConfig, verdicts: Console) -> Results:
         InputError: if what was given cannot be used.
     """
     check_outputs(config)
-    if config.report is not None:
-        require_report()
+    if config.report is not None and find_spec("matplotlib") is None:
+        raise MissingPackageError("matplotlib", "report", "--report")
     suite, folder = load_suite(config.suite)
     prepared = prepare_suite(chosen_suite(suite, config), folder, config.robot)
     contract = None if config.contract is None else Path(config.contract)
@@ -72,7 +74,7 @@ def tested(config: RegressConfig, verdicts: Console) -> Results:
                 baseline = replace(baseline, name=file.stem)
     console = Console(quiet=config.quiet, emoji=False)  # a name such as ':a:' is not a picture
     with ExitStack() as stack:
-        executor = local_executor(config.threads)
+        executor: Executor = partial(run_locally, threads=config.threads)
         if config.ray is not None:
             processors = config.threads if config.ray == LOCAL else None
             executor = stack.enter_context(closing(RayExecutor(config.ray, processors))).run
@@ -88,8 +90,7 @@ def tested(config: RegressConfig, verdicts: Console) -> Results:
         config.junit: lambda: junit_xml(results, seconds),
     }
     if config.report is not None:
-        from humanoid_sim.regress.report.page import report_page  # noqa: PLC0415 - only where there is a report
-        from humanoid_sim.regress.report.pictures import worst_pictures  # noqa: PLC0415
+        from humanoid_sim.regress.report.page import report_page, worst_pictures  # noqa: PLC0415 - where there is one
 
         pictures = worst_pictures(prepared, policies, baseline, results)
         documents[config.report] = lambda: report_page(results, pictures).encode()
@@ -171,6 +172,29 @@ def _run(
         else:
             show_candidate(console, results, candidate)
     return results, seconds
+
+
+class EpisodeProgress(BarOrLines):
+    """A context that is called with how many episodes have just ended."""
+
+    def __init__(self, console: Console, label: str, total: int, clock: Callable[[], float] = perf_counter) -> None:
+        """Start at none.
+
+        Args:
+            label: whose episodes these are; empty to show nothing.
+        """
+        super().__init__(console, label, total, TimeRemainingColumn())
+        self._label, self._done, self._total = label, 0, total
+        self._clock, self._begin = clock, clock()
+
+    def __call__(self, count: int) -> None:
+        """Take in that so many more have ended."""
+        self._done += count
+        self.advance(self._task, count)
+        elapsed = self._clock() - self._begin
+        if self._label and self._done < self._total and self.is_due(elapsed):
+            left = elapsed * (self._total - self._done) / max(self._done, 1)
+            self.say(elapsed, f"{self._label}: episodes {self._done} of {self._total}, about {left:.0f} s left")
 
 
 def run_policy(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from humanoid_sim.regress.compare import FEW_SEEDS
 from humanoid_sim.regress.results import (
@@ -36,11 +36,17 @@ def say(console: Console, line: str) -> None:
     console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
+def _numbers(*headings: str) -> list[Column]:
+    return [Column(heading, justify="right") for heading in headings]
+
+
 def show_detectable(console: Console, results: Results) -> None:
     """Show how small a change the suite can find: before any candidate has run."""
     if not results.detectable:
         return
     table = Table(
+        "metric",
+        *_numbers("baseline", "tolerated", "noticed from"),
         title=f"{escape(results.suite.name)}: smallest worsening this run would notice",
         title_justify="left",
         caption=(
@@ -49,8 +55,6 @@ def show_detectable(console: Console, results: Results) -> None:
         ),
         caption_justify="left",
     )
-    for heading in ("metric", "baseline", "tolerated", "noticed from"):
-        table.add_column(heading, justify="left" if heading == "metric" else "right")
     for row in results.detectable:
         metric = results.metric(row.metric)
         table.add_row(
@@ -64,10 +68,7 @@ def show_detectable(console: Console, results: Results) -> None:
 
 def show_run(console: Console, results: Results, run: PolicyRun) -> None:
     """Show what a policy did, where there is nothing to compare it with."""
-    table = Table(title=escape(run.name), title_justify="left")
-    table.add_column("metric")
-    for heading in ("mean", "least", "greatest"):
-        table.add_column(heading, justify="right")
+    table = Table("metric", *_numbers("mean", "least", "greatest"), title=escape(run.name), title_justify="left")
     for metric in results.metrics:
         values = [value for episode in run.episodes if (value := episode.metrics[metric.name]) is not None]
         numbers = (sum(values) / len(values), min(values), max(values)) if values else (None, None, None)
@@ -83,15 +84,14 @@ def show_candidate(console: Console, results: Results, candidate: Candidate) -> 
     """Show a policy beside the baseline."""
     paired = all(comparison.paired for comparison in candidate.comparisons)
     table = Table(
+        Column("metric", no_wrap=True),
+        "verdict",
+        *_numbers("baseline", "candidate", "change", "noticed\nfrom"),
         title=f"{escape(candidate.run.name)} against the baseline",
         title_justify="left",
         box=box.SIMPLE_HEAD,  # all columns within 80 characters
         padding=(0, 1, 0, 0),
     )
-    table.add_column("metric", no_wrap=True)
-    table.add_column("verdict")
-    for heading in ("baseline", "candidate", "change", "noticed\nfrom"):
-        table.add_column(heading, justify="right")
     for comparison in candidate.comparisons:
         unit = results.metric(comparison.metric).unit
         table.add_row(
@@ -132,26 +132,21 @@ def _show_trouble(console: Console, baseline: PolicyRun | None, candidate: Candi
         before = f" (the baseline: {len(baseline.failures)} of {len(baseline.episodes)})" if baseline else ""
         console.print(f"{len(failures)} of {len(run.episodes)} episodes failed{before}:")
         for episode in failures[:_FAILURES_SHOWN]:
-            line = f"  {episode.label}, after {episode.duration:.2f} s: {episode.failure}"
-            say(console, line)
+            say(console, f"  {episode.label}, after {episode.duration:.2f} s: {episode.failure}")
         if len(failures) > _FAILURES_SHOWN:
             console.print(f"  and {len(failures) - _FAILURES_SHOWN} more")
     if not run.margins:
         return
     verdicts = {margin.axis: margin.verdict for margin in candidate.margins}
     old = {margin.axis: margin for margin in baseline.margins} if baseline else {}
-    table = Table(title="robustness margins", title_justify="left")
-    table.add_column("disturbance")
-    if verdicts:
-        table.add_column("verdict")
-        table.add_column("baseline, up to", justify="right")
-    table.add_column("tolerated up to", justify="right")
-    table.add_column("fails")
+    compared = [Column("verdict"), *_numbers("baseline, up to")] if verdicts else []
+    headings = Column("disturbance"), *compared, *_numbers("tolerated up to"), Column("fails")
+    table = Table(*headings, title="robustness margins", title_justify="left")
     for margin in run.margins:
         verdict = verdicts.get(margin.axis, "")
         reason = "" if margin.fails_at is None else f"at {quantity(margin.fails_at, margin.unit)}: {margin.failure}"
-        compared = [_coloured(verdict), describe_limit(old.get(margin.axis))]
-        table.add_row(margin.axis, *(compared if verdicts else ()), describe_limit(margin), escape(reason))
+        beside = [_coloured(verdict), describe_limit(old.get(margin.axis))]
+        table.add_row(margin.axis, *(beside if verdicts else ()), describe_limit(margin), escape(reason))
     console.print(table)
 
 

@@ -70,14 +70,9 @@ def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
     if margins is not None:
         left = tuple(name for name in margins.cases if name in {case.name for case in cases})
         margins = msgspec.structs.replace(margins, cases=left)
-    chosen = msgspec.structs.replace(
-        suite,
-        cases=cases,
-        margins=margins,
-        seeds=suite.seeds if config.seeds is None else config.seeds,
-        first_seed=suite.first_seed if config.first_seed is None else config.first_seed,
-        actuation=suite.actuation if config.actuation is None else config.actuation,
-    )
+    given = {"seeds": config.seeds, "first_seed": config.first_seed, "actuation": config.actuation}
+    given = {name: value for name, value in given.items() if value is not None}
+    chosen = msgspec.structs.replace(suite, cases=cases, margins=margins, **given)
     for problem in suite_problems(chosen):
         place, _, text = problem.partition(": ")
         raise InputError(f"--{place.replace('_', '-')}: {text}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -122,6 +122,26 @@ def base_body(model: mujoco.MjModel, description: RobotDescription) -> int:
     while model.body_parentid[body] != 0:
         body = int(model.body_parentid[body])
     return body
+
+
+def breadth_first(model: mujoco.MjModel, root: int = 0) -> list[int]:
+    """Return the bodies from `root` on level by level through the kinematic tree, siblings as the MJCF lists them."""
+    depth = {root: 0}
+    for body in range(root + 1, model.nbody):
+        parent = int(model.body_parentid[body])
+        if parent in depth:
+            depth[body] = depth[parent] + 1
+    # Among bodies of the same depth the children of the first come first: the MJCF's own order. The sort is stable.
+    return sorted(depth, key=lambda body: depth[body])
+
+
+def joints_of(model: mujoco.MjModel, bodies: Iterable[int], names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the joints of bodies, in the order of these, that are among `names`."""
+    found: list[str] = []
+    for body in bodies:
+        first = int(model.body_jntadr[body])
+        found += [model.joint(joint).name for joint in range(first, first + int(model.body_jntnum[body]))]
+    return tuple(name for name in found if name in names)
 
 
 def body_ids(model: mujoco.MjModel, names: Sequence[str]) -> tuple[int, ...]:

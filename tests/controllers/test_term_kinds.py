@@ -200,7 +200,7 @@ def test_golden_vectors_hold_it(kind):
 def test_the_doctor_turns_its_conventions_round(kind):
     made = read(kind)
     ones = np.ones(len(JOINTS))
-    found = [h.contract.terms[0] for h in singles(made, RobotFacts(JOINTS, JOINTS, 80 * ones, 40 * ones, ones))]
+    found = [h.contract.terms[0] for h in singles(made, RobotFacts(JOINTS, JOINTS, 80 * ones, 40 * ones, ones, ones))]
     first = made.terms[0]
     same = [term for term in found if term.name == first.name]
     for convention in kind.conventions:

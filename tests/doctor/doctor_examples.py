@@ -14,7 +14,7 @@ FACTS = RobotFacts(
     effort_limit=np.array([80.0, 60.0, 80.0, 60.0]),
     stiffness=np.array([90.0, 91.0, 92.0, 93.0]),
     damping=np.array([2.0, 3.0, 2.0, 3.0]),
-    poses={"the robot's initial position": np.array([0.1, 0.2, 0.1, 0.2])},
+    initial_position=np.array([0.1, 0.2, 0.1, 0.2]),
     motion_bodies=("pelvis", "torso"),
 )
 

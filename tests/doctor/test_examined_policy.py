@@ -6,12 +6,11 @@ import pytest
 from doctor_examples import tracker
 
 from humanoid_sim.assets import SAMPLE_POLICY
-from humanoid_sim.doctor.examined_policy import ExaminedPolicy, breadth_first, load_examined, robot_facts
+from humanoid_sim.doctor.examined_policy import ExaminedPolicy, load_examined, robot_facts
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.simulation.model import build_model
 
 JOINTS = ("left_hip", "left_knee", "right_hip", "right_knee")
 MJCF = """
@@ -42,9 +41,8 @@ def quaternions(read: Motion | None) -> FloatArray:
 
 def test_breadth_first_goes_level_by_level(tmp_path: Path) -> None:
     found = examined(tmp_path, in_policy_order=True)
-    model = build_model(found.description, scene=False)
-    assert breadth_first(model, found.description.joint_names) == ("left_hip", "right_hip", "left_knee", "right_knee")
     facts = robot_facts(found.description, found.motion)
+    assert facts.breadth_first == ("left_hip", "right_hip", "left_knee", "right_knee")
     assert facts.joint_names == JOINTS
     assert facts.motion_bodies == ("pelvis", "torso")
 

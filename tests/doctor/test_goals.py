@@ -3,7 +3,7 @@ import pytest
 from doctor_examples import JOINTS, tracker
 
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.doctor.goals import Goal, MotionGoal, Quality, Strain, VelocityGoal
+from humanoid_sim.doctor.goals import Goal, MotionGoal, Strain, VelocityGoal
 from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.simulation.floating_base import BaseState
 
@@ -142,8 +142,3 @@ def test_strain_is_independent_of_the_rate() -> None:
     for parts in strains:
         assert parts["shaking"] == pytest.approx(1.0, abs=0.01)
         assert parts["torque"] == pytest.approx(1.0)
-
-
-def test_cost_is_the_sum_of_the_parts() -> None:
-    assert Quality({"a": 0.5, "b": 0.25}).cost == 0.75
-    assert Quality({}).cost == 0.0

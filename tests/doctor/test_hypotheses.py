@@ -18,7 +18,7 @@ from mistakes import (
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.edits import mirrored
-from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, present, same_contract, singles
+from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, same_contract, singles
 
 FEWEST = 50
 MOST = 140
@@ -52,7 +52,7 @@ def test_every_single_edit_changes_something_and_no_two_the_same(contract: Polic
 
 
 def test_the_present_contract_is_a_hypothesis_without_edits() -> None:
-    unchanged = present(walker())
+    unchanged = Hypothesis((), walker())
     assert unchanged.name == "as it is"
     assert unchanged.causes == ()
     assert unchanged.doubt == 0.0

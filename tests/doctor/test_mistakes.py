@@ -24,7 +24,7 @@ def trials(tmp_path_factory: pytest.TempPathFactory) -> dict[str, TrialRunner]:
 
 
 def within_band(policy: str, outcome: Outcome) -> bool:
-    parts = outcome.quality.parts
+    parts = outcome.quality
     return not outcome.lost and all(
         low <= parts[part] * unit <= high for part, (low, high, unit) in BANDS[policy].items()
     )

@@ -18,11 +18,10 @@ from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.edits import Edit, RobotFacts, set_fields
 from humanoid_sim.doctor.examined_policy import robot_facts
-from humanoid_sim.doctor.goals import Quality
 from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, same_contract, singles
 from humanoid_sim.doctor.overrides import Pasting, change_lines, overrides, pasting_for
 from humanoid_sim.doctor.ranking import Ranking, Verdict
-from humanoid_sim.doctor.report import ranking_document
+from humanoid_sim.doctor.report import Examination
 from humanoid_sim.doctor.trials import Outcome
 from humanoid_sim.policy.checkpoint import read_contract
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
@@ -32,7 +31,7 @@ from humanoid_sim.policy.readers.sources import metadata_contract
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.strict_yaml import read_yaml
 
-OUTCOME = Outcome(1.0, 1.0, Quality({"all": 1.0}))
+OUTCOME = Outcome(1.0, 1.0, {"all": 1.0})
 PASTING = Pasting(Path("contract.yaml"))
 
 
@@ -150,7 +149,7 @@ def test_so_it_is_with_published_policies_and_every_change_is_described(policy: 
         ranking.add(Verdict(Hypothesis((Edit(title, title, title, set_fields()),), wanted), (OUTCOME,), False))
         if i % 5 == 0:  # the reader is slow
             assert same_contract(pasted(path, file, text, tmp_path, joints), wanted), f"{title}:\n{text}"
-    document = json.loads(json.dumps(ranking_document(ranking, present, pasting)))
+    document = json.loads(json.dumps(Examination(ranking, present, pasting).document()))
     assert len(document["ranking"]) == len(ranking.verdicts) >= 50
     assert all(entry["changes"] for entry in document["ranking"])
 

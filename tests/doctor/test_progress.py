@@ -2,8 +2,8 @@ import io
 
 from rich.console import Console
 
-from humanoid_sim.doctor.progress import SearchProgress
 from humanoid_sim.doctor.ranking import Ranking
+from humanoid_sim.doctor.run import SearchProgress
 from humanoid_sim.doctor.search import Plan
 
 

@@ -4,7 +4,6 @@ import pytest
 from doctor_examples import tracker
 
 from humanoid_sim.doctor.edits import Edit, set_fields
-from humanoid_sim.doctor.goals import Quality
 from humanoid_sim.doctor.hypotheses import Hypothesis
 from humanoid_sim.doctor.ranking import Ranking, Verdict
 from humanoid_sim.doctor.trials import Outcome
@@ -14,7 +13,7 @@ def verdict(
     *edits: tuple[str, str], up: float = 1.0, cost: float = 2.0, thorough: bool = True, doubt: float = 0.05
 ) -> Verdict:
     made = tuple(Edit(name, cause, "…", set_fields(), doubt) for name, cause in edits)
-    outcome = Outcome(up * 4.0, 4.0, Quality({"all": cost}), "" if up == 1.0 else "tilted")
+    outcome = Outcome(up * 4.0, 4.0, {"all": cost}, "" if up == 1.0 else "tilted")
     return Verdict(Hypothesis(made, tracker()), (outcome,), thorough)
 
 
@@ -71,7 +70,7 @@ def test_a_pair_pays_by_time_as_well() -> None:
 def quiet(*edits: tuple[str, str], is_thorough: bool = True, **parts: float) -> Verdict:
     """Of a run in which the robot stays up, with these parts of its quality."""
     made = tuple(Edit(name, cause, "…", set_fields()) for name, cause in edits)
-    return Verdict(Hypothesis(made, tracker()), (Outcome(4.0, 4.0, Quality(parts)),), is_thorough)
+    return Verdict(Hypothesis(made, tracker()), (Outcome(4.0, 4.0, parts),), is_thorough)
 
 
 def test_two_changes_with_which_a_robot_stands_still_are_not_worth_it() -> None:

@@ -8,11 +8,10 @@ import yaml
 from doctor_examples import FACTS, tracker
 from rich.console import Console
 
-from humanoid_sim.doctor.goals import Quality
-from humanoid_sim.doctor.hypotheses import Hypothesis, present, singles
+from humanoid_sim.doctor.hypotheses import Hypothesis, singles
 from humanoid_sim.doctor.overrides import Pasting
 from humanoid_sim.doctor.ranking import Ranking, Verdict
-from humanoid_sim.doctor.report import conclusion, print_ranking, ranking_document
+from humanoid_sim.doctor.report import Examination, conclusion
 from humanoid_sim.doctor.trials import Outcome
 
 CONTRACT = replace(tracker(), anchor_body="pelvis")
@@ -22,13 +21,13 @@ PASTING = Pasting(Path("here") / "contract.yaml")
 
 
 def verdict(hypothesis: Hypothesis, up: float, cost: float) -> Verdict:
-    outcome = Outcome(up * 4.0, 4.0, Quality({"position": cost}), "" if up == 1.0 else "sank to 0.46 m")
+    outcome = Outcome(up * 4.0, 4.0, {"position": cost}, "" if up == 1.0 else "sank to 0.46 m")
     return Verdict(hypothesis, (outcome,), True)
 
 
 def ranking(before: tuple[float, float], after: tuple[float, float]) -> Ranking:
     result = Ranking(is_complete=True)
-    result.add(verdict(present(CONTRACT), *before))
+    result.add(verdict(Hypothesis((), CONTRACT), *before))
     result.add(verdict(FOUND[CURE], *after))
     result.add(
         verdict(FOUND["anchor body left_foot"] if "anchor body left_foot" in FOUND else FOUND["rate 25 Hz"], 0.1, 9.0)
@@ -62,7 +61,7 @@ def test_before_anything_was_tried() -> None:
 
 def printed(result: Ranking, rows: int = 10) -> str:
     stream = io.StringIO()
-    print_ranking(Console(file=stream, width=150), result, CONTRACT, rows, PASTING)
+    Examination(result, CONTRACT, PASTING).print(Console(file=stream, width=150), rows)
     return stream.getvalue()
 
 
@@ -88,7 +87,7 @@ def test_the_present_contract_is_always_in_the_table() -> None:
 
 def test_the_document_is_json_and_complete() -> None:
     result = ranking((0.3, 2.0), (1.0, 2.0))
-    document = json.loads(json.dumps(ranking_document(result, CONTRACT, PASTING)))
+    document = json.loads(json.dumps(Examination(result, CONTRACT, PASTING).document()))
     assert document["complete"] is True
     assert document["healthy"] is False
     first, second, _ = document["ranking"]
@@ -109,7 +108,7 @@ def test_the_document_is_json_and_complete() -> None:
 )
 def test_what_does_clearly_better_is_named_even_where_it_is_seldom_the_cause(after: float, text: str) -> None:
     result = Ranking(is_complete=True)
-    result.add(verdict(present(CONTRACT), 1.0, 2.0))
+    result.add(verdict(Hypothesis((), CONTRACT), 1.0, 2.0))
     result.add(verdict(FOUND["gains × 2"], 1.0, after))
     assert conclusion(result).startswith(text)
 
@@ -117,10 +116,10 @@ def test_what_does_clearly_better_is_named_even_where_it_is_seldom_the_cause(aft
 def test_a_healthy_policy_is_not_accused_and_what_else_runs_is_told() -> None:
     result = Ranking(is_complete=True)
     for hypothesis, parts in (
-        (present(CONTRACT), {"velocity": 0.02, "tilt": 0.98, "shaking": 0.79}),
+        (Hypothesis((), CONTRACT), {"velocity": 0.02, "tilt": 0.98, "shaking": 0.79}),
         (FOUND["action scale × 0.5"], {"velocity": 0.28, "tilt": 0.53, "shaking": 0.45}),
     ):
-        result.add(Verdict(hypothesis, (Outcome(4.0, 4.0, Quality(parts)),), True))
+        result.add(Verdict(hypothesis, (Outcome(4.0, 4.0, parts),), True))
     assert conclusion(result) == (
         "Nothing wrong found in this space: the run as it is shows nothing noticeable. It also runs with 'action scale "
         "× 0.5', 30% better, though worse in velocity; most healthy policies have such a change."
@@ -128,8 +127,8 @@ def test_a_healthy_policy_is_not_accused_and_what_else_runs_is_told() -> None:
     assert "override:" not in printed(result)
     assert "Most likely" not in printed(result)
     little = Ranking(is_complete=True)
-    for hypothesis, cost in ((present(CONTRACT), 0.195), (FOUND["action scale × 0.5"], 0.09)):
-        little.add(Verdict(hypothesis, (Outcome(4.0, 4.0, Quality({"torque": cost})),), True))
+    for hypothesis, cost in ((Hypothesis((), CONTRACT), 0.195), (FOUND["action scale × 0.5"], 0.09)):
+        little.add(Verdict(hypothesis, (Outcome(4.0, 4.0, {"torque": cost}),), True))
     assert conclusion(little) == "Nothing wrong found in this space: no change does clearly better."
 
 
@@ -137,7 +136,7 @@ def test_a_wrong_rate_is_found_by_a_quality_that_is_clearly_better() -> None:
     wrong = replace(CONTRACT, policy_dt=0.01)
     (cure,) = (h for h in singles(wrong, FACTS) if h.name == "rate 50 Hz")
     result = Ranking(is_complete=True)
-    result.add(verdict(present(wrong), 1.0, 2.0))
+    result.add(verdict(Hypothesis((), wrong), 1.0, 2.0))
     result.add(verdict(cure, 1.0, 1.68))
     assert not result.is_healthy
     assert conclusion(result) == "Most likely: the policy was trained at 50 Hz. With that it does 16% better."
@@ -164,7 +163,7 @@ def test_changes_that_do_as_well_are_named() -> None:
     for cost, named in ((1.04, True), (1.2, False)):
         result.add(verdict(FOUND["rate 25 Hz"], 1.0, cost))
         assert ("which cannot tell them apart: 'rate 25 Hz'." in conclusion(result)) == named
-        assert ranking_document(result, CONTRACT, PASTING)["as_good"] == (["rate 25 Hz"] if named else [])
+        assert Examination(result, CONTRACT, PASTING).document()["as_good"] == (["rate 25 Hz"] if named else [])
 
 
 def test_a_change_that_the_trainer_s_samples_contradict_is_no_finding_of_a_robot_that_stays_up() -> None:

@@ -14,7 +14,6 @@ from mistakes import turned_round
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import search as module
 from humanoid_sim.doctor.edits import set_fields
-from humanoid_sim.doctor.goals import Quality
 from humanoid_sim.doctor.hypotheses import same_contract, singles, spared
 from humanoid_sim.doctor.ranking import Ranking, Verdict
 from humanoid_sim.doctor.search import make_plan, search
@@ -61,7 +60,7 @@ class Invented:
     def run(self, contract: PolicyContract, trial: Trial, until: float = math.inf) -> Outcome | None:
         self.seconds.append(trial.seconds)
         up, cost = self._judge(contract)
-        return Outcome(up * trial.seconds, trial.seconds, Quality({"all": cost}), "" if up == 1.0 else "fell")
+        return Outcome(up * trial.seconds, trial.seconds, {"all": cost}, "" if up == 1.0 else "fell")
 
 
 class Patient:
@@ -224,7 +223,7 @@ def test_parts_that_make_no_difference_stay_as_they_are() -> None:
     # As good as the coarse one: the smaller change comes first.
     result = Ranking()
     for hypothesis in (coarse, less):
-        result.add(Verdict(hypothesis, (Outcome(4.0, 4.0, Quality({"all": 2.0})),), True))
+        result.add(Verdict(hypothesis, (Outcome(4.0, 4.0, {"all": 2.0}),), True))
     assert names(result) == [less.name]
     orders = [h for h in singles(wrong, FACTS) if h.causes == ("joint order",)]
     assert len(orders) >= 2

@@ -46,8 +46,9 @@ def test_what_stands_stays_up_to_the_end(trials: TrialRunner) -> None:
     outcome = trials.run(standing(), Trial(2.0))
     assert outcome.lost == ""
     assert outcome.time_up == 2.0
-    assert outcome.quality.parts["velocity"] < 0.1
-    assert set(outcome.quality.parts) == {"velocity", "turning", "tilt", "height", "shaking", "torque"}
+    assert outcome.quality["velocity"] < 0.1
+    assert outcome.cost == sum(outcome.quality.values())
+    assert set(outcome.quality) == {"velocity", "turning", "tilt", "height", "shaking", "torque"}
 
 
 def test_what_is_too_soft_falls_early(trials: TrialRunner) -> None:
@@ -67,7 +68,7 @@ def test_a_trial_can_be_repeated_to_the_bit(trials: TrialRunner) -> None:
 
 def test_the_command_counts(trials: TrialRunner) -> None:
     outcome = trials.run(standing(), Trial(2.0, (0.5, 0.0, 0.0)))
-    assert outcome.quality.parts["velocity"] == pytest.approx(0.5 / 0.2, rel=0.1)
+    assert outcome.quality["velocity"] == pytest.approx(0.5 / 0.2, rel=0.1)
 
 
 def test_a_contract_that_cannot_run_is_lost_at_once(trials: TrialRunner) -> None:

@@ -13,8 +13,6 @@ from humanoid_sim.prepare.skeleton import Skeleton
 
 SKELETON = Skeleton(lite())
 TOLERANCE = Tolerance(0.01, np.radians(2.0))
-JOINT_ORDERS = {order: SKELETON.joint_orders[order] for order in ("robot", "breadth_first")}
-BODY_ORDERS = SKELETON.body_orders
 
 
 def with_columns(motion, joints=None, bodies=None, xyzw=False):
@@ -28,7 +26,7 @@ def with_columns(motion, joints=None, bodies=None, xyzw=False):
 
 def fit(motion, bodies=SKELETON.bodies):
     conventions = Conventions(SKELETON.joints, bodies, "wxyz")
-    return what_would_fit(motion, conventions, SKELETON, TOLERANCE, JOINT_ORDERS, BODY_ORDERS)
+    return what_would_fit(motion, conventions, SKELETON, TOLERANCE)
 
 
 def places(order, of):

@@ -6,7 +6,7 @@ import pytest
 from policies import SAMPLE
 from regress_runs import SHORT, episode, yaml_suite
 
-from humanoid_sim.regress.executors import local_executor
+from humanoid_sim.regress.executors import run_locally
 from humanoid_sim.regress.margins import compare_margins, disturbance_at, measure_margins, planned_levels
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.results import Margin
@@ -75,7 +75,7 @@ def test_a_sweep_that_nothing_fails_in_says_so(short):
 
 
 def test_the_lite_bears_some_delay_and_no_gains_at_all(short):
-    delay, gains = measure_margins(short, local_executor(), lambda _: None)
+    delay, gains = measure_margins(short, run_locally, lambda _: None)
     assert delay.limit >= 0.02
     assert 0.01 < gains.limit <= 0.5
     assert gains.limit - gains.fails_at == pytest.approx(0.49 / 8)

@@ -14,7 +14,7 @@ from policies import G1_SCENE, G1_WALKER, SAMPLE, WALKER, noisy_copy, swapped_co
 from published import needs_policies
 
 from humanoid_sim.regress.compare import detectable_changes, judge
-from humanoid_sim.regress.executors import local_executor
+from humanoid_sim.regress.executors import run_locally
 from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.results import describe_share
@@ -40,7 +40,7 @@ class Field:
     def run(self, policy, suite=None):
         """All episodes of a policy."""
         prepared = prepare_suite(self.suite if suite is None else suite, self.folder, self.robot)
-        return run_policy(prepared, prepare_policy(prepared, policy), local_executor())
+        return run_policy(prepared, prepare_policy(prepared, policy), run_locally)
 
     def judge(self, policy, seeds=None):
         """A policy against the baseline, with the suite's seeds or more."""

@@ -2,7 +2,7 @@ import io
 
 from rich.console import Console
 
-from humanoid_sim.regress.progress import EpisodeProgress
+from humanoid_sim.regress.run import EpisodeProgress
 
 
 def shown(label, steps, total):

@@ -2,19 +2,20 @@
 
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 from xml.etree import ElementTree
 
 import invented
 import msgspec
 import pytest
 from invented import Behaviour
+from rich.console import Console
 
 from humanoid_sim.errors import MissingPackageError
-from humanoid_sim.regress import report
-from humanoid_sim.regress.report import require_report
+from humanoid_sim.regress import run
+from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.report.drawing import LIGHT
-from humanoid_sim.regress.report.page import interval_bar, report_page, scale_end
-from humanoid_sim.regress.report.pictures import Picture, worst_moment
+from humanoid_sim.regress.report.page import Picture, interval_bar, report_page, scale_end, worst_moment
 from humanoid_sim.regress.results import Comparison, MetricInfo
 
 VOID = {"img", "meta", "br"}
@@ -298,9 +299,9 @@ def test_margins_without_a_baseline():
 
 
 def test_without_matplotlib_one_line_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(report, "find_spec", lambda _: None)
+    monkeypatch.setattr(run, "find_spec", lambda _: None)
     with pytest.raises(MissingPackageError, match=r"--report needs the package 'matplotlib'.*humanoid_sim\[report\]"):
-        require_report()
+        run.tested(RegressConfig(("x.onnx",), report=Path("new.html")), Console())
 
 
 ERROR = MetricInfo(name="error", unit="m", better="lower", summary="")

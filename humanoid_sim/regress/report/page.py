@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import math
 import shlex
 from collections.abc import Sequence
@@ -9,24 +11,33 @@ from dataclasses import dataclass
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from PIL import Image
 
+from humanoid_sim.regress.episodes import Step, run_episodes
+from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy
 from humanoid_sim.regress.recordings import recording_name
 from humanoid_sim.regress.report.drawing import COLOURS, SETTINGS, candidate_colour
-from humanoid_sim.regress.report.pairs import Pair, mean_over_cases, pair_up, worst
-from humanoid_sim.regress.report.pictures import Picture
+from humanoid_sim.regress.report.pairs import Pair, mean_over_cases, pair_up, trace, worst
 from humanoid_sim.regress.report.plots import case_plot, margin_plot, moved_metrics, trace_plot
 from humanoid_sim.regress.results import (
     Candidate,
     Comparison,
+    Episode,
     MetricInfo,
+    PolicyRun,
     Results,
     describe_limit,
     describe_share,
     describe_verdicts,
     quantity,
 )
+from humanoid_sim.rendering.offscreen import PoseRenderer
+from humanoid_sim.simulation.model import build_model
 
+_SIZE = (480, 400)
+"""Pixels of a picture: the software painter draws it, with neither a display nor OpenGL."""
 _WORST = 10
 _POWERS = 6
 """Powers of ten: no bar reaches further."""
@@ -82,13 +93,7 @@ def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, 
         "undecided": candidate.undecided,
         "few_seeds": candidate.few_seeds,
         "rows": [
-            (
-                metric,
-                comparison,
-                interval_bar(metric, comparison, end),
-                announced.get(metric.name),
-                comparison.detectable,
-            )
+            (metric, comparison, interval_bar(metric, comparison, end), announced.get(metric.name))
             for metric, comparison in known
         ],
         "end": end,
@@ -156,3 +161,58 @@ def _listed(names: Sequence[str]) -> str:
     """Such as `effort, slip and margin delay`."""
     readable = [name.replace("_", " ") for name in names]
     return " and ".join([", ".join(readable[:-1]), readable[-1]] if len(readable) > 1 else readable)
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A robot at one moment of an episode."""
+
+    title: str
+    png: bytes
+
+    @property
+    def address(self) -> str:
+        """The picture itself, as what an `img` element takes for a file's address."""
+        return f"data:image/png;base64,{base64.b64encode(self.png).decode()}"
+
+
+def worst_pictures(
+    prepared: PreparedSuite,
+    policies: Sequence[TestedPolicy],
+    baseline: TestedPolicy | PolicyRun | None,
+    results: Results,
+) -> list[list[Picture]]:
+    """For each candidate its worst episode at its worst moment; and the baseline then, where it is a checkpoint.
+
+    Args:
+        baseline: a checkpoint, or a stored run, of which nothing is drawn.
+    """
+    model = build_model(prepared.description)
+    painter = PoseRenderer(lambda: model, *_SIZE, fastest=True)
+    found = []
+    for policy, candidate in zip(policies, results.candidates, strict=True):
+        (pair,) = worst(pair_up(candidate.run, results.baseline), results.metrics[0], 1)
+        moment = worst_moment(pair.candidate, results.metrics[0], results.suite.policy_dt)
+        pictures = []
+        for shown in (baseline, policy):
+            if isinstance(shown, TestedPolicy):
+                case = next(case for case in shown.cases if case.case.name == pair.candidate.case)
+                steps: list[Step] = []
+                run_episodes(case, [pair.candidate.seed], prepared.suite.disturbance, threads=1, watch=steps)
+                step = min(moment, len(steps) - 1)
+                file = io.BytesIO()
+                Image.fromarray(painter.draw(steps[step].qpos[0])).save(file, "PNG")
+                time = step * case.scenario.contract.policy_dt
+                pictures.append(Picture(f"{shown.name} at {time:.2f} s", file.getvalue()))
+        found.append(pictures)
+    painter.close()
+    return found
+
+
+def worst_moment(episode: Episode, metric: MetricInfo, policy_dt: float) -> int:
+    """Return the policy step to look at: the last of an episode that failed, else where a metric's trace is worst."""
+    if episode.failure or metric.name not in episode.traces:
+        return episode.steps
+    values = trace(episode, metric.name) * (1.0 if metric.better == "lower" else -1.0)
+    known = np.where(np.isfinite(values), values, -np.inf)
+    return round(episode.trace_times[int(known.argmax())] / policy_dt)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.regress.compare import mean_of_cases
 from humanoid_sim.regress.results import Episode, MetricInfo, PolicyRun
 
 
@@ -49,25 +50,24 @@ def worst(pairs: Sequence[Pair], metric: MetricInfo, count: int) -> tuple[Pair, 
     return tuple(sorted(pairs, key=key)[:count])
 
 
-def by_case(episodes: Sequence[Episode]) -> Mapping[str, tuple[Episode, ...]]:
-    """Episodes by their case, both in order of appearance."""
-    found: dict[str, list[Episode]] = {}
-    for episode in episodes:
-        found.setdefault(episode.case, []).append(episode)
-    return {case: tuple(members) for case, members in found.items()}
+def by_case(values: Iterable[tuple[str, float | None]]) -> Mapping[str, FloatArray]:
+    """Return the values that exist by their case, both in order of appearance."""
+    found: dict[str, list[float]] = {}
+    for case, value in values:
+        if value is not None:
+            found.setdefault(case, []).append(value)
+    return {case: np.array(members) for case, members in found.items()}
 
 
-def metric_values(episodes: Sequence[Episode], metric: str) -> FloatArray:
-    """Shape (K,), of the episodes that have it."""
-    values = [episode.metrics.get(metric) for episode in episodes]
-    return np.array([value for value in values if value is not None], dtype=np.float64)
+def metric_values(episodes: Iterable[Episode], metric: str) -> Mapping[str, FloatArray]:
+    """By case, in the metric's unit, of the episodes that have it."""
+    return by_case((episode.case, episode.metrics.get(metric)) for episode in episodes)
 
 
 def mean_over_cases(episodes: Sequence[Episode], metric: str) -> float | None:
     """Return the mean of the cases' means, as verdicts take it: cases weigh equally, whatever failed in them."""
-    values = [metric_values(members, metric) for members in by_case(episodes).values()]
-    means = [float(members.mean()) for members in values if members.size]
-    return float(np.mean(means)) if means else None
+    values = [*metric_values(episodes, metric).values()]
+    return mean_of_cases(values) if values else None
 
 
 def trace_difference(pair: Pair, name: str) -> float:

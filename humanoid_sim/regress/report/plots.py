@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import get_args
 
 import numpy as np
@@ -26,7 +26,9 @@ def moved_metrics(results: Results) -> list[MetricInfo]:
     """Those that are not the same for some candidate, the most urgent first; without a baseline all that vary."""
     if results.baseline is None:
         episodes = [episode for candidate in results.candidates for episode in candidate.run.episodes]
-        return [metric for metric in results.metrics if np.unique(metric_values(episodes, metric.name)).size > 1]
+        return [
+            metric for metric in results.metrics if len({e.metrics.get(metric.name) for e in episodes} - {None}) > 1
+        ]
     verdicts: dict[str, set[str]] = {}
     for candidate in results.candidates:
         for comparison in candidate.comparisons:
@@ -48,7 +50,9 @@ def case_plot(results: Results, metrics: Sequence[MetricInfo], *, paired: bool, 
     for number, (axes, metric) in enumerate(zip(places, metrics, strict=True)):
         factor, unit = displayed_unit(metric.unit)
         for i, (run, colour) in enumerate(shown):
-            values = _changes(run, results.baseline, metric) if paired else _values(run, metric)
+            values = metric_values(run.episodes, metric.name)
+            if paired:
+                values = by_case((pair.candidate.case, pair.change(metric)) for pair in pair_up(run, results.baseline))
             for place, case in enumerate(cases):
                 y = -place + 0.35 - 0.7 * (i + 0.5) / len(shown)
                 _draw_row(axes, factor * values.get(case, np.empty(0)), y, 0.7 / len(shown), colour, metric)
@@ -78,21 +82,6 @@ def _name_policies(figure: Figure, policies: Sequence[tuple[PolicyRun, str]]) ->
 
 def _short(name: str) -> str:
     return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
-
-
-def _values(run: PolicyRun, metric: MetricInfo) -> Mapping[str, FloatArray]:
-    """By case, in the metric's unit."""
-    return {case: metric_values(episodes, metric.name) for case, episodes in by_case(run.episodes).items()}
-
-
-def _changes(run: PolicyRun, baseline: PolicyRun | None, metric: MetricInfo) -> Mapping[str, FloatArray]:
-    """Candidate less baseline of the episodes that both have, by case, in the metric's unit."""
-    found: dict[str, list[float]] = {}
-    for pair in pair_up(run, baseline):
-        change = pair.change(metric)
-        if change is not None:
-            found.setdefault(pair.candidate.case, []).append(change)
-    return {case: np.array(changes) for case, changes in found.items()}
 
 
 def _shade_worse(axes: Axes, results: Results, metric: MetricInfo) -> None:
