@@ -45,6 +45,8 @@ class ExaminedPolicy:
     contradicts: Callable[[PolicyContract], bool] | None = None
     """Function that returns True if the trainer's samples in the checkpoint, which agree with the present contract, do
     not agree with another; None if there are no samples, or if they do not agree with the present one."""
+    problem: str = ""
+    """What those samples say against the present contract."""
 
     @property
     def motion_seconds(self) -> float:
@@ -105,21 +107,25 @@ def load_examined(
         raise InputError(f"--motion: is missing; {path} is a {contract.task_type} policy and follows a motion")
     chosen = (given or checkpoint.motion) if follows else None
     load_policy(contract, checkpoint.policy, chosen, checkpoint.observation_width, source=str(path))
-    contradicts = _contradicts(checkpoint)
-    return ExaminedPolicy(contract, checkpoint.policy, description, chosen, given is None, contradicts=contradicts)
+    problem, contradicts = _trainers_verdict(checkpoint)
+    return ExaminedPolicy(
+        contract, checkpoint.policy, description, chosen, given is None, contradicts=contradicts, problem=problem
+    )
 
 
-def _contradicts(checkpoint: Checkpoint) -> Callable[[PolicyContract], bool] | None:
-    """See `ExaminedPolicy.contradicts`."""
+def _trainers_verdict(checkpoint: Checkpoint) -> tuple[str, Callable[[PolicyContract], bool] | None]:
+    """See `ExaminedPolicy.problem` and `contradicts`."""
     if GOLDEN_KEY not in checkpoint.metadata:
-        return None
+        return "", None
     try:
         samples = decode_samples(checkpoint.metadata[GOLDEN_KEY], checkpoint.source)
     except InputError:  # whatever is wrong with them, the search needs none
-        return None
-    if samples.origin != "trainer" or golden_problem(checkpoint, samples):
-        return None
-    return lambda contract: bool(golden_problem(replace(checkpoint, contract=contract), samples))
+        return "", None
+    if samples.origin != "trainer":
+        return "", None
+    if problem := golden_problem(checkpoint, samples):
+        return problem, None
+    return "", lambda contract: bool(golden_problem(replace(checkpoint, contract=contract), samples))
 
 
 def _resampled(motion: Motion, policy_dt: float) -> Motion:

@@ -95,6 +95,8 @@ class Examination:
     """Place where a change is to be written."""
     is_interrupted: bool = False
     """Ctrl-C ended it."""
+    samples_problem: str = ""
+    """What the trainer's samples in the checkpoint say against the contract."""
 
     def print(self, console: Console, rows: int) -> None:
         """Print the best of every cause, the conclusion, and what the first would have you write."""
@@ -115,6 +117,9 @@ class Examination:
             if rank <= rows or not verdict.hypothesis.edits:
                 table.add_row(str(rank), *_row(verdict, self.contract))
         console.print(table)
+        if self.samples_problem:
+            told = f"The trainer's own samples in the checkpoint contradict the contract. {self.samples_problem}"
+            console.print(escape(told), style="bold", soft_wrap=True)
         console.print(escape(conclusion(self.ranking)), style="bold", soft_wrap=True)
         finding = self.ranking.finding
         if finding is None:
@@ -130,6 +135,7 @@ class Examination:
         ranking = self.ranking
         return {
             "complete": ranking.is_complete,
+            "samples_problem": self.samples_problem,
             "seconds": round(ranking.seconds, 1),
             "singles_tried": ranking.singles_tried,
             "singles_known": ranking.singles_known,

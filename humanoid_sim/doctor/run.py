@@ -71,7 +71,7 @@ def examine(config: DoctorConfig, console: Console) -> Examination:
             search(examined, robot_facts(examined.description, examined.motion), plan, ranking, progress)
         except KeyboardInterrupt:
             interrupted = True
-    return Examination(ranking, examined.contract, pasting, interrupted)
+    return Examination(ranking, examined.contract, pasting, interrupted, examined.problem)
 
 
 class SearchProgress(BarOrLines):

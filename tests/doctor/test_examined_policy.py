@@ -98,4 +98,6 @@ def test_the_trainer_s_samples_tell_wiring_and_never_gains(tmp_path: Path) -> No
     assert not examined.contradicts(replace(right, joint_stiffness=0.5 * right.joint_stiffness))
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text("override: {terms: {joint_pos: {relative: false}}}\n")
-    assert load_examined(SAMPLE_POLICY, load_robot("lite"), wrong, "wave").contradicts is None
+    examined = load_examined(SAMPLE_POLICY, load_robot("lite"), wrong, "wave")
+    assert examined.contradicts is None
+    assert "observation joint_pos[0] (left_shoulder_pitch) is" in examined.problem

@@ -74,6 +74,14 @@ def test_the_table_ends_with_what_to_paste() -> None:
     assert yaml.safe_load(pasted) == {"override": {"anchor_body": "torso"}}
 
 
+def test_what_the_trainers_samples_say_comes_before_the_conclusion() -> None:
+    stream = io.StringIO()
+    examination = Examination(ranking((0.3, 2.0), (1.0, 2.0)), CONTRACT, PASTING, samples_problem="sample 3: wrong")
+    examination.print(Console(file=stream, width=150), 10)
+    assert "samples in the checkpoint contradict the contract. sample 3: wrong\nMost likely" in stream.getvalue()
+    assert examination.document()["samples_problem"] == "sample 3: wrong"
+
+
 def test_nothing_to_paste_where_nothing_helps() -> None:
     assert "override:\n" not in printed(ranking((0.3, 2.0), (0.9, 2.0)))
     assert "override:\n" not in printed(ranking((1.0, 2.0), (0.9, 2.0)))
