@@ -59,15 +59,17 @@ function show(told) {
   if (told.mode === undefined) return;
   age = told.age;
   seen = told.stamp;
-  get("mode").textContent = told.mode;
+  get("mode").textContent = told.fallen ? `FALLEN · ${told.mode}` : told.mode;
   get("mode").dataset.mode = told.mode;
+  get("mode").classList.toggle("fallen", told.fallen !== "");
   get("reason").textContent = told.reason || told.controller;
+  showStop(told);
   get("clock").textContent = `${told.time.toFixed(1)} s`;
   showStandby(told.standby);
   showIntents(told.intents);
   get("policy-ask").lastChild.textContent = told.load.replace("load refused: ", "");
   get("policy-ask").classList.toggle("refused", told.load !== "");
-  showSafety(told.safety);
+  showSafety(told.safety, told.fallen);
   showJoints(told.joints);
   showCommands(told);
   showMotors(told.hardware);
@@ -90,6 +92,14 @@ function insertEvent(line, time) {
   let below = get("events").firstChild;
   while (below && Number(below.dataset.time) > time) below = below.nextSibling;
   get("events").insertBefore(line, below);
+}
+
+// Why the robot does not do any more what somebody commanded, until somebody commands anew.
+function showStop({ mode, fallen, let_go, lost }) {
+  const silent = Object.entries(lost).map(([what, who]) => `${what}: ${who} fell silent`);
+  const stopped = mode === "LOCOMOTION" || mode === "REMOTE" ? (let_go ? [let_go] : silent) : [];
+  const text = [fallen && `the robot ${fallen}`, ...stopped].filter(Boolean).join("; ");
+  if (get("stop").textContent !== text) get("stop").textContent = text;
 }
 
 function showStandby(standby) {
@@ -130,8 +140,9 @@ function showJoints({ position, command, velocity, effort }) {
   });
 }
 
-function showSafety(statuses) {
-  const lines = statuses.map(({ level, source, flags, message }) => {
+function showSafety(statuses, fallen) {
+  const fall = fallen ? [{ level: "FALLEN", source: "the robot", flags: [], message: fallen }] : [];
+  const lines = [...fall, ...statuses].map(({ level, source, flags, message }) => {
     const line = document.createElement("li");
     line.dataset.level = level;
     line.textContent = [level, source, message].filter(Boolean).join(" · ");

@@ -347,6 +347,7 @@ def test_a_velocity_reaches_the_session_and_ends_with_the_page(walking: Desk) ->
     assert present(walking) == [0.0, 0.0, 0.0]
     assert walking.text == "velocity let go: page 1 was not heard for 0.25 s"
     walking.turn(0.5)
+    assert f"mark of {NAME}: {walking.text}" in walking.local.told
     assert present(walking) == [0.0, 0.0, 0.0]
     assert walking.local.data.owners["velocity"] == ""
 
