@@ -229,6 +229,7 @@ class Commanding:
             self._let_go_text = f"velocity let go: {problem}"
             self._notes.append(self._let_go_text)
             steering.let_go()
+            return Due((0.0, 0.0, 0.0), deliberate=False, heard=now)  # at once, and only if it is still this console's
         return steering.due(now)
 
     def _send(self, sample: Sample, command: MITCommand) -> bool:

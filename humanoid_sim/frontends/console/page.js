@@ -6,7 +6,13 @@ const OLD = 0.5; // s that the session's newest tick may be old
 const MOST_EVENTS = 200;
 
 const get = (id) => document.getElementById(id);
-let socket = null;
+let link = null; // a worker, which holds the connection
+const socket = {
+  isOpen: false,
+  send: (text) => link.postMessage({ send: text }),
+  beat: (text) => link && link.postMessage({ beat: text }), // again and again, until told otherwise
+  close: () => link.postMessage({ close: true }),
+};
 let heard = -Infinity;
 let age = 0;
 let seen = null; // s on the console's clock, when the newest tick that is shown was so
@@ -17,9 +23,8 @@ let loading = false; // an answer to a policy that is to be loaded is awaited
 
 // Of what is not an intent; without a connection nothing is sent.
 function tell(message) {
-  const isOpen = socket && socket.readyState === WebSocket.OPEN;
-  if (isOpen) socket.send(JSON.stringify(message));
-  return isOpen;
+  if (socket.isOpen) socket.send(JSON.stringify(message));
+  return socket.isOpen;
 }
 
 function ask(word) {
@@ -29,20 +34,21 @@ function ask(word) {
 }
 
 function connect() {
-  const opened = new WebSocket(new URL("console", location.href.replace(/^http/, "ws")));
-  socket = opened;
-  opened.binaryType = "arraybuffer";
-  opened.onmessage = (event) => {
+  link = new Worker("link.js");
+  link.onmessage = hear;
+}
+
+function hear({ data }) {
+  if (data.open !== undefined) {
+    socket.isOpen = data.open;
+    if (!data.open) heard = -Infinity;
+  } else {
     heard = performance.now();
-    if (event.data instanceof ArrayBuffer) plots.take(event.data);
-    else show(JSON.parse(event.data));
-    cover();
-  };
-  opened.onclose = () => {
-    heard = -Infinity;
-    cover();
-    if (!ended) setTimeout(connect, 500);
-  };
+    if (data instanceof ArrayBuffer) plots.take(data);
+    else show(JSON.parse(data));
+  }
+  if (ended) link.terminate();
+  cover();
 }
 
 function show(told) {

@@ -37,6 +37,7 @@ _FILES = {
     "commands.js": "commands.js",
     "keys.css": "keys.css",
     "keys.js": "keys.js",
+    "link.js": "link.js",
     "page.css": "page.css",
     "page.js": "page.js",
     "plots.js": "plots.js",

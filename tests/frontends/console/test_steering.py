@@ -45,8 +45,10 @@ def test_it_ends_when_the_page_is_not_heard() -> None:
     steering.steer(1, 0, 0.5, NOBODY, WALKS, ms(0))
     assert steering.problem(WALKS, None, ms(250)) == ""
     assert steering.problem(WALKS, None, ms(251)) == "page 1 was not heard for 0.25 s"
-    steering.beat(1, ms(1100), ms(50))  # it shows what is older than a second
-    assert steering.problem(WALKS, None, ms(1100)) == "page 1 was not heard for 0.25 s"
+    steering.beat(1, ms(1100), ms(100))
+    assert steering.problem(WALKS, None, ms(1100)) == ""
+    steering.beat(1, ms(1150), ms(100))  # its thread that draws has stood still since
+    assert steering.problem(WALKS, None, ms(1150)) == "page 1 shows what is older than 1 s"
 
 
 def test_it_ends_with_the_mode_and_with_another_owner() -> None:
