@@ -87,6 +87,18 @@ def test_sockets_need_them_too(played: Any, end: str) -> None:
             socket(address, end, origin=origin)
 
 
+def test_however_many_watch_an_operators_page_opens(played: Any) -> None:
+    from websockets.exceptions import InvalidStatus  # noqa: PLC0415
+
+    with contextlib.ExitStack() as stack:
+        for _ in range(24):
+            stack.enter_context(socket(played.read_only, close_timeout=0.1))
+        with pytest.raises(InvalidStatus, match="503"):
+            socket(played.read_only)
+        for end in ("console", "viser"):
+            stack.enter_context(socket(played.control, end, close_timeout=0.1))
+
+
 def test_viser_is_not_reachable_beside_it(played: Any) -> None:
     """No process of the run listens on any port but the printed one; viser's socket is this user's alone."""
     status = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
