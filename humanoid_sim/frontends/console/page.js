@@ -3,6 +3,7 @@
 
 const SILENCE = 1000; // ms without a word from the console: from then on nothing that is shown may be true
 const OLD = 0.5; // s that the session's newest tick may be old
+const CONFIRMED = 5000; // ms within which REACTIVATE is pressed again
 const MOST_EVENTS = 200;
 
 const get = (id) => document.getElementById(id);
@@ -18,6 +19,7 @@ let age = 0;
 let seen = null; // s on the console's clock, when the newest tick that is shown was so
 let ended = false;
 let jointNames = [];
+let armed = -Infinity; // when REACTIVATE was pressed first
 let marking = false; // an answer to a mark is awaited
 let loading = false; // an answer to a policy that is to be loaded is awaited
 
@@ -119,14 +121,16 @@ function showStandby(standby) {
 function showIntents(intents) {
   for (const [word, { name, refusal, why, note }] of Object.entries(intents)) {
     if (word === "damp") continue; // it has its place, and is never dimmed
-    let button = document.querySelector(`#intents [data-ask="${word}"]`);
+    let button = document.querySelector(`:is(#intents, #apart) [data-ask="${word}"]`);
     if (!button) {
       button = document.createElement("button");
       button.dataset.ask = word;
       button.append(name, document.createElement("small"));
-      get("intents").append(button);
+      get(word === "reactivate" ? "apart" : "intents").append(button);
     }
-    const requirement = why || note || "";
+    const isArmed = word === "reactivate" && performance.now() - armed < CONFIRMED;
+    const requirement = isArmed ? "press again to confirm" : why || note || "";
+    button.classList.toggle("armed", isArmed);
     button.classList.toggle("refused", refusal !== "");
     button.title = refusal;
     if (button.lastChild.textContent !== requirement) button.lastChild.textContent = requirement;
@@ -205,6 +209,14 @@ function listen(target) {
 }
 
 listen(window);
+// REACTIVATE is asked for twice; a double click is not twice. A dialog of the browser would stop heartbeat and space bar.
+function isConfirmed(clicks) {
+  if (clicks > 1) return false;
+  const wasArmed = performance.now() - armed < CONFIRMED;
+  armed = wasArmed ? -Infinity : performance.now();
+  return wasArmed;
+}
+
 const view = get("view");
 const listenInView = () => {
   try {
@@ -217,7 +229,7 @@ view.addEventListener("load", listenInView);
 listenInView();
 document.addEventListener("click", (event) => {
   const button = event.target.closest("[data-ask]");
-  if (button) ask(button.dataset.ask);
+  if (button && (button.dataset.ask !== "reactivate" || isConfirmed(event.detail))) ask(button.dataset.ask);
 });
 get("policy-load").addEventListener("submit", (event) => {
   event.preventDefault();

@@ -32,6 +32,8 @@ FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
 
 _AFRESH = "checks and enables the motors afresh; starts at ZERO_TORQUE"
 """Note on the page's button REACTIVATE, which is not an intent's."""
+_ANEW = "puts the simulated robot back to its start, in ZERO_TORQUE"
+"""The same in a simulation."""
 
 
 class Reasons:
@@ -94,6 +96,7 @@ def refusals(record: TickRecord, available: Container[str]) -> dict[Intent, str]
 def state(record: TickRecord, available: Container[str]) -> dict[str, Any]:
     """Return a tick, as far as the page shows it."""
     control, standby = record.output.control_mode, record.output.standby
+    note = _AFRESH if record.qpos is None else _ANEW
     return {
         "time": record.input.state.time,
         "mode": control.mode.name,
@@ -118,7 +121,7 @@ def state(record: TickRecord, available: Container[str]) -> dict[str, Any]:
             intent.value: _offered(intent.name, refusal, record)
             for intent, refusal in refusals(record, available).items()
         }
-        | {REACTIVATE: _offered(REACTIVATE.upper(), reactivation_refusal(control.mode), record) | {"note": _AFRESH}},
+        | {REACTIVATE: _offered(REACTIVATE.upper(), reactivation_refusal(control.mode), record) | {"note": note}},
     }
 
 

@@ -73,6 +73,19 @@ def test_a_page_that_reconnects_shows_the_present_and_each_event_once(browser: A
         in_mode(page, "DAMPING")
 
 
+def test_reactivate_is_confirmed_and_a_double_click_is_not(browser: Any, played: Any) -> None:
+    with opened(browser, played.control) as page:
+        page.click("#damp")
+        in_mode(page, "DAMPING")
+        button = page.locator('#apart [data-ask="reactivate"]:not(.refused)')
+        button.dblclick()
+        page.wait_for_selector("#apart >> text=press again to confirm")
+        in_mode(page, "DAMPING")
+        page.wait_for_timeout(600)
+        button.click()
+        in_mode(page, "ZERO_TORQUE")
+
+
 def test_figures_are_switched_for_all_pages(browser: Any, played: Any) -> None:
     with opened(browser, played.control) as page, opened(browser, played.read_only) as watching:
         box = '#figures [data-figure="command"] input'

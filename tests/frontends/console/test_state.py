@@ -1,6 +1,7 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import rig
 from fakes import FakeRobot
@@ -50,6 +51,8 @@ def test_reactivate_is_offered_in_the_modes_in_which_the_session_grants_it(local
         offered = told["intents"]["reactivate"]
         assert (told["mode"], offered["name"], offered["refusal"]) == (mode, "REACTIVATE", refusal)
         assert offered["note"] == "checks and enables the motors afresh; starts at ZERO_TORQUE"
+        simulated = state(replace(local.tick(), qpos=np.zeros(3)), ALL)["intents"]["reactivate"]
+        assert simulated["note"] == "puts the simulated robot back to its start, in ZERO_TORQUE"
         served, _ = local.reactivation.serve(FakeRobot(), Mode[mode])
         assert served.startswith("reactivated: ") if not refusal else served == refusal
 
