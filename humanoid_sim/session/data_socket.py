@@ -381,7 +381,8 @@ class DataSocket(ExternSource, Sink):
             deliberate=bool(sample.values[3]),
         )
         if owner != sample.producer and sample.values[:3].any():
-            raise _RefusedError(f"velocity: belongs to {owner or 'nobody'}, and this is not deliberate")
+            whose = f"controlled by {owner}" if owner else "no longer controlled by anyone"
+            raise _RefusedError(f"velocity: {whose}; move a stick or a slider, or press a key, to take it over")
 
     def _accept_live(self, sample: _Sample) -> None:
         width = self._widths.get(sample.topic)
@@ -434,7 +435,7 @@ class DataSocket(ExternSource, Sink):
         for name, owner in owners.items():
             before = self._shown.get(name, "")
             if owner != before:
-                self._say(f"{name}: belongs to {owner}" if owner else f"{name}: no longer belongs to {before}")
+                self._say(f"{name}: belongs to {owner}" if owner else f"{name}: no longer controlled by {before}")
         self._shown = owners
         self._lost = {name: before for name, before in self._lost.items() if not owners.get(name)}
         self.refusals.forget()

@@ -195,7 +195,8 @@ def test_a_velocity_belongs_to_whoever_last_changed_it_deliberately(local: Local
     page.velocity(0.4, 0.0, 0.1, deliberate=False)
     assert velocity(local.tick()) == [-0.2, 0.0, 0.0]
     assert local.data.owners["velocity"] == f"gamepad {ME}"
-    assert local.told[-1] == f"refused of console {ME}: velocity: belongs to gamepad {ME}, and this is not deliberate"
+    told = f"velocity: controlled by gamepad {ME}; move a stick or a slider, or press a key, to take it over"
+    assert local.told[-1] == f"refused of console {ME}: {told}"
     local.velocity.press("w")
     stick.velocity(-0.2, 0.0, 0.0, deliberate=False)
     assert velocity(local.tick()) == [-0.1, 0.0, 0.0]

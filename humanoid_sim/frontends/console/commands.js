@@ -150,7 +150,7 @@ function showVelocity(told) {
   const isOwn = steering.page === page;
   const owner = told.owners.velocity || "";
   const by = steering.page === null ? owner : `${owner || "console"}, ${called(steering.page)}`;
-  const texts = AXES.map(([, , unit], axis) => `${steering.present[axis].toFixed(2)} ${unit}`);
+  const texts = AXES.map(([, label, unit], axis) => `${label} ${steering.present[axis].toFixed(2)} ${unit}`);
   get("velocity-text").textContent = `${texts.join(", ")}${by ? ` by ${by}` : ""}`;
   const shown = isOwn ? steering.wanted : steering.present;
   const now = performance.now();

@@ -173,14 +173,16 @@ function showSafety(statuses, fallen) {
 }
 
 function showAnswer({ granted, text }) {
-  if (marking) get("mark-answer").textContent = text; // beside its button, which may be far from the other answers
-  marking = false;
-  if (loading && /^(load|policy loaded)/.test(text)) {
-    get("policy-answer").textContent = text;
+  let place = "answer"; // of a mark and of a load beside their buttons, and only there
+  if (marking && /mark/.test(text)) {
+    place = "mark-answer";
+    marking = false;
+  } else if (loading && /^(load|policy loaded)/.test(text)) {
+    place = "policy-answer";
     loading = false;
   }
-  get("answer").className = granted ? "" : "refused";
-  get("answer").textContent = text;
+  get(place).classList.toggle("refused", !granted);
+  get(place).textContent = text;
 }
 
 // What is shown is true only while the console speaks and the session ticks.
@@ -192,7 +194,7 @@ function cover() {
   get("cover-text").textContent = ended
     ? ""
     : silent
-      ? "Buttons and the space bar do nothing here. What is behind this is the past. Use another way to damp the robot."
+      ? "What you press here does nothing. What is behind this is the past. Use another way to damp the robot."
       : `Its newest tick is ${age.toFixed(1)} s old. DAMP is still sent.`;
 }
 
@@ -225,7 +227,12 @@ const listenInView = () => {
     // A view that could not be loaded is the browser's own page, which is another origin, and has no keys to hear.
   }
 };
-view.addEventListener("load", listenInView);
+view.addEventListener("load", () => {
+  listenInView();
+  const style = document.createElement("style"); // viser's own panel has nothing for an operator
+  style.textContent = "[data-floating-window] { display: none !important; }";
+  if (view.contentDocument) view.contentDocument.head.append(style);
+});
 listenInView();
 document.addEventListener("click", (event) => {
   const button = event.target.closest("[data-ask]");

@@ -92,6 +92,9 @@ class _Door:
                     raise RefusedError(503, f"{_MOST_SOCKETS // 2} pages are open, the most there may be")
                 self._admitted[connection.id] = access, rest
                 return None
+            path = request.path.partition("?")[0]
+            if not rest and not path.endswith("/"):  # a page's own files are found from its folder alone
+                return _response(307, "text/plain", b"", "default-src 'none'", Location=f"{path}/")
             return self._file(rest)
         except RefusedError as refused:
             return _response(refused.status, "text/plain", str(refused).encode(), "default-src 'none'")
@@ -135,7 +138,7 @@ class _Door:
                 await asyncio.gather(sending, return_exceptions=True)
 
 
-def _response(status: int, kind: str, body: bytes, policy: str) -> Response:
+def _response(status: int, kind: str, body: bytes, policy: str, **more: str) -> Response:
     headers = {
         "Content-Type": kind,
         "Content-Length": str(len(body)),
@@ -144,6 +147,7 @@ def _response(status: int, kind: str, body: bytes, policy: str) -> Response:
         "Connection": "close",
         "Referrer-Policy": "no-referrer",
         "X-Content-Type-Options": "nosniff",
+        **more,
     }
     return Response(status, HTTPStatus(status).phrase, Headers(headers), body)
 

@@ -101,7 +101,9 @@ class Steering:
             return f"page {self.page} shows what is older than {SEEN_WITHIN:g} s"
         if self.velocity.any() and mode is not Mode.LOCOMOTION:
             return f"mode is {mode.name}"
-        return "" if owner is None else f"it belongs to {owner or 'nobody'}"
+        if owner is None:
+            return ""
+        return f"{owner} controls it now" if owner else "no longer controlled by anyone"
 
     def due(self, now: int) -> Due | None:
         """Return what to send at present; None if nothing. A stop is sent for as long as it is news."""

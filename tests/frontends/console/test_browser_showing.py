@@ -1,6 +1,7 @@
 """What the page shows beside the state, in a real Chromium. The 3D view is left out where it is not looked at."""
 
 import io
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -111,9 +112,15 @@ def test_a_phone_shows_everything_in_its_width_and_damp_always(browser: Any, pla
             assert box["x"] >= 0.0, name
             assert box["x"] + box["width"] <= 390.0, name
         order = [
-            page.locator(name).bounding_box()["y"] for name in ("#mode", "#intents", "#safety", "#stage", "#events")
+            page.locator(name).bounding_box()["y"] for name in ("#mode", "#scene", "#intents", "#safety", "#events")
         ]
         assert order == sorted(order)
+        scene = page.locator("#scene").bounding_box()
+        assert scene["y"] + scene["height"] < 844.0  # the robot is seen without scrolling
+        for name in ("button", "select", "#figures label"):
+            for box in (one.bounding_box() for one in page.locator(f"{name} >> visible=true").all()):
+                assert box["height"] >= 44.0, name
+        assert not re.search("space bar|key", page.inner_text("main"))
         for place in ("0", "document.documentElement.scrollHeight"):
             page.evaluate(f"window.scrollTo(0, {place})")
             box = page.locator("#damp").bounding_box()

@@ -387,7 +387,7 @@ def test_who_took_the_velocity_keeps_it(walking: Desk) -> None:
         other.velocity(0.1, 0.0, 0.0, deliberate=True)
         walking.turn()
     assert present(walking) == [0.1, 0.0, 0.0]
-    assert walking.text == f"velocity let go: it belongs to gamepad ({os.getpid()})"
+    assert walking.text == f"velocity let go: gamepad ({os.getpid()}) controls it now"
 
 
 def test_damp_ends_a_velocity(walking: Desk) -> None:

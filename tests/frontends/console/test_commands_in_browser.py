@@ -308,16 +308,19 @@ def test_sliders_and_keys_command_a_velocity(browser: Any, walked: Any, monkeypa
     page.wait_for_selector("text=velocity refused: requires LOCOMOTION, mode is DAMPING")
     press(page, "load_a", "STANDBY")
     press(page, "start_locomotion", "LOCOMOTION")
-    page.wait_for_selector("text=0.00 m/s, 0.00 m/s, 0.00 rad/s")
+    ours = r" by console \(\d+\), this page$"
+    page.wait_for_selector("text=forward 0.00 m/s, left 0.00 m/s, turn left 0.00 rad/s")
     steered(
-        page, lambda: page.keyboard.press("w"), r"^0\.\d0 m/s, 0\.00 m/s, 0\.00 rad/s by console \(\d+\), this page$"
+        page,
+        lambda: page.keyboard.press("w"),
+        rf"^forward 0\.\d0 m/s, left 0\.00 m/s, turn left 0\.00 rad/s{ours}",
     )
-    steered(page, lambda: slide(page, "velocity-rows-wz", 0.5), r", 0\.50 rad/s by console \(\d+\), this page$")
-    steered(page, lambda: page.click("#velocity-stop"), r"^0\.00 m/s, 0\.00 m/s, 0\.00 rad/s")
+    steered(page, lambda: slide(page, "velocity-rows-wz", 0.5), rf", turn left 0\.50 rad/s{ours}")
+    steered(page, lambda: page.click("#velocity-stop"), r"^forward 0\.00 m/s, left 0\.00 m/s, turn left 0\.00 rad/s")
     with session_of(walked, monkeypatch), Intake(find_session(walked.process.pid), "gamepad") as other:
         page.evaluate("wished = []; wish = ((send) => (what) => { wished.push(what); send(what); })(wish); 0")
         stick = partial(other.velocity, 0.2, 0.0, 0.0, deliberate=True)
-        steered(page, stick, r"^0\.20 m/s, 0\.00 m/s, 0\.00 rad/s by gamepad")
+        steered(page, stick, r"^forward 0\.20 m/s, .* by gamepad")
         for focus, key in (("vx-number", "0"), ("vx-number", "ArrowUp"), ("vx", "ArrowUp")):
             page.focus(f"#velocity-rows-{focus}")
             page.keyboard.press(key)
@@ -329,7 +332,7 @@ def test_sliders_and_keys_command_a_velocity(browser: Any, walked: Any, monkeypa
         assert page.evaluate(pressed) == "w,up"
     page.evaluate(HIDE)
     assert page.evaluate("wished.at(-1).do") == "let_go"
-    page.wait_for_selector("text=/^0.00 m.s, 0.00 m.s, 0.00 rad.s/")
+    page.wait_for_selector("text=/^forward 0.00 m.s, left 0.00 m.s, turn left 0.00 rad.s/")
     page.close()
 
 
@@ -347,7 +350,7 @@ def test_a_slow_page_steers_on_and_one_that_is_frozen_stops_and_says_so(
         def speed() -> float:
             return next(float(one["value"][0]) for one in session.tick()["extern"] if one["name"] == "velocity_command")
 
-        steered(page, lambda: page.keyboard.press("w"), r"^0\.\d0 m/s")
+        steered(page, lambda: page.keyboard.press("w"), r"^forward 0\.\d0 m/s")
         page.evaluate("busy = (ms) => { const end = performance.now() + ms; while (performance.now() < end); }; 0")
         page.evaluate("slow = setInterval(busy, 450, 400); 0")
         held, deadline = 0, time.monotonic() + PATIENCE
@@ -360,7 +363,7 @@ def test_a_slow_page_steers_on_and_one_that_is_frozen_stops_and_says_so(
         page.evaluate("clearInterval(slow); setTimeout(busy, 0, 4000)")
         time.sleep(1.5)
         assert speed() == 0.0
-    page.wait_for_selector("#stop >> text=velocity let go: page")
+    page.wait_for_selector("#stop >> text=velocity let go: ")
     for name in ("#stop", "#events li >> nth=4"):
         box = page.locator(name).bounding_box()
         assert 0.0 <= box["y"] <= 800.0 - box["height"]

@@ -55,8 +55,8 @@ def test_it_ends_with_the_mode_and_with_another_owner() -> None:
     steering = Steering(RANGES)
     steering.steer(1, 0, 0.5, NOBODY, WALKS, ms(0))
     assert steering.problem(Mode.DAMPING, None, ms(1)) == "mode is DAMPING"
-    assert steering.problem(WALKS, "gamepad (7)", ms(1)) == "it belongs to gamepad (7)"
-    assert steering.problem(WALKS, "", ms(1)) == "it belongs to nobody"
+    assert steering.problem(WALKS, "gamepad (7)", ms(1)) == "gamepad (7) controls it now"
+    assert steering.problem(WALKS, "", ms(1)) == "no longer controlled by anyone"
 
 
 def test_a_stop_is_sent_while_it_is_news_and_then_left_alone() -> None:
