@@ -70,7 +70,7 @@ class RemotePolicyController:
     def unready(self, tick_input: TickInput) -> str:
         """Return why a robot that must be balanced from the first tick on cannot start yet; '' if it can."""
         remote, timeout = tick_input.remote, 1e-3 * self.stale_command_timeout_ms
-        if remote is not None and abs(tick_input.state.time - remote.arrival_time) <= timeout:
+        if remote is not None and abs(float(tick_input.state.time) - remote.arrival_time) <= timeout:
             return ""
         silence = f"no remote command within the last {self.stale_command_timeout_ms:g} ms"
         return f"{silence}, and nothing else keeps a floating base on its feet; start a producer first"
