@@ -67,6 +67,14 @@ class RemotePolicyController:
         set_field(self, "stale_command_timeout_ms", timeout)
         set_field(self, "damping", damping_values(owner, self.damping, self.damping_scalar, self.joints))
 
+    def unready(self, tick_input: TickInput) -> str:
+        """Return why a robot that must be balanced from the first tick on cannot start yet; '' if it can."""
+        remote, timeout = tick_input.remote, 1e-3 * self.stale_command_timeout_ms
+        if remote is not None and abs(float(tick_input.state.time) - remote.arrival_time) <= timeout:
+            return ""
+        silence = f"no remote command within the last {self.stale_command_timeout_ms:g} ms"
+        return f"{silence}, and nothing else keeps a floating base on its feet; start a producer first"
+
     def activate(self, tick_input: TickInput) -> RemoteMemory | Fault:
         """Start the clock from which commands count."""
         time = tick_input.state.time

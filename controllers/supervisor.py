@@ -11,10 +11,11 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
-from humanoid_sim.controllers.base import DAMPING, RL_POLICY, ZERO_TORQUE, Controller, Fault, Memory
+from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY, ZERO_TORQUE, Controller, Fault, Memory
 from humanoid_sim.controllers.fsm import MODES, MOVING, choose_intent, merge_safety, transition
 from humanoid_sim.controllers.guards import GuardMemory, Guards
 from humanoid_sim.controllers.parameters import command_problem, joint_tuple
+from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.signs import SignMemory, Signs
 from humanoid_sim.errors import FieldError, known_names
@@ -99,6 +100,8 @@ class Supervisor:
     """Judge of the efforts in STANDBY, where a live input gives gravity's levers; None for no judgement."""
     missing: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     """Reasons to refuse controllers that are not available, by name, in place of the plain one."""
+    needs_producer: bool = field(default=False, kw_only=True)
+    """True where START_REMOTE requires commands that already arrive: nothing else keeps a floating base on its feet."""
     _zero: MITCommand = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -176,7 +179,10 @@ class Supervisor:
         return SupervisorMemory(outcome.controller, outcome.memory, status, outcome.guards, signs), output
 
     def _unready(self, intent: Intent | None, tick_input: TickInput) -> str:
-        """Return why the policy cannot start yet, if that is the intent; '' if it can."""
+        """Return why the policy, or REMOTE, cannot start yet, if that is the intent; '' if it can."""
+        remote = self.controllers.get(REMOTE_POLICY)
+        if intent is Intent.START_REMOTE and self.needs_producer and isinstance(remote, RemotePolicyController):
+            return remote.unready(tick_input)
         controller = self.controllers.get(RL_POLICY) if intent is Intent.START_LOCOMOTION else None
         return controller.unready(tick_input.state) if isinstance(controller, RLPolicyController) else ""
 

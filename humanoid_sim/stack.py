@@ -57,6 +57,8 @@ class _ControllerSettings(msgspec.Struct, frozen=True):
     """The session loads policies while it runs."""
     signs: tuple[str, ...] | None = None
     """Joints whose sign may contradict gravity; None: signs were not judged."""
+    needs_producer: bool = False
+    """START_REMOTE required a producer."""
 
 
 _NO_POLICY = "no policy is loaded: humanoid_sim.mode load POLICY loads one"
@@ -78,6 +80,7 @@ def build_supervisor(
     guards: ChosenGuards = "description",
     signs: tuple[str, ...] | None = None,
     loads: bool = False,
+    needs_producer: bool = False,
 ) -> Supervisor:
     """Return the supervisor of a robot with the controllers that are available.
 
@@ -93,6 +96,7 @@ def build_supervisor(
         guards: that watch the joints.
         signs: joints whose sign may contradict gravity; None: signs are not judged.
         loads: the session loads policies while it runs: a refusal of START_LOCOMOTION says how.
+        needs_producer: START_REMOTE requires commands that already arrive.
 
     Raises:
         InputError: if the policy does not fit the robot.
@@ -118,7 +122,8 @@ def build_supervisor(
         )
     judge = None if signs is None else Signs(joints, description.lower, description.upper, signs)
     missing = {RL_POLICY: _NO_POLICY} if loads else {}
-    return Supervisor(joints, controllers, guards=_chosen(guards, description), signs=judge, missing=missing)
+    watching = _chosen(guards, description)
+    return Supervisor(joints, controllers, guards=watching, signs=judge, missing=missing, needs_producer=needs_producer)
 
 
 def policy_controller(
@@ -175,6 +180,7 @@ def run_header(
     guards: ChosenGuards = "description",
     signs: tuple[str, ...] | None = None,
     loads: bool = False,
+    needs_producer: bool = False,
     start: SupervisorMemory | None = None,
 ) -> SessionHeader:
     """Return what a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
@@ -192,6 +198,7 @@ def run_header(
         guards: likewise.
         signs: likewise.
         loads: likewise.
+        needs_producer: likewise.
         start: the control stack's memory to begin with; None for its own.
     """
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
@@ -207,6 +214,7 @@ def run_header(
                 "guards": None if watching is None else msgspec.to_builtins(GuardRecord.of(watching)),
                 **({} if signs is None else {"signs": signs}),
                 "loads": loads,
+                **({"needs_producer": True} if needs_producer else {}),
             }
         ),
     }
@@ -322,4 +330,5 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         guards=guards,
         signs=controllers.signs,
         loads=controllers.loads,
+        needs_producer=controllers.needs_producer,
     )

@@ -242,6 +242,13 @@ def test_a_header_without_guards_is_of_a_run_without_them():
     assert rebuild_supervisor(head, zero_policy(0)).guards is None
 
 
+def test_a_header_says_where_remote_required_a_producer_and_those_before_it_say_nothing():
+    for needed in (False, True):
+        head = run_header(LITE, 0.005, None, settings={}, remote=True, needs_producer=needed)
+        assert ("needs_producer" in json.loads(head.documents["controllers"])) is needed
+        assert rebuild_supervisor(head, zero_policy(0)).needs_producer is needed
+
+
 def test_a_header_s_guards_of_another_robot_are_one_line():
     head = header(None)
     document = json.loads(head.documents["controllers"])

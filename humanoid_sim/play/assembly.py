@@ -287,6 +287,7 @@ def _header(plan: Plan) -> SessionHeader:
         start=None if plan.branch is None else plan.branch.memory,
         remote=plan.shadow is None,
         loads=plan.shadow is None,
+        needs_producer=plan.supervisor.needs_producer,
         action_limit=config.action_limit,
         signs=None if plan.supervisor.signs is None else plan.supervisor.signs.allowed,
     )

@@ -96,6 +96,7 @@ class Plan:
             action_limit=config.action_limit,
             signs=_allowed_signs(config, setup),
             loads=config.shadow is None,
+            needs_producer=description.is_floating,
         )
         self.shadow = None
         """Controller of a policy that only looks on; the supervisor has none then."""

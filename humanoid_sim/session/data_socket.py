@@ -211,6 +211,8 @@ class DataSocket(ExternSource, Sink):
         self._reported: dict[Producer, int] = {}
         """Samples that a producer has refused itself, in all."""
         self._shown: dict[str, str] = {}
+        self._lost: dict[str, str] = {}
+        """Producers that fell silent while they commanded REMOTE or a velocity, until somebody commands it anew."""
         self.heartbeats: dict[str, float] = {}
         """Arrival of the latest heartbeat by its producer's name, s, robot's clock."""
         self.discarded = 0
@@ -256,6 +258,7 @@ class DataSocket(ExternSource, Sink):
         if mode is not self._mode:
             self._mode, self._entered = mode, float(record.input.state.time)
             self._turn.clear()
+            self._lost.clear()
             self._show_owners()
 
     def close(self) -> None:
@@ -264,6 +267,7 @@ class DataSocket(ExternSource, Sink):
         self._path.unlink(missing_ok=True)
 
     def _expire(self, time: float) -> None:
+        before, moved = self._shown, self._velocity is not None and self._velocity.command.any()
         self._turn.expire(time)
         for name, turn in self._live_turns.items():
             heard = self._live.get(name)
@@ -272,6 +276,10 @@ class DataSocket(ExternSource, Sink):
             turn.expire(time)
         if self._velocity is not None:
             self._velocity.expire(time)
+            if moved and before.get("velocity") and not self._velocity.owner:
+                self._lost["velocity"] = before["velocity"]
+        if self._turn.owner is None and before.get("REMOTE"):
+            self._lost["REMOTE"] = before["REMOTE"]
 
     def _drain(self, time: float) -> list[_Sample]:
         """Return the newest sample of each producer and topic, in the order in which their producers came first."""
@@ -373,7 +381,8 @@ class DataSocket(ExternSource, Sink):
             deliberate=bool(sample.values[3]),
         )
         if owner != sample.producer and sample.values[:3].any():
-            raise _RefusedError(f"velocity: belongs to {owner or 'nobody'}, and this is not deliberate")
+            whose = f"controlled by {owner}" if owner else "no longer controlled by anyone"
+            raise _RefusedError(f"velocity: {whose}; move a stick or a slider, or press a key, to take it over")
 
     def _accept_live(self, sample: _Sample) -> None:
         width = self._widths.get(sample.topic)
@@ -409,6 +418,7 @@ class DataSocket(ExternSource, Sink):
         """Return what to tell beside ticks: owners, refusals since they last changed, and in all."""
         return {
             "owners": dict(self._shown),
+            "lost": dict(self._lost),
             "refused": list(self.refusals.lines),
             "refused_samples": dict(self.refusals.counts),
             "refused_last": self.refusals.latest,
@@ -425,6 +435,7 @@ class DataSocket(ExternSource, Sink):
         for name, owner in owners.items():
             before = self._shown.get(name, "")
             if owner != before:
-                self._say(f"{name}: belongs to {owner}" if owner else f"{name}: no longer belongs to {before}")
+                self._say(f"{name}: belongs to {owner}" if owner else f"{name}: no longer controlled by {before}")
         self._shown = owners
+        self._lost = {name: before for name, before in self._lost.items() if not owners.get(name)}
         self.refusals.forget()

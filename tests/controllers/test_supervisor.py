@@ -1,6 +1,6 @@
 """The supervisor: construction, containment of failures, and its state space exhausted over abstract inputs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, ClassVar
 
@@ -60,6 +60,16 @@ def test_a_whole_run_tick_by_tick():
     )
     assert seen[7].standby.is_finished
     assert seen[8].control_mode.status_message == "START_REMOTE requested"
+
+
+@pytest.mark.parametrize(("age", "granted"), [(None, False), (0.11, False), (-5.0, False), (0.09, True), (0.0, True)])
+def test_a_robot_that_must_be_balanced_starts_remote_only_with_commands_that_arrive(age, granted):
+    run = Run(replace(supervisor(), needs_producer=True))
+    run.walk(Intent.DAMP, Intent.LOAD_A)
+    output = run.step(Intent.START_REMOTE, remote=None if age is None else RemoteCommand(command(), run.time - age))
+    assert output.control_mode.mode is (Mode.REMOTE if granted else Mode.STANDBY)
+    silence = "START_REMOTE refused: no remote command within the last 100 ms, and nothing else keeps a floating base"
+    assert [text.startswith(silence) for text in output.refusals] == ([] if granted else [True])
 
 
 def test_the_latest_word_stays_until_there_is_another():

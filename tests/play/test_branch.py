@@ -180,11 +180,20 @@ def test_a_free_standing_robot_began_as_recorded(
     assert [bits(tick) for tick in result.ticks[: len(expected)]] == [bits(tick) for tick in expected]
 
 
+def test_remote_without_a_producer_would_let_a_free_robot_fall_and_is_refused(
+    folder: Path, make_robot: Callable[..., str], run: Play
+) -> None:
+    script = ("--script", "damp; hold 0.1; load_a; wait; start_remote; hold 1")
+    result = run("--robot", make_robot("lite_biped", one_segment), *script)
+    assert "START_REMOTE refused: no remote command within the last 100 ms" in " ".join(result.out.split())
+    assert {tick.output.control_mode.mode for tick in result.ticks} == {Mode.DAMPING, Mode.STANDBY}
+    assert replay([str(folder / "r.mcap")]) == 0
+
+
 def test_pushes_of_the_run_come_again_and_others_are_added(
     folder: Path, make_robot: Callable[..., str], run: Play
 ) -> None:
-    """REMOTE, which nobody feeds, lets the robot go."""
-    script = ("--script", "damp; hold 0.1; load_a; wait; start_remote; hold 1")
+    script = ("--script", "damp; hold 0.1; load_a; wait; start_locomotion; hold 1")
 
     robot = make_robot("lite_biped", one_segment)
     first = run("--robot", robot, "--policy", "placeholder", "--push", "0.5,0@0.8", *script)

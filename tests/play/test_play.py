@@ -221,7 +221,7 @@ def test_gravity_compensation_as_remote_until_its_process_is_killed(run: Play, q
     assert min(effort.values()) > 20
     events = [event.text.partition(" (")[0] for event in result.events]
     assert "REMOTE: belongs to gravity" in events
-    assert "REMOTE: no longer belongs to gravity" in events
+    assert "REMOTE: no longer controlled by gravity" in events
     assert "front end gravity ended with status -9" in events
     assert run_program(replay.main, ["r.mcap"]) == 0
 

@@ -71,6 +71,10 @@ def test_a_producer_that_falls_silent_leaves_the_robot_passive_within_100_ms(loc
         pass
     assert local.time - sent <= 0.1 + rig.PERIOD + 1e-9
     assert local.data.owners["REMOTE"] == ""
+    assert local.data.status()["lost"] == {"REMOTE": f"test {ME}"}
+    send(intake)
+    assert value_of(local.tick()) == 0.5  # as in the original, it takes REMOTE up again
+    assert local.data.status()["lost"] == {}
 
 
 def test_a_new_stay_in_remote_is_a_new_turn(local: LocalSession) -> None:
@@ -191,7 +195,8 @@ def test_a_velocity_belongs_to_whoever_last_changed_it_deliberately(local: Local
     page.velocity(0.4, 0.0, 0.1, deliberate=False)
     assert velocity(local.tick()) == [-0.2, 0.0, 0.0]
     assert local.data.owners["velocity"] == f"gamepad {ME}"
-    assert local.told[-1] == f"refused of console {ME}: velocity: belongs to gamepad {ME}, and this is not deliberate"
+    told = f"velocity: controlled by gamepad {ME}; move a stick or a slider, or press a key, to take it over"
+    assert local.told[-1] == f"refused of console {ME}: {told}"
     local.velocity.press("w")
     stick.velocity(-0.2, 0.0, 0.0, deliberate=False)
     assert velocity(local.tick()) == [-0.1, 0.0, 0.0]
@@ -206,9 +211,17 @@ def test_a_velocity_source_that_falls_silent_commands_zero_within_its_timeout(lo
     while velocity(local.tick()) != [0.0, 0.0, 0.0]:
         assert local.time - sent <= 0.25 + 1e-9
     assert local.data.owners["velocity"] == ""
+    assert local.data.status()["lost"] == {"velocity": f"test {ME}"}
     local.velocity.press("w")  # from rest, not from what was commanded before
     for _ in range(50):
         assert velocity(local.tick()) == [0.1, 0.0, 0.0]
+    assert local.data.status()["lost"] == {}
+    for value in (0.5, 0.0):  # who stops it and falls silent then is not missed
+        intake.velocity(value, 0.0, 0.0, deliberate=True)
+        local.tick()
+    for _ in range(20):
+        local.tick()
+    assert (local.data.owners["velocity"], local.data.status()["lost"]) == ("", {})
 
 
 def test_an_absurd_velocity_is_bounded_or_refused(local: LocalSession) -> None:

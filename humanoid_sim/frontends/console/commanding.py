@@ -106,6 +106,7 @@ class Commanding:
         if self._error is not None:
             raise self._error
         if record.output.control_mode.mode is Mode.STANDBY:
+            self._let_go_text = ""
             self._turn.standby = record.output.control_mode.controller_name[-1]
 
     def _beat(self, page: int, beat: Beat) -> None:
@@ -120,7 +121,7 @@ class Commanding:
         if owner not in ("", self._name):
             raise FieldError(f"sliders: REMOTE belongs to {owner}")
         self._turn.take(page, name, self._measured(), self._clock())
-        self._is_leaving = False
+        self._is_leaving, self._let_go_text = False, ""
         self._notes.append(f"page {page} moves {name} by sliders")
 
     def _steer(self, page: int, wish: Steer | Press) -> None:
@@ -132,6 +133,7 @@ class Commanding:
             steering.press(page, wish.key, present, mode, now)
         else:
             steering.steer(page, wish.axis, wish.value, present, mode, now)
+        self._let_go_text = ""
 
     def _measured(self) -> FloatArray:
         """Shape (n,), rad. Raises `FieldError` where the robot is not in REMOTE, or a joint is not known."""
@@ -225,7 +227,9 @@ class Commanding:
         problem = steering.problem(record.output.control_mode.mode, owner, now)
         if problem:
             self._let_go_text = f"velocity let go: {problem}"
+            self._notes.append(self._let_go_text)
             steering.let_go()
+            return Due((0.0, 0.0, 0.0), deliberate=False, heard=now)  # at once, and only if it is still this console's
         return steering.due(now)
 
     def _send(self, sample: Sample, command: MITCommand) -> bool:

@@ -1,8 +1,8 @@
-// What a page commands beside intents: one joint by sliders, and a velocity. It sends wishes and its heartbeat; the
-// console bounds them, decides whose they are, and stops when the heartbeat does.
+// What a page commands beside intents: one joint by sliders, and a velocity. It sends wishes, and confirms what its
+// heartbeat says; the console bounds them, decides whose they are, and stops when the heartbeat does.
 "use strict";
 
-const BEAT = 50; // ms
+const CONFIRM = 50; // ms between two looks at what the worker's heartbeat says
 const DEAF = 500; // ms without a word from the console: who sees nothing commands nothing
 const TOUCHED = 500; // ms for which a slider that was moved is not moved back
 const FIELDS = [
@@ -29,7 +29,7 @@ let velocity = null; // what is known of it; null: the policy takes none
 let steered = {}; // axis to what it was moved to since the last beat
 
 function wish(what) {
-  if (mayCommand && socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(what));
+  if (mayCommand) tell(what);
 }
 
 // A slider and a number field that show one value; `moved` is called with what an operator sets it to.
@@ -150,7 +150,7 @@ function showVelocity(told) {
   const isOwn = steering.page === page;
   const owner = told.owners.velocity || "";
   const by = steering.page === null ? owner : `${owner || "console"}, ${called(steering.page)}`;
-  const texts = AXES.map(([, , unit], axis) => `${steering.present[axis].toFixed(2)} ${unit}`);
+  const texts = AXES.map(([, label, unit], axis) => `${label} ${steering.present[axis].toFixed(2)} ${unit}`);
   get("velocity-text").textContent = `${texts.join(", ")}${by ? ` by ${by}` : ""}`;
   const shown = isOwn ? steering.wanted : steering.present;
   const now = performance.now();
@@ -161,14 +161,18 @@ function showVelocity(told) {
 
 function letGo() {
   steered = {};
+  socket.beat(null);
   wish({ do: "let_go" });
 }
 
-function beat() {
-  if (document.visibilityState !== "visible" || performance.now() - heard > DEAF || sent === null) return;
+function confirmBeat() {
+  if (document.visibilityState !== "visible" || performance.now() - heard > DEAF || sent === null || !mayCommand) {
+    socket.beat(null);
+    return;
+  }
   for (const [axis, value] of Object.entries(steered)) wish({ do: "steer", axis: Number(axis), value });
   steered = {};
-  wish({ do: "beat", seen: sent, number, goals });
+  socket.beat(JSON.stringify({ do: "beat", seen: sent, number, goals }));
 }
 
 // Velocity keys work wherever they mean nothing else.
@@ -196,4 +200,4 @@ window.addEventListener("pagehide", letGo);
 document.addEventListener("visibilitychange", () => {
   if (document.visibilityState !== "visible") letGo();
 });
-setInterval(beat, BEAT);
+setInterval(confirmBeat, CONFIRM);

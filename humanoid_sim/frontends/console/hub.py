@@ -34,12 +34,13 @@ from humanoid_sim.frontends.console.commanding import Commanding
 from humanoid_sim.frontends.console.plots import Watch
 from humanoid_sim.frontends.console.server import encoded
 from humanoid_sim.frontends.console.showing import Showing
-from humanoid_sim.frontends.console.state import available_controllers, state
+from humanoid_sim.frontends.console.state import Reasons, available_controllers, state
 from humanoid_sim.frontends.console.wishes import Beat, LetGo, Snap, Take, parse_wish
 from humanoid_sim.messages import Intent, TickRecord
 from humanoid_sim.recording.shadow import decode_shadow_step
 from humanoid_sim.session.intent_socket import MARK
 from humanoid_sim.session.reactivation import REACTIVATE
+from humanoid_sim.simulation.floating_base import BaseObserver
 
 _PERIOD = 0.1
 """s between two states that are sent to a page."""
@@ -71,6 +72,8 @@ class Hub:
         self._status: dict[str, Any] = {}
         self._status_due = 0.0
         self._available = available_controllers(attachment.header)
+        description = attachment.description
+        self._reasons = Reasons(BaseObserver(attachment.model(), description) if description.is_floating else None)
         self._damping = Intake(attachment.session, "console")
         """For DAMP alone, which so waits for no answer to anything else."""
         self._asking = ThreadPoolExecutor(1, "asking")
@@ -119,6 +122,7 @@ class Hub:
             newest = self._attachment.record(sample)
             self._showing.look(newest)
             self._commanding.look(newest)
+            self._reasons.look(newest)
             output, now = newest.output, float(newest.input.state.time)
             control = output.control_mode
             mode = control.mode.name, control.controller_name
@@ -198,7 +202,8 @@ class Hub:
                 told = state(self._record, self._available)
                 told["age"] = 1e-9 * (monotonic_ns() - self._stamp)
                 told["stamp"] = 1e-9 * self._stamp
-                told["owners"] = self._status.get("owners", {})
+                told |= self._reasons.told(self._record)
+                told["owners"], told["lost"] = (self._status.get(name, {}) for name in ("owners", "lost"))
                 told |= self._showing.told(self._record) | self._commanding.told(self._record)
                 told["events"] = [event for event in self._events if event[0] > shown]
                 told["answers"] = [answers.popleft() for _ in range(len(answers))]

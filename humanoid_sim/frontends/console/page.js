@@ -3,23 +3,30 @@
 
 const SILENCE = 1000; // ms without a word from the console: from then on nothing that is shown may be true
 const OLD = 0.5; // s that the session's newest tick may be old
+const CONFIRMED = 5000; // ms within which REACTIVATE is pressed again
 const MOST_EVENTS = 200;
 
 const get = (id) => document.getElementById(id);
-let socket = null;
+let link = null; // a worker, which holds the connection
+const socket = {
+  isOpen: false,
+  send: (text) => link.postMessage({ send: text }),
+  beat: (text) => link && link.postMessage({ beat: text }), // again and again, until told otherwise
+  close: () => link.postMessage({ close: true }),
+};
 let heard = -Infinity;
 let age = 0;
 let seen = null; // s on the console's clock, when the newest tick that is shown was so
 let ended = false;
 let jointNames = [];
+let armed = -Infinity; // when REACTIVATE was pressed first
 let marking = false; // an answer to a mark is awaited
 let loading = false; // an answer to a policy that is to be loaded is awaited
 
 // Of what is not an intent; without a connection nothing is sent.
 function tell(message) {
-  const isOpen = socket && socket.readyState === WebSocket.OPEN;
-  if (isOpen) socket.send(JSON.stringify(message));
-  return isOpen;
+  if (socket.isOpen) socket.send(JSON.stringify(message));
+  return socket.isOpen;
 }
 
 function ask(word) {
@@ -29,20 +36,21 @@ function ask(word) {
 }
 
 function connect() {
-  const opened = new WebSocket(new URL("console", location.href.replace(/^http/, "ws")));
-  socket = opened;
-  opened.binaryType = "arraybuffer";
-  opened.onmessage = (event) => {
+  link = new Worker("link.js");
+  link.onmessage = hear;
+}
+
+function hear({ data }) {
+  if (data.open !== undefined) {
+    socket.isOpen = data.open;
+    if (!data.open) heard = -Infinity;
+  } else {
     heard = performance.now();
-    if (event.data instanceof ArrayBuffer) plots.take(event.data);
-    else show(JSON.parse(event.data));
-    cover();
-  };
-  opened.onclose = () => {
-    heard = -Infinity;
-    cover();
-    if (!ended) setTimeout(connect, 500);
-  };
+    if (data instanceof ArrayBuffer) plots.take(data);
+    else show(JSON.parse(data));
+  }
+  if (ended) link.terminate();
+  cover();
 }
 
 function show(told) {
@@ -59,15 +67,17 @@ function show(told) {
   if (told.mode === undefined) return;
   age = told.age;
   seen = told.stamp;
-  get("mode").textContent = told.mode;
+  get("mode").textContent = told.fallen ? `FALLEN · ${told.mode}` : told.mode;
   get("mode").dataset.mode = told.mode;
+  get("mode").classList.toggle("fallen", told.fallen !== "");
   get("reason").textContent = told.reason || told.controller;
+  showStop(told);
   get("clock").textContent = `${told.time.toFixed(1)} s`;
   showStandby(told.standby);
   showIntents(told.intents);
   get("policy-ask").lastChild.textContent = told.load.replace("load refused: ", "");
   get("policy-ask").classList.toggle("refused", told.load !== "");
-  showSafety(told.safety);
+  showSafety(told.safety, told.fallen);
   showJoints(told.joints);
   showCommands(told);
   showMotors(told.hardware);
@@ -92,6 +102,14 @@ function insertEvent(line, time) {
   get("events").insertBefore(line, below);
 }
 
+// Why the robot does not do any more what somebody commanded, until somebody commands anew.
+function showStop({ mode, fallen, let_go, lost }) {
+  const silent = Object.entries(lost).map(([what, who]) => `${what}: ${who} fell silent`);
+  const stopped = mode === "LOCOMOTION" || mode === "REMOTE" ? (let_go ? [let_go] : silent) : [];
+  const text = [fallen && `the robot ${fallen}`, ...stopped].filter(Boolean).join("; ");
+  if (get("stop").textContent !== text) get("stop").textContent = text;
+}
+
 function showStandby(standby) {
   get("standby").hidden = standby === null;
   if (standby === null) return;
@@ -103,14 +121,16 @@ function showStandby(standby) {
 function showIntents(intents) {
   for (const [word, { name, refusal, why, note }] of Object.entries(intents)) {
     if (word === "damp") continue; // it has its place, and is never dimmed
-    let button = document.querySelector(`#intents [data-ask="${word}"]`);
+    let button = document.querySelector(`:is(#intents, #apart) [data-ask="${word}"]`);
     if (!button) {
       button = document.createElement("button");
       button.dataset.ask = word;
       button.append(name, document.createElement("small"));
-      get("intents").append(button);
+      get(word === "reactivate" ? "apart" : "intents").append(button);
     }
-    const requirement = why || note || "";
+    const isArmed = word === "reactivate" && performance.now() - armed < CONFIRMED;
+    const requirement = isArmed ? "press again to confirm" : why || note || "";
+    button.classList.toggle("armed", isArmed);
     button.classList.toggle("refused", refusal !== "");
     button.title = refusal;
     if (button.lastChild.textContent !== requirement) button.lastChild.textContent = requirement;
@@ -130,8 +150,9 @@ function showJoints({ position, command, velocity, effort }) {
   });
 }
 
-function showSafety(statuses) {
-  const lines = statuses.map(({ level, source, flags, message }) => {
+function showSafety(statuses, fallen) {
+  const fall = fallen ? [{ level: "FALLEN", source: "the robot", flags: [], message: fallen }] : [];
+  const lines = [...fall, ...statuses].map(({ level, source, flags, message }) => {
     const line = document.createElement("li");
     line.dataset.level = level;
     line.textContent = [level, source, message].filter(Boolean).join(" · ");
@@ -152,14 +173,16 @@ function showSafety(statuses) {
 }
 
 function showAnswer({ granted, text }) {
-  if (marking) get("mark-answer").textContent = text; // beside its button, which may be far from the other answers
-  marking = false;
-  if (loading && /^(load|policy loaded)/.test(text)) {
-    get("policy-answer").textContent = text;
+  let place = "answer"; // of a mark and of a load beside their buttons, and only there
+  if (marking && /mark/.test(text)) {
+    place = "mark-answer";
+    marking = false;
+  } else if (loading && /^(load|policy loaded)/.test(text)) {
+    place = "policy-answer";
     loading = false;
   }
-  get("answer").className = granted ? "" : "refused";
-  get("answer").textContent = text;
+  get(place).classList.toggle("refused", !granted);
+  get(place).textContent = text;
 }
 
 // What is shown is true only while the console speaks and the session ticks.
@@ -171,7 +194,7 @@ function cover() {
   get("cover-text").textContent = ended
     ? ""
     : silent
-      ? "Buttons and the space bar do nothing here. What is behind this is the past. Use another way to damp the robot."
+      ? "What you press here does nothing. What is behind this is the past. Use another way to damp the robot."
       : `Its newest tick is ${age.toFixed(1)} s old. DAMP is still sent.`;
 }
 
@@ -188,6 +211,14 @@ function listen(target) {
 }
 
 listen(window);
+// REACTIVATE is asked for twice; a double click is not twice. A dialog of the browser would stop heartbeat and space bar.
+function isConfirmed(clicks) {
+  if (clicks > 1) return false;
+  const wasArmed = performance.now() - armed < CONFIRMED;
+  armed = wasArmed ? -Infinity : performance.now();
+  return wasArmed;
+}
+
 const view = get("view");
 const listenInView = () => {
   try {
@@ -196,11 +227,16 @@ const listenInView = () => {
     // A view that could not be loaded is the browser's own page, which is another origin, and has no keys to hear.
   }
 };
-view.addEventListener("load", listenInView);
+view.addEventListener("load", () => {
+  listenInView();
+  const style = document.createElement("style"); // viser's own panel has nothing for an operator
+  style.textContent = "[data-floating-window] { display: none !important; }";
+  if (view.contentDocument) view.contentDocument.head.append(style);
+});
 listenInView();
 document.addEventListener("click", (event) => {
   const button = event.target.closest("[data-ask]");
-  if (button) ask(button.dataset.ask);
+  if (button && (button.dataset.ask !== "reactivate" || isConfirmed(event.detail))) ask(button.dataset.ask);
 });
 get("policy-load").addEventListener("submit", (event) => {
   event.preventDefault();

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import logging
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from http import HTTPStatus
 from importlib import resources
@@ -27,7 +28,9 @@ __all__ = ["PageHandler", "serving"]
 
 PageHandler = Callable[[ServerConnection, Access], Awaitable[None]]
 _MOST_SOCKETS = 32
-"""Largest number of open sockets, of pages and their views."""
+"""Largest number of open sockets, two of each page: its own and its view's."""
+_MOST_WATCHING = 24
+"""Largest number of those that are for watching only; the others are kept for operators."""
 _LONGEST = 1 << 16
 """Bytes of a page's message."""
 _TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css"}
@@ -37,6 +40,7 @@ _FILES = {
     "commands.js": "commands.js",
     "keys.css": "keys.css",
     "keys.js": "keys.js",
+    "link.js": "link.js",
     "page.css": "page.css",
     "page.js": "page.js",
     "plots.js": "plots.js",
@@ -62,7 +66,7 @@ class _Door:
         self.gate = gate
         self._viser_socket, self._page = viser_socket, page
         self._admitted: dict[Any, tuple[Access, str]] = {}
-        self._open = 0
+        self._open: Counter[Access] = Counter()
         package = resources.files("humanoid_sim.frontends.console")
         self._files = {path: (package / name).read_bytes() for path, name in _FILES.items()}
         self._files[_PLOTLY] = (resources.files("plotly") / "package_data" / "plotly.min.js").read_bytes()
@@ -81,10 +85,16 @@ class _Door:
             if is_socket:
                 if rest not in ("console", "viser"):
                     raise RefusedError(404, "not found")
-                if self._open >= _MOST_SOCKETS:
-                    raise RefusedError(503, f"more than {_MOST_SOCKETS} pages are open")
+                watching = self._open[Access.READ_ONLY]
+                if access is Access.READ_ONLY and watching >= _MOST_WATCHING:
+                    raise RefusedError(503, f"{_MOST_WATCHING // 2} pages are open for watching, the most there may be")
+                if self._open.total() >= _MOST_SOCKETS:
+                    raise RefusedError(503, f"{_MOST_SOCKETS // 2} pages are open, the most there may be")
                 self._admitted[connection.id] = access, rest
                 return None
+            path = request.path.partition("?")[0]
+            if not rest and not path.endswith("/"):  # a page's own files are found from its folder alone
+                return _response(307, "text/plain", b"", "default-src 'none'", Location=f"{path}/")
             return self._file(rest)
         except RefusedError as refused:
             return _response(refused.status, "text/plain", str(refused).encode(), "default-src 'none'")
@@ -101,12 +111,12 @@ class _Door:
     async def handle(self, connection: ServerConnection) -> None:
         """Serve a socket that was let in."""
         access, rest = self._admitted.pop(connection.id)
-        self._open += 1
+        self._open[access] += 1
         try:
             with contextlib.suppress(websockets.exceptions.ConnectionClosed, OSError):
                 await (self._page(connection, access) if rest == "console" else self._view(connection))
         finally:
-            self._open -= 1
+            self._open[access] -= 1
 
     async def _view(self, outside: ServerConnection) -> None:
         """Between a page's view and viser."""
@@ -128,7 +138,7 @@ class _Door:
                 await asyncio.gather(sending, return_exceptions=True)
 
 
-def _response(status: int, kind: str, body: bytes, policy: str) -> Response:
+def _response(status: int, kind: str, body: bytes, policy: str, **more: str) -> Response:
     headers = {
         "Content-Type": kind,
         "Content-Length": str(len(body)),
@@ -137,6 +147,7 @@ def _response(status: int, kind: str, body: bytes, policy: str) -> Response:
         "Connection": "close",
         "Referrer-Policy": "no-referrer",
         "X-Content-Type-Options": "nosniff",
+        **more,
     }
     return Response(status, HTTPStatus(status).phrase, Headers(headers), body)
 

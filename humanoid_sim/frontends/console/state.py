@@ -7,12 +7,15 @@ from types import MappingProxyType
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY, STANDBY_A, STANDBY_B, ZERO_TORQUE
 from humanoid_sim.controllers.fsm import RULES, describe_safety, merge_safety, transition
+from humanoid_sim.evaluation.failure import describe_fall, has_fallen
 from humanoid_sim.messages import Intent, SafetyFlag, SafetyStatus, SessionHeader, TickRecord
 from humanoid_sim.session.loading import load_refusal
 from humanoid_sim.session.reactivation import REACTIVATE, reactivation_refusal
+from humanoid_sim.simulation.floating_base import BaseObserver
 
 FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
     {
@@ -29,6 +32,41 @@ FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
 
 _AFRESH = "checks and enables the motors afresh; starts at ZERO_TORQUE"
 """Note on the page's button REACTIVATE, which is not an intent's."""
+_ANEW = "puts the simulated robot back to its start, in ZERO_TORQUE"
+"""The same in a simulation."""
+
+
+class Reasons:
+    """Tells why the robot does what it does, and whether it has fallen; takes every tick."""
+
+    def __init__(self, observer: BaseObserver | None) -> None:
+        """Know of no tick; `observer` sees the floating base of a simulated robot, None for a fixed base."""
+        self._observer = observer
+        self._message = self._reason = ""
+        self._is_free: bool | None = None
+        self._standing_height = 0.0
+
+    def look(self, record: TickRecord) -> None:
+        """Keep the latest reason: a refusal changes nothing, so it is not one."""
+        control = record.output.control_mode
+        if control.status_message != self._message:
+            self._message = said = control.status_message
+            for refusal in record.output.refusals:
+                said = said.replace(refusal, "")
+            self._reason = "; ".join(part for part in said.split("; ") if part) or self._reason
+        if self._observer is not None and record.qpos is not None and control.mode.is_free is not self._is_free:
+            self._is_free = control.mode.is_free
+            self._standing_height = self._observer.standing_height(record.qpos)
+
+    def told(self, record: TickRecord) -> dict[str, str]:
+        """Return the reason, and how the robot has fallen, empty if it has not; `record` is the newest tick."""
+        fallen = ""
+        if self._observer is not None and record.qpos is not None:
+            still = np.zeros(3)
+            base = self._observer.moving(record.qpos, still, still)
+            if has_fallen(base, self._standing_height):
+                fallen = describe_fall(base, self._standing_height)
+        return {"reason": self._reason, "fallen": fallen}
 
 
 class _Controllers(msgspec.Struct):
@@ -58,11 +96,11 @@ def refusals(record: TickRecord, available: Container[str]) -> dict[Intent, str]
 def state(record: TickRecord, available: Container[str]) -> dict[str, Any]:
     """Return a tick, as far as the page shows it."""
     control, standby = record.output.control_mode, record.output.standby
+    note = _AFRESH if record.qpos is None else _ANEW
     return {
         "time": record.input.state.time,
         "mode": control.mode.name,
         "controller": control.controller_name,
-        "reason": control.status_message,
         "standby": None
         if standby is None
         else {
@@ -83,7 +121,7 @@ def state(record: TickRecord, available: Container[str]) -> dict[str, Any]:
             intent.value: _offered(intent.name, refusal, record)
             for intent, refusal in refusals(record, available).items()
         }
-        | {REACTIVATE: _offered(REACTIVATE.upper(), reactivation_refusal(control.mode), record) | {"note": _AFRESH}},
+        | {REACTIVATE: _offered(REACTIVATE.upper(), reactivation_refusal(control.mode), record) | {"note": note}},
     }
 
 

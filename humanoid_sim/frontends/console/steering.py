@@ -9,14 +9,13 @@ import numpy as np
 
 from humanoid_sim.client import VELOCITY_TIMEOUT
 from humanoid_sim.errors import FieldError, known_names
+from humanoid_sim.frontends.console.wishes import SEEN_WITHIN
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.session.sources import VELOCITY_KEYS
 
 _DELIBERATE = 0.1
 """s for which a change is sent as deliberate: of what arrives within one tick only the newest counts."""
-_SEEN_WITHIN = 1.0
-"""Largest age of what the page shows, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +38,7 @@ class Steering:
         self.page: int | None = None
         self.velocity: FloatArray = np.zeros(3)
         """Shape (3,), m/s, m/s, rad/s."""
-        self.changed = self._heard = 0
+        self.changed = self._heard = self._seen = 0
         """ns"""
 
     def press(self, page: int, key: str, present: FloatArray, mode: Mode, now: int) -> None:
@@ -77,12 +76,12 @@ class Steering:
         if bounded.any() and mode is not Mode.LOCOMOTION:
             raise FieldError(f"velocity refused: requires LOCOMOTION, mode is {mode.name}")
         self.page, self.velocity, self.changed = page, bounded, now
-        self._heard = now
+        self._heard = self._seen = now
 
     def beat(self, page: int, now: int, seen: int) -> None:
         """Note that a page was heard; `seen` (ns) is when what it shows left the console."""
-        if page == self.page and 1e-9 * (now - seen) <= _SEEN_WITHIN:
-            self._heard = now
+        if page == self.page:
+            self._heard, self._seen = now, seen
 
     def let_go(self) -> None:
         """Nobody steers any more; what was commanded last ends by itself."""
@@ -98,9 +97,13 @@ class Steering:
         """
         if 1e-9 * (now - self._heard) > VELOCITY_TIMEOUT:
             return f"page {self.page} was not heard for {VELOCITY_TIMEOUT:g} s"
+        if 1e-9 * (now - self._seen) > SEEN_WITHIN:
+            return f"page {self.page} shows what is older than {SEEN_WITHIN:g} s"
         if self.velocity.any() and mode is not Mode.LOCOMOTION:
             return f"mode is {mode.name}"
-        return "" if owner is None else f"it belongs to {owner or 'nobody'}"
+        if owner is None:
+            return ""
+        return f"{owner} controls it now" if owner else "no longer controlled by anyone"
 
     def due(self, now: int) -> Due | None:
         """Return what to send at present; None if nothing. A stop is sent for as long as it is news."""

@@ -8,13 +8,12 @@ import msgspec
 
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.console.sliders import Goals, Sliders, SliderState
+from humanoid_sim.frontends.console.wishes import SEEN_WITHIN
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand
 from humanoid_sim.robots.schema import RobotDescription
 
 _HEARD_WITHIN = 0.5
 """s without a beat of the page after which its turn is over."""
-_SEEN_WITHIN = 1.0
-"""s that what the page shows may be old."""
 
 
 class SliderTurn:
@@ -106,8 +105,8 @@ class SliderTurn:
         """Return why the turn must end; empty while it may go on. `now` in ns."""
         if 1e-9 * (now - self._heard) > _HEARD_WITHIN:
             return f"page {self.page} was not heard for {_HEARD_WITHIN:g} s"
-        if 1e-9 * (now - self._seen) > _SEEN_WITHIN:
-            return f"page {self.page} shows what is older than {_SEEN_WITHIN:g} s"
+        if 1e-9 * (now - self._seen) > SEEN_WITHIN:
+            return f"page {self.page} shows what is older than {SEEN_WITHIN:g} s"
         if 1e-9 * (now - self._newest) > _HEARD_WITHIN:
             return f"the console was held up for {_HEARD_WITHIN:g} s"
         return ""

@@ -7,6 +7,13 @@ import msgspec
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.console.sliders import Goals
 
+SEEN_WITHIN = 1.0
+"""Largest age of what a page shows while it commands, s.
+
+A page's heartbeat comes from a thread that drawing does not delay; what it shows, from the one that draws and hears
+keys. So this is how long that one may stand still: two frames where software draws two a second.
+"""
+
 
 class _Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do"):
     """A message from a page; `do` names its kind."""
@@ -27,7 +34,7 @@ class LetGo(_Wish, frozen=True, tag="let_go"):
 
 
 class Beat(_Wish, frozen=True, tag="beat"):
-    """The page is there and in sight."""
+    """The page is there and in sight; repeated by a thread of its own, with what the one that draws said last."""
 
     seen: float
     """Newest `sent` that the page has received, s, on the console's clock."""

@@ -1,6 +1,7 @@
 """What the page shows beside the state, in a real Chromium. The 3D view is left out where it is not looked at."""
 
 import io
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -73,6 +74,19 @@ def test_a_page_that_reconnects_shows_the_present_and_each_event_once(browser: A
         in_mode(page, "DAMPING")
 
 
+def test_reactivate_is_confirmed_and_a_double_click_is_not(browser: Any, played: Any) -> None:
+    with opened(browser, played.control) as page:
+        page.click("#damp")
+        in_mode(page, "DAMPING")
+        button = page.locator('#apart [data-ask="reactivate"]:not(.refused)')
+        button.dblclick()
+        page.wait_for_selector("#apart >> text=press again to confirm")
+        in_mode(page, "DAMPING")
+        page.wait_for_timeout(600)
+        button.click()
+        in_mode(page, "ZERO_TORQUE")
+
+
 def test_figures_are_switched_for_all_pages(browser: Any, played: Any) -> None:
     with opened(browser, played.control) as page, opened(browser, played.read_only) as watching:
         box = '#figures [data-figure="command"] input'
@@ -98,9 +112,15 @@ def test_a_phone_shows_everything_in_its_width_and_damp_always(browser: Any, pla
             assert box["x"] >= 0.0, name
             assert box["x"] + box["width"] <= 390.0, name
         order = [
-            page.locator(name).bounding_box()["y"] for name in ("#mode", "#intents", "#safety", "#stage", "#events")
+            page.locator(name).bounding_box()["y"] for name in ("#mode", "#scene", "#intents", "#safety", "#events")
         ]
         assert order == sorted(order)
+        scene = page.locator("#scene").bounding_box()
+        assert scene["y"] + scene["height"] < 844.0  # the robot is seen without scrolling
+        for name in ("button", "select", "#figures label"):
+            for box in (one.bounding_box() for one in page.locator(f"{name} >> visible=true").all()):
+                assert box["height"] >= 44.0, name
+        assert not re.search("space bar|key", page.inner_text("main"))
         for place in ("0", "document.documentElement.scrollHeight"):
             page.evaluate(f"window.scrollTo(0, {place})")
             box = page.locator("#damp").bounding_box()

@@ -347,6 +347,7 @@ def test_a_velocity_reaches_the_session_and_ends_with_the_page(walking: Desk) ->
     assert present(walking) == [0.0, 0.0, 0.0]
     assert walking.text == "velocity let go: page 1 was not heard for 0.25 s"
     walking.turn(0.5)
+    assert f"mark of {NAME}: {walking.text}" in walking.local.told
     assert present(walking) == [0.0, 0.0, 0.0]
     assert walking.local.data.owners["velocity"] == ""
 
@@ -386,7 +387,7 @@ def test_who_took_the_velocity_keeps_it(walking: Desk) -> None:
         other.velocity(0.1, 0.0, 0.0, deliberate=True)
         walking.turn()
     assert present(walking) == [0.1, 0.0, 0.0]
-    assert walking.text == f"velocity let go: it belongs to gamepad ({os.getpid()})"
+    assert walking.text == f"velocity let go: gamepad ({os.getpid()}) controls it now"
 
 
 def test_damp_ends_a_velocity(walking: Desk) -> None:

@@ -66,6 +66,12 @@ def test_pages_need_the_token_and_the_printed_address(played: Any) -> None:
     assert get(played, path)[0] == 200
     assert "DAMP" in get(played, path)[1]
     assert get(played, path + "viser/")[1].startswith("<!doctype html>")
+    connection = http.client.HTTPConnection(played.authority, timeout=10)
+    with contextlib.closing(connection):  # the address as somebody types it
+        connection.request("GET", path.removesuffix("/"))
+        answer = connection.getresponse()
+        assert (answer.status, answer.getheader("Location")) == (307, path)
+    assert get(played, path.removesuffix("/")[:-1])[0] == 404
     assert get(played, "/") == (404, "not found")
     assert get(played, path + "../page.js") == (404, "not found")
     assert get(played, path.replace(path[5], "x" if path[5] != "x" else "y")) == (404, "not found")
@@ -85,6 +91,18 @@ def test_sockets_need_them_too(played: Any, end: str) -> None:
     ):
         with pytest.raises(InvalidStatus, match=str(status)):
             socket(address, end, origin=origin)
+
+
+def test_however_many_watch_an_operators_page_opens(played: Any) -> None:
+    from websockets.exceptions import InvalidStatus  # noqa: PLC0415
+
+    with contextlib.ExitStack() as stack:
+        for _ in range(24):
+            stack.enter_context(socket(played.read_only, close_timeout=0.1))
+        with pytest.raises(InvalidStatus, match="503"):
+            socket(played.read_only)
+        for end in ("console", "viser"):
+            stack.enter_context(socket(played.control, end, close_timeout=0.1))
 
 
 def test_viser_is_not_reachable_beside_it(played: Any) -> None:

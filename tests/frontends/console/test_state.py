@@ -1,14 +1,18 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import rig
 from fakes import FakeRobot
 from local_session import LocalSession
 
 from humanoid_sim.controllers.fsm import MODES
-from humanoid_sim.frontends.console.state import FLAG_MEANINGS, available_controllers, refusals, state
+from humanoid_sim.frontends.console.state import FLAG_MEANINGS, Reasons, available_controllers, refusals, state
 from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.floating_base import BaseObserver
+from humanoid_sim.simulation.model import build_model
 
 pytest.importorskip("mjviser", reason="viser and mjviser are not installed (extra 'console')")
 
@@ -47,6 +51,8 @@ def test_reactivate_is_offered_in_the_modes_in_which_the_session_grants_it(local
         offered = told["intents"]["reactivate"]
         assert (told["mode"], offered["name"], offered["refusal"]) == (mode, "REACTIVATE", refusal)
         assert offered["note"] == "checks and enables the motors afresh; starts at ZERO_TORQUE"
+        simulated = state(replace(local.tick(), qpos=np.zeros(3)), ALL)["intents"]["reactivate"]
+        assert simulated["note"] == "puts the simulated robot back to its start, in ZERO_TORQUE"
         served, _ = local.reactivation.serve(FakeRobot(), Mode[mode])
         assert served.startswith("reactivated: ") if not refusal else served == refusal
 
@@ -83,6 +89,39 @@ def test_safety_is_explained(local: LocalSession) -> None:
     assert told["intents"]["load_a"]["refusal"].startswith("LOAD_A refused: safety FAULT BUS_OFF|MOTOR_FAULT from can0")
     assert told["intents"]["load_a"]["why"] == "see Safety below"
     assert told["intents"]["damp"]["refusal"] == ""
+
+
+def test_a_refusal_does_not_hide_why_the_robot_is_damped(local: LocalSession) -> None:
+    reasons = Reasons(None)
+
+    def told(*intents: Intent) -> str:
+        record = local.tick(*intents)
+        reasons.look(record)
+        return reasons.told(record)["reason"]
+
+    told(Intent.DAMP)
+    told(Intent.LOAD_A)
+    local.safety = (SafetyStatus(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT, "can0", "over-current"),)
+    fault = "safety FAULT MOTOR_FAULT from can0: over-current"
+    assert told() == told(Intent.LOAD_A, Intent.START_REMOTE) == told() == fault
+    local.safety = ()
+    assert told(Intent.START_REMOTE) == fault
+    assert told(Intent.LOAD_A) == "LOAD_A requested"
+
+
+def test_a_robot_on_the_floor_has_fallen_in_every_mode(local: LocalSession) -> None:
+    biped = load_robot("lite_biped")
+    model = build_model(biped)
+    stands, lies = model.qpos0.copy(), model.qpos0.copy()
+    lies[2:7] = 0.1, 0.7, 0.0, 0.7, 0.0
+    reasons, told = Reasons(BaseObserver(model, biped)), []
+    local.enter_remote()
+    for qpos in (stands, lies, stands, lies, None):
+        record = replace(local.tick(Intent.DAMP) if qpos is None else local.tick(), qpos=lies if qpos is None else qpos)
+        reasons.look(record)
+        told.append(reasons.told(record)["fallen"])
+    assert [text != "" for text in told] == [False, True, False, True, True]
+    assert told[1] == "fell: tilted by 90°"
 
 
 def test_every_flag_has_a_meaning() -> None:

@@ -45,16 +45,18 @@ def test_it_ends_when_the_page_is_not_heard() -> None:
     steering.steer(1, 0, 0.5, NOBODY, WALKS, ms(0))
     assert steering.problem(WALKS, None, ms(250)) == ""
     assert steering.problem(WALKS, None, ms(251)) == "page 1 was not heard for 0.25 s"
-    steering.beat(1, ms(1100), ms(50))  # it shows what is older than a second
-    assert steering.problem(WALKS, None, ms(1100)) == "page 1 was not heard for 0.25 s"
+    steering.beat(1, ms(1100), ms(100))
+    assert steering.problem(WALKS, None, ms(1100)) == ""
+    steering.beat(1, ms(1150), ms(100))  # its thread that draws has stood still since
+    assert steering.problem(WALKS, None, ms(1150)) == "page 1 shows what is older than 1 s"
 
 
 def test_it_ends_with_the_mode_and_with_another_owner() -> None:
     steering = Steering(RANGES)
     steering.steer(1, 0, 0.5, NOBODY, WALKS, ms(0))
     assert steering.problem(Mode.DAMPING, None, ms(1)) == "mode is DAMPING"
-    assert steering.problem(WALKS, "gamepad (7)", ms(1)) == "it belongs to gamepad (7)"
-    assert steering.problem(WALKS, "", ms(1)) == "it belongs to nobody"
+    assert steering.problem(WALKS, "gamepad (7)", ms(1)) == "gamepad (7) controls it now"
+    assert steering.problem(WALKS, "", ms(1)) == "no longer controlled by anyone"
 
 
 def test_a_stop_is_sent_while_it_is_news_and_then_left_alone() -> None:
