@@ -26,8 +26,8 @@ from humanoid_sim.regress.suite_file import SUITE_OF, load_suite
 from humanoid_sim.strict_json import parse_json
 from humanoid_sim.training.ppo.environment import Subject, subject_of
 from humanoid_sim.training.ppo.export import export
-from humanoid_sim.training.ppo.journal import PROGRESS, EpisodeMeter, Journal, Update, read_progress
-from humanoid_sim.training.ppo.learner import SETTINGS, Learner, PPOSettings, first_spread, learner_class
+from humanoid_sim.training.ppo.journal import PROGRESS, EpisodeMeter, Journal, read_progress
+from humanoid_sim.training.ppo.learner import SETTINGS, Learner, first_spread, learner_class
 from humanoid_sim.training.ppo.options import TrainConfig
 from humanoid_sim.training.ppo.videos import Videos
 
@@ -54,7 +54,7 @@ def train(config: TrainConfig) -> int:
     path = Path(config.folder or f"runs/train/{name}")
     horizon = None if config.resume or config.curriculum is None else config.steps  # the run's that is resumed, if any
     told = {**subject.told, "curriculum_steps": config.curriculum_steps or horizon}
-    folder = RunFolder(path, config, told, SETTINGS, kind.SUFFIX)
+    folder = RunFolder(path, config, told, kind.SUFFIX)
     output = output_file(Path(config.output) if config.output else path / "policy.onnx", "--output", ".onnx")
     _require_time(config, folder, output)
     import torch  # noqa: PLC0415 - after the learner's class, which says what to install
@@ -93,18 +93,11 @@ def _check(config: TrainConfig) -> None:
 
 def _require_time(config: TrainConfig, folder: RunFolder, output: Path) -> None:
     """Refuse to go on with a run whose time is up; one that was killed before it wrote its policy still writes it."""
-    used, steps = _used(folder)
-    if used >= _limit(config) and steps < config.steps and output.exists():
+    if folder.seconds >= _limit(config) and folder.rows[-1]["steps"] < config.steps and output.exists():
         raise InputError(
-            f"--resume: the folder already has {used / 60.0:.1f} of --minutes {config.minutes:g}; give a larger "
-            "--minutes (earlier runs count)"
+            f"--resume: the folder already has {folder.seconds / 60.0:.1f} of --minutes {config.minutes:g}; give a "
+            "larger --minutes (earlier runs count)"
         )
-
-
-def _used(folder: RunFolder) -> tuple[float, float]:
-    """Return training time in s, and policy steps, of a folder's earlier runs."""
-    rows = read_progress(folder.path / PROGRESS) if folder.start is not None else []
-    return (rows[-1]["seconds"], rows[-1]["steps"]) if rows else (0.0, 0.0)
 
 
 def _limit(config: TrainConfig) -> float:
@@ -126,50 +119,34 @@ def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[
     _show(f"making {config.robots} robots {subject.scenario.description.name} for the task {subject.task} …")
     envs = subject.environments(config.robots)
     meter = EpisodeMeter(envs)
-    start = folder.start
     spread = first_spread(subject.contract, is_floating=subject.scenario.description.is_floating)
-    updates = len(read_progress(folder.path / PROGRESS)) if start is not None else 0
-    learner = kind(meter, SETTINGS, spread, seed_of(config.seed, updates), start)
-    done = learner.steps
-    if start is not None:
-        _show(f"goes on after {done} steps")
-    limit, tensorboard = _limit(config), config.tensorboard
-    journal = Journal(folder.path, config.steps, meter, _show, done=done, limit=limit, tensorboard=tensorboard)
+    learner = kind(meter, spread, seed_of(config.seed, len(folder.rows)), folder.start)
+    if folder.start is not None:
+        _show(f"goes on after {learner.steps} steps")
+    limit = _limit(config)
+    journal = Journal(
+        folder.path, config.steps, meter, _show, done=learner.steps, limit=limit, tensorboard=config.tensorboard
+    )
     videos = Videos(subject, folder.path, config.video_minutes)
-    saved = time.monotonic()
-
-    def set_progress(steps: int) -> None:
-        """Tell the environments how far the curriculum has come, for the episodes that begin from then on."""
-        if folder.curriculum_steps is not None:
-            envs.progress = min(steps / folder.curriculum_steps, 1.0)
-
-    def save() -> None:
-        with whole_file(folder.checkpoint) as file:
-            learner.save(file)
-
-    def after_update(update: Update) -> bool:
-        """Write down, save and show; returns whether to go on."""
-        nonlocal saved
-        journal.record(update)
-        set_progress(update.steps)
-        if not np.isfinite(update.spread):
-            raise InputError(
-                f"the network is no longer finite after {update.steps} steps; the checkpoint before still is"
-            )
-        if interruption.is_set():
-            return False
-        if time.monotonic() - saved >= config.checkpoint_seconds:
-            save()
-            saved = time.monotonic()
-        videos.show(learner.actor, update.steps)
-        return journal.seconds < limit
-
+    has_more, saved = learner.steps < config.steps and folder.seconds < limit, time.monotonic()
     try:
         with interruptible() as interruption:
-            if done < config.steps and _used(folder)[0] < limit:
-                set_progress(done)
-                learner.learn(config.steps, after_update)
-                save()
+            while has_more:
+                if folder.curriculum_steps is not None:  # for the episodes that begin from now on
+                    envs.progress = min(learner.steps / folder.curriculum_steps, 1.0)
+                update = learner.update()
+                journal.record(update)
+                if not np.isfinite(update.spread):
+                    raise InputError(
+                        f"the network is no longer finite after {update.steps} steps; the checkpoint before still is"
+                    )
+                has_more = update.steps < config.steps and journal.seconds < limit and not interruption.is_set()
+                if not has_more or time.monotonic() - saved >= config.checkpoint_seconds:
+                    with whole_file(folder.checkpoint) as file:
+                        learner.save(file)
+                    saved = time.monotonic()
+                if not interruption.is_set():
+                    videos.show(learner.answer, update.steps)
     except BaseException:
         videos.abandon()
         learner.envs.close()
@@ -205,9 +182,7 @@ def measure(subject: Subject, policy: Path, folder: Path) -> bool:
 class RunFolder:
     """Folder of a run: `run.json`, which says what it is a run of, and its checkpoint."""
 
-    def __init__(
-        self, path: Path, config: TrainConfig, subject: Mapping[str, Any], settings: PPOSettings, suffix: str
-    ) -> None:
+    def __init__(self, path: Path, config: TrainConfig, subject: Mapping[str, Any], suffix: str) -> None:
         """Begin a run, or find the checkpoint of the one to resume.
 
         Args:
@@ -220,7 +195,7 @@ class RunFolder:
         self._place = path / "run.json"
         options = {name: value for name, value in asdict(config).items() if name not in _MAY_DIFFER}
         # as JSON has it
-        self._run: dict[str, Any] = json.loads(json.dumps({**options, **subject, _PPO: asdict(settings)}))
+        self._run: dict[str, Any] = json.loads(json.dumps({**options, **subject, _PPO: asdict(SETTINGS)}))
         self.is_resumed = is_file(self._place)
         if self.is_resumed:
             self._check(config.resume)
@@ -236,10 +211,12 @@ class RunFolder:
         self.curriculum_steps: int | None = self._run["curriculum_steps"]
         """Policy steps after which the curriculum's progress is 1; None without a curriculum."""
 
-    @property
-    def start(self) -> Path | None:
+        self.start = self.checkpoint if self.is_resumed and is_file(self.checkpoint) else None
         """The checkpoint to go on from; None at the beginning, also of a run that ended before its first."""
-        return self.checkpoint if self.is_resumed and is_file(self.checkpoint) else None
+        self.rows = [] if self.start is None else read_progress(path / PROGRESS)
+        """Progress of the earlier runs."""
+        self.seconds = self.rows[-1]["seconds"] if self.rows else 0.0
+        """Training time of the earlier runs."""
 
     def _check(self, resume: bool) -> None:
         if not resume:

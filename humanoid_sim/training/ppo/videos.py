@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from humanoid_sim.mit import MITCommand
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.training.ppo.environment import Subject
-from humanoid_sim.training.ppo.learner import Actor
+from humanoid_sim.training.ppo.learner import Float32Array
 
 _SECONDS = 8.0
 """s of an episode that are shown, at most."""
@@ -43,7 +44,7 @@ class Videos:
             except OSError as error:
                 raise InputError(f"{self._folder}: cannot be made a folder: {error.strerror}") from None
 
-    def show(self, actor: Actor, steps: int) -> None:
+    def show(self, answer: Callable[[Float32Array], Float32Array], steps: int) -> None:
         """Run an episode and have it drawn, if it is time; waits for the last video, which is long ready as a rule.
 
         Raises:
@@ -54,7 +55,7 @@ class Videos:
         self.close()
         self._latest = VideoSink(self._folder / f"{steps:010d}.mp4", self._model, size=_SIZE)
         try:
-            self._run(actor, self._latest, f"{steps} steps of training")
+            self._run(answer, self._latest, f"{steps} steps of training")
         except BaseException:
             self._latest.abandon()
             raise
@@ -79,7 +80,7 @@ class Videos:
     def _model(self) -> mujoco.MjModel:
         return build_model(self._subject.scenario.description, terrain=self._subject.scenario.terrain)
 
-    def _run(self, actor: Actor, sink: VideoSink, caption: str) -> None:
+    def _run(self, answer: Callable[[Float32Array], Float32Array], sink: VideoSink, caption: str) -> None:
         contract = self._subject.contract
         ranges = contract.command_ranges
         options = {}
@@ -92,6 +93,6 @@ class Videos:
             for step in range(round(_SECONDS / contract.policy_dt)):
                 tick = TickInput(env.robot.truth())
                 sink.tick(TickRecord(step, tick, TickOutput(command, mode), 0.0, False, env.robot.qpos))
-                observation, _, terminated, truncated, _ = env.step(actor.answer(observation[None])[0])
+                observation, _, terminated, truncated, _ = env.step(answer(observation[None])[0])
                 if terminated or truncated:
                     return
