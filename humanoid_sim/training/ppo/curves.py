@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.files import output_file, whole_file
@@ -16,8 +15,7 @@ from humanoid_sim.training.ppo.options import CurvesConfig
 _LIBRARIES = {"ppo-sb3": "stable-baselines3", "ppo-rsl_rl": "rsl_rl"}
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
+class Run(NamedTuple):
     """One curve."""
 
     subject: str

@@ -98,9 +98,15 @@ class Journal:
             file.write((",".join(COLUMNS) + "\n").encode())
             for row in rows:
                 file.write(_line(row))
-        self._writer = _tensorboard(folder, done) if tensorboard else None
-        self._begin = self._shown = time.monotonic()
-        self._latest = (done, self._begin)
+        self._writer: Any = None
+        if tensorboard:
+            try:
+                from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - heavy, and can be done without
+            except ImportError:
+                raise MissingPackageError("tensorboard", "rl", "training train (or give --no-tensorboard)") from None
+            self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=done + 1 if done else None)
+        self._begin = self._shown = self._noted = time.monotonic()
+        self._steps = done
 
     @property
     def seconds(self) -> float:
@@ -114,9 +120,8 @@ class Journal:
             InputError: it cannot be written.
         """
         now, meter = time.monotonic(), self._meter
-        steps, then = self._latest
-        speed = (update.steps - steps) / max(now - then, 1e-9)
-        self._latest = update.steps, now
+        speed = (update.steps - self._steps) / max(now - self._noted, 1e-9)
+        self._steps, self._noted = update.steps, now
         row = dict(zip(COLUMNS, (update.steps, self.seconds, speed, *meter.means(), update.spread), strict=True))
         try:
             with self._path.open("ab") as file:
@@ -181,11 +186,3 @@ def _millions(steps: float) -> str:
 def _duration(seconds: float) -> str:
     minutes = seconds / 60.0
     return f"{minutes:.0f} min" if minutes < 120.0 else f"{minutes / 60.0:.1f} h"
-
-
-def _tensorboard(folder: Path, done: int) -> Any:
-    try:
-        from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - heavy, and can be done without
-    except ImportError:
-        raise MissingPackageError("tensorboard", "rl", "training train (or give --no-tensorboard)") from None
-    return SummaryWriter(str(folder / "tensorboard"), purge_step=done + 1 if done else None)

@@ -56,11 +56,17 @@ def train(config: TrainConfig) -> int:
     told = {**subject.told, "curriculum_steps": config.curriculum_steps or horizon}
     folder = RunFolder(path, config, told, kind.SUFFIX)
     output = output_file(Path(config.output) if config.output else path / "policy.onnx", "--output", ".onnx")
-    _require_time(config, folder, output)
+    limit = float("inf") if config.minutes is None else 60.0 * config.minutes
+    # A run that was killed before it wrote its policy still writes it.
+    if folder.seconds >= limit and folder.rows[-1]["steps"] < config.steps and output.exists():
+        raise InputError(
+            f"--resume: the folder already has {folder.seconds / 60.0:.1f} of --minutes {config.minutes:g}; give a "
+            "larger --minutes (earlier runs count)"
+        )
     import torch  # noqa: PLC0415 - after the learner's class, which says what to install
 
     torch.set_num_threads(config.threads)
-    learner, is_interrupted = _learn(config, subject, folder, kind)
+    learner, is_interrupted = _learn(config, subject, folder, kind, limit)
     try:
         if is_interrupted:
             _show(f"interrupted after {learner.steps} steps, saved in {path}; the same command with --resume goes on")
@@ -91,20 +97,6 @@ def _check(config: TrainConfig) -> None:
         output_file(Path(config.output), "--output", ".onnx")
 
 
-def _require_time(config: TrainConfig, folder: RunFolder, output: Path) -> None:
-    """Refuse to go on with a run whose time is up; one that was killed before it wrote its policy still writes it."""
-    if folder.seconds >= _limit(config) and folder.rows[-1]["steps"] < config.steps and output.exists():
-        raise InputError(
-            f"--resume: the folder already has {folder.seconds / 60.0:.1f} of --minutes {config.minutes:g}; give a "
-            "larger --minutes (earlier runs count)"
-        )
-
-
-def _limit(config: TrainConfig) -> float:
-    """Return the training time in s after which it ends."""
-    return float("inf") if config.minutes is None else 60.0 * config.minutes
-
-
 def seed_of(seed: int, updates: int) -> int:
     """Seed networks, actions and environments: a training that goes on does not begin again alike."""
     return seed if updates == 0 else int(np.random.SeedSequence([seed, updates]).generate_state(1)[0])
@@ -114,8 +106,10 @@ def _show(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[Learner]) -> tuple[Learner, bool]:
-    """Train to the end, until the time is up, or until Ctrl-C, which is told."""
+def _learn(
+    config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[Learner], limit: float
+) -> tuple[Learner, bool]:
+    """Train to the end, until `limit`, s, is up, or until Ctrl-C, which is told."""
     _show(f"making {config.robots} robots {subject.scenario.description.name} for the task {subject.task} …")
     envs = subject.environments(config.robots)
     meter = EpisodeMeter(envs)
@@ -123,7 +117,6 @@ def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[
     learner = kind(meter, spread, seed_of(config.seed, len(folder.rows)), folder.start)
     if folder.start is not None:
         _show(f"goes on after {learner.steps} steps")
-    limit = _limit(config)
     journal = Journal(
         folder.path, config.steps, meter, _show, done=learner.steps, limit=limit, tensorboard=config.tensorboard
     )

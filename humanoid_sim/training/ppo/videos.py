@@ -7,8 +7,6 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
-import mujoco
-
 from humanoid_sim.controllers.base import RL_POLICY
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
@@ -53,11 +51,13 @@ class Videos:
         if time.monotonic() < self._due:
             return
         self.close()
-        self._latest = VideoSink(self._folder / f"{steps:010d}.mp4", self._model, size=_SIZE)
+        robot, terrain = self._subject.scenario.description, self._subject.scenario.terrain
+        path = self._folder / f"{steps:010d}.mp4"
+        self._latest = VideoSink(path, lambda: build_model(robot, terrain=terrain), size=_SIZE)
         try:
             self._run(answer, self._latest, f"{steps} steps of training")
         except BaseException:
-            self._latest.abandon()
+            self.abandon()
             raise
         self._due = time.monotonic() + self._period
 
@@ -76,9 +76,6 @@ class Videos:
         latest, self._latest = self._latest, None
         if latest is not None:
             latest.abandon()
-
-    def _model(self) -> mujoco.MjModel:
-        return build_model(self._subject.scenario.description, terrain=self._subject.scenario.terrain)
 
     def _run(self, answer: Callable[[Float32Array], Float32Array], sink: VideoSink, caption: str) -> None:
         contract = self._subject.contract
