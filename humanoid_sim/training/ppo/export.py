@@ -157,17 +157,13 @@ def _environment(envs: Any) -> PolicyEnv | PolicyVectorEnv:
                 f"envs: {type(inner).__name__} changes observations or actions, which the file would not; train "
                 "without it: stable-baselines3's VecNormalize and rsl_rl's obs_normalization go into the file"
             )
-        inner = _inside(inner)
+        own = getattr(inner, "__dict__", {})
+        inner = next((own[name] for name in _INSIDE if name in own), None)
+        if isinstance(inner, list | tuple):
+            inner = next(iter(inner), None)  # of several environments the first
         if inner is None:
             raise InputError(f"envs: is a {type(envs).__name__}, expected the environments that the policy learned in")
     return inner
-
-
-def _inside(wrapper: Any) -> Any:
-    """Return what is wrapped; of several environments the first. None: nothing."""
-    own = getattr(wrapper, "__dict__", {})
-    inside = next((own[name] for name in _INSIDE if name in own), None)
-    return next(iter(inside), None) if isinstance(inside, list | tuple) else inside
 
 
 def _training_run(scenario: Scenario, actor: Actor, seed: int) -> dict[str, npt.NDArray[Any]]:
