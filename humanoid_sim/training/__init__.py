@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         positional=True,
     )
     if isinstance(config, CurvesConfig):
-        from humanoid_sim.training.ppo.curves import curves  # noqa: PLC0415 - needs no library of training
+        from humanoid_sim.training.ppo.journal import curves  # noqa: PLC0415 - needs no library of training
 
         return curves(config)
     from humanoid_sim.training.ppo.run import train  # noqa: PLC0415

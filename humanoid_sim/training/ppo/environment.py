@@ -209,11 +209,6 @@ class Subject:
     told: Mapping[str, Any]
     """Plain values that the arguments came to, which a run that is resumed must have again."""
 
-    @property
-    def robot(self) -> str:
-        """Name or path."""
-        return str(self.arguments["robot"])
-
     def environments(self, robots: int) -> PolicyVectorEnv:
         """Make so many robots, for either library."""
         return PolicyVectorEnv(robots, **self.arguments, autoreset_mode="SameStep")

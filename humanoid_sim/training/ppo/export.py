@@ -27,6 +27,7 @@ from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.files import output_file
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
+from humanoid_sim.policy.golden.samples import STATE_ARRAYS
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.motion import Motion, write_motion
 from humanoid_sim.policy_tools.stamp import stamp
@@ -202,11 +203,7 @@ def _training_run(scenario: Scenario, actor: Actor, seed: int) -> dict[str, npt.
             row: dict[str, Any] = {
                 "observation": observation,
                 "action": action,
-                "joint_position": state.joint_position,
-                "joint_velocity": state.joint_velocity,
-                "imu_quaternion": state.imu_quaternion,
-                "imu_angular_velocity": state.imu_angular_velocity,
-                "imu_linear_acceleration": state.imu_linear_acceleration,
+                **{name: getattr(state, name) for name in STATE_ARRAYS},
                 **{name: extern.value for name, extern in state.extern.items()},
             }
             row["target"] = loop.act(action).position

@@ -1,4 +1,4 @@
-"""`train`: check, learn, export, measure."""
+"""`train`: check, learn, export, measure; and every so often a video of the policy as it is then."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
@@ -18,18 +18,22 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.cli import ExitStatus
+from humanoid_sim.controllers.base import RL_POLICY
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file, output_file, whole_file
+from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.run import regress
 from humanoid_sim.regress.suite_file import SUITE_OF, load_suite
+from humanoid_sim.rendering.video import VideoSink
+from humanoid_sim.simulation.model import build_model
 from humanoid_sim.strict_json import parse_json
 from humanoid_sim.training.ppo.environment import Subject, subject_of
 from humanoid_sim.training.ppo.export import export
 from humanoid_sim.training.ppo.journal import PROGRESS, EpisodeMeter, Journal, read_progress
-from humanoid_sim.training.ppo.learner import SETTINGS, Learner, first_spread, learner_class
+from humanoid_sim.training.ppo.learner import SETTINGS, Float32Array, Learner, first_spread, learner_class
 from humanoid_sim.training.ppo.options import TrainConfig
-from humanoid_sim.training.ppo.videos import Videos
 
 _MAY_DIFFER = (
     *("steps", "minutes", "folder", "output", "resume", "checkpoint_seconds", "video_minutes", "tensorboard"),
@@ -39,6 +43,11 @@ _KEPT = ("curriculum_steps",)
 """Options that a run goes on with as they were, unless others are given, which are refused."""
 _PPO = "ppo"
 _CTRL_C = b"Ctrl-C: ends after this update, with a checkpoint; once more ends at once\n"
+_VIDEO_SECONDS = 8.0
+"""s of an episode that a video shows, at most."""
+_VIDEO_SHARE = 0.5
+"""Share of the greatest forward command in it, for a policy that walks."""
+_VIDEO_SIZE = 640, 360
 
 
 def train(config: TrainConfig) -> int:
@@ -160,7 +169,11 @@ def measure(subject: Subject, policy: Path, folder: Path) -> bool:
     episodes = len(suite.cases) * len(suite.seed_numbers)
     _show(f"measuring with the suite {name}: {episodes} episodes; Ctrl-C leaves it out")
     config = RegressConfig(
-        policies=(str(policy),), suite=name, robot=subject.robot, json=folder / "regress.json", overwrite=True
+        policies=(str(policy),),
+        suite=name,
+        robot=str(subject.arguments["robot"]),
+        json=folder / "regress.json",
+        overwrite=True,
     )
     try:
         regress(config)
@@ -246,3 +259,75 @@ def interruptible() -> Iterator[threading.Event]:
         yield asked
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+class Videos:
+    """A video now and then, when it is time for one."""
+
+    def __init__(self, subject: Subject, folder: Path, minutes: float | None) -> None:
+        """Make none before so many minutes; None: none at all.
+
+        Raises:
+            InputError: their folder cannot be made.
+        """
+        self._subject, self._folder = subject, folder / "videos"
+        self._period = float("inf") if minutes is None else 60.0 * minutes
+        self._due = time.monotonic() + self._period
+        self._latest: VideoSink | None = None
+        if minutes is not None:
+            try:
+                self._folder.mkdir(exist_ok=True)
+            except OSError as error:
+                raise InputError(f"{self._folder}: cannot be made a folder: {error.strerror}") from None
+
+    def show(self, answer: Callable[[Float32Array], Float32Array], steps: int) -> None:
+        """Run an episode and have it drawn, if it is time; waits for the last video, which is long ready as a rule.
+
+        Raises:
+            InputError: the last one could not be written.
+        """
+        if time.monotonic() < self._due:
+            return
+        self.close()
+        robot, terrain = self._subject.scenario.description, self._subject.scenario.terrain
+        path = self._folder / f"{steps:010d}.mp4"
+        self._latest = VideoSink(path, lambda: build_model(robot, terrain=terrain), size=_VIDEO_SIZE)
+        try:
+            self._run(answer, self._latest, f"{steps} steps of training")
+        except BaseException:
+            self.abandon()
+            raise
+        self._due = time.monotonic() + self._period
+
+    def close(self) -> None:
+        """Wait for the one that is being drawn.
+
+        Raises:
+            InputError: it could not be written.
+        """
+        latest, self._latest = self._latest, None
+        if latest is not None:
+            latest.finish()
+
+    def abandon(self) -> None:
+        """Give up the one that is being drawn: nobody waits for it."""
+        latest, self._latest = self._latest, None
+        if latest is not None:
+            latest.abandon()
+
+    def _run(self, answer: Callable[[Float32Array], Float32Array], sink: VideoSink, caption: str) -> None:
+        contract = self._subject.contract
+        ranges = contract.command_ranges
+        options = {}
+        if self._subject.scenario.wiring.takes_velocity_command and ranges is not None:
+            options["command"] = (_VIDEO_SHARE * ranges[0, 1], 0.0, 0.0)
+        with contextlib.closing(self._subject.environment()) as env:
+            observation, _ = env.reset(seed=0, options=options)
+            mode = ControlMode(Mode.LOCOMOTION, RL_POLICY, caption)
+            command = MITCommand.zeros(len(env.robot.joints))
+            for step in range(round(_VIDEO_SECONDS / contract.policy_dt)):
+                tick = TickInput(env.robot.truth())
+                sink.tick(TickRecord(step, tick, TickOutput(command, mode), 0.0, False, env.robot.qpos))
+                observation, _, terminated, truncated, _ = env.step(answer(observation[None])[0])
+                if terminated or truncated:
+                    return

@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.training.ppo import videos as module
+from humanoid_sim.training.ppo import run as module
 from humanoid_sim.training.ppo.environment import subject_of
 from humanoid_sim.training.ppo.options import TrainConfig
-from humanoid_sim.training.ppo.videos import Videos
+from humanoid_sim.training.ppo.run import Videos
 
 LEGS = subject_of(TrainConfig(robot="lite_biped"))
 
@@ -25,7 +25,7 @@ class Still:
 
 @pytest.mark.slow  # draws
 def test_a_video_shows_an_episode_at_half_speed_ahead(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "_SECONDS", 0.4)
+    monkeypatch.setattr(module, "_VIDEO_SECONDS", 0.4)
     now = [0.0]
     monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
     still = Still()
