@@ -15,6 +15,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
+from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize, unwrap_vec_normalize
 from torch import Tensor, nn
 
@@ -122,7 +123,7 @@ class StableBaselinesLearner(Learner):
 
     def __init__(self, envs: VectorEnv[Any, Any, Any], spread: float, seed: int, start: Path | None) -> None:
         """See `Learner`."""
-        torch.manual_seed(seed)
+        set_random_seed(seed % 2**32)  # NumPy's too, which draws the minibatches
         self.envs = StableBaselinesVecEnv(envs)
         self.envs.seed(seed)
         self._per_update = SETTINGS.steps_per_update * envs.num_envs
