@@ -187,7 +187,11 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
         refuse_others(options, "command", "recording", "state", "memory")
         if not isinstance(plant, PlantState):
             raise InputError(f"reset: state is a {type(plant).__name__}, expected a PlantState")
-        return plant, None if memory is None else _policy_memory(memory), frame
+        if isinstance(memory, RLPolicyMemory):
+            memory = memory.policy
+        if not isinstance(memory, PolicyMemory | None):
+            raise InputError(f"reset: memory is a {type(memory).__name__}, expected an RLPolicyMemory")
+        return plant, memory, frame
 
     def step(self, action: Array) -> Step:
         """One policy step.
@@ -240,11 +244,3 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
     def _show_step(self, state: MITState, command: MITCommand) -> None:
         mode = ControlMode(Mode.LOCOMOTION, RL_POLICY, f"step {self._steps}")
         self._show(TickInput(state), TickOutput(command, mode))
-
-
-def _policy_memory(memory: PolicyMemory | RLPolicyMemory) -> PolicyMemory:
-    if isinstance(memory, PolicyMemory):
-        return memory
-    if not isinstance(memory, RLPolicyMemory):
-        raise InputError(f"reset: memory is a {type(memory).__name__}, expected an RLPolicyMemory")
-    return memory.policy

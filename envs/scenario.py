@@ -27,7 +27,7 @@ from humanoid_sim.names import near_miss
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion, read_motion
-from humanoid_sim.policy.random_songs import choose_song, is_generated
+from humanoid_sim.policy.random_songs import is_generated, named_song
 from humanoid_sim.policy.readers.contract_yaml import read_contract_file
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.policy.song import song_motion
@@ -222,13 +222,7 @@ def with_songs(motion: Motions | None, contract: PolicyContract, robot: RobotDes
         name = str(motion)
         if name not in sample_songs() and not name.endswith((".mid", ".midi")) and not is_generated(name):
             return motion
-        try:
-            song, _ = choose_song(name, robot)
-        except InputError as error:  # which names the option of `play`
-            raise InputError(str(error).replace("--song", "motion", 1)) from None
-        if not song.notes:
-            raise InputError(f"motion: none of the notes of {name} is within the reach of '{robot.name}'")
-        return song_motion(song, contract.policy_dt, robot)
+        return song_motion(named_song(name, robot, what="motion"), contract.policy_dt, robot)
     several: list[Named | Motion] = []
     for one in motion:
         made = with_songs(one, contract, robot)

@@ -112,6 +112,7 @@ def modes_action_space(description: RobotDescription, remote: bool) -> Space[Any
 def modes_observation_space(description: RobotDescription) -> Dict:
     """State, mode, standby progress and safety; what each value is, `modes_observation` says."""
     low, high = _position_bounds(description)
+    both = description.standby_controller_a, description.standby_controller_b
     n, effort = len(low), np.where(np.isfinite(description.effort_limit), description.effort_limit, np.float64(1e6))
 
     def box(bound: float, *shape: int, least: float | None = None) -> Box:
@@ -127,7 +128,7 @@ def modes_observation_space(description: RobotDescription) -> Dict:
             "imu_angular_velocity": box(_SPEED, 3),
             "imu_linear_acceleration": box(_ACCELERATION, 3),
             "mode": Discrete(len(Mode)),
-            "standby_segment": Discrete(_segments(description) + 1),
+            "standby_segment": Discrete(max(len(standby.segment_durations) for standby in both) + 1),
             "standby_progress": box(1.0, 1, least=0.0),
             "standby_finished": Discrete(2),
             "safety_level": Discrete(len(SafetyLevel)),
@@ -161,10 +162,3 @@ def modes_observation(state: MITState, output: TickOutput | None, safety: tuple[
 def _position_bounds(description: RobotDescription) -> tuple[FloatArray, FloatArray]:
     low, high = description.lower - _BEYOND_STOP, description.upper + _BEYOND_STOP
     return np.where(np.isfinite(low), low, -_ANY_POSITION), np.where(np.isfinite(high), high, _ANY_POSITION)
-
-
-def _segments(description: RobotDescription) -> int:
-    return max(
-        len(standby.segment_durations)
-        for standby in (description.standby_controller_a, description.standby_controller_b)
-    )

@@ -84,8 +84,6 @@ class WalkingTask(VelocityTask):
             "posture": -0.3,
             "stillness": -0.02,
             "strain": -1.0,
-            "action_rate": -0.02,
-            "effort": -0.05,
         }
     )
 

@@ -63,10 +63,11 @@ def random_song(
         )
     beat = rng.uniform(1.0, 2.0) / notes_per_second
     scale, tonic = _SCALES[rng.integers(len(_SCALES))], rng.integers(12)
-    voices = [
-        _voice(rng, sorted(keys), _in_scale(keys, scale, int(tonic)), beat, lead_in, seconds, track)
-        for track, keys in enumerate(hands)
-    ]
+    voices = []
+    for track, keys in enumerate(hands):
+        chosen = sorted(key for key in keys if (key - int(tonic)) % 12 in scale)
+        usual = chosen if len(chosen) >= 3 else sorted(keys)  # too few to move
+        voices.append(_voice(rng, sorted(keys), usual, beat, lead_in, seconds, track))
     kept: list[Note] = []
     for note in sorted((note for voice in voices for note in voice), key=lambda note: (note.start, rng.random())):
         recent = [other for other in kept if note.start - other.start < _WINDOW]
@@ -84,8 +85,8 @@ def held_out_songs(hands: Sequence[Sequence[int]], count: int, seed: int = 0) ->
     return [_held_out(hands, i, seed) for i in range(count)]
 
 
-def named_song(name: str, robot: RobotDescription, folder: Path = Path()) -> Song:
-    """Return the song of `choose_song`, which has a note at least.
+def named_song(name: str, robot: RobotDescription, folder: Path = Path(), what: str = "song") -> Song:
+    """Return the song of `choose_song`, which has a note at least; `what` is what messages call it.
 
     Raises:
         InputError: there is no such song, it cannot be read, or none of its notes is within reach.
@@ -93,9 +94,9 @@ def named_song(name: str, robot: RobotDescription, folder: Path = Path()) -> Son
     try:
         song, _ = choose_song(name, robot, folder)
     except InputError as error:  # which names the option of `play`
-        raise InputError(str(error).replace("--song", "song", 1)) from None
+        raise InputError(str(error).replace("--song", what, 1)) from None
     if not song.notes:
-        raise InputError(f"song: none of the notes of '{name}' is within the reach of '{robot.name}'")
+        raise InputError(f"{what}: none of the notes of '{name}' is within the reach of '{robot.name}'")
     return song
 
 
@@ -131,12 +132,6 @@ def is_generated(name: str) -> bool:
 
 def _held_out(hands: Sequence[Sequence[int]], number: int, seed: int) -> Song:
     return random_song(np.random.default_rng([_HELD_OUT, seed, number]), hands)
-
-
-def _in_scale(keys: Sequence[int], scale: Sequence[int], tonic: int) -> list[int]:
-    """Return the keys of a hand that are in the scale; all of them where that leaves too few to move."""
-    chosen = sorted(key for key in keys if (key - tonic) % 12 in scale)
-    return chosen if len(chosen) >= 3 else sorted(keys)
 
 
 def _voice(

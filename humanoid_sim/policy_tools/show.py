@@ -59,7 +59,9 @@ def show(options: Show) -> int:
         1 if fields are missing, or if its golden vectors say that it is not wired as it was trained.
     """
     if options.skeleton is not None:
-        _check_skeleton(options.skeleton)
+        output_file(options.skeleton, "--skeleton", ".yaml", ".yml")
+        if os.path.lexists(options.skeleton):  # what was filled in must not be lost
+            raise InputError(f"--skeleton: '{options.skeleton}' exists; choose another name")
     description = None if options.robot is None else load_robot(options.robot)
     joints = None if description is None else description.joint_names
     try:
@@ -177,13 +179,17 @@ def _overview(checkpoint: Checkpoint, layout: ObservationLayout, golden: str, pr
     contract, policy = checkpoint.contract, checkpoint.policy
     width = checkpoint.observation_width
     fits = "" if width in (None, layout.width) else f" [red]but the model's input has {width}[/red]"
+    if checkpoint.motion is not None:
+        motion = f"in the model: {len(checkpoint.motion.frames)} frames, {checkpoint.motion.duration:.2f} s"
+    else:
+        motion = "follows none" if contract.task_type == "locomotion" else "not in the model: --motion of play"
     rows = {
         "task": contract.task_type,
         "rate": f"{1.0 / contract.policy_dt:g} Hz",
         "joints": f"{len(contract.joint_names)}, of which {contract.action_count} driven",
         "observation": f"{layout.width} values in {len(contract.terms)} terms{fits}",
         "command": "velocity" if contract.takes_velocity_command else ", ".join(contract.command_names) or "none",
-        "motion": _motion(checkpoint),
+        "motion": motion,
         "golden vectors": f"[red]REFUSED: {escape(problem)}[/red]" if problem else escape(golden or "none"),
         **_file_rows(checkpoint.contract_file, checkpoint.sha256),
     }
@@ -207,13 +213,6 @@ def _file_rows(contract_file: Path | None, sha256: str) -> dict[str, str]:
 
 def _model_rows(model: OnnxModel) -> dict[str, str]:
     return {"inputs": _tensors(model.inputs), "outputs": _tensors(model.outputs)}
-
-
-def _motion(checkpoint: Checkpoint) -> str:
-    motion = checkpoint.motion
-    if motion is not None:
-        return f"in the model: {len(motion.frames)} frames, {motion.duration:.2f} s"
-    return "follows none" if checkpoint.contract.task_type == "locomotion" else "not in the model: --motion of play"
 
 
 def _tensors(tensors: Any) -> str:
@@ -306,13 +305,6 @@ def _model_document(model: OnnxModel) -> dict[str, Any]:
 
 _VALUES = {"names": "[NAME, NAME]", "text": "TEXT", "flag": "true", "structure": "{}", "axes": "{}"}
 """Placeholders of fields' values, by the kind of the form; for any other a number."""
-
-
-def _check_skeleton(path: Path) -> None:
-    """Refuse a file that cannot be written, or is there: what was filled in must not be lost."""
-    output_file(path, "--skeleton", ".yaml", ".yml")
-    if os.path.lexists(path):
-        raise InputError(f"--skeleton: '{path}' exists; choose another name")
 
 
 def _skeleton(checkpoint: Path, missing: Sequence[str], tensors: Sequence[str]) -> Iterator[str]:

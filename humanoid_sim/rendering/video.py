@@ -182,7 +182,7 @@ class VideoSink(Sink):
     def abandon(self) -> None:
         """Nobody wants the video: end the drawing, and leave no file. May be called at any time."""
         if self._drawing is not None:
-            self._drawing.abandon()
+            self._drawing.discard()
 
     def _job(self, path: str) -> Job:
         wav = "" if self._keys is None else str(self._wav)
@@ -191,6 +191,10 @@ class VideoSink(Sink):
     @property
     def _wav(self) -> Path:
         return self.path.with_suffix(".wav")
+
+
+class _UnwantedError(Exception):
+    """Nobody wants the video."""
 
 
 class _Drawing:
@@ -229,6 +233,12 @@ class _Drawing:
         if self.process is not None:
             self.process.kill()
         self._feeder.join(_STOPPED_WITHIN)
+
+    def discard(self) -> None:
+        """Abandon it, and remove the file that it was written to."""
+        self.abandon()
+        with contextlib.suppress(_UnwantedError), self._left:
+            raise _UnwantedError
 
     def _feed(self, job: Callable[[str], Job]) -> None:
         try:

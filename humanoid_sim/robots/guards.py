@@ -7,7 +7,7 @@ import numpy as np
 
 from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.robots.motors import MOTORS, MotorModel
+from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import FollowingGuard, LimitGuard, RobotDescription, SpeedGuard
 
 Bounds = tuple[float | None, ...]
@@ -108,12 +108,13 @@ def guards_of(robot: RobotDescription) -> Guards | None:
     off = np.full(robot.joint_count, np.inf)
     chosen = following or FollowingGuard()
     margin, fast = limit or LimitGuard(), speed or SpeedGuard()
+    pulled_hard = _numbers(chosen.effort) if chosen.effort else chosen.effort_share * robot.effort_limit
     return Guards(
         joints=robot.joint_names,
         lower=robot.lower,
         upper=robot.upper,
         effort_limit=robot.effort_limit,
-        following_effort=off if following is None else _pulled_hard(robot, following),
+        following_effort=off if following is None else pulled_hard,
         following_time=_FOLLOWING_TIME[kind] if chosen.time is None else chosen.time,
         following_progress=chosen.progress,
         following_within=robot.is_floating,
@@ -145,22 +146,17 @@ def describe_unwatched(robot: RobotDescription) -> str:
     return f"guards: {'; '.join(texts)}" if texts else ""
 
 
-def _pulled_hard(robot: RobotDescription, following: FollowingGuard) -> FloatArray:
-    """Shape (n,), N·m: the description's, or the share of the effort limit."""
-    return _numbers(following.effort) if following.effort else following.effort_share * robot.effort_limit
-
-
 def speed_limit(robot: RobotDescription) -> FloatArray:
-    """Shape (n,), rad/s: the description's, or what follows from range and motor; never more than can be read."""
+    """Shape (n,), rad/s: the description's, or what follows from range and motor; never more than can be read.
+
+    What follows is the whole range in the crossing time, but no more than the motor turns without load. What a motor
+    can report has an end of its scale, where nobody knows how fast it is.
+    """
+    motors = [None if joint.motor is None else MOTORS.get(joint.motor.model) for joint in robot.joints]
+    readable = _OF_SCALE * np.array([np.inf if model is None else model.velocity for model in motors])
+    fastest = np.array([np.inf if model is None else model.no_load_velocity for model in motors])
     given = robot.guards.speed.limit if robot.guards.speed is not None else ()
-    limit: FloatArray = np.minimum(given or _derived_limit(robot), _readable(robot))
-    return limit
-
-
-def _derived_limit(robot: RobotDescription) -> FloatArray:
-    """Shape (n,), rad/s: the whole range in the crossing time, but no more than the motor turns without load."""
-    fastest = np.array([np.inf if model is None else model.no_load_velocity for model in _models(robot)])
-    limit: FloatArray = np.minimum(_crossing_speed(robot), fastest)
+    limit: FloatArray = np.minimum(given or np.minimum(_crossing_speed(robot), fastest), readable)
     return limit
 
 
@@ -177,13 +173,3 @@ def _assumed_speed(robot: RobotDescription) -> tuple[str, ...]:
     crossing = _crossing_speed(robot)
     chosen = speed_limit(robot) >= crossing
     return tuple(name for name, is_assumed in zip(robot.joint_names, chosen, strict=True) if is_assumed)
-
-
-def _readable(robot: RobotDescription) -> FloatArray:
-    """Shape (n,), rad/s: what a motor can report. At the end of its scale nobody knows how fast it is."""
-    scales = np.array([np.inf if model is None else model.velocity for model in _models(robot)])
-    return _OF_SCALE * scales
-
-
-def _models(robot: RobotDescription) -> list[MotorModel | None]:
-    return [None if joint.motor is None else MOTORS.get(joint.motor.model) for joint in robot.joints]

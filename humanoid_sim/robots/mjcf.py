@@ -141,7 +141,9 @@ def describe_mjcf(path: Path) -> RobotDescription:
         raise InputError(f"{path}: the body that carries '{model.joint(joints[0]).name}' has no name; it is the base")
     is_floating = _has_free_joint(model, base)
     n = len(joints)
-    lower, upper = _limits(model, joints)
+    limited = model.jnt_limited[joints].astype(bool)  # the others turn freely
+    lower = np.where(limited, model.jnt_range[joints, 0], -math.inf)
+    upper = np.where(limited, model.jnt_range[joints, 1], math.inf)
     pose = tuple(float(q) for q in np.clip(model.qpos0[model.jnt_qposadr[joints]], lower, upper))
     standby = StandbySettings(
         target_stiffness=(0.0,) * n,
@@ -230,14 +232,6 @@ def _root(model: mujoco.MjModel, joint: int) -> int:
 def _has_free_joint(model: mujoco.MjModel, body: int) -> bool:
     joint = int(model.body_jntadr[body])
     return joint >= 0 and bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE)
-
-
-def _limits(model: mujoco.MjModel, joints: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Shape (n,) each, rad; infinite where the joint turns freely."""
-    limited = model.jnt_limited[joints].astype(bool)
-    lower = np.where(limited, model.jnt_range[joints, 0], -math.inf)
-    upper = np.where(limited, model.jnt_range[joints, 1], math.inf)
-    return lower, upper
 
 
 def _effort_limits(model: mujoco.MjModel, joints: list[int]) -> list[float]:

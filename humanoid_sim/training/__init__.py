@@ -19,9 +19,8 @@ def export_policy(model: Any, envs: Any, output: str | os.PathLike[str]) -> Path
     itself answers, in the environment as it is without randomisation.
 
     Args:
-        model: PPO or A2C of stable-baselines3 with an `MlpPolicy`, or a runner of rsl_rl with an `MLPModel`: linear
-            layers with ELU, ReLU, SiLU, Sigmoid or Tanh between them. Observations that `VecNormalize` or rsl_rl's
-            `obs_normalization` normalise are normalised in the file too.
+        model: PPO or A2C of stable-baselines3 with an `MlpPolicy`, or a runner of rsl_rl with an `MLPModel`.
+            Observations that `VecNormalize` or rsl_rl's `obs_normalization` normalise are normalised in the file too.
         envs: in which it was trained: a `PolicyEnv` or `PolicyVectorEnv`, whatever wrappers are around.
         output: the file (.onnx), which is replaced only by a whole one.
 
@@ -48,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         positional=True,
     )
     if isinstance(config, CurvesConfig):
-        from humanoid_sim.training.ppo.curves import curves  # noqa: PLC0415 - needs no library of training
+        from humanoid_sim.training.ppo.journal import curves  # noqa: PLC0415 - needs no library of training
 
         return curves(config)
     from humanoid_sim.training.ppo.run import train  # noqa: PLC0415

@@ -17,10 +17,9 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.training.ppo.network import write_model
 from tools.samples import scales
 from tools.samples.arm import ARM_JOINTS, JOINT_SIGN, ORIENTATION_SIGN, POSITION_SIGN
-from tools.samples.graph import SampleGraph
+from tools.samples.graph import SampleGraph, write_model
 from tools.samples.motions import BODIES, POLICY_DT, SAMPLE_DATASET, pose_a
 
 __all__ = ["OBSERVATIONS", "export_policy", "policy_graph", "sample_contract"]

@@ -16,7 +16,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.training.ppo.network import require_same_answers
+from humanoid_sim.training.ppo.export import require_same_answers
 from tools.samples import TrainSampleConfig
 from tools.samples.arm import ArmModel
 from tools.samples.closed_loop import ClosedLoop, train_closed_loop

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, action_command, resolve_action
+from humanoid_sim.controllers.policy_step import PolicyMemory, action_command, resolve_action
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import PolicyStep
@@ -36,8 +36,7 @@ _OWN_STEPS = 64
 """Steps of a made-up run, long enough to fill any usual history."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Row:
+class _Row(NamedTuple):
     """One step: with what it was entered, and what the policy saw."""
 
     memory: PolicyMemory
@@ -83,24 +82,20 @@ def own_samples(checkpoint: Checkpoint, motion: Motion | None = None, count: int
 
 
 def _rolled(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, name: str) -> list[_Row]:
-    try:
-        return _roll(recorded_wiring(loaded, recorded.joint_names), recorded)
-    except (FieldError, ValueError) as error:
-        raise InputError(f"{checkpoint.source}: on {name}: {error}") from None
-
-
-def _roll(wiring: PolicyWiring, recorded: Recorded) -> list[_Row]:
     """Go through a run from activation on."""
     rows: list[_Row] = []
-    memory = wiring.activate(recorded.state(0))
-    for k, action in enumerate(recorded.action):
-        entered = replace(memory, **memory_fields({name: table[k] for name, table in recorded.memory.items()}))
-        try:
+    where = ""
+    try:
+        wiring = recorded_wiring(loaded, recorded.joint_names)
+        memory = wiring.activate(recorded.state(0))
+        for k, action in enumerate(recorded.action):
+            where = f"step {k}: "
+            entered = replace(memory, **memory_fields({name: table[k] for name, table in recorded.memory.items()}))
             step, observed = observe(wiring, entered, recorded.state(k), action)
-        except FieldError as error:
-            raise FieldError(f"step {k}: {error}") from None
-        rows.append(_Row(entered, step))
-        memory, _ = wiring.act(observed, action)
+            rows.append(_Row(entered, step))
+            memory, _ = wiring.act(observed, action)
+    except (FieldError, ValueError) as error:
+        raise InputError(f"{checkpoint.source}: on {name}: {where}{error}") from None
     return rows
 
 

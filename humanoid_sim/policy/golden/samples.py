@@ -155,6 +155,10 @@ def recorded_state(arrays: Mapping[str, FloatArray], extern: Mapping[str, FloatA
 
 def encode_samples(samples: GoldenSamples) -> str:
     """One line of JSON from which `decode_samples` makes the same samples, bit for bit."""
+    arrays = {name: getattr(samples, name) for name in _ARRAYS if getattr(samples, name) is not None}
+    arrays |= {_EXTERN + name: array for name, array in samples.extern.items()}
+    arrays |= {_REFERENCE + name: array for name, array in samples.reference.items()}
+    little = {name: np.ascontiguousarray(array, array.dtype.newbyteorder("<")) for name, array in arrays.items()}
     document = {
         "version": _VERSION,
         "origin": samples.origin,
@@ -162,7 +166,10 @@ def encode_samples(samples: GoldenSamples) -> str:
         "target_origin": samples.target_origin,
         "joint_names": list(samples.joint_names),
         "frame_count": samples.frame_count,
-        "arrays": {name: _encode(array) for name, array in _arrays(samples).items()},
+        "arrays": {
+            name: {"shape": list(array.shape), "data": base64.b64encode(array.tobytes()).decode()}
+            for name, array in little.items()
+        },
     }
     return json.dumps(document)
 
@@ -197,28 +204,12 @@ def decode_samples(text: str, where: str) -> GoldenSamples:
         raise InputError(f"{where}: golden vectors are malformed: {problem}; stamp the checkpoint again") from None
 
 
-def _arrays(samples: GoldenSamples) -> dict[str, npt.NDArray[Any]]:
-    names = [name for name in _ARRAYS if getattr(samples, name) is not None]
-    arrays = {name: getattr(samples, name) for name in names}
-    arrays |= {_EXTERN + name: array for name, array in samples.extern.items()}
-    return arrays | {_REFERENCE + name: array for name, array in samples.reference.items()}
-
-
-def _dtype(name: str) -> str:
-    if name.startswith(_EXTERN):
-        return "<f8"
-    return "<f4" if name.startswith(_REFERENCE) else _ARRAYS[name][0]
-
-
-def _encode(array: npt.NDArray[Any]) -> dict[str, Any]:
-    little = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
-    return {"shape": list(array.shape), "data": base64.b64encode(little.tobytes()).decode()}
-
-
 def _decode(name: str, value: Any) -> npt.NDArray[Any]:
-    if not name.startswith((_EXTERN, _REFERENCE)) and name not in _ARRAYS:
+    prefix = name[: name.find("/") + 1]
+    kind = {_EXTERN: "<f8", _REFERENCE: "<f4"}.get(prefix) or _ARRAYS.get(name, ("",))[0]
+    if not kind:
         raise FieldError(f"hold the unknown array '{name}'")
-    shape, dtype = tuple(value["shape"]), np.dtype(_dtype(name))
+    shape, dtype = tuple(value["shape"]), np.dtype(kind)
     if not all(type(size) is int and size >= 0 for size in shape) or prod(shape) > _LARGEST:
         raise FieldError(f"{name}: has shape {shape}, expected sizes >= 0")
     try:

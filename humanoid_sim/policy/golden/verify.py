@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -36,20 +35,6 @@ _NO_LIMIT = 1e9
 """A recorded action is what it is."""
 _SHOWN = 4
 """Names of terms or joints in one message."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Wrong:
-    """Values that differ."""
-
-    sample: int
-    index: int
-    value: float
-    expected: float
-    names: tuple[str, ...]
-    """Terms or joints that they belong to, over all samples."""
-    count: int
-    """Number of them in that sample."""
 
 
 def verify_golden(checkpoint: Checkpoint) -> str:
@@ -109,11 +94,9 @@ def _observation_problem(wiring: PolicyWiring, samples: GoldenSamples) -> str:
             return f"sample {i} cannot be computed: {error}"
         observation[i] = step.observation
     names = [layout.locate(i).partition("[")[0] for i in range(layout.width)]
-    wrong = _compare(observation, samples.observation, OBSERVATION_TOLERANCE, names)
-    if wrong is None:
-        return ""
-    what = value_name(layout, contract, wrong.index)
-    return _sentence("observation", what, wrong, samples, samples.origin, layout.width)
+    return _difference(
+        samples, "observation", observation, OBSERVATION_TOLERANCE, names, lambda i: value_name(layout, contract, i)
+    )
 
 
 def _action_problem(policy: Policy, contract: PolicyContract, samples: GoldenSamples) -> str:
@@ -125,24 +108,18 @@ def _action_problem(policy: Policy, contract: PolicyContract, samples: GoldenSam
     except Exception as error:  # the policy is foreign code
         return f"the model fails on a sample: {str(error).partition(chr(10))[0]}"
     joints = contract.action_joint_names
-    wrong = _compare(np.asarray(answers), samples.action, ACTION_TOLERANCE, joints)
-    if wrong is None:
-        return ""
-    told = _sentence("action", f"of {joints[wrong.index]}", wrong, samples, samples.origin, len(joints))
+    told = _difference(samples, "action", np.asarray(answers), ACTION_TOLERANCE, joints)
     beside = external_file(policy.model.path) if isinstance(policy, OnnxPolicy) else None
-    if beside is None or not is_file(beside):
+    if not told or beside is None or not is_file(beside):
         return told
     return f"{told}, or its tensors in {beside.name} are another model's"
 
 
 def _target_problem(wiring: PolicyWiring, samples: GoldenSamples) -> str:
     position = action_command(wiring.action_map, samples.action).position
-    joints = samples.joint_names
-    wrong = _compare(position, samples.target, TARGET_TOLERANCE, joints)
-    if wrong is None:
-        return ""
-    told = _sentence("target", f"of {joints[wrong.index]}", wrong, samples, samples.target_origin, len(joints))
-    if (np.abs(position - samples.target) > _EXPORTERS_ROUNDING * (1.0 + np.abs(samples.action).max())).any():
+    told = _difference(samples, "target", position, TARGET_TOLERANCE, samples.joint_names)
+    rounding = _EXPORTERS_ROUNDING * (1.0 + np.abs(samples.action).max())
+    if not told or (np.abs(position - samples.target) > rounding).any():
         return told
     return f"{told}, or only rounded by its exporter: x.contract.yaml can hold the trainer's own action_scale"
 
@@ -232,30 +209,40 @@ def value_name(layout: ObservationLayout, contract: PolicyContract, index: int) 
     return f"{located} ({joints[place]})" if place < len(joints) else located
 
 
-def _compare(
-    value: npt.NDArray[np.floating], expected: npt.NDArray[np.floating], tolerance: float, names: Sequence[str]
-) -> _Wrong | None:
-    """Return the first value that is too far off; shapes (S, width), one name per column."""
+def _difference(
+    samples: GoldenSamples,
+    kind: Literal["observation", "action", "target"],
+    value: npt.NDArray[np.floating],
+    tolerance: float,
+    names: Sequence[str],
+    what: Callable[[int], str] | None = None,
+) -> str:
+    """Return what is too far off the samples' own, '' if nothing is.
+
+    Args:
+        samples: with the array `kind`, (S, width), that is expected.
+        kind: what is compared.
+        value: shape (S, width).
+        tolerance: absolute up to 1, relative beyond.
+        names: term or joint of each column.
+        what: names a column; None: by its joint.
+    """
+    expected: npt.NDArray[np.floating] = getattr(samples, kind)
     with np.errstate(invalid="ignore"):  # infinity - infinity
         far = ~(np.abs(value - expected) <= tolerance * np.maximum(1.0, np.abs(expected)))
     if not far.any():
-        return None
-    sample = int(np.argmax(far.any(axis=1)))
-    index = int(np.argmax(far[sample]))
-    touched = tuple(dict.fromkeys(name for name, hit in zip(names, far.any(axis=0), strict=True) if hit))
-    return _Wrong(
-        sample, index, float(value[sample, index]), float(expected[sample, index]), touched, int(far[sample].sum())
-    )
-
-
-def _sentence(kind: str, what: str, wrong: _Wrong, samples: GoldenSamples, origin: str, width: int) -> str:
-    shown = ", ".join(wrong.names[:_SHOWN]) + (", …" if len(wrong.names) > _SHOWN else "")
-    if origin == "trainer":
+        return ""
+    i = int(np.argmax(far.any(axis=1)))
+    index = int(np.argmax(far[i]))
+    touched = list(dict.fromkeys(name for name, hit in zip(names, far.any(axis=0), strict=True) if hit))
+    shown = ", ".join(touched[:_SHOWN]) + (", …" if len(touched) > _SHOWN else "")
+    if (samples.target_origin if kind == "target" else samples.origin) == "trainer":
         whose, verdict = "the trainer's is", "the policy is wired differently here than where it was trained"
     else:
         whose, verdict = "it was", "contract, model or program changed since it was stamped"
-    where = f"sample {wrong.sample}" + (f" of {samples.source}" if samples.source else "")
+    where = f"sample {i}" + (f" of {samples.source}" if samples.source else "")
+    place = f"of {names[index]}" if what is None else what(index)
     return (
-        f"{where}: {kind} {what} is {wrong.value:.6g}, "
-        f"{whose} {wrong.expected:.6g} ({wrong.count} of {width} values differ; in all samples: {shown}): {verdict}"
+        f"{where}: {kind} {place} is {value[i, index]:.6g}, {whose} {expected[i, index]:.6g} "
+        f"({far[i].sum()} of {len(names)} values differ; in all samples: {shown}): {verdict}"
     )

@@ -36,20 +36,19 @@ def read_holosoma(metadata: Mapping[str, str], where: str) -> PartialContract:
         if key in metadata:
             fields[field] = Given(_numbers(key, metadata, where), HOLOSOMA_SOURCE)
     if "action_scale" in metadata:
-        fields["action_scale"] = _action_scale(metadata, where)
-    if "command_ranges" in metadata:
-        ranges = _parse("command_ranges", metadata, where)
-        if ranges is not None:
-            fields["command_ranges"] = Given(_ranges(ranges, metadata, where), HOLOSOMA_SOURCE)
+        text = metadata["action_scale"].strip().strip('"')
+        if text.startswith("["):  # JSON, as the rest
+            fields["action_scale"] = Given(_numbers("action_scale", metadata, where), HOLOSOMA_SOURCE)
+        else:
+            fields["action_scale"] = numbers("action_scale", text, where, HOLOSOMA_SOURCE)
+    ranges = _parse("command_ranges", metadata, where) if "command_ranges" in metadata else None
+    if ranges is not None:
+        pairs = [pair_of_numbers(ranges.get(name)) for name in _COMMANDS] if isinstance(ranges, dict) else [None]
+        if None in pairs:
+            expected = f"a JSON object with [least, greatest] for {', '.join(_COMMANDS)}"
+            raise _wrong(where, "command_ranges", metadata, expected)
+        fields["command_ranges"] = Given(np.array(pairs, dtype=np.float64), HOLOSOMA_SOURCE)
     return PartialContract(HOLOSOMA_SOURCE, fields, assumed=assumed("holosoma", {"policy_dt": 0.02}))
-
-
-def _action_scale(metadata: Mapping[str, str], where: str) -> Given:
-    """Trackers of holosoma have it, as JSON like the rest, or as comma-separated numbers."""
-    text = metadata["action_scale"].strip().strip('"')
-    if text.startswith("["):
-        return Given(_numbers("action_scale", metadata, where), HOLOSOMA_SOURCE)
-    return numbers("action_scale", text, where, HOLOSOMA_SOURCE)
 
 
 def _parse(key: str, metadata: Mapping[str, str], where: str) -> Any:
@@ -64,14 +63,6 @@ def _numbers(key: str, metadata: Mapping[str, str], where: str) -> Any:
     if found is None:
         raise _wrong(where, key, metadata, "a JSON list of numbers")
     return found
-
-
-def _ranges(ranges: Any, metadata: Mapping[str, str], where: str) -> Any:
-    pairs = [pair_of_numbers(ranges.get(name)) for name in _COMMANDS] if isinstance(ranges, dict) else [None]
-    if None in pairs:
-        expected = f"a JSON object with [least, greatest] for {', '.join(_COMMANDS)}"
-        raise _wrong(where, "command_ranges", metadata, expected)
-    return np.array(pairs, dtype=np.float64)
 
 
 def _wrong(where: str, key: str, metadata: Mapping[str, str], expected: str) -> InputError:

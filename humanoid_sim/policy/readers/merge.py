@@ -156,10 +156,6 @@ def build_contract(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, 
             values["phase"] = PhaseRule(**parts["phase"])
         return PolicyContract(**values, tensors=TensorNames(**parts["tensors"]), provenance=provenance)
     except (FieldError, TypeError) as error:
-        raise InputError(f"{where}: {one_line(_with_source(str(error), provenance))}") from None
-
-
-def _with_source(problem: str, provenance: Mapping[str, str]) -> str:
-    problem = problem.removeprefix("PolicyContract.").replace("PhaseRule.", "phase.")
-    source = provenance.get(problem.partition(":")[0])
-    return f"{problem} ({source})" if source else problem
+        problem = str(error).removeprefix("PolicyContract.").replace("PhaseRule.", "phase.")
+        source = provenance.get(problem.partition(":")[0])
+        raise InputError(f"{where}: {one_line(f'{problem} ({source})' if source else problem)}") from None

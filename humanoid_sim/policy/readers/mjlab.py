@@ -61,23 +61,20 @@ def read_mjlab(metadata: Mapping[str, str], where: str) -> PartialContract:
     known = {key: field for key, field in _FIELDS.items() if key in metadata}
     fields = {field: values.csv_field(field, key, metadata[key], where, MJLAB_SOURCE) for key, field in known.items()}
     names = fields["observation"].value if "observation" in fields else ()
+    has_clock = any(term_kind(name).requires == "phase" for name in names)
+    # In training, the first observation shows the clock as it starts.
+    clock = {**GAIT_CLOCK, "phase.advance_first": False} if has_clock else {}
     return PartialContract(
         MJLAB_SOURCE,
         fields,
         _terms(metadata, names, where),
-        assumed=assumed("mjlab", {"policy_dt": 0.02, "reference_quaternion": "wxyz"} | _clock(names)),
+        assumed=assumed("mjlab", {"policy_dt": 0.02, "reference_quaternion": "wxyz"} | clock),
         assumed_terms=assumed("mjlab", {"scale": 1.0, "history": 1}),
         assumed_kinds={
             HEIGHT_SCAN: assumed("mjlab", _SCAN),
             **({"base_lin_vel": assumed("mjlab", {"at": IMU})} if _SCALE in metadata else {}),
         },
     )
-
-
-def _clock(names: Sequence[str]) -> dict[str, Any]:
-    """In training, the first observation shows the clock as it starts."""
-    has_clock = any(term_kind(name).requires == "phase" for name in names)
-    return {**GAIT_CLOCK, "phase.advance_first": False} if has_clock else {}
 
 
 def _terms(metadata: Mapping[str, str], names: Sequence[str], where: str) -> dict[str, dict[str, Given]]:
@@ -99,7 +96,10 @@ def _terms(metadata: Mapping[str, str], names: Sequence[str], where: str) -> dic
             raise InputError(f"{where}: {key} has {len(rows)} entries, expected {len(names)}, one for each term")
         for name, options in zip(names, rows, strict=True):
             terms[name] |= given(MJLAB_SOURCE, options)
-    _refuse_stacks(metadata, terms, where)
+    flat = values.flags(_FLATTEN, metadata.get(_FLATTEN, ""), where)
+    for (name, own), is_flat in zip(terms.items(), flat, strict=False):
+        if not is_flat and "history" in own and own["history"].value > 1:  # which makes an observation of rank 3
+            raise InputError(f"{where}: {_FLATTEN} is False for {name}, expected True: the observation has to be flat")
     return terms
 
 
@@ -107,11 +107,3 @@ def _clip(row: list[float], text: str, where: str) -> dict[str, Any]:
     if len(row) != 2:
         raise InputError(f"{where}: {_CLIP} is {text!r}, expected two numbers for each term, least;greatest")
     return {} if row == [-np.inf, np.inf] else {"clip": (row[0], row[1])}
-
-
-def _refuse_stacks(metadata: Mapping[str, str], terms: Mapping[str, Mapping[str, Given]], where: str) -> None:
-    """Refuse a history that is not flattened: it makes an observation of rank 3."""
-    flat = values.flags(_FLATTEN, metadata.get(_FLATTEN, ""), where)
-    for (name, options), is_flat in zip(terms.items(), flat, strict=False):
-        if not is_flat and "history" in options and options["history"].value > 1:
-            raise InputError(f"{where}: {_FLATTEN} is False for {name}, expected True: the observation has to be flat")

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.envs.curriculum import Curriculum, amounts_at, scheduled
+from humanoid_sim.envs.curriculum import amounts_at, scheduled
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.envs.privileged import Privileged
 from humanoid_sim.envs.registration import ENVIRONMENTS
@@ -31,6 +31,8 @@ from humanoid_sim.training.ppo.options import TrainConfig
 
 _YAML = (".yaml", ".yml")
 _FORM = "FILE.py:NAME or MODULE:NAME"
+_USUAL = [entry["kwargs"] for entry in ENVIRONMENTS.values() if "contract" in entry.get("kwargs", {})]
+"""Arguments of the registered environments of one policy."""
 
 
 class Argument(NamedTuple):
@@ -74,21 +76,15 @@ def _task(config: TrainConfig) -> Argument:
 
 def _contract(config: TrainConfig) -> str:
     """Return that of the environment that is registered for the robot; of others that of the arms."""
-    known = {usual["robot"]: usual["contract"] for usual in _usual()}
-    return str(config.contract or known.get(config.robot) or _usual()[0]["contract"])
+    known = {usual["robot"]: usual["contract"] for usual in _USUAL}
+    return str(config.contract or known.get(config.robot) or _USUAL[0]["contract"])
 
 
 def _motion(config: TrainConfig) -> str | list[str] | None:
     """Return that of the environment for the contract, unless options name one or several."""
     if not config.motion:
-        return {usual["contract"]: usual.get("motion") for usual in _usual()}.get(_contract(config))
+        return {usual["contract"]: usual.get("motion") for usual in _USUAL}.get(_contract(config))
     return config.motion[0] if len(config.motion) == 1 else list(config.motion)
-
-
-def _usual() -> list[dict[str, Any]]:
-    """Return what the registered environments of one policy are about."""
-    of_all = (entry.get("kwargs", {}) for entry in ENVIRONMENTS.values())
-    return [arguments for arguments in of_all if "contract" in arguments]
 
 
 def _terrain(config: TrainConfig) -> Argument:
@@ -118,11 +114,6 @@ def _curriculum(config: TrainConfig) -> Argument:
     function = own_object("--curriculum", text)
     if not callable(function):
         raise InputError(f"--curriculum: '{text}' is not a function, expected one of the progress, 0 to 1")
-    _checked(function, text)
-    return Argument(function, text)
-
-
-def _checked(function: Curriculum, text: str) -> None:
     for progress in (0.0, 0.5, 1.0):
         try:
             amounts_at(function, progress)
@@ -132,6 +123,7 @@ def _checked(function: Curriculum, text: str) -> None:
             raise InputError(
                 f"--curriculum: '{text}' fails at the progress {progress:g}: {type(error).__name__}: {error}"
             ) from None
+    return Argument(function, text)
 
 
 def _fields(option: str, file: str) -> Any:
@@ -161,12 +153,13 @@ def own_object(option: str, text: str) -> Any:
         InputError: there is no such file, module or name, or it fails as it is imported.
     """
     place, _, name = text.rpartition(":")
+    is_in_file = place.endswith(".py")
     if not place or not name.isidentifier():
         raise InputError(f"{option}: is '{text}', expected {_FORM}")
-    if place.endswith(".py") and not is_file(Path(place)):
+    if is_in_file and not is_file(Path(place)):
         raise InputError(f"{option}: '{place}': no such file")
     try:
-        if place.endswith(".py"):
+        if is_in_file:
             known = runpy.run_path(place, run_name=f"humanoid_sim_own_{Path(place).stem}")
         else:
             known = vars(importlib.import_module(place))
@@ -215,11 +208,6 @@ class Subject:
     """Arguments of the environments, by keyword."""
     told: Mapping[str, Any]
     """Plain values that the arguments came to, which a run that is resumed must have again."""
-
-    @property
-    def robot(self) -> str:
-        """Name or path."""
-        return str(self.arguments["robot"])
 
     def environments(self, robots: int) -> PolicyVectorEnv:
         """Make so many robots, for either library."""

@@ -1,16 +1,17 @@
-"""Journal of a training: a line for people, `progress.csv`, and TensorBoard's logs."""
+"""Journal of a training: a line for people, `progress.csv`, and TensorBoard's logs; and `curves`, drawn from it."""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.vector import VectorEnv
@@ -18,9 +19,11 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from humanoid_sim.envs.resets import term_means
 from humanoid_sim.errors import InputError, MissingPackageError
-from humanoid_sim.files import is_file, whole_file
+from humanoid_sim.files import is_file, output_file, whole_file
+from humanoid_sim.training.ppo.options import CurvesConfig
 
 PROGRESS = "progress.csv"
+_LIBRARIES = {"ppo-sb3": "stable-baselines3", "ppo-rsl_rl": "rsl_rl"}
 COLUMNS = ("steps", "seconds", "steps_per_second", "return", "episode_steps", "failed", "spread")
 """Columns of `progress.csv`: policy steps, s of training, 1/s, mean return and length of the
 latest episodes that ended, the share of them that failed, and the standard deviation of the raw actions."""
@@ -98,9 +101,15 @@ class Journal:
             file.write((",".join(COLUMNS) + "\n").encode())
             for row in rows:
                 file.write(_line(row))
-        self._writer = _tensorboard(folder, done) if tensorboard else None
-        self._begin = self._shown = time.monotonic()
-        self._latest = (done, self._begin)
+        self._writer: Any = None
+        if tensorboard:
+            try:
+                from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - heavy, and can be done without
+            except ImportError:
+                raise MissingPackageError("tensorboard", "rl", "training train (or give --no-tensorboard)") from None
+            self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=done + 1 if done else None)
+        self._begin = self._shown = self._noted = time.monotonic()
+        self._steps = done
 
     @property
     def seconds(self) -> float:
@@ -114,9 +123,8 @@ class Journal:
             InputError: it cannot be written.
         """
         now, meter = time.monotonic(), self._meter
-        steps, then = self._latest
-        speed = (update.steps - steps) / max(now - then, 1e-9)
-        self._latest = update.steps, now
+        speed = (update.steps - self._steps) / max(now - self._noted, 1e-9)
+        self._steps, self._noted = update.steps, now
         row = dict(zip(COLUMNS, (update.steps, self.seconds, speed, *meter.means(), update.spread), strict=True))
         try:
             with self._path.open("ab") as file:
@@ -183,9 +191,70 @@ def _duration(seconds: float) -> str:
     return f"{minutes:.0f} min" if minutes < 120.0 else f"{minutes / 60.0:.1f} h"
 
 
-def _tensorboard(folder: Path, done: int) -> Any:
+class Curve(NamedTuple):
+    """One curve."""
+
+    subject: str
+    """Robot and task: the diagram that it belongs to."""
+    label: str
+    rows: Sequence[Mapping[str, float]]
+    """Rows of `progress.csv` with a return."""
+
+
+def read_curve(folder: Path) -> Curve:
+    """Read the folder of a run.
+
+    Raises:
+        InputError: it is not one, or no episode has ended in it yet.
+    """
+    place = folder / "run.json"
     try:
-        from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - heavy, and can be done without
+        known = json.loads(place.read_text(encoding="utf-8"))
+        subject, library = f"{known['robot']}, {known['task']}", _LIBRARIES[known["algorithm"]]
+        robots = int(known["robots"])
+    except (OSError, ValueError, LookupError, TypeError):
+        raise InputError(f"{folder}: is not a folder of `train`: {place.name} cannot be read") from None
+    rows = [row for row in read_progress(folder / PROGRESS) if row["return"] == row["return"]]
+    if not rows:
+        raise InputError(f"{folder / PROGRESS}: no episode has ended yet, expected a longer run")
+    return Curve(subject, f"{library}, {robots} robots", rows)
+
+
+def curves(config: CurvesConfig) -> int:
+    """Draw them; returns the exit status.
+
+    Raises:
+        InputError: a folder is not one of `train`, or the picture cannot be written.
+    """
+    output = output_file(Path(config.output), "--output", ".png")
+    runs = [read_curve(Path(name)) for name in config.runs]
+    if not runs:
+        raise InputError("RUNS: is empty, expected one or more folders of `train`")
+    try:
+        from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
     except ImportError:
-        raise MissingPackageError("tensorboard", "rl", "training train (or give --no-tensorboard)") from None
-    return SummaryWriter(str(folder / "tensorboard"), purge_step=done + 1 if done else None)
+        raise MissingPackageError("matplotlib", "report", "training curves") from None
+    subjects = list(dict.fromkeys(run.subject for run in runs))
+    figure: Any = Figure(figsize=(9.0, 3.2 * len(subjects)), layout="constrained")
+    grid = figure.subplots(len(subjects), 2, squeeze=False, sharey="row")
+    for (by_steps, by_time), subject in zip(grid, subjects, strict=True):
+        for run in (run for run in runs if run.subject == subject):
+            returns = [row["return"] for row in run.rows]
+            minutes = run.rows[-1]["seconds"] / 60.0
+            by_steps.plot([row["steps"] / 1e6 for row in run.rows], returns, label=run.label, linewidth=1.2)
+            label = f"{run.label}, {minutes:.0f} min"
+            by_time.plot([row["seconds"] / 60.0 for row in run.rows], returns, label=label, linewidth=1.2)
+        by_steps.set(title=subject, xlabel="policy steps, millions", ylabel="return of an episode")
+        by_time.set(title="the same over wall time", xlabel="minutes of training")
+        for axes in (by_steps, by_time):
+            axes.grid(alpha=0.3)
+            axes.legend(fontsize="small")
+    with whole_file(output) as file:
+        figure.savefig(file, format="png", dpi=110)
+    for run in runs:
+        last = run.rows[-1]
+        print(
+            f"{run.subject}, {run.label}: return {run.rows[0]['return']:.2f} to {last['return']:.2f} "
+            f"in {last['steps'] / 1e6:.2f} M steps, {last['seconds'] / 60.0:.1f} min"
+        )
+    return 0

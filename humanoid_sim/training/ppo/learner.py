@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, ClassVar, Protocol
+from typing import IO, Any, ClassVar
 
 import numpy as np
+import numpy.typing as npt
 from gymnasium.vector import VectorEnv
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.errors import MissingPackageError
+from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.training.ppo.journal import Update
-from humanoid_sim.training.ppo.network import Float32Array, Network
+
+Float32Array = npt.NDArray[np.float32]
 
 ALGORITHMS = ("ppo-sb3", "ppo-rsl_rl")
-
 
 _FIRST_SPREAD = {False: 0.2, True: 0.1}
 """rad by which a new network moves its joints at random, by whether the base is floating: enough to learn from (with
@@ -57,22 +59,16 @@ def first_spread(contract: PolicyContract, *, is_floating: bool) -> float:
     return float(_FIRST_SPREAD[is_floating] / np.median(np.abs(contract.action_scale)))
 
 
-class EndedError(Exception):
-    """The run is to end after this update."""
-
-
-class Actor(Protocol):
+@dataclass(frozen=True, slots=True)
+class Actor:
     """The part of a model that is exported."""
 
-    def network(self) -> Network:
-        """Return the network as it is exported.
-
-        Raises:
-            InputError: it is not made of linear layers.
-        """
-
-    def answer(self, observations: Float32Array) -> Float32Array:
-        """Return raw actions (k, m) for observations (k, N), as the library computes them."""
+    network: Any
+    """Module of PyTorch, from observations (k, N) as the environment has them to raw actions (k, m)."""
+    widths: tuple[int, int]
+    """N and m."""
+    answer: Callable[[Float32Array], Float32Array]
+    """Raw actions for observations, as the library computes them: the network and its export must agree with it."""
 
 
 class Learner(ABC):
@@ -84,31 +80,41 @@ class Learner(ABC):
     """The library's own."""
     envs: Any
     """The environments, as the library takes them."""
-    actor: Actor
+    answer: Callable[[Float32Array], Float32Array]
+    """See `Actor.answer`; of the network as it is by then."""
     steps: int
     """Policy steps of all robots so far."""
 
     @abstractmethod
-    def __init__(
-        self, envs: VectorEnv[Any, Any, Any], settings: PPOSettings, spread: float, seed: int, start: Path | None
-    ) -> None:
+    def __init__(self, envs: VectorEnv[Any, Any, Any], spread: float, seed: int, start: Path | None) -> None:
         """Begin, or go on.
 
         Args:
             envs: that start episodes in the step that ends the last ones.
-            settings: of PPO.
             spread: standard deviation of the raw actions of a new network.
             seed: of networks, actions and environments.
             start: a checkpoint to go on from.
         """
 
     @abstractmethod
-    def learn(self, steps: int, after_update: Callable[[Update], bool]) -> None:
-        """Train until so many policy steps are done; `after_update` returns whether to go on."""
+    def update(self) -> Update:
+        """Let the robots act for a while, and update the networks by it once."""
 
     @abstractmethod
     def save(self, file: IO[bytes]) -> None:
         """Write a checkpoint, between two updates."""
+
+
+@contextlib.contextmanager
+def reading(checkpoint: Path) -> Iterator[None]:
+    """Make one line of whatever a library says of a file that is damaged, or holds more than arrays and numbers."""
+    try:
+        yield
+    except Exception as error:
+        raise InputError(
+            f"--resume: '{checkpoint}' is damaged, or holds more than arrays and numbers, which is not run: "
+            f"{type(error).__name__}"
+        ) from None
 
 
 def learner_class(algorithm: str) -> type[Learner]:

@@ -1,4 +1,4 @@
-"""`train`: check, learn, export, measure."""
+"""`train`: check, learn, export, measure; and every so often a video of the policy as it is then."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
@@ -18,18 +18,22 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.cli import ExitStatus
+from humanoid_sim.controllers.base import RL_POLICY
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file, output_file, whole_file
+from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.run import regress
 from humanoid_sim.regress.suite_file import SUITE_OF, load_suite
+from humanoid_sim.rendering.video import VideoSink
+from humanoid_sim.simulation.model import build_model
 from humanoid_sim.strict_json import parse_json
 from humanoid_sim.training.ppo.environment import Subject, subject_of
 from humanoid_sim.training.ppo.export import export
-from humanoid_sim.training.ppo.journal import PROGRESS, EpisodeMeter, Journal, Update, read_progress
-from humanoid_sim.training.ppo.learner import SETTINGS, Learner, PPOSettings, first_spread, learner_class
+from humanoid_sim.training.ppo.journal import PROGRESS, EpisodeMeter, Journal, read_progress
+from humanoid_sim.training.ppo.learner import SETTINGS, Float32Array, Learner, first_spread, learner_class
 from humanoid_sim.training.ppo.options import TrainConfig
-from humanoid_sim.training.ppo.videos import Videos
 
 _MAY_DIFFER = (
     *("steps", "minutes", "folder", "output", "resume", "checkpoint_seconds", "video_minutes", "tensorboard"),
@@ -39,6 +43,11 @@ _KEPT = ("curriculum_steps",)
 """Options that a run goes on with as they were, unless others are given, which are refused."""
 _PPO = "ppo"
 _CTRL_C = b"Ctrl-C: ends after this update, with a checkpoint; once more ends at once\n"
+_VIDEO_SECONDS = 8.0
+"""s of an episode that a video shows, at most."""
+_VIDEO_SHARE = 0.5
+"""Share of the greatest forward command in it, for a policy that walks."""
+_VIDEO_SIZE = 640, 360
 
 
 def train(config: TrainConfig) -> int:
@@ -54,13 +63,19 @@ def train(config: TrainConfig) -> int:
     path = Path(config.folder or f"runs/train/{name}")
     horizon = None if config.resume or config.curriculum is None else config.steps  # the run's that is resumed, if any
     told = {**subject.told, "curriculum_steps": config.curriculum_steps or horizon}
-    folder = RunFolder(path, config, told, SETTINGS, kind.SUFFIX)
+    folder = RunFolder(path, config, told, kind.SUFFIX)
     output = output_file(Path(config.output) if config.output else path / "policy.onnx", "--output", ".onnx")
-    _require_time(config, folder, output)
+    limit = float("inf") if config.minutes is None else 60.0 * config.minutes
+    # A run that was killed before it wrote its policy still writes it.
+    if folder.seconds >= limit and folder.rows[-1]["steps"] < config.steps and output.exists():
+        raise InputError(
+            f"--resume: the folder already has {folder.seconds / 60.0:.1f} of --minutes {config.minutes:g}; give a "
+            "larger --minutes (earlier runs count)"
+        )
     import torch  # noqa: PLC0415 - after the learner's class, which says what to install
 
     torch.set_num_threads(config.threads)
-    learner, is_interrupted = _learn(config, subject, folder, kind)
+    learner, is_interrupted = _learn(config, subject, folder, kind, limit)
     try:
         if is_interrupted:
             _show(f"interrupted after {learner.steps} steps, saved in {path}; the same command with --resume goes on")
@@ -91,27 +106,6 @@ def _check(config: TrainConfig) -> None:
         output_file(Path(config.output), "--output", ".onnx")
 
 
-def _require_time(config: TrainConfig, folder: RunFolder, output: Path) -> None:
-    """Refuse to go on with a run whose time is up; one that was killed before it wrote its policy still writes it."""
-    used, steps = _used(folder)
-    if used >= _limit(config) and steps < config.steps and output.exists():
-        raise InputError(
-            f"--resume: the folder already has {used / 60.0:.1f} of --minutes {config.minutes:g}; give a larger "
-            "--minutes (earlier runs count)"
-        )
-
-
-def _used(folder: RunFolder) -> tuple[float, float]:
-    """Return training time in s, and policy steps, of a folder's earlier runs."""
-    rows = read_progress(folder.path / PROGRESS) if folder.start is not None else []
-    return (rows[-1]["seconds"], rows[-1]["steps"]) if rows else (0.0, 0.0)
-
-
-def _limit(config: TrainConfig) -> float:
-    """Return the training time in s after which it ends."""
-    return float("inf") if config.minutes is None else 60.0 * config.minutes
-
-
 def seed_of(seed: int, updates: int) -> int:
     """Seed networks, actions and environments: a training that goes on does not begin again alike."""
     return seed if updates == 0 else int(np.random.SeedSequence([seed, updates]).generate_state(1)[0])
@@ -121,55 +115,40 @@ def _show(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def _learn(config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[Learner]) -> tuple[Learner, bool]:
-    """Train to the end, until the time is up, or until Ctrl-C, which is told."""
+def _learn(
+    config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[Learner], limit: float
+) -> tuple[Learner, bool]:
+    """Train to the end, until `limit`, s, is up, or until Ctrl-C, which is told."""
     _show(f"making {config.robots} robots {subject.scenario.description.name} for the task {subject.task} …")
     envs = subject.environments(config.robots)
     meter = EpisodeMeter(envs)
-    start = folder.start
     spread = first_spread(subject.contract, is_floating=subject.scenario.description.is_floating)
-    updates = len(read_progress(folder.path / PROGRESS)) if start is not None else 0
-    learner = kind(meter, SETTINGS, spread, seed_of(config.seed, updates), start)
-    done = learner.steps
-    if start is not None:
-        _show(f"goes on after {done} steps")
-    limit, tensorboard = _limit(config), config.tensorboard
-    journal = Journal(folder.path, config.steps, meter, _show, done=done, limit=limit, tensorboard=tensorboard)
+    learner = kind(meter, spread, seed_of(config.seed, len(folder.rows)), folder.start)
+    if folder.start is not None:
+        _show(f"goes on after {learner.steps} steps")
+    journal = Journal(
+        folder.path, config.steps, meter, _show, done=learner.steps, limit=limit, tensorboard=config.tensorboard
+    )
     videos = Videos(subject, folder.path, config.video_minutes)
-    saved = time.monotonic()
-
-    def set_progress(steps: int) -> None:
-        """Tell the environments how far the curriculum has come, for the episodes that begin from then on."""
-        if folder.curriculum_steps is not None:
-            envs.progress = min(steps / folder.curriculum_steps, 1.0)
-
-    def save() -> None:
-        with whole_file(folder.checkpoint) as file:
-            learner.save(file)
-
-    def after_update(update: Update) -> bool:
-        """Write down, save and show; returns whether to go on."""
-        nonlocal saved
-        journal.record(update)
-        set_progress(update.steps)
-        if not np.isfinite(update.spread):
-            raise InputError(
-                f"the network is no longer finite after {update.steps} steps; the checkpoint before still is"
-            )
-        if interruption.is_set():
-            return False
-        if time.monotonic() - saved >= config.checkpoint_seconds:
-            save()
-            saved = time.monotonic()
-        videos.show(learner.actor, update.steps)
-        return journal.seconds < limit
-
+    has_more, saved = learner.steps < config.steps and folder.seconds < limit, time.monotonic()
     try:
         with interruptible() as interruption:
-            if done < config.steps and _used(folder)[0] < limit:
-                set_progress(done)
-                learner.learn(config.steps, after_update)
-                save()
+            while has_more:
+                if folder.curriculum_steps is not None:  # for the episodes that begin from now on
+                    envs.progress = min(learner.steps / folder.curriculum_steps, 1.0)
+                update = learner.update()
+                journal.record(update)
+                if not np.isfinite(update.spread):
+                    raise InputError(
+                        f"the network is no longer finite after {update.steps} steps; the checkpoint before still is"
+                    )
+                has_more = update.steps < config.steps and journal.seconds < limit and not interruption.is_set()
+                if not has_more or time.monotonic() - saved >= config.checkpoint_seconds:
+                    with whole_file(folder.checkpoint) as file:
+                        learner.save(file)
+                    saved = time.monotonic()
+                if not interruption.is_set():
+                    videos.show(learner.answer, update.steps)
     except BaseException:
         videos.abandon()
         learner.envs.close()
@@ -190,7 +169,11 @@ def measure(subject: Subject, policy: Path, folder: Path) -> bool:
     episodes = len(suite.cases) * len(suite.seed_numbers)
     _show(f"measuring with the suite {name}: {episodes} episodes; Ctrl-C leaves it out")
     config = RegressConfig(
-        policies=(str(policy),), suite=name, robot=subject.robot, json=folder / "regress.json", overwrite=True
+        policies=(str(policy),),
+        suite=name,
+        robot=str(subject.arguments["robot"]),
+        json=folder / "regress.json",
+        overwrite=True,
     )
     try:
         regress(config)
@@ -205,9 +188,7 @@ def measure(subject: Subject, policy: Path, folder: Path) -> bool:
 class RunFolder:
     """Folder of a run: `run.json`, which says what it is a run of, and its checkpoint."""
 
-    def __init__(
-        self, path: Path, config: TrainConfig, subject: Mapping[str, Any], settings: PPOSettings, suffix: str
-    ) -> None:
+    def __init__(self, path: Path, config: TrainConfig, subject: Mapping[str, Any], suffix: str) -> None:
         """Begin a run, or find the checkpoint of the one to resume.
 
         Args:
@@ -220,7 +201,7 @@ class RunFolder:
         self._place = path / "run.json"
         options = {name: value for name, value in asdict(config).items() if name not in _MAY_DIFFER}
         # as JSON has it
-        self._run: dict[str, Any] = json.loads(json.dumps({**options, **subject, _PPO: asdict(settings)}))
+        self._run: dict[str, Any] = json.loads(json.dumps({**options, **subject, _PPO: asdict(SETTINGS)}))
         self.is_resumed = is_file(self._place)
         if self.is_resumed:
             self._check(config.resume)
@@ -236,10 +217,12 @@ class RunFolder:
         self.curriculum_steps: int | None = self._run["curriculum_steps"]
         """Policy steps after which the curriculum's progress is 1; None without a curriculum."""
 
-    @property
-    def start(self) -> Path | None:
+        self.start = self.checkpoint if self.is_resumed and is_file(self.checkpoint) else None
         """The checkpoint to go on from; None at the beginning, also of a run that ended before its first."""
-        return self.checkpoint if self.is_resumed and is_file(self.checkpoint) else None
+        self.rows = [] if self.start is None else read_progress(path / PROGRESS)
+        """Progress of the earlier runs."""
+        self.seconds = self.rows[-1]["seconds"] if self.rows else 0.0
+        """Training time of the earlier runs."""
 
     def _check(self, resume: bool) -> None:
         if not resume:
@@ -276,3 +259,75 @@ def interruptible() -> Iterator[threading.Event]:
         yield asked
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+class Videos:
+    """A video now and then, when it is time for one."""
+
+    def __init__(self, subject: Subject, folder: Path, minutes: float | None) -> None:
+        """Make none before so many minutes; None: none at all.
+
+        Raises:
+            InputError: their folder cannot be made.
+        """
+        self._subject, self._folder = subject, folder / "videos"
+        self._period = float("inf") if minutes is None else 60.0 * minutes
+        self._due = time.monotonic() + self._period
+        self._latest: VideoSink | None = None
+        if minutes is not None:
+            try:
+                self._folder.mkdir(exist_ok=True)
+            except OSError as error:
+                raise InputError(f"{self._folder}: cannot be made a folder: {error.strerror}") from None
+
+    def show(self, answer: Callable[[Float32Array], Float32Array], steps: int) -> None:
+        """Run an episode and have it drawn, if it is time; waits for the last video, which is long ready as a rule.
+
+        Raises:
+            InputError: the last one could not be written.
+        """
+        if time.monotonic() < self._due:
+            return
+        self.close()
+        robot, terrain = self._subject.scenario.description, self._subject.scenario.terrain
+        path = self._folder / f"{steps:010d}.mp4"
+        self._latest = VideoSink(path, lambda: build_model(robot, terrain=terrain), size=_VIDEO_SIZE)
+        try:
+            self._run(answer, self._latest, f"{steps} steps of training")
+        except BaseException:
+            self.abandon()
+            raise
+        self._due = time.monotonic() + self._period
+
+    def close(self) -> None:
+        """Wait for the one that is being drawn.
+
+        Raises:
+            InputError: it could not be written.
+        """
+        latest, self._latest = self._latest, None
+        if latest is not None:
+            latest.finish()
+
+    def abandon(self) -> None:
+        """Give up the one that is being drawn: nobody waits for it."""
+        latest, self._latest = self._latest, None
+        if latest is not None:
+            latest.abandon()
+
+    def _run(self, answer: Callable[[Float32Array], Float32Array], sink: VideoSink, caption: str) -> None:
+        contract = self._subject.contract
+        ranges = contract.command_ranges
+        options = {}
+        if self._subject.scenario.wiring.takes_velocity_command and ranges is not None:
+            options["command"] = (_VIDEO_SHARE * ranges[0, 1], 0.0, 0.0)
+        with contextlib.closing(self._subject.environment()) as env:
+            observation, _ = env.reset(seed=0, options=options)
+            mode = ControlMode(Mode.LOCOMOTION, RL_POLICY, caption)
+            command = MITCommand.zeros(len(env.robot.joints))
+            for step in range(round(_VIDEO_SECONDS / contract.policy_dt)):
+                tick = TickInput(env.robot.truth())
+                sink.tick(TickRecord(step, tick, TickOutput(command, mode), 0.0, False, env.robot.qpos))
+                observation, _, terminated, truncated, _ = env.step(answer(observation[None])[0])
+                if terminated or truncated:
+                    return

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable
+import json
+import zipfile
 from pathlib import Path
 from typing import IO, Any
 
@@ -12,16 +12,17 @@ import numpy as np
 import torch
 from gymnasium.vector import VectorEnv
 from stable_baselines3 import PPO
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
-from stable_baselines3.common.vec_env import VecEnv, unwrap_vec_normalize
+from stable_baselines3.common.utils import set_random_seed
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize, unwrap_vec_normalize
 from torch import Tensor, nn
 
 from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.training.ppo.journal import Update
-from humanoid_sim.training.ppo.learner import EndedError, Learner, PPOSettings
-from humanoid_sim.training.ppo.network import Float32Array, Network, as_array, linear_layers
+from humanoid_sim.training.ppo.learner import SETTINGS, Actor, Float32Array, Learner, reading
 
 
 class NormalisedObservation(BaseFeaturesExtractor):
@@ -61,59 +62,58 @@ class NormalisedObservation(BaseFeaturesExtractor):
         self.variance += rate * (variance - self.variance + away * (mean - self.mean))
 
 
-class StableBaselinesActor:
-    """See `Actor`: an `MlpPolicy` of PPO or A2C, with the normalisation of this module, `VecNormalize`'s, or none."""
+class _Clip(nn.Module):
+    """Clips to bounds, which are numbers or tensors."""
 
-    def __init__(self, model: Any, envs: Any = None) -> None:
-        """See `actor_of`.
+    def __init__(self, low: Any, high: Any) -> None:
+        super().__init__()
+        self.register_buffer("low", torch.as_tensor(low))
+        self.register_buffer("high", torch.as_tensor(high))
 
-        Raises:
-            InputError: its policy is of another kind.
-        """
-        policy = getattr(model, "policy", None)
-        kinds = (FlattenExtractor, NormalisedObservation)
-        if (
-            not isinstance(policy, ActorCriticPolicy)
-            or policy.use_sde
-            or not isinstance(policy.pi_features_extractor, kinds)
-        ):
-            found = f"a {type(model).__name__} with {type(policy).__name__}"
-            raise InputError(f"model: is {found}, expected PPO or A2C with an MlpPolicy, without use_sde")
-        self._model, self._policy = model, policy
-        around = [venv for venv in (model.get_env(), envs) if isinstance(venv, VecEnv)]
-        normalisers = [unwrap_vec_normalize(venv) for venv in around]
-        self._normalised = next((one for one in normalisers if one is not None and one.norm_obs), None)
+    def forward(self, values: Tensor) -> Tensor:
+        return torch.minimum(torch.maximum(values, self.low), self.high)
 
-    def network(self) -> Network:
-        """See `Actor.network`."""
-        policy, space = self._policy, self._policy.action_space
-        return Network(
-            **self._normalisation(),
-            **linear_layers([*policy.mlp_extractor.policy_net, policy.action_net]),
-            bounds=(space.low.copy(), space.high.copy()),
-        )
 
-    def _normalisation(self) -> dict[str, Any]:
-        own, around = self._policy.pi_features_extractor, self._normalised
+def actor_of(model: Any, envs: Any = None) -> Actor:
+    """Return the actor of PPO or A2C with an `MlpPolicy`, normalised by this module, by `VecNormalize`, or not at all.
+
+    Raises:
+        InputError: its policy is of another kind.
+    """
+    policy = getattr(model, "policy", None)
+    kinds = (FlattenExtractor, NormalisedObservation)
+    if (
+        not isinstance(policy, ActorCriticPolicy)
+        or policy.use_sde
+        or not isinstance(policy.pi_features_extractor, kinds)
+    ):
+        found = f"a {type(model).__name__} with {type(policy).__name__}"
+        raise InputError(f"model: is {found}, expected PPO or A2C with an MlpPolicy, without use_sde")
+    around = [unwrap_vec_normalize(venv) for venv in (model.get_env(), envs) if isinstance(venv, VecEnv)]
+    normalised = next((one for one in around if one is not None and one.norm_obs), None)
+    own, bounds = policy.pi_features_extractor, policy.action_space
+    before = [own]
+    if normalised is not None:
         if isinstance(own, NormalisedObservation):
-            if around is not None:
-                raise InputError("model: VecNormalize and NormalisedObservation both normalise, expected one of them")
-            return {"mean": as_array(own.mean), "deviation": as_array(own.deviation)}
-        if around is None:
-            width = own.features_dim
-            return {"mean": np.zeros(width, dtype=np.float32), "deviation": np.ones(width, dtype=np.float32)}
-        seen: Any = around.obs_rms
-        return {
-            "mean": seen.mean.astype(np.float32),
-            "deviation": np.sqrt(seen.var + around.epsilon).astype(np.float32),
-            "largest": float(around.clip_obs),
-        }
+            raise InputError("model: VecNormalize and NormalisedObservation both normalise, expected one of them")
+        before = [_as_module(normalised), _Clip(-normalised.clip_obs, normalised.clip_obs)]
 
-    def answer(self, observations: Float32Array) -> Float32Array:
-        """See `Actor.answer`."""
-        seen = observations if self._normalised is None else self._normalised.normalize_obs(observations)
-        actions: Float32Array = self._model.predict(seen, deterministic=True)[0]
+    def answer(observations: Float32Array) -> Float32Array:
+        seen = observations if normalised is None else normalised.normalize_obs(observations)
+        actions: Float32Array = model.predict(seen, deterministic=True)[0]
         return actions
+
+    last = policy.mlp_extractor.policy_net, policy.action_net, _Clip(bounds.low.copy(), bounds.high.copy())
+    widths = policy.observation_space.shape[0], bounds.shape[0]
+    return Actor(nn.Sequential(*before, *last).to(policy.device), widths, answer)
+
+
+def _as_module(normalised: VecNormalize) -> NormalisedObservation:
+    statistics: Any = normalised.obs_rms
+    module = NormalisedObservation(normalised.observation_space, 0.0)
+    module.mean.copy_(torch.as_tensor(statistics.mean))
+    module.variance.copy_(torch.as_tensor(statistics.var + normalised.epsilon))
+    return module
 
 
 class StableBaselinesLearner(Learner):
@@ -121,68 +121,54 @@ class StableBaselinesLearner(Learner):
 
     SUFFIX = ".zip"
 
-    def __init__(
-        self, envs: VectorEnv[Any, Any, Any], settings: PPOSettings, spread: float, seed: int, start: Path | None
-    ) -> None:
+    def __init__(self, envs: VectorEnv[Any, Any, Any], spread: float, seed: int, start: Path | None) -> None:
         """See `Learner`."""
+        set_random_seed(seed % 2**32)  # NumPy's too, which draws the minibatches
         self.envs = StableBaselinesVecEnv(envs)
         self.envs.seed(seed)
-        batch = settings.steps_per_update * envs.num_envs
-        arguments: dict[str, Any] = {
-            "n_steps": settings.steps_per_update,
-            "batch_size": max(batch // settings.minibatches, 2),
-            "n_epochs": settings.epochs,
-            "learning_rate": settings.learning_rate,
-            "gamma": settings.gamma,
-            "gae_lambda": settings.gae_lambda,
-            "clip_range": settings.clip,
-            "ent_coef": settings.entropy,
-            "vf_coef": settings.value,
-            "max_grad_norm": settings.largest_gradient,
-            "target_kl": 2.0 * settings.desired_kl,
+        self._per_update = SETTINGS.steps_per_update * envs.num_envs
+        policy = {
+            "features_extractor_class": NormalisedObservation,
+            "features_extractor_kwargs": {"least_deviation": SETTINGS.least_deviation},
+            "net_arch": list(SETTINGS.widths),
+            "activation_fn": nn.ELU,
+            "log_std_init": float(np.log(spread)),
         }
-        torch.manual_seed(seed)
-        if start is not None:
-            self.model = _PPO.load(start, env=self.envs, device="cpu", **arguments)
-        else:
-            policy = {
-                "features_extractor_class": NormalisedObservation,
-                "features_extractor_kwargs": {"least_deviation": settings.least_deviation},
-                "net_arch": list(settings.widths),
-                "activation_fn": nn.ELU,
-                "log_std_init": float(np.log(spread)),
-            }
-            self.model = _PPO("MlpPolicy", self.envs, device="cpu", policy_kwargs=policy, **arguments)
-        self.actor = StableBaselinesActor(self.model)
-        self.steps = int(self.model.num_timesteps)
+        self.model = PPO(
+            "MlpPolicy",
+            self.envs,
+            device="cpu",
+            policy_kwargs=policy,
+            n_steps=SETTINGS.steps_per_update,
+            batch_size=max(self._per_update // SETTINGS.minibatches, 2),
+            n_epochs=SETTINGS.epochs,
+            learning_rate=SETTINGS.learning_rate,
+            gamma=SETTINGS.gamma,
+            gae_lambda=SETTINGS.gae_lambda,
+            clip_range=SETTINGS.clip,
+            ent_coef=SETTINGS.entropy,
+            vf_coef=SETTINGS.value,
+            max_grad_norm=SETTINGS.largest_gradient,
+            target_kl=2.0 * SETTINGS.desired_kl,
+        )
+        self.model.set_logger(Logger(folder=None, output_formats=[]))
+        self.answer = actor_of(self.model).answer
+        if start is not None:  # `PPO.load` would unpickle, and so run, what the file says
+            with reading(start), zipfile.ZipFile(start) as archive:
+                self.model.set_parameters(str(start), device="cpu")
+                self.model.num_timesteps = int(json.loads(archive.read("data"))["num_timesteps"])
+        self.steps = self.model.num_timesteps
 
-    def learn(self, steps: int, after_update: Callable[[Update], bool]) -> None:
-        """See `Learner.learn`."""
-        self.model.after_update = after_update
-        with contextlib.suppress(EndedError):
-            self.model.learn(steps - self.steps, reset_num_timesteps=False)
-        self.steps = int(self.model.num_timesteps)
+    def update(self) -> Update:
+        """See `Learner.update`."""
+        self.model.learn(self._per_update, reset_num_timesteps=False)
+        self.steps = self.model.num_timesteps
+        seen = torch.as_tensor(self.model.rollout_buffer.observations)
+        self.model.policy.features_extractor.learn(seen.reshape(-1, seen.shape[-1]))
+        values = self.model.logger.name_to_value.items()
+        losses = {name.removeprefix("train/"): float(value) for name, value in values if name.startswith("train/")}
+        return Update(self.steps, float(self.model.policy.log_std.detach().exp().mean()), losses)
 
     def save(self, file: IO[bytes]) -> None:
         """See `Learner.save`."""
         self.model.save(file)
-
-
-class _PPO(PPO):
-    """Calls `after_update`, and updates the normalisation, after each update."""
-
-    after_update: Callable[[Update], bool] | None = None
-
-    def train(self) -> None:
-        """One update."""
-        super().train()
-        seen = torch.as_tensor(self.rollout_buffer.observations)
-        self.policy.features_extractor.learn(seen.reshape(-1, seen.shape[-1]))
-        values = self.logger.name_to_value.items()
-        losses = {name.removeprefix("train/"): float(value) for name, value in values if name.startswith("train/")}
-        spread = float(self.policy.log_std.detach().exp().mean())
-        if self.after_update is not None and not self.after_update(Update(self.num_timesteps, spread, losses)):
-            raise EndedError
-
-    def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "after_update"]

@@ -4,7 +4,8 @@ import json
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.training.ppo.learner import SETTINGS
+from humanoid_sim.training.ppo import run
+from humanoid_sim.training.ppo.journal import COLUMNS
 from humanoid_sim.training.ppo.options import TrainConfig
 from humanoid_sim.training.ppo.run import RunFolder
 
@@ -12,7 +13,7 @@ SUBJECT = {"task": "tracking", "contract": "lite_tracking", "motion": "wave"}
 
 
 def folder(path, config=None, **subject):
-    return RunFolder(path, config or TrainConfig(), {**SUBJECT, **subject}, SETTINGS, ".zip")
+    return RunFolder(path, config or TrainConfig(), {**SUBJECT, **subject}, ".zip")
 
 
 def test_a_run_is_begun_and_resumed(tmp_path):
@@ -23,12 +24,14 @@ def test_a_run_is_begun_and_resumed(tmp_path):
     assert (known["robot"], known["task"], known["ppo"]["gamma"]) == ("lite", "tracking", 0.99)
     assert folder(path, TrainConfig(resume=True)).start is None  # it ended before its first checkpoint
     new.checkpoint.write_bytes(b"network")
+    (path / "progress.csv").write_text(",".join(COLUMNS) + "\n2048,7.5,300,1,50,1,0.4\n")
     resumed = folder(path, TrainConfig(resume=True, steps=5, minutes=1.0, tensorboard=False))
     assert resumed.start == path / "checkpoint.zip"
-    assert sorted(file.name for file in path.iterdir()) == ["checkpoint.zip", "run.json"]
+    assert (len(resumed.rows), resumed.seconds) == (1, 7.5)
+    assert sorted(file.name for file in path.iterdir()) == ["checkpoint.zip", "progress.csv", "run.json"]
 
 
-def test_a_run_is_neither_overwritten_nor_mixed_with_another(tmp_path):
+def test_a_run_is_neither_overwritten_nor_mixed_with_another(tmp_path, monkeypatch):
     folder(tmp_path)
     with pytest.raises(InputError, match="has a run; --resume goes on with it, another folder begins"):
         folder(tmp_path)
@@ -36,21 +39,21 @@ def test_a_run_is_neither_overwritten_nor_mixed_with_another(tmp_path):
         folder(tmp_path, TrainConfig(resume=True, robots=7))
     with pytest.raises(InputError, match=r"--task: is 'balance', but the run in '.*' has 'tracking'"):
         folder(tmp_path, TrainConfig(resume=True), task="balance")
-    other = dataclasses.replace(SETTINGS, gamma=0.5)
+    monkeypatch.setattr(run, "SETTINGS", dataclasses.replace(run.SETTINGS, gamma=0.5))
     with pytest.raises(InputError, match=r"PPO's settings: is .*0.5.*, but the run in"):
-        RunFolder(tmp_path, TrainConfig(resume=True), SUBJECT, other, ".zip")
+        folder(tmp_path, TrainConfig(resume=True))
     (tmp_path / "run.json").write_text("[")
     with pytest.raises(InputError, match=r"run\.json: cannot be read: "):
         folder(tmp_path, TrainConfig(resume=True))
 
 
 def test_a_curriculum_goes_on_as_it_was(tmp_path):
-    new = RunFolder(tmp_path, TrainConfig(), {**SUBJECT, "curriculum_steps": 5000}, SETTINGS, ".zip")
+    new = RunFolder(tmp_path, TrainConfig(), {**SUBJECT, "curriculum_steps": 5000}, ".zip")
     assert new.curriculum_steps == 5000
     again = TrainConfig(resume=True, steps=9_000_000)
-    assert RunFolder(tmp_path, again, {**SUBJECT, "curriculum_steps": None}, SETTINGS, ".zip").curriculum_steps == 5000
+    assert RunFolder(tmp_path, again, {**SUBJECT, "curriculum_steps": None}, ".zip").curriculum_steps == 5000
     with pytest.raises(InputError, match=r"--curriculum-steps: is 6000, but the run in '.*' has 5000; --resume keeps"):
-        RunFolder(tmp_path, again, {**SUBJECT, "curriculum_steps": 6000}, SETTINGS, ".zip")
+        RunFolder(tmp_path, again, {**SUBJECT, "curriculum_steps": 6000}, ".zip")
 
 
 def test_nothing_to_resume_leaves_no_folder(tmp_path):

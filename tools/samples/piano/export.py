@@ -17,8 +17,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT
-from humanoid_sim.training.ppo.network import write_model
-from tools.samples.graph import SampleGraph
+from tools.samples.graph import SampleGraph, write_model
 from tools.samples.piano.hands import FAR, NONE, POLICY_DT, Motion, Moves, home
 from tools.samples.piano.pointer import FEATURES, LOOKAHEAD, OFFSETS
 

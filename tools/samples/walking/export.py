@@ -11,8 +11,7 @@ import onnx
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.policy.metadata import write_metadata
-from humanoid_sim.training.ppo.network import write_model
-from tools.samples.graph import SampleGraph
+from tools.samples.graph import SampleGraph, write_model
 from tools.samples.walking.aim import NO_AIM, SPEEDS, Aim
 from tools.samples.walking.gait import (
     ACTION_MIRROR,

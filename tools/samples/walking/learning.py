@@ -16,11 +16,13 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.save_util import load_from_zip_file
 from torch import Tensor, nn
 
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import whole_file
+from humanoid_sim.training.ppo.learner import reading
 from tools.samples.walking.gait import INPUTS
 from tools.samples.walking.learning_env import PRIVILEGED, LearningEnv
 from tools.samples.walking.stages import CONTRACT, RANDOMISATION, TIMESTEP, Stage
@@ -163,12 +165,13 @@ def _model(stage: Stage, env: LearningEnv, source: Path | None, *, fresh_spread:
         "max_grad_norm": 1.0,
         "target_kl": 0.03,
     }
-    if source is not None:
-        model = PPO.load(source, env=env, device="cpu", **settings)
+    start = {"log_std_init": float(np.log(_FIRST_SPREAD)), "ortho_init": False}
+    model = PPO(WalkingPolicy, env, device="cpu", policy_kwargs=start, **settings)
+    if source is not None:  # `PPO.load` would unpickle, and so run, what the file says
+        with reading(source):
+            model.set_parameters(str(source), device="cpu")
         model.policy.optimizer.param_groups[0]["lr"] = stage.learning_rate
     else:
-        start = {"log_std_init": float(np.log(_FIRST_SPREAD)), "ortho_init": False}
-        model = PPO(WalkingPolicy, env, device="cpu", policy_kwargs=start, **settings)
         with torch.no_grad():
             model.policy.action_net.weight.mul_(_SMALL)
             model.policy.action_net.bias.zero_()
@@ -180,7 +183,7 @@ def _model(stage: Stage, env: LearningEnv, source: Path | None, *, fresh_spread:
 
 def _average(model: PPO, checkpoints: list[Path]) -> None:
     """Give a model the mean of some others' networks; the spread of its actions stays."""
-    others = [PPO.load(path, device="cpu").policy.state_dict() for path in checkpoints]
+    others: list[Any] = [load_from_zip_file(path, device="cpu", load_data=False)[1]["policy"] for path in checkpoints]
     own = model.policy.state_dict()
     mean = {name: torch.stack([other[name] for other in others]).mean(dim=0) for name in own if name != "log_std"}
     model.policy.load_state_dict(own | mean)

@@ -18,7 +18,7 @@ from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.readers.contract_yaml import read_contract_file
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.training.ppo.network import require_same_answers
+from humanoid_sim.training.ppo.export import require_same_answers
 from tools.samples import TrainWalkingConfig
 from tools.samples.walking.aim import Aim, aim_from, measure_response
 from tools.samples.walking.export import export_walking
