@@ -7,7 +7,15 @@ from collections.abc import Iterable, Iterator, Mapping
 from humanoid_sim.hardware.bus.frame import bus_load
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.motors import EncodedFrames, Finding, MotorFigures, MotorGroup, Readings, SessionTerms
+from humanoid_sim.hardware.motors import (
+    STOPPED,
+    EncodedFrames,
+    Finding,
+    MotorFigures,
+    MotorGroup,
+    Readings,
+    SessionTerms,
+)
 from humanoid_sim.hardware.robstride.commands import OperationControlEncoder
 from humanoid_sim.hardware.robstride.enabling import (
     enable_motors,
@@ -210,7 +218,8 @@ def _alarm(name: str, status: Status) -> Iterator[Finding]:
     if status.faults & StatusFault.MOTOR_OVERTEMPERATURE:
         yield SafetyFlag.TEMPERATURE_LIMIT, _HOT, name
     if status.mode is not MotorMode.RUN:
-        yield SafetyFlag.MOTOR_FAULT, f"left run mode (mode {status.mode.name.lower()})", name
+        is_reset = status.mode is MotorMode.RESET
+        yield SafetyFlag.MOTOR_FAULT, STOPPED if is_reset else f"left run mode (mode {status.mode.name.lower()})", name
 
 
 def _report(name: str, faults: FaultBit, warnings: WarningBit) -> Iterator[Finding]:
