@@ -52,6 +52,8 @@ class EmulationSettings:
     """m, of a floating base; None: the description's."""
     anchor_body: str = ""
     """MJCF body whose pose is part of the truth; empty for none."""
+    write_only: bool = False
+    """See `MotorIdentity`."""
     deaf_until_enabled: bool = False
     """True if a motor without a timeout, such as a Sito, ignores gains and commands while it is disabled, which is not
     known: it then starts with those of its last host."""
@@ -94,6 +96,14 @@ def motor_identities(description: RobotDescription, settings: EmulationSettings)
         firmware = firmware_of(model, version)
         uid = hashlib.sha256(f"{description.name}/{name}/{settings.seed}".encode()).digest()[:8]
         identities.append(
-            MotorIdentity(firmware.applied_to(model), uid, version, firmware, settings.scale, settings.stall_time)
+            MotorIdentity(
+                firmware.applied_to(model),
+                uid,
+                version,
+                firmware,
+                settings.scale,
+                settings.stall_time,
+                settings.write_only,
+            )
         )
     return tuple(identities)

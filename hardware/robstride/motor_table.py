@@ -73,6 +73,8 @@ class MotorSlot:
     """Answers that had a command to answer."""
     answers_to: int | None = None
     """The other host to which it sent its latest stray status; none: it has sent none."""
+    hides_timeout: bool = False
+    """True if it does not tell its CAN timeout, which is tried out then."""
 
 
 class MotorTable:

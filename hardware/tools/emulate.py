@@ -139,6 +139,7 @@ def _settings(config: Emulate, description: RobotDescription) -> EmulationSettin
         bitrate=config.bitrate,
         scale=Scale(config.scale),
         seed=config.seed,
+        write_only=config.write_only,
     )
 
 

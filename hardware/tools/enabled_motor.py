@@ -16,7 +16,8 @@ from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import OperationControl, Status
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.tools.bench import read_value, silence, write_value
+from humanoid_sim.hardware.robstride.requests import Unreadable
+from humanoid_sim.hardware.tools.bench import silence, write_value
 from humanoid_sim.mit import MITCommand, bounded_position
 
 _PERIOD = 0.01
@@ -73,7 +74,8 @@ class EnabledMotor:
         examine(channels, joints, checks, takes_over=False, is_limp=self._torque is None)
         checks.refuse_questions()
         for name in ("canTimeout",) if self._torque is None else ("canTimeout", "limit_torque"):
-            self._old[name] = read_value(channels, PARAMETERS[name], self._motor)
+            old = channels.requests.read({self._motor: PARAMETERS[name]})[self._motor]
+            self._old[name] = None if isinstance(old, Unreadable) else old
         try:
             make_ready(channels, joints, CAN_TIMEOUT, checks, takes_over=False, torque=self._torque)
             channels.check(checks)

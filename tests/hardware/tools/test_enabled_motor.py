@@ -89,6 +89,39 @@ def test_a_motor_that_loses_its_mode_is_noticed(bench, motors, inject):
             motor.command(0.0, 0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("is_taken", [True, False])
+def test_a_timeout_that_cannot_be_read_is_tried_out_without_torque(monkeypatch, is_taken):
+    """Manuals that have 0x7021 to 0x7029 as write-only: the motor must have stopped by itself before it is driven."""
+    told, known, hidden = [], motor_state.written_parameters, PARAMETERS["canTimeout"].index
+    if not is_taken:
+        monkeypatch.setattr(
+            firmware, "written_parameters", lambda state, i, value: known(state, 0 if i == hidden else i, value)
+        )
+    with (
+        VirtualMotors(
+            load_robot("lite"),
+            [_ADDRESS],
+            settings=EmulationSettings(write_only=True),
+            told=lambda _, text: told.append(text),
+        ) as motors,
+        open_bench(
+            [_ADDRESS], 0xFD, some_motors([(0, 15)], [str(_ADDRESS)], MOTORS["rs-05"]), open_channel=motors.open_bus
+        ) as channels,
+    ):
+        if is_taken:
+            with EnabledMotor(channels, torque=1.0) as motor:
+                assert motor.command(motor.status.position, 0.0, 5.0, 0.5).mode is MotorMode.RUN
+        else:
+            with pytest.raises(RobotError, match="does not tell its CAN timeout, and was not seen to stop 150 ms"):
+                EnabledMotor(channels, torque=1.0).__enter__()
+        assert _nothing_runs(motors)
+    words = [text.removeprefix("left_wrist_yaw: ") for text in told]
+    if is_taken:
+        assert words[-4:] == ["enabled", "stopped, in reset mode"] * 2
+    else:
+        assert words == ["enabled", "stopped, in reset mode"]
+
+
 def test_a_timeout_is_called_one(bench):
     with EnabledMotor(bench) as motor:
         time.sleep(2.0 * CAN_TIMEOUT)
