@@ -29,7 +29,7 @@ class SafetyWatch:
     fault that the latest status reports, a mode other than RUN, a position that has lost its meaning (until
     re-activation). What is an event is reported for the receive timeout after it happened, so that an operator and a
     20 ms tick see the same. Single bus errors are counted only: CAN sends the frame again, and what is lost all the
-    same shows as a silent joint or a full queue. A burst of them has no flag of its own, and is a WARNING.
+    same shows as a silent joint or a full queue. A burst of them, or a flood, has no flag of its own, and is a WARNING.
 
     Where nobody asked for longer than the CAN timeout, this program stood still: that explains joints that were not
     heard until now, and motors that have stopped without a fault.
@@ -117,9 +117,11 @@ class SafetyWatch:
         return SafetyStatus(level, flags, self._ok[index].source, words)
 
     def _bus(self, index: int, recent: float) -> Iterator[Finding]:
-        channel, intruder = self._channels[index], self._motors.intruder(index)
+        channel, intruder, flood = self._channels[index], self._motors.intruder(index), self._motors.flood(index)
         if down := channel.down:
             yield SafetyFlag.BUS_OFF, f"down: {down}", ""
+        if flood.time >= recent:
+            yield SafetyFlag.NONE, flood.text, ""
         if text := channel.recent(BusEvent.TX_FULL, recent):
             yield SafetyFlag.TX_QUEUE_OVERRUN, text, ""
         if text := channel.recent(BusEvent.BURST, recent):

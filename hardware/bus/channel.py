@@ -222,8 +222,7 @@ class Channel:
         if self._burst.add(self._clock()):
             most = self.counters.error_classes.most_common(1)
             cause = f", mostly: {most[0][0]}" if most else ""
-            rate = BurstDetector.COUNT / BurstDetector.WINDOW
-            self._note(BusEvent.BURST, f"more than {rate:g} bus errors a second{cause}")
+            self._note(BusEvent.BURST, f"more than {self._burst.rate:g} bus errors a second{cause}")
 
     def _arrival(self, stamp: float) -> float:
         """Return the time of arrival on the robot's clock.
