@@ -128,7 +128,7 @@ class Readings:
 Finding = tuple[SafetyFlag, str, str]
 """A flag, what was found, and the joint; no joint where the finding is the channel's."""
 STOPPED = "left run mode (mode reset)"
-"""What was found of a motor that stopped without a fault, as by its own timeout."""
+"""Finding on a motor that stopped without a fault, as by its own timeout."""
 
 
 Rescue = tuple[tuple[Frame, ...], tuple[Frame, ...]]

@@ -54,7 +54,7 @@ class SafetyWatch:
         self._since = self._looked = since
         self._can_timeout = settings.can_timeout
         self._continued, self._standstill = -math.inf, 0.0
-        """When the latest standstill of this program ended, and its duration, s."""
+        """End and duration of this program's latest standstill, s."""
         self._stopped_by_it: set[int] = set()
         self._ok = tuple(SafetyStatus(source=source) for source in settings.sources)
         self.faults: Mapping[str, tuple[str, ...]] = {}
