@@ -31,8 +31,8 @@ class SafetyWatch:
     20 ms tick see the same. Single bus errors are counted only: CAN sends the frame again, and what is lost all the
     same shows as a silent joint or a full queue. A burst of them, or a flood, has no flag of its own, and is a WARNING.
 
-    Where nobody asked for longer than the CAN timeout, this program stood still: that explains joints that were not
-    heard until now, and motors that have stopped without a fault.
+    Where nobody asked or commanded for longer than the CAN timeout, this program stood still: that explains joints that
+    were not heard until now, and motors that have stopped without a fault.
 
     Messages hold no figures that change from tick to tick: a status is published when it changes.
     """
@@ -51,7 +51,7 @@ class SafetyWatch:
         self._channels = channels = motors.channels
         self._joints = tuple(wiring.on_channel(index) for index in range(len(channels)))
         self._rx_timeout = settings.rx_timeout
-        self._since = self._looked = since
+        self._since = self._beat = since
         self._can_timeout = settings.can_timeout
         self._continued, self._standstill = -math.inf, 0.0
         """End and duration of this program's latest standstill, s."""
@@ -59,6 +59,12 @@ class SafetyWatch:
         self._ok = tuple(SafetyStatus(source=source) for source in settings.sources)
         self.faults: Mapping[str, tuple[str, ...]] = {}
         """By joint, what the latest statuses say of its motor. A new one each time: other threads may look."""
+
+    def beat(self, now: float) -> None:
+        """Note a sign of life of this program, s, robot's clock."""
+        if now - self._beat > self._can_timeout:
+            self._continued, self._standstill = now, now - self._beat
+        self._beat = now
 
     def statuses(self, now: float, age: FloatArray, tracker: JointTracker) -> tuple[SafetyStatus, ...]:
         """One status per channel.
@@ -68,9 +74,7 @@ class SafetyWatch:
             age: shape (n,), s since each joint was heard.
             tracker: what became of the positions.
         """
-        if now - self._looked > self._can_timeout:
-            self._continued, self._standstill = now, now - self._looked
-        self._looked = now
+        self.beat(now)
         recent = max(now - self._rx_timeout, self._since)
         silent = age > self._rx_timeout
         faults: dict[str, tuple[str, ...]] = {}
