@@ -337,7 +337,9 @@ def _try_timeouts(requests: Requests, joints: Sequence[int], can_timeout: float,
             return
         begin = time.monotonic()
         limp = {i: _limp_command(requests, i) for i in untried}
-        enable = {i: [limp[i], Enable(limp[i].motor_id, host_id=requests.host_id), limp[i]] for i in untried}
+        enable: dict[int, Sequence[Command]] = {
+            i: [limp[i], Enable(limp[i].motor_id, host_id=requests.host_id), limp[i]] for i in untried
+        }
         running = requests.until_status(enable, lambda status: status.mode is MotorMode.RUN and not status.faults)
         time.sleep(_SILENCE * can_timeout)
         found = requests.until_status({i: [limp[i]] for i in running}, lambda _: True)
