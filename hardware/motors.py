@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim.hardware.bus.events import BurstDetector
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.messages import SafetyFlag
@@ -89,6 +90,16 @@ class ChannelNotes:
     intrusions: int = 0
     strangers: Counter[str] = field(default_factory=Counter)
     """Frames that concern none of our motors, by what they are."""
+    flood: Note = NEVER
+    """The latest of so many of these that they take two fifths of a bus of 1 Mbit/s."""
+    _burst: BurstDetector = field(default_factory=lambda: BurstDetector(600))
+
+    def add_stranger(self, what: str, time: float) -> None:
+        """Count a frame that concerns none of our motors, at `time`, s, robot's clock."""
+        self.strangers[what] += 1
+        if self._burst.add(time):
+            text = f"the bus is flooded: more than {self._burst.rate:g} frames a second that concern none of its motors"
+            self.flood = Note(time, text)
 
 
 def check_intruders(sources: Sequence[str], notes: Iterable[ChannelNotes], checks: CheckList) -> None:
@@ -116,6 +127,8 @@ class Readings:
 
 Finding = tuple[SafetyFlag, str, str]
 """A flag, what was found, and the joint; no joint where the finding is the channel's."""
+STOPPED = "left run mode (mode reset)"
+"""Finding on a motor that stopped without a fault, as by its own timeout."""
 
 
 Rescue = tuple[tuple[Frame, ...], tuple[Frame, ...]]

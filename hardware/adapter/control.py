@@ -124,6 +124,7 @@ class MotorControl:
         if self._watch is None:
             self.refused += 1
             return
+        self._watch.beat(now)
         if not command.is_finite():
             self.refused += 1
             self._bad_command = now

@@ -87,6 +87,10 @@ class RobotMotors:
         """Return the latest sign of one on a channel."""
         return max((link.notes[channel].intruder for link in self._links), key=lambda note: note.time)
 
+    def flood(self, channel: int) -> Note:
+        """Return the latest sign that a channel is flooded."""
+        return max((link.notes[channel].flood for link in self._links), key=lambda note: note.time)
+
     def intrusions(self, channel: int) -> int:
         """Frames by which another host commands these motors."""
         return sum(link.notes[channel].intrusions for link in self._links)

@@ -82,6 +82,8 @@ _WITHOUT_BITRATE = frozenset({"socketcan", "virtual", "udp_multicast", "socketca
 _IP_MULTICAST_ALL = 49
 _IPV6_MULTICAST_ALL = 29
 """Constants of `linux/in.h` and `linux/in6.h`; Python's socket module does not name them."""
+_MOST_WAITING = 1000
+"""Frames that a socket's buffer can hold, and more."""
 _NETWORK = Path("/sys/class/net")
 _CAN_HARDWARE = "280"
 """ARPHRD_CAN, the kernel's number for a CAN interface."""
@@ -115,11 +117,15 @@ def _hear_own_group_only(bus: can.BusABC) -> None:
     """
     if not sys.platform.startswith("linux"):
         return
-    # A kernel without the option leaves the groups as they were.
-    with contextlib.suppress(OSError), socket.socket(fileno=os.dup(bus.fileno())) as own:
+    # A kernel without the option leaves the groups as they were. python-can has bound the socket, so that other groups'
+    # frames may lie in it already.
+    with contextlib.suppress(OSError, can.CanError), socket.socket(fileno=os.dup(bus.fileno())) as own:
         is_six = own.family == socket.AF_INET6
         level, option = (socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL) if is_six else (socket.IPPROTO_IP, _IP_MULTICAST_ALL)
         own.setsockopt(level, option, 0)
+        for _ in range(_MOST_WAITING):
+            if bus.recv(0.0) is None:
+                break
 
 
 def bus_hints(address: BusAddress, burst: int) -> tuple[str, ...]:

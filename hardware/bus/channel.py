@@ -36,6 +36,10 @@ _TOLERATED = 10
 """Failures in a row without an error number after which the bus counts as down."""
 _JOIN = 1.0
 """s that closing waits for a thread; a driver stuck in the kernel must not keep a robot from being closed."""
+_STEP = 0.05
+"""s by which the system's clock is set between two frames, beyond any slewing: stamps from before mislead then."""
+_SETTLING = 0.2
+"""s after that in which a frame counts as read when it came."""
 _LONGEST_DELAY = 10.0
 """s, beyond any receive timeout: what is older, after a suspended process, counts as so old."""
 
@@ -94,6 +98,7 @@ class Channel:
         self._burst = BurstDetector()
         self._echoes = Echoes(address, 2 * capacity)
         self._has_real_time = address.interface in _REAL_TIME_STAMPS
+        self._offset, self._was_set = _clocks_apart(), -math.inf
         self._receive_failures = 0
         self._send_failures = 0
         self._overruns_seen = 0
@@ -217,19 +222,20 @@ class Channel:
         if self._burst.add(self._clock()):
             most = self.counters.error_classes.most_common(1)
             cause = f", mostly: {most[0][0]}" if most else ""
-            rate = BurstDetector.COUNT / BurstDetector.WINDOW
-            self._note(BusEvent.BURST, f"more than {rate:g} bus errors a second{cause}")
+            self._note(BusEvent.BURST, f"more than {self._burst.rate:g} bus errors a second{cause}")
 
     def _arrival(self, stamp: float) -> float:
         """Return the time of arrival on the robot's clock.
 
         Where the driver stamps frames, a frame that lay in the kernel while this process was not running is as old as
-        it is, and not as young as its reading.
+        it is, and not as young as its reading. Stamps are of the system's clock, which NTP or a person may set: for a
+        moment they are not believed then, or every joint would seem to have been silent.
         """
-        now = self._clock()
-        if not self._has_real_time:
-            return now
-        if stamp <= 0.0:
+        now, offset = self._clock(), _clocks_apart()
+        if abs(offset - self._offset) > _STEP:
+            self._was_set = now
+        self._offset = offset
+        if not self._has_real_time or stamp <= 0.0 or now - self._was_set < _SETTLING:
             return now
         delay = time.time() - stamp
         return now - min(max(delay, 0.0), _LONGEST_DELAY)
@@ -291,3 +297,8 @@ class Channel:
         else:
             self._note(BusEvent.TX_FULL, f"a frame could not be sent: {error}")
         return False
+
+
+def _clocks_apart() -> float:
+    """Return how far the system's clock is ahead of the monotonic one, s."""
+    return time.time() - time.monotonic()

@@ -99,23 +99,24 @@ def read_error_frame(interface: str, arbitration_id: int, data: bytes) -> ErrorR
 class BurstDetector:
     """Tells single bus errors, after which CAN sends the frame again, from a bus that is about to fail.
 
-    The limit is 10 errors within 0.2 s, 50 a second. A plug or a motor that is switched gives up to half a dozen: the
-    states that the controller goes through. A controller leaves the bus by itself where more than about one in nine of
-    the frames that it sends are damaged, which for 14 motors at 50 Hz is 78 a second; half of that is left as a margin.
+    Or other events from many of them. The limit of errors is 10 within 0.2 s, 50 a second. A plug or a motor that is
+    switched gives up to half a dozen: the states that the controller goes through. A controller leaves the bus by
+    itself where more than about one in nine of the frames that it sends are damaged, which for 14 motors at 50 Hz is 78
+    a second; half of that is left as a margin.
     """
 
-    COUNT = 10
-    WINDOW = 0.2
-    """s"""
+    _WINDOW = 0.2
 
-    def __init__(self) -> None:
-        """No error yet."""
-        self._times: deque[float] = deque(maxlen=self.COUNT)
+    def __init__(self, count: int = 10) -> None:
+        """Begin without an event; `count` of them are a burst."""
+        self._times: deque[float] = deque(maxlen=count)
+        self.rate = count / self._WINDOW
+        """Events a second from which on they are a burst."""
 
     def add(self, now: float) -> bool:
-        """One more error, s on any clock; whether it is the last of a burst."""
+        """One more event, s on any clock; whether it is the last of a burst."""
         self._times.append(now)
-        return len(self._times) == self.COUNT and now - self._times[0] <= self.WINDOW
+        return len(self._times) == self._times.maxlen and now - self._times[0] <= self._WINDOW
 
 
 @dataclass(slots=True)

@@ -44,6 +44,8 @@ class MotorIdentity:
     stall_time: float = 2.0
     """s at the torque limit without motion after which the overload protection trips; infinity: never. The manuals
     name the protection, not its rule."""
+    write_only: bool = False
+    """True if it does not tell its parameters 0x7021 to 0x7029, which some manuals list as write-only."""
 
     @property
     def keeps_target(self) -> bool:
@@ -109,6 +111,7 @@ class MotorState:
         return self.mode is MotorMode.RUN
 
 
+_WRITE_ONLY = range(0x7021, 0x702A)
 _FIRST_NEWER = 0x702A
 """From here on newer firmware only; the first of them is missing on the rs-05."""
 _UNKNOWN_VELOCITY = 10.0
@@ -147,7 +150,7 @@ def read_parameter(identity: MotorIdentity, state: MotorState, sensed: Sensed, i
     if function is not None and function.name in live:
         return pack_value(function.type, live[function.name])
     known = PARAMETERS_BY_INDEX.get(index)
-    if known is None or not _exists(identity, index):
+    if known is None or not _exists(identity, index) or (identity.write_only and index in _WRITE_ONLY):
         return None
     value = live[known.name] if known.name in live else state.parameters[index]
     return pack_value(known.type, value)

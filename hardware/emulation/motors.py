@@ -95,6 +95,8 @@ def heat(rise: FloatArray, torque: FloatArray, rated_torque: npt.ArrayLike, dura
     return warmed
 
 
+FACTORY_ID = 127
+"""Id with which Robstride motors come."""
 Told = Callable[[float, str], None]
 """Is told the time, s on the emulator's clock, and a line for a person."""
 
@@ -145,7 +147,7 @@ class Motors:
         count = len(self.firmwares)
         self._jump = np.zeros(count)
         self._read = np.empty(count)
-        self.conditions = [Conditions() for _ in range(count)]
+        self.conditions = [Conditions(has_power=settings.alone in ("", joint.name)) for joint in self.plant.joints]
         """One per motor, as faults have it."""
         self._steps = 0
         self._steps_between_checks = max(round(_CHECK_PERIOD / self.plant.timestep), 1)
@@ -333,7 +335,7 @@ def _make_firmwares(description: RobotDescription, settings: EmulationSettings) 
         model = motor_model(motor.model)
         emulated = DRIVERS[model.family].emulated
         if emulated is None:
-            made.append(RobstrideFirmware(next(identities), motor.can_id))
+            made.append(RobstrideFirmware(next(identities), FACTORY_ID if settings.alone else motor.can_id))
         else:
             made.append(emulated(model, motor.can_id, settings.deaf_until_enabled))
     return tuple(made)

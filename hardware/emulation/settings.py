@@ -52,6 +52,10 @@ class EmulationSettings:
     """m, of a floating base; None: the description's."""
     anchor_body: str = ""
     """MJCF body whose pose is part of the truth; empty for none."""
+    write_only: bool = False
+    """See `MotorIdentity`."""
+    alone: str = ""
+    """Joint whose motor is alone on the bus, as it comes from the factory; empty: all are there, with their ids."""
     deaf_until_enabled: bool = False
     """True if a motor without a timeout, such as a Sito, ignores gains and commands while it is disabled, which is not
     known: it then starts with those of its last host."""
@@ -74,10 +78,13 @@ def motor_identities(description: RobotDescription, settings: EmulationSettings)
     """One motor per joint that a Robstride drives, in order, with the firmware that the settings give it.
 
     Raises:
-        InputError: a firmware is given for what the robot has not, or is not a version of that model.
+        InputError: a firmware is given for what the robot has not, or is not a version of that model; or the motor that
+            is to be alone is none.
     """
     driven = {joint.name: joint.motor for joint in description.joints if joint.motor is not None}
     motors = {name: motor for name, motor in driven.items() if motor_model(motor.model).family == "robstride"}
+    if settings.alone and settings.alone not in motors:
+        raise InputError(known_names("joint with a Robstride motor", settings.alone, motors))
     known = [*motors, *dict.fromkeys(motor.model for motor in motors.values())]
     for name in settings.firmware:
         if name not in known:
@@ -94,6 +101,14 @@ def motor_identities(description: RobotDescription, settings: EmulationSettings)
         firmware = firmware_of(model, version)
         uid = hashlib.sha256(f"{description.name}/{name}/{settings.seed}".encode()).digest()[:8]
         identities.append(
-            MotorIdentity(firmware.applied_to(model), uid, version, firmware, settings.scale, settings.stall_time)
+            MotorIdentity(
+                firmware.applied_to(model),
+                uid,
+                version,
+                firmware,
+                settings.scale,
+                settings.stall_time,
+                settings.write_only,
+            )
         )
     return tuple(identities)

@@ -29,7 +29,7 @@ SOURCE = "guardian"
 _START = 10.0
 """s that it may take to start, on a busy computer."""
 _DEAF = 0.5
-"""s without a look of the guardian's after which it counts as dead."""
+"""s without a look of the guardian's after which it counts as deaf; its death is noticed at once."""
 _END = 1.0
 """s that it may take to end, beyond what its plan takes."""
 _WITHIN_PROCESS = "virtual"
@@ -167,14 +167,16 @@ class Guardian:
         now, looks = self._clock(), self._heartbeat.looks
         if looks != self._looks:
             self._looks, self._looked = looks, now
-        if now - self._looked <= _DEAF:
+        has_died = self._process.poll() is not None
+        if not has_died and now - self._looked <= _DEAF:
             return None
         names = ", ".join(motor.name for motor in self._plan.motors)
+        what = "has died" if has_died else "does not answer"
         return SafetyStatus(
             SafetyLevel.WARNING,
             SafetyFlag.NONE,
             SOURCE,
-            f"the guardian does not answer: were this program to die, nobody would stop {names}; reactivate",
+            f"the guardian {what}: were this program to die, nobody would stop {names}; reactivate",
         )
 
     # --- the end

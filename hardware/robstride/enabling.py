@@ -27,9 +27,17 @@ from humanoid_sim.hardware.robstride.messages import (
     SetActiveReport,
     Status,
     Stop,
+    WriteParameter,
 )
 from humanoid_sim.hardware.robstride.motor_table import MotorSlot
-from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, RunMode, fault_word, unpack_value
+from humanoid_sim.hardware.robstride.parameters import (
+    PARAMETERS,
+    CanTimeout,
+    RunMode,
+    fault_word,
+    pack_value,
+    unpack_value,
+)
 from humanoid_sim.hardware.robstride.requests import Requests, Unreadable
 
 CAN_TIMEOUT = 0.1
@@ -42,6 +50,12 @@ _PERIOD = 0.02
 """s between two rounds of commands meanwhile, well within the CAN timeout."""
 _POLL = 0.001
 """s"""
+_TRIALS = 4
+"""Times that a motor may show that its CAN timeout stops it."""
+_SILENCE = 1.5
+"""CAN timeouts without a command after which it must have stopped."""
+_TOO_LONG = 2.5
+"""CAN timeouts after which that shows nothing: the silence, and as much again for enabling."""
 _FLOAT32 = 1e-6
 """Relative; values travel as float32."""
 _LIMITS = {"limit_torque": "torque limit", "limit_cur": "current limit"}
@@ -121,8 +135,7 @@ def make_ready(
         return
     if takes_over:
         _write_exactly(requests, "run_mode", dict.fromkeys(joints, float(RunMode.OPERATION)), checks)
-    ticks = float(CanTimeout.to_ticks(can_timeout))
-    _write_exactly(requests, "canTimeout", dict.fromkeys(joints, ticks), checks)
+    _write_timeout(requests, joints, can_timeout, checks)
     if takes_over:
         motors = requests.motors
         torques, currents = motors.torque_limit, motors.current_limit
@@ -196,10 +209,25 @@ def _write_exactly(requests: Requests, name: str, values: Mapping[int, float], c
             checks.problem(motor, f"{name} cannot be verified ({found.reason})")
         elif found != values[joint]:
             checks.problem(motor, f"{name} reads {found:g} after {values[joint]:g} was written")
-        elif name == "canTimeout":
-            checks.passed(motor, f"stops {1000.0 * CanTimeout.to_seconds(int(found)):g} ms after the last command")
         else:
             checks.passed(motor, f"{name} {found:g}")
+
+
+def _write_timeout(requests: Requests, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
+    """Write the CAN timeout and read it back; some manuals have it as a parameter that cannot be read."""
+    ticks = float(CanTimeout.to_ticks(can_timeout))
+    for joint, found in requests.write(_TIMEOUT, dict.fromkeys(joints, ticks)).items():
+        motor = requests.motors.names[joint]
+        requests.table.slots[joint].hides_timeout = isinstance(found, Unreadable)
+        if isinstance(found, Unreadable):
+            text = (
+                f"does not tell its CAN timeout ({found.reason}): it must show it, without torque, once it is enabled"
+            )
+            checks.warn(motor, text)
+        elif found != ticks:
+            checks.problem(motor, f"canTimeout reads {found:g} after {ticks:g} was written")
+        else:
+            checks.passed(motor, f"stops {1000.0 * CanTimeout.to_seconds(int(found)):g} ms after the last command")
 
 
 def _peaks(motors: MotorGroup) -> dict[int, float]:
@@ -250,7 +278,8 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
     nobody knows what the last program that talked to this motor wanted of it. The same command goes on to those that
     run already, or their CAN timeout would stop them while others are still asked. The timeout is read back once more
     from each motor that runs: one whose supply failed for a moment since it was configured has lost it, and would
-    execute its last command for ever.
+    execute its last command for ever. A motor that does not tell its timeout must show it first, see `_try_timeouts`,
+    and gets it once more right before it is enabled.
 
     Args:
         requests: asks motors that were made ready, and so have told a status.
@@ -259,19 +288,26 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
         checks: takes the problems.
     """
     motors, slots = requests.motors, requests.table.slots
+    _try_timeouts(requests, [i for i in joints if slots[i].hides_timeout], can_timeout, checks)
+    if checks.problems:
+        return
     before = {i: slots[i].sample for i in joints}
     ticks = CanTimeout.to_ticks(can_timeout)
+    payload = pack_value(_TIMEOUT.type, ticks)
     confirmed: dict[int, float] = {}
     requests.received()
     deadline = time.monotonic() + _LONGEST
     while True:
         running = [i for i in joints if slots[i].sample is not before[i] and _runs(slots[i])]
         confirmed = {i: found for i, found in confirmed.items() if i in running}
+        confirmed.update((i, ticks) for i in running if slots[i].hides_timeout)
         if len(confirmed) == len(joints) or time.monotonic() > deadline:
             break
         for i in joints:  # one motor after the other: no other's frames between enable and limp
             motor_id, limp = motors.motor_id[i], _limp_command(requests, i)
             commands: list[Command] = [limp]
+            if i not in running and slots[i].hides_timeout:
+                commands.append(WriteParameter(motor_id, _TIMEOUT.index, payload, host_id=requests.host_id))
             if i not in running:
                 commands += [Enable(motor_id, host_id=requests.host_id), limp]
             elif i not in confirmed:
@@ -287,6 +323,39 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
         elif confirmed[i] != ticks:
             checks.problem(name, f"has booted since it was configured: its canTimeout reads {confirmed[i]:g}")
     _note_stored_hosts(requests, joints, checks)
+
+
+def _try_timeouts(requests: Requests, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
+    """Run these motors without torque, be silent for longer than the timeout, and reject those that run on.
+
+    Nothing at all is sent to them meanwhile: no document says which frames restart the timeout. Where this program was
+    held up, a motor with a longer timeout would have stopped as well: that trial does not count.
+    """
+    untried = list(joints)
+    for _ in range(_TRIALS):
+        if not untried:
+            return
+        begin = time.monotonic()
+        limp = {i: _limp_command(requests, i) for i in untried}
+        enable: dict[int, Sequence[Command]] = {
+            i: [limp[i], Enable(limp[i].motor_id, host_id=requests.host_id), limp[i]] for i in untried
+        }
+        running = requests.until_status(enable, lambda status: status.mode is MotorMode.RUN and not status.faults)
+        time.sleep(_SILENCE * can_timeout)
+        found = requests.until_status({i: [limp[i]] for i in running}, lambda _: True)
+        if time.monotonic() - begin > _TOO_LONG * can_timeout:
+            continue
+        for i, status in found.items():
+            if status.mode is MotorMode.RESET and not status.faults:
+                untried.remove(i)
+                checks.passed(requests.motors.names[i], "was seen to stop without commands")
+    stop_motors(requests, untried)
+    for i in untried:
+        checks.problem(
+            requests.motors.names[i],
+            f"does not tell its CAN timeout, and was not seen to stop {1000.0 * _SILENCE * can_timeout:g} ms after the "
+            "last command: it would execute that for ever if this program died",
+        )
 
 
 def _listen(requests: Requests, asked: Sequence[int], confirmed: dict[int, float]) -> None:

@@ -40,6 +40,13 @@ _COMMANDS = frozenset(
 _QUESTIONS = frozenset({FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER})
 """Frames that another host may send: a scan, a parameter read."""
 
+_LATE = 50
+"""Commands whose answers may still come, as after a busy computer's pause."""
+_EXTRA = 25
+"""Answers beyond the commands that are borne: late ones, from before the session began to count."""
+_SHARED = 1.0
+"""s after another host's command in which answers may be to that host."""
+
 
 class Sample(NamedTuple):
     """A status and when it came."""
@@ -73,6 +80,16 @@ class MotorSlot:
     """Answers that had a command to answer."""
     answers_to: int | None = None
     """The other host to which it sent its latest stray status; none: it has sent none."""
+    hides_timeout: bool = False
+    """True if it does not tell its CAN timeout, which is tried out then."""
+    answer: Status | None = None
+    """The latest answer that was counted."""
+    answers: int = 0
+    """Answers to this session's commands, apart from those that say the same as the one before."""
+    doubled: float = NEVER.time
+    """Time at which it had answered more than it was commanded, s, robot's clock."""
+    mixes_reports: bool = False
+    """True if its active reports look like answers."""
 
 
 class MotorTable:
@@ -107,7 +124,7 @@ class MotorTable:
         """Take a frame that came from a channel."""
         notes = self.channels[channel]
         if not frame.is_extended or frame.is_remote or frame.is_error:
-            notes.strangers["remote frame" if frame.is_remote else "11-bit identifier"] += 1
+            notes.add_stranger("remote frame" if frame.is_remote else "11-bit identifier", time)
             return
         parts = split_identifier(frame.arbitration_id)
         if parts.destination != self._host_id and (channel, parts.destination) in self._by_address:
@@ -118,11 +135,11 @@ class MotorTable:
         reply = decode_reply(frame, self._models[channel], host_id)
         slot = self._by_address.get((channel, parts.low))
         if slot is None:
-            notes.strangers["frame of no motor of this robot"] += 1
+            notes.add_stranger("frame of no motor of this robot", time)
             if isinstance(reply, DeviceId):
                 self._answer(channel, reply, time)
         elif isinstance(reply, Status):
-            self._take_status(slot, reply, time)
+            self._take_status(notes, slot, reply, time)
         elif isinstance(reply, FaultReport):
             slot.report = reply
         elif isinstance(reply, Malformed):
@@ -139,16 +156,16 @@ class MotorTable:
     def _take_command(self, notes: ChannelNotes, parts: Identifier, time: float) -> None:
         """Take in a command to one of our motors that we did not send."""
         if parts.type in _QUESTIONS:
-            notes.strangers["another host's question"] += 1
+            notes.add_stranger("another host's question", time)
         elif parts.type in _COMMANDS:
             notes.intrusions += 1
             sender = "another host" if parts.type == FrameType.OPERATION_CONTROL else f"host 0x{parts.low:02X}"
             name = FrameType(parts.type).name.lower().replace("_", " ")
             notes.intruder = Note(time, f"{sender} sends '{name}' to motor {parts.destination}")
         else:
-            notes.strangers["unknown communication type"] += 1
+            notes.add_stranger("unknown communication type", time)
 
-    def _take_status(self, slot: MotorSlot, status: Status, time: float) -> None:
+    def _take_status(self, notes: ChannelNotes, slot: MotorSlot, status: Status, time: float) -> None:
         sample = Sample(time, status)
         if status.faults or status.mode is not MotorMode.RUN:
             slot.alarm = sample
@@ -158,6 +175,9 @@ class MotorTable:
         else:
             slot.statuses += 1
             slot.acknowledged += self.counts_answers and slot.acknowledged < slot.commanded
+            if self.inbox is None and self.counts_answers and not slot.mixes_reports and status != slot.answer:
+                slot.answer = status
+                _count_answer(slot, time, is_shared=time - notes.intruder.time < _SHARED)
 
     def _take_ignored(
         self, notes: ChannelNotes, slot: MotorSlot, reply: Ignored, parts: Identifier, time: float
@@ -171,11 +191,11 @@ class MotorTable:
             text = f"motor {parts.low} answers host 0x{parts.destination:02X}, not 0x{self._host_id:02X}"
             notes.intruder = Note(time, text)
         elif parts.type == FrameType.ACTIVE_REPORT:  # switched on by a host that may be long gone
-            notes.strangers["report to another host"] += 1
+            notes.add_stranger("report to another host", time)
         elif parts.destination in {self._host_id, BROADCAST_ID}:
             self._invalid(slot, f"frame of communication type {parts.type}", time)
         else:
-            notes.strangers[reply.reason.value] += 1
+            notes.add_stranger(reply.reason.value, time)
 
     @staticmethod
     def _invalid(slot: MotorSlot, text: str, time: float) -> None:
@@ -193,6 +213,18 @@ class MotorTable:
         """Return the latest status of every motor."""
         rows = [_UNHEARD if (sample := slot.sample) is None else _row(sample) for slot in self.slots]
         return Readings(*np.array(rows).reshape(-1, len(_UNHEARD)).T)
+
+
+def _count_answer(slot: MotorSlot, time: float, *, is_shared: bool) -> None:
+    """Compare the answers with the commands: of another motor with the same id nothing else may be seen.
+
+    Commands that were not answered in time excuse no answers now; those to another host's commands count as asked for.
+    """
+    slot.answers = max(slot.answers + 1, slot.commanded - _LATE)
+    if is_shared:
+        slot.answers = min(slot.answers, slot.commanded)
+    elif slot.answers > slot.commanded + _EXTRA:
+        slot.answers, slot.doubled = slot.commanded + _EXTRA, time
 
 
 _UNHEARD = (float("nan"),) * 5

@@ -143,7 +143,10 @@ class Requests:
             time.sleep(_POLL)
 
     def until_status(
-        self, commands: Mapping[int, Sequence[Command]], wanted: Callable[[Status], bool]
+        self,
+        commands: Mapping[int, Sequence[Command]],
+        wanted: Callable[[Status], bool],
+        patience: Sequence[float] = _ANSWER_TIMES,
     ) -> dict[int, Status]:
         """Send each motor's commands until a status that came afterwards is as wanted.
 
@@ -154,7 +157,7 @@ class Requests:
             The status by joint; a motor that did not report it after any attempt is left out.
         """
         found: dict[int, Status] = {}
-        for wait in _ANSWER_TIMES:
+        for wait in patience:
             missing = {joint: group for joint, group in commands.items() if joint not in found}
             if not missing:
                 break

@@ -7,7 +7,15 @@ from collections.abc import Iterable, Iterator, Mapping
 from humanoid_sim.hardware.bus.frame import bus_load
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.motors import EncodedFrames, Finding, MotorFigures, MotorGroup, Readings, SessionTerms
+from humanoid_sim.hardware.motors import (
+    STOPPED,
+    EncodedFrames,
+    Finding,
+    MotorFigures,
+    MotorGroup,
+    Readings,
+    SessionTerms,
+)
 from humanoid_sim.hardware.robstride.commands import OperationControlEncoder
 from humanoid_sim.hardware.robstride.enabling import (
     enable_motors,
@@ -132,6 +140,9 @@ class RobstrideSession(RobstrideLink):
         self.line.wait(lambda: not silent(), _REPORT_WAIT)
         for i in silent():
             checks.warn(motors.names[i], "sends no active reports: its state is a control period old")
+        for i in self._joints:
+            as_status = firmware_of(motors.model[i], self._versions[i]).reports_as_status
+            slots[i].mixes_reports = as_status or (i in wanted and not slots[i].reports)
         self._reporting = tuple(wanted)
 
     def enable(self, checks: CheckList) -> None:
@@ -166,6 +177,8 @@ class RobstrideSession(RobstrideLink):
         if report is not None and (report.faults or report.warnings):
             found += _report(name, report.faults, report.warnings)
         yield from self._with_temperature(motor, found)
+        if slot.doubled >= recent:
+            yield SafetyFlag.MOTOR_FAULT, "answers more than it is asked, as if another motor had its id", name
         if slot.invalid.time >= recent:
             yield SafetyFlag.INVALID_FRAME, f"sent a {slot.invalid.text}", name
 
@@ -210,7 +223,8 @@ def _alarm(name: str, status: Status) -> Iterator[Finding]:
     if status.faults & StatusFault.MOTOR_OVERTEMPERATURE:
         yield SafetyFlag.TEMPERATURE_LIMIT, _HOT, name
     if status.mode is not MotorMode.RUN:
-        yield SafetyFlag.MOTOR_FAULT, f"left run mode (mode {status.mode.name.lower()})", name
+        is_reset = status.mode is MotorMode.RESET
+        yield SafetyFlag.MOTOR_FAULT, STOPPED if is_reset else f"left run mode (mode {status.mode.name.lower()})", name
 
 
 def _report(name: str, faults: FaultBit, warnings: WarningBit) -> Iterator[Finding]:

@@ -142,7 +142,7 @@ class SitoSession:
         device_id, kind = parts
         notes, slot = self.notes[channel], self._by_address.get((channel, device_id))
         if slot is None:
-            notes.strangers["frame of no motor of this robot"] += 1
+            notes.add_stranger("frame of no motor of this robot", time)
         elif kind in FROM_MOTOR:
             self._take(notes, slot, frame, time)
         elif kind in _TYPES:
@@ -150,7 +150,7 @@ class SitoSession:
             name = MessageType(kind).name.lower().replace("_", " ")
             notes.intruder = Note(time, f"another host sends '{name}' to motor {device_id}")
         else:
-            notes.strangers["unknown message type"] += 1
+            notes.add_stranger("unknown message type", time)
         return True
 
     def _take(self, notes: ChannelNotes, slot: SitoSlot, frame: Frame, time: float) -> None:
@@ -166,7 +166,7 @@ class SitoSession:
                 slot.invalid_frames += 1
                 slot.invalid = Note(time, reason)
             case _:
-                notes.strangers["feedback of a kind that was not asked for"] += 1
+                notes.add_stranger("feedback of a kind that was not asked for", time)
 
     # --- activation
 

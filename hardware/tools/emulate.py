@@ -16,6 +16,7 @@ from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
 from humanoid_sim.hardware.calibration import load_calibration
 from humanoid_sim.hardware.emulation.faults import Fault, describe_faults, parse_fault
 from humanoid_sim.hardware.emulation.midi_keyboard import MidiKeyboard
+from humanoid_sim.hardware.emulation.motors import FACTORY_ID
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.fields import Scale
@@ -63,7 +64,8 @@ def emulate(config: Emulate) -> int:
             )
         with motors, nullcontext() if config.midi is None else _keyboard(config.midi, motors):
             channels = ", ".join(str(address) for address in addresses)
-            print(f"{len(motors.joints)} motors of {description.name} on {channels}; {punctuality}", flush=True)
+            who = f"the motor of {config.alone}, id {FACTORY_ID}," if config.alone else f"{len(motors.joints)} motors"
+            print(f"{who} of {description.name} on {channels}; {punctuality}", flush=True)
             _wait(config, motors, HandSweep(description, motors.truth.joint_position), news, ending)
             for bus, address in enumerate(addresses):
                 load = 100.0 * motors.bus_load(bus)
@@ -139,6 +141,8 @@ def _settings(config: Emulate, description: RobotDescription) -> EmulationSettin
         bitrate=config.bitrate,
         scale=Scale(config.scale),
         seed=config.seed,
+        write_only=config.write_only,
+        alone=config.alone,
     )
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Collection
 from typing import Self
 
 import numpy as np
 
+from humanoid_sim.cli import complain
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT, enable_motors, examine, make_ready, stop_motors
@@ -14,11 +16,16 @@ from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import OperationControl, Status
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.tools.bench import command_motor, read_value, write_value
+from humanoid_sim.hardware.robstride.requests import Unreadable
+from humanoid_sim.hardware.tools.bench import silence, write_value
 from humanoid_sim.mit import MITCommand, bounded_position
 
 _PERIOD = 0.01
 """s between commands to an enabled motor."""
+_PATIENCE = 0.75
+"""s of commands without an answer after which a motor counts as silent."""
+_STOPPING = 0.8
+"""Share of the CAN timeout from which on silence explains a motor that has stopped."""
 
 
 class EnabledMotor:
@@ -51,13 +58,12 @@ class EnabledMotor:
         self._motor_id = channels.motors.motor_id[motor]
         self._who = channels.motors.names[motor]
         self._old: dict[str, float | None] = {}
-        self.warnings: tuple[str, ...] = ()
-        """Findings that did not keep it from being enabled, one line each."""
+        self._sent, self._longest = 0.0, 0.0  # s: the last command, and the longest silence since a status in run mode
         self.status: Status | None = None
         """The latest."""
 
     def __enter__(self) -> Self:
-        """Enable the motor, after every check that a session makes.
+        """Enable the motor, after every check that a session makes; warnings are printed before.
 
         Raises:
             SilentMotorError: it does not answer.
@@ -68,17 +74,20 @@ class EnabledMotor:
         examine(channels, joints, checks, takes_over=False, is_limp=self._torque is None)
         checks.refuse_questions()
         for name in ("canTimeout",) if self._torque is None else ("canTimeout", "limit_torque"):
-            self._old[name] = read_value(channels, PARAMETERS[name], self._motor)
+            old = channels.requests.read({self._motor: PARAMETERS[name]})[self._motor]
+            self._old[name] = None if isinstance(old, Unreadable) else old
         try:
             make_ready(channels, joints, CAN_TIMEOUT, checks, takes_over=False, torque=self._torque)
             channels.check(checks)
             checks.refuse()
+            for warning in checks.warnings:
+                complain(f"warning: {warning}")
             enable_motors(channels.requests, joints, CAN_TIMEOUT, checks)
             checks.refuse()
         except BaseException:
             self._stop()
             raise
-        self.warnings = checks.warnings
+        self._sent = time.monotonic()
         sample = channels.table.slots[self._motor].sample
         self.status = None if sample is None else sample.status
         return self
@@ -95,15 +104,30 @@ class EnabledMotor:
         command = OperationControl(
             self._motor_id, self._bounded(position, velocity, stiffness, damping), velocity, 0.0, stiffness, damping
         )
-        self.status = status = command_motor(self._channels, command, self._motor)
+        self.status = status = self._exchange(command)
         checks = CheckList()
         self._channels.check(checks)
         if status.faults:
             checks.problem(self._who, f"reports {', '.join(flag_names(status.faults))}")
         elif status.mode is not MotorMode.RUN:
-            checks.problem(self._who, f"is in mode {status.mode.name.lower()}, expected run")
+            why = ""
+            if self._longest >= _STOPPING * CAN_TIMEOUT:
+                why = f": the motor's CAN timeout stopped it, as no command left for {1000.0 * self._longest:.0f} ms"
+            checks.problem(self._who, f"is in mode {status.mode.name.lower()}, expected run{why}")
         checks.refuse()
+        self._longest = 0.0
         return status
+
+    def _exchange(self, command: OperationControl) -> Status:
+        """Send a command in every period until a status follows: a lost answer must not make the motor time out."""
+        requests = self._channels.requests
+        for _ in range(round(_PATIENCE / self._period)):
+            now = time.monotonic()
+            self._longest, self._sent = max(self._longest, now - self._sent), now
+            found = requests.until_status({self._motor: [command]}, lambda _: True, (self._period,))
+            if found:
+                return found[self._motor]
+        raise silence(self._channels, self._motor)
 
     def _bounded(self, position: float, velocity: float, stiffness: float, damping: float) -> float:
         """Give the position, moved towards the motor's where the MIT law would ask for more than the torque allowed."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from humanoid_sim.hardware.tools.options import Identify
 from humanoid_sim.hardware.tools.terminal import confirm
 from humanoid_sim.hardware.tools.unasked import MovedMotor, limp_motors
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.session.realtime import real_time
 
 _PERIOD = 0.01
 """s between commands."""
@@ -39,8 +40,8 @@ _MOVED = 0.3
 """Share of the angle from which on a joint counts as moved."""
 _FARTHEST = 3.0
 """Share of the angle beyond which something else moves the joint, and it is let go."""
-_ANSWER_TIME = 0.05
-"""s"""
+_ANSWER_TIME = 0.3
+"""s that motors have to tell their positions, which takes them some milliseconds."""
 
 
 def identify(config: Identify) -> int:
@@ -73,13 +74,13 @@ def identify(config: Identify) -> int:
     guard = None
     if joint in wiring.endless:
         guard = MotorGuard(wiring, addresses, np.full(wiring.count, _GUARDIANS_DAMPING), [joint])
-    with open_bench(addresses, config.host_id, wiring, guard=guard) as channels:
+    with real_time(), open_bench(addresses, config.host_id, wiring, guard=guard) as channels:
         if joint not in wiring.unasked:
             read_device_id(channels, joint)
         _confirm(config, wiring, joint, channels)
         before = _positions(channels)
         with _enabled(config, wiring, joint, channels, guard) as motor:
-            start, after = _move(config, wiring, joint, channels, motor)
+            start, after = _move(config, wiring, joint, channels, motor, before)
         before.setdefault(joint, start)
     return _report(config, wiring, joint, before, after)
 
@@ -116,14 +117,17 @@ def _enabled(
 
 
 def _move(
-    config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink, motor: EnabledMotor | MovedMotor
+    config: Identify,
+    wiring: Wiring,
+    joint: int,
+    channels: RobstrideLink,
+    motor: EnabledMotor | MovedMotor,
+    asked: Collection[int],
 ) -> tuple[float, dict[int, float]]:
-    """Move there and back; where the motor began, and every motor's position where the joint was there."""
+    """Move there and back; where the motor began, and what the asked motors' positions were when it was there."""
     step = float(wiring.direction[joint]) * config.angle
     stiffness = min(config.torque / config.angle, wiring.model[joint].stiffness)
     damping = min(_DAMPING_TIME * stiffness, wiring.model[joint].damping)
-    for warning in motor.warnings:
-        complain(f"warning: {warning}")
     start = motor.command(0.0, 0.0, 0.0, 0.0).position
     largest = wiring.position_range[joint]
     if abs(start + step) > largest:
@@ -131,18 +135,26 @@ def _move(
             f"{config.joint}: is at {start:.2f} rad, too near the end of what commands can say, ±{largest:.2f}"
         )
 
-    def follow(begin_share: float, end_share: float, duration: float) -> None:
+    there: dict[int, float] = {}
+
+    def follow(begin_share: float, end_share: float, duration: float, asked: Collection[int] = ()) -> None:
+        """Command; meanwhile ask for these motors' positions, until each has told it."""
         begin = time.monotonic()
         while (elapsed := time.monotonic() - begin) < duration:
             share = begin_share + (end_share - begin_share) * 0.5 * (1.0 - math.cos(math.pi * elapsed / duration))
             status = motor.command(start + share * step, 0.0, stiffness, damping)
             if abs(status.position - start) > _FARTHEST * config.angle:
                 raise RobotError(f"{config.joint}: has moved by {status.position - start:+.2f} rad: let go")
+            if missing := [i for i in asked if i not in there]:
+                there.update(channels.requests.poll_values(PARAMETERS["mechPos"], missing, 0.0))
+            elif asked:
+                break
             time.sleep(max(begin + elapsed + _PERIOD - time.monotonic(), 0.0))
 
     follow(0.0, 1.0, _RAMP)
     follow(1.0, 1.0, _HOLD)
-    there = _positions(channels)
+    channels.requests.received()  # late answers to earlier questions
+    follow(1.0, 1.0, _ANSWER_TIME, asked)
     if isinstance(motor, MovedMotor):
         there[joint] = motor.position
     follow(1.0, 0.0, _RAMP)

@@ -247,6 +247,10 @@ class Emulate:
     """bit/s of the modelled bus time; 0 where the channel itself takes time, as a real bus does."""
     scale: Literal["reference", "manual"] = "reference"
     """Convention in which the motors read and write signed values; `manual` is half a step off around 0."""
+    alone: str = ""
+    """A joint whose motor is alone on the bus, with the factory's id 127: to try `set-id` and `set-zero`."""
+    write_only: bool = False
+    """The motors do not tell their parameters 0x7021 to 0x7029, the CAN timeout among them, as some manuals have it."""
     midi: Path | None = None
     """Play the keys of the robot's piano, as they are pressed, as a MIDI keyboard on a FIFO of this name, made here."""
     sweep: bool = False

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import statistics
 import time
+from contextlib import nullcontext
 
-from humanoid_sim.cli import complain
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.robstride.fields import FaultBit, flag_names
@@ -28,6 +28,7 @@ from humanoid_sim.hardware.tools.options import Ping
 from humanoid_sim.hardware.tools.terminal import shown
 from humanoid_sim.hardware.tools.unasked import Ear, no_question, title
 from humanoid_sim.robots.motors import FAMILIES, motor_model
+from humanoid_sim.session.realtime import real_time
 
 _ANSWER_TIME = 0.2
 """s; it takes a millisecond, and a busy computer may take longer to notice."""
@@ -50,7 +51,10 @@ def ping(config: Ping) -> int:
         motor_model(config.model)
     if not FAMILIES[config.family].has_questions:
         return _listen(config)
-    with motor_bench(config.channel, config.motor_id, config.host_id) as channels:
+    with (
+        real_time() if config.read_status else nullcontext(),
+        motor_bench(config.channel, config.motor_id, config.host_id) as channels,
+    ):
         uid = read_device_id(channels).uid
         print(f"{channels.motors.names[0]}, unique id {uid.hex()}")
         _time_answers(channels, config)
@@ -106,8 +110,6 @@ def _read_status(channels: RobstrideLink, config: Ping) -> None:
     channels.expect(some_motors([(0, config.motor_id)], channels.sources, model))
     with EnabledMotor(channels) as motor:
         status = motor.command(0.0, 0.0, 0.0, 0.0)
-    for warning in motor.warnings:
-        complain(f"warning: {warning}")
     print(f"  model         {name}")
     print(f"  position      {status.position:.4f} rad")
     print(f"  velocity      {status.velocity:.4f} rad/s")

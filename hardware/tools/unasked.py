@@ -25,6 +25,8 @@ LISTENING = 0.3
 """s in which a motor that sends feedback is heard: a Sito's comes every 255 ms at the latest."""
 _PERIOD = 0.02
 """s between two frames of feedback."""
+_COMMAND_PERIOD = 0.01
+"""s between commands to a motor that is moved, at most."""
 _ANSWER_TIME = 0.3
 """s without feedback after which a motor counts as silent."""
 _POLL = 0.001
@@ -124,8 +126,6 @@ class Place(NamedTuple):
 class MovedMotor:
     """Commands for one motor that is enabled."""
 
-    warnings: tuple[str, ...] = ()
-
     def __init__(self, channels: RobstrideLink, session: MotorLink, torque: float, guard: MotorGuard | None) -> None:
         """Nothing is sent yet.
 
@@ -150,6 +150,8 @@ class MovedMotor:
     def command(self, position: float, velocity: float, stiffness: float, damping: float) -> Place:
         """Send a command in the motor frame: rad, rad/s, N·m/rad, N·m·s/rad; where the motor is in its next feedback.
 
+        It is sent in every period until then: the guardian must not take a silent motor for a tool that died.
+
         No torque limit is known: the commanded position, which stays within `torque / K_p` of the motor, is all that
         bounds it, with the largest K_p that the frame may mean.
 
@@ -164,12 +166,18 @@ class MovedMotor:
         motors = self._session.motors
         channel = self._channels.channels[motors.channel[0]]
         before = np.nan_to_num(self._session.readings().time[0], nan=-math.inf)
-        channel.send([((motors.names[0], kind), frame) for _, kind, frame in self._encoder.encode(values).frames])
-        if self._guard is not None:
-            self._guard.beat()
-        end = time.monotonic() + _ANSWER_TIME
-        while not self._session.readings().time[0] > before:  # NaN: nothing was heard yet
-            if time.monotonic() > end:
+        begin, sent = time.monotonic(), -math.inf
+        while True:
+            now = time.monotonic()
+            if now - sent >= _COMMAND_PERIOD:
+                frames = self._encoder.encode(values).frames
+                channel.send([((motors.names[0], kind), frame) for _, kind, frame in frames])
+                if self._guard is not None:
+                    self._guard.beat()
+                sent = now
+            if self._session.readings().time[0] > before:  # NaN: nothing was heard yet
+                break
+            if now - begin > _ANSWER_TIME:
                 raise silence(self._channels, self._channels.motors.names.index(motors.names[0]), motors.names[0])
             time.sleep(_POLL)
         checks = CheckList()

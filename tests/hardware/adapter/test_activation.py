@@ -330,7 +330,11 @@ _OVERVOLTAGE = {0x3022: (1 << 3).to_bytes(4, "little")}
         ({"version": (0, 0, 3, 9)}, "its firmware 0.0.3.9 is an rs-00's, the robot description has an rs-02 here"),
         ({"version": (0, 2, 3, 5)}, "its firmware 0.2.3.5 multiplies K_p and K_d by 1.4167: update it"),
         ({"has_version": False}, "does not tell its firmware's version, by which its model and its scales are known"),
-        ({"unreadable": {"canTimeout"}}, "canTimeout cannot be verified (refused)"),
+        (
+            {"unreadable": {"canTimeout"}},
+            "does not tell its CAN timeout, and was not seen to stop 150 ms after the last command: it would execute "
+            "that for ever if this program died",
+        ),
         ({"unreadable": {"run_mode"}}, "run_mode cannot be verified (refused)"),
         ({"unreadable": {"limit_torque"}}, "limit_torque cannot be verified (refused)"),
         ({"unwritable": {"canTimeout"}}, "canTimeout reads 0 after 2000 was written"),

@@ -2,6 +2,7 @@ import errno
 import itertools
 import threading
 import time
+from types import SimpleNamespace
 
 import can
 import pytest
@@ -9,6 +10,7 @@ from scripted_bus import ScriptedBus, error_frame
 from waiting import wait_until
 
 from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.bus import channel as channel_module
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.channel import Channel
 from humanoid_sim.hardware.bus.events import BusEvent
@@ -91,6 +93,22 @@ def test_a_frame_is_as_old_as_its_stamp(heard, bus, scripted):
     assert ages[1] > 5.0
     assert 0.0 <= ages[2] < 0.3
     assert 0.0 <= ages[3] < 0.3
+
+
+@pytest.mark.parametrize("step", [3600.0, -3600.0])
+def test_a_system_clock_that_is_set_makes_no_frame_old(heard, bus, scripted, monkeypatch, step):
+    waiting = _message()
+    clock = SimpleNamespace(time=lambda: time.time() + step, monotonic=time.monotonic, sleep=time.sleep)
+    monkeypatch.setattr(channel_module, "time", clock)
+    bus.incoming.put(waiting)  # stamped before
+    assert wait_until(lambda: bool(heard.frames))
+    assert time.monotonic() - heard.frames[0][1] < 5.0
+    time.sleep(0.25)
+    late = _message()
+    late.timestamp += step - 7.0
+    bus.incoming.put(late)
+    assert wait_until(lambda: len(heard.frames) == 2)
+    assert time.monotonic() - heard.frames[1][1] >= 7.0, "stamps of the new time count again"
 
 
 def test_frames_of_other_processes_of_this_machine_count(heard, bus, scripted):

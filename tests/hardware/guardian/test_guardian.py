@@ -274,20 +274,27 @@ def test_motors_that_are_not_known_to_be_disabled_are_braked_at_the_end(channel,
     assert listener.kinds(0.0)[-1] == RESET
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_dead_guardian_is_a_warning_by_its_own_source(guardian, number):
+def test_a_dead_guardian_is_a_warning_at_once(guardian):
     guardian.standby()
     assert guardian.status() is None
-    os.kill(guardian.pid, number)
-    until(lambda: guardian.status() is not None, 3.0)
+    os.kill(guardian.pid, signal.SIGKILL)
+    os.waitid(os.P_PID, guardian.pid, os.WEXITED | os.WNOWAIT)
     status = guardian.status()
     assert (status.level, status.source) == (SafetyLevel.WARNING, "guardian")
     assert status.message == (
-        "the guardian does not answer: were this program to die, nobody would stop left_wrist_roll; reactivate"
+        "the guardian has died: were this program to die, nobody would stop left_wrist_roll; reactivate"
     )
-    if number is signal.SIGSTOP:
-        os.kill(guardian.pid, signal.SIGCONT)
-        until(lambda: guardian.status() is None, 3.0)
+
+
+def test_a_guardian_that_stands_still_is_a_warning_for_as_long_as_it_does(guardian):
+    guardian.standby()
+    os.kill(guardian.pid, signal.SIGSTOP)
+    until(lambda: guardian.status() is not None, 3.0)
+    status = guardian.status()
+    assert (status.level, status.source) == (SafetyLevel.WARNING, "guardian")
+    assert status.message.startswith("the guardian does not answer: were this program to die, nobody would stop left_")
+    os.kill(guardian.pid, signal.SIGCONT)
+    until(lambda: guardian.status() is None, 3.0)
 
 
 def test_a_guardian_that_cannot_open_its_channel_is_an_error():

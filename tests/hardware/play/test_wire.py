@@ -281,6 +281,7 @@ def test_a_forced_stop_that_ends_begins_in_damping(operator):
     moment = time.monotonic()
     operator.process.send_signal(signal.SIGCONT)
     operator.wait_for("the process stood still for 1.")
+    operator.wait_for("find out why this program stood still for 1.")  # and not: check its cable
     time.sleep(0.5)
     listener = operator.listener
     operator.told("SIGSTOP", stopped)

@@ -63,6 +63,15 @@ def test_a_piano_s_keys_are_played_on_a_fifo(run, tmp_path):
     assert (status, err) == (2, f"error: --midi: is '{fifo}', but lite has no piano; lite_piano has one\n")
 
 
+def test_one_motor_alone_as_it_comes(run):
+    status, out, err = run("emulate", "--channel", CHANNEL, "--alone", "left_elbow_pitch", "--duration", "0.1")
+    assert (status, err) == (0, "")
+    assert out.startswith(f"the motor of left_elbow_pitch, id 127, of lite on {CHANNEL}; ")
+    status, _, err = run("emulate", "--channel", CHANNEL, "--robot", "lite_sito", "--alone", "left_wrist_roll")
+    assert status == 2
+    assert err.startswith("error: unknown joint with a Robstride motor 'left_wrist_roll'")
+
+
 def test_without_a_channel_there_is_nowhere_to_be(run):
     status, _, err = run("emulate", "--fault", "lost")
     assert status == 2

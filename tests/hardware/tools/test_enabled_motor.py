@@ -8,6 +8,7 @@ from humanoid_sim.hardware.emulation import firmware, motor_state
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
+from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
 from humanoid_sim.hardware.robstride.fields import MotorMode
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.tools.bench import open_bench, read_value, some_motors
@@ -56,7 +57,7 @@ def test_a_motor_without_a_torque_limit_is_not_enabled_with_torque(bench, motors
     assert _nothing_runs(motors)
 
 
-def test_firmware_that_nobody_knows_is_a_question_to_the_operator():
+def test_firmware_that_nobody_knows_is_a_question_to_the_operator(capsys):
     settings = EmulationSettings(firmware={"left_wrist_yaw": "0.5.3.9"})
     group = some_motors([(0, 15)], [str(_ADDRESS)], MOTORS["rs-05"])
     with (
@@ -67,9 +68,11 @@ def test_firmware_that_nobody_knows_is_a_question_to_the_operator():
             with EnabledMotor(channels, torque=1.0):
                 pass
         assert _nothing_was_written(motors)
-        with EnabledMotor(channels, torque=1.0, accepted_firmware=["0.5.3.9"]) as motor:
-            assert len(motor.warnings) == 1
-            assert "its firmware 0.5.3.9 is in no document" in motor.warnings[0]
+        with EnabledMotor(channels, torque=1.0, accepted_firmware=["0.5.3.9"]):
+            (warning,) = capsys.readouterr().err.splitlines()
+            assert warning.startswith(
+                "warning: motor 15 on virtual:bench-client: its firmware 0.5.3.9 is in no document"
+            )
 
 
 def test_a_motor_that_does_not_confirm_its_stop_is_said(bench, motors, inject):
@@ -83,6 +86,46 @@ def test_a_motor_that_loses_its_mode_is_noticed(bench, motors, inject):
     with EnabledMotor(bench) as motor:
         inject(motors, Fault("reset", ("left_wrist_yaw",)))
         with pytest.raises(RobotError, match="is in mode reset, expected run"):
+            motor.command(0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("is_taken", [True, False])
+def test_a_timeout_that_cannot_be_read_is_tried_out_without_torque(monkeypatch, is_taken):
+    """Manuals that have 0x7021 to 0x7029 as write-only: the motor must have stopped by itself before it is driven."""
+    told, known, hidden = [], motor_state.written_parameters, PARAMETERS["canTimeout"].index
+    if not is_taken:
+        monkeypatch.setattr(
+            firmware, "written_parameters", lambda state, i, value: known(state, 0 if i == hidden else i, value)
+        )
+    with (
+        VirtualMotors(
+            load_robot("lite"),
+            [_ADDRESS],
+            settings=EmulationSettings(write_only=True),
+            told=lambda _, text: told.append(text),
+        ) as motors,
+        open_bench(
+            [_ADDRESS], 0xFD, some_motors([(0, 15)], [str(_ADDRESS)], MOTORS["rs-05"]), open_channel=motors.open_bus
+        ) as channels,
+    ):
+        if is_taken:
+            with EnabledMotor(channels, torque=1.0) as motor:
+                assert motor.command(motor.status.position, 0.0, 5.0, 0.5).mode is MotorMode.RUN
+        else:
+            with pytest.raises(RobotError, match="does not tell its CAN timeout, and was not seen to stop 150 ms"):
+                EnabledMotor(channels, torque=1.0).__enter__()
+        assert _nothing_runs(motors)
+    words = [text.removeprefix("left_wrist_yaw: ") for text in told]
+    if is_taken:
+        assert words[-4:] == ["enabled", "stopped, in reset mode"] * 2
+    else:
+        assert words == ["enabled", "stopped, in reset mode"]
+
+
+def test_a_timeout_is_called_one(bench):
+    with EnabledMotor(bench) as motor:
+        time.sleep(2.0 * CAN_TIMEOUT)
+        with pytest.raises(RobotError, match=r"the motor's CAN timeout stopped it, as no command left for \d{3,} ms$"):
             motor.command(0.0, 0.0, 0.0, 0.0)
 
 
