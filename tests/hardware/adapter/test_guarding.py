@@ -195,7 +195,8 @@ def test_a_dead_guardian_is_a_warning_and_a_closed_robot_leaves_none(channel, mo
             hold(robot)
             time.sleep(0.02)
         _, statuses = robot.read()
-        assert [(status.source, status.level) for status in statuses if status.level is not SafetyLevel.OK] == [
+        found = [status for status in statuses if "this program stood still" not in status.message]  # on a busy machine
+        assert [(status.source, status.level) for status in found if status.level is not SafetyLevel.OK] == [
             ("guardian", SafetyLevel.WARNING)
         ]
     finally:
