@@ -190,11 +190,11 @@ class CommandReader:
             self._reported, self._reported_at = self._refused, now
 
     def _intake(self, writer: int) -> Intake:
-        """Return a writer's intake: whoever commands REMOTE is one of them, not the bridge."""
+        """Return a writer's intake: whoever commands REMOTE is one of them, whichever bridge its commands come by."""
         if writer in self._intakes:
             self._intakes.move_to_end(writer)
         else:
             if len(self._intakes) >= _MOST_WRITERS:
                 self._intakes.popitem(last=False)[1].close()
-            self._intakes[writer] = Intake(self._session, f"dds {self._commands.name_of(writer)}")
+            self._intakes[writer] = Intake(self._session, f"dds {self._commands.name_of(writer)}", process=0)
         return self._intakes[writer]

@@ -23,7 +23,7 @@ _LARGEST_DOMAIN = 232
 _CONFIGURATION = """\
 <CycloneDDS><Domain id="any">
  <General><Interfaces><NetworkInterface name="{interface}" multicast="true"/></Interfaces>\
-<AllowMulticast>spdp</AllowMulticast></General>
+<AllowMulticast>spdp</AllowMulticast><EnableMulticastLoopback>{loopback}</EnableMulticastLoopback></General>
  <Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
   {peers}</Discovery>
  <Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility></Domain></CycloneDDS>"""
@@ -65,7 +65,10 @@ def is_wireless(interface: str) -> bool:
 
 def configuration(interface: str = LOOPBACK) -> str:
     """Cyclone DDS's configuration for one network interface; by default nothing leaves the machine."""
-    return _CONFIGURATION.format(interface=interface, peers=_LOCAL_PEERS if interface == LOOPBACK else "")
+    is_local = interface == LOOPBACK
+    return _CONFIGURATION.format(
+        interface=interface, loopback=str(is_local).lower(), peers=_LOCAL_PEERS if is_local else ""
+    )
 
 
 class Participant:
@@ -76,7 +79,8 @@ class Participant:
 
         Args:
             domain: its id; None for that of `ROS_DOMAIN_ID`.
-            interface: the only network interface that is used.
+            interface: the only network interface that is used. One other than the loopback interface leads to other
+                machines alone: programs on this one would otherwise meet a robot twice that is on both.
 
         Raises:
             InputError: the domain or the interface cannot be used.
@@ -92,7 +96,7 @@ class Participant:
         self.interface = interface
         self._domain: Any = None
         try:
-            with network_on(interface):
+            with network_on(interface, from_here=interface == LOOPBACK):
                 self._domain = Domain(self.domain, configuration(interface))
                 self.entity: Any = DomainParticipant(self.domain)
                 """Cyclone DDS's."""
