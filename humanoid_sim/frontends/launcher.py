@@ -56,6 +56,7 @@ class FrontEnds(Sink):
         note: Callable[[str], None],
         status: Callable[[], Mapping[str, object]],
         is_ending: Callable[[], bool] = lambda: False,
+        begin: Callable[[SessionHeader], SessionHeader] = lambda header: header,
     ) -> None:
         """Start nothing yet.
 
@@ -66,10 +67,11 @@ class FrontEnds(Sink):
             note: records a line.
             status: what to tell in the feed beside ticks; JSON.
             is_ending: whether the session need not begin any more.
+            begin: gives the header of a run that begins now; called when the children have been waited for.
         """
         self._wanted = tuple(wanted)
         self._feed = feed
-        self._show, self._note, self._status, self._is_ending = show, note, status, is_ending
+        self._show, self._note, self._status, self._is_ending, self._begin = show, note, status, is_ending, begin
         self._children: list[_Child] = []
         self._selector = selectors.DefaultSelector()
         self._stop = threading.Event()
@@ -82,7 +84,7 @@ class FrontEnds(Sink):
         """Names and process ids of those that run."""
         return {child.name: child.process.pid for child in self._children if child.process.poll() is None}
 
-    def start(self, header: SessionHeader) -> None:
+    def start(self, header: SessionHeader) -> SessionHeader:
         """Start them, and wait until they work: a run that asks for a producer does not begin without it.
 
         Raises:
@@ -100,7 +102,10 @@ class FrontEnds(Sink):
             os.set_blocking(child.process.stdout.fileno(), False)
             self._selector.register(child.process.stdout, selectors.EVENT_READ, child)
         self._wait_until_ready()
+        header = self._begin(header)
+        self._feed.status(self._status())
         self._thread.start()
+        return header
 
     def _wait_until_ready(self) -> None:
         deadline = monotonic() + _READY
