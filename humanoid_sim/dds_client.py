@@ -97,19 +97,22 @@ class _Topic:
 class RobotClient:
     """A robot on DDS. A context manager; for one thread."""
 
-    def __init__(self, prefix: str = "lite", *, domain: int | None = None, interface: str = LOOPBACK) -> None:
+    def __init__(
+        self, prefix: str = "lite", *, domain: int | None = None, interface: str = LOOPBACK, namespace: str = ""
+    ) -> None:
         """Join the robot's domain.
 
         Args:
             prefix: what its joint states are under: `lite` for all Lites, otherwise the robot's name.
             domain: its id; None for that of `ROS_DOMAIN_ID`.
             interface: network interface by which the robot is reached; `lo` for a robot on this machine.
+            namespace: of the robot's topics, if it has one (`--dds-namespace`).
 
         Raises:
-            InputError: the domain or the interface cannot be used.
+            InputError: the domain, the interface or the namespace cannot be used.
             MissingPackageError: Cyclone DDS is not installed.
         """
-        self._participant = Participant(domain, interface)
+        self._participant = Participant(domain, interface, namespace)
         self._states = _Topic(self._participant, joint_states_topic(prefix), Topic(JOINT_STATE))
         names = (IMU_TOPIC, CONTROL_MODE_TOPIC, SAFETY_TOPIC, STANDBY_TOPIC, DESCRIPTION_TOPIC)
         self._topics = {name: _Topic(self._participant, name, TOPICS[name]) for name in names}

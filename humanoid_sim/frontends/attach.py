@@ -123,6 +123,8 @@ class RobotElsewhere:
     """With --dds: the network interface at which the robot is, such as eth1."""
     prefix: str = "lite"
     """With --dds: what the robot's joint states are under."""
+    namespace: str = ""
+    """With --dds: what all of the robot's topics are under, if it was given a namespace (--dds-namespace)."""
 
     def refuse_conflicts(self) -> None:
         """Raise `InputError` for options that exclude each other."""

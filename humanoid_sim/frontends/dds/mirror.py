@@ -235,6 +235,7 @@ def _described(urdf: str) -> tuple[RobotDescription, mujoco.MjModel]:
 def mirrored(
     interface: str,
     prefix: str,
+    namespace: str = "",
     *,
     told: Callable[[str], None] = lambda _: None,
     ended: Callable[[], bool] = lambda: False,
@@ -246,9 +247,10 @@ def mirrored(
         MissingPackageError: Cyclone DDS is not installed.
     """
     with ExitStack() as stack:
-        participant = stack.enter_context(Participant(interface=interface))
+        participant = stack.enter_context(Participant(interface=interface, namespace=namespace))
         mirror = Mirror(participant, prefix)
-        told(f"waiting for a robot with {joint_states_topic(prefix)} on {interface}, domain {participant.domain}")
+        states = f"{participant.namespace}{joint_states_topic(prefix)}"
+        told(f"waiting for a robot with {states} on {interface}, domain {participant.domain}")
         while not mirror.is_there():
             if ended():
                 yield None
@@ -283,7 +285,7 @@ def watched(
     def ended() -> bool:
         return bool(signals)
 
-    with mirrored(config.interface, config.prefix, told=ready, ended=ended) as found:
+    with mirrored(config.interface, config.prefix, config.namespace, told=ready, ended=ended) as found:
         yield None if found is None else (found[0], found[1].look, ended)
 
 
