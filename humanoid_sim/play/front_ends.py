@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 _LOOK_WITHIN = 20.0
 """s for the program that looks for a gamepad."""
+_BRIDGE_RESTARTS = 3
+"""For a DDS bridge that dies: whoever is on the network needs nobody at the robot then."""
 
 
 def shows_window(config: PlayConfig) -> bool:
@@ -51,13 +53,13 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     if namespace and not config.dds and interface is None:
         raise InputError("--dds-namespace: means nothing without --dds or --dds-interface")
     under = ("--namespace", namespace) if namespace else ()
-    taken = (*under, "--safety") if config.dds_safety else under
+    across = ("--interface", interface or "", *under, *(("--safety",) if config.dds_safety else ()))
     known = (
         (config.remote == "gravity", Wanted("gravity", ("--form", config.gravity_form))),
         (config.console, Wanted("console")),
         (config.gamepad is not None, Wanted("gamepad", layout)),
-        (config.dds or interface is not None, Wanted("dds", under)),
-        (interface is not None, Wanted("dds", ("--interface", interface or "", *taken), f"dds {interface}")),
+        (config.dds or interface is not None, Wanted("dds", under, restarts=_BRIDGE_RESTARTS)),
+        (interface is not None, Wanted("dds", across, f"dds {interface}", _BRIDGE_RESTARTS)),
         (config.midi is not None, Wanted("midi", _keyboard_options(config))),
         (config.foxglove_control, Wanted("foxglove", ("--control",))),
         (config.foxglove and not config.foxglove_control, Wanted("foxglove")),

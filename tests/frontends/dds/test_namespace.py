@@ -1,8 +1,11 @@
-"""Two robots with the same topics in one domain, each under a namespace of its own."""
+"""Two robots with the same topics in one domain, each under a namespace of its own; the bridge of one dies."""
 
+import os
+import signal
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
@@ -22,7 +25,9 @@ from humanoid_sim.ros2.topics import COMMAND_TOPIC, SAFETY_TOPIC, TOPICS, Topic
 JOINTS = {"/lite/joint_states": Topic(JOINT_STATE)}
 
 
-def test_neither_of_two_hears_the_other(domain: int, runtime: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_neither_of_two_hears_the_other_and_a_dead_bridge_is_started_again(
+    domain: int, runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(fates, "free_domain", lambda: domain)
     folders = [runtime / name for name in ("left", "right")]
     for folder in folders:
@@ -33,7 +38,8 @@ def test_neither_of_two_hears_the_other(domain: int, runtime: Path, monkeypatch:
         assert one.reach(Mode.REMOTE)
         assert other.reach(Mode.REMOTE)
         state = until(lambda: client.state(0.1))
-        command = MITCommand(*(0.0 * state.position for _ in range(5)))
+        zeros, ones = np.zeros(len(state.names)), np.ones(len(state.names))
+        command = MITCommand(state.position, zeros, zeros, 5.0 * ones, ones)
         until(lambda: client.command(command) and one.feed.status().get("owners", {}).get("REMOTE"))
         assert not other.feed.status()["owners"]["REMOTE"]
         joined = client._participant
@@ -55,3 +61,22 @@ def test_neither_of_two_hears_the_other(domain: int, runtime: Path, monkeypatch:
         damper.write(fault)
         assert other.reach(Mode.DAMPING)
         assert one.mode() is Mode.REMOTE
+
+        def shown() -> float:
+            return float(one.feed.decode(until(one.feed.latest))["command_stiffness"].max())
+
+        until(lambda: client.command(command) and shown() == 5.0)
+        before = one.feed.status()["front_ends"]["dds"]
+        os.kill(before, signal.SIGKILL)
+        until(lambda: shown() == 0.0)
+        until(lambda: one.feed.status()["front_ends"].get("dds", before) != before)
+        topic = Reader(joined, "/left/lite/joint_states", JOINTS["/lite/joint_states"])
+        until(topic.take)
+        assert not one.feed.status()["owners"]["REMOTE"], "its bridge was restarted, and what came before is nothing"
+        assert shown() == 0.0
+        until(lambda: client.command(command) and shown() == 5.0)
+        for word in ("damp", "quit"):
+            one.operator.ask(word)
+        log = one.finish()
+    told = [event.text for event in log.events if event.text.startswith("front end dds")]
+    assert told == ["front end dds ended with status -9", "front end dds was started again, 1 of 3 times"]
