@@ -97,7 +97,7 @@ def test_a_topic_of_its_own_feeds_the_policy_while_it_is_fresh(folder: Path) -> 
     with playing(folder, *options) as play, client(play.domain) as ros:
         told = newest(ros.reader("rt/clock")).clock
         behind = time.time() - told.sec - 1e-9 * told.nanosec
-        assert -0.5 < behind < 1.0, "the clock begins with the loop, not before the bridge was waited for"
+        assert -0.5 < behind < 2.0, "the clock begins with the loop, not before the bridge was waited for"
         begun = play.feed.status()["start_time_ns"]
         stand_by(play)
         refusal = "START_LOCOMOTION refused: the live input 'foot_contact' (/feet/contact) has not come yet"
