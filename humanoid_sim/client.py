@@ -16,6 +16,7 @@ read-only, takes copies, and tells by number and checksum whether a copy is whol
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import json
 import math
@@ -106,6 +107,12 @@ STOOD_STILL, _SETTLE = 0.2, 0.5
 _SEND_TIMEOUT, _POST_TIMEOUT = 0.05, 2.0
 """s that a full socket is waited for: for data, and for intents."""
 _NAMES = count()
+_SO_ATTACH_FILTER = 26
+_NOT_LOOPED = b"".join(
+    struct.pack("@HBBI", *step)
+    for step in ((0x30, 0, 0, 0xFFFFF004), (0x15, 0, 1, 5), (0x06, 0, 0, 0), (0x06, 0, 0, 0xFFFFFFFF))
+)
+"""Packet filter of Linux (BPF): load the packet's type; PACKET_LOOPBACK is dropped, all else is taken whole."""
 
 
 class SessionError(Exception):
@@ -565,12 +572,14 @@ class Intake:
     reach the session in one tick: send once per tick of the feed, or at a fixed rate that is not far above.
     """
 
-    def __init__(self, session: SessionInfo, producer: str) -> None:
+    def __init__(self, session: SessionInfo, producer: str, process: int | None = None) -> None:
         """Connect.
 
         Args:
             session: that is told.
             producer: a name for operators to read, such as `gravity`.
+            process: id that tells producers of that name apart; None for this process, 0 for a producer elsewhere,
+                which is the same one whichever program hands its samples on.
 
         Raises:
             SessionError: it cannot be reached.
@@ -595,7 +604,7 @@ class Intake:
             raise SessionError(f"{session}: cannot be reached: {error.strerror or error}") from None
         self._data.settimeout(_SEND_TIMEOUT)
         self._name = self.producer.encode()
-        self._process = os.getpid()
+        self._process = os.getpid() if process is None else process
 
     def __enter__(self) -> Intake:
         return self
@@ -866,8 +875,10 @@ def _at_once(
 
 
 @contextmanager
-def network_on(device: str) -> Iterator[None]:
+def network_on(device: str, *, from_here: bool = True) -> Iterator[None]:
     """Bind the network sockets opened within to a device, such as `lo`: nothing comes or goes by another one.
+
+    Without `from_here` they receive nothing that this machine itself sends to others there (multicast).
 
     The address that a socket is bound to is no such limit. DDS libraries bind some to all addresses, and then a packet
     from any network gets in, whatever interface they were configured for. For a library that opens its own sockets;
@@ -888,6 +899,10 @@ def network_on(device: str) -> Iterator[None]:
         with socket.socket(fileno=handle) as end:
             if end.family in (socket.AF_INET, socket.AF_INET6):
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device.encode() + b"\0")
+                if not from_here:
+                    code = ctypes.create_string_buffer(_NOT_LOOPED)
+                    program = struct.pack("@HP", len(_NOT_LOOPED) // 8, ctypes.addressof(code))
+                    end.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, program)
 
 
 def _open_sockets() -> dict[int, str]:

@@ -11,7 +11,6 @@ session's own machine may also read its feed and write to its intake directly (`
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -77,33 +76,43 @@ class _Topic:
 
     def __init__(self, participant: Participant, name: str, kind: Topic) -> None:
         self.reader = Reader(participant, name, kind, depth=_DEPTH)
-        self._decoder = Decoder(schema_text(kind.schema))
+        self.problem = ""
+        self._name, self._decoder = name, Decoder(schema_text(kind.schema))
 
     def take(self) -> list[dict[str, Any]]:
         """Return what has come, oldest first, without what is no such message."""
         found = []
         for sample in self.reader.take():
-            with contextlib.suppress(SessionError):
+            try:
                 found.append(self._decoder(sample.data))
+            except SessionError as error:
+                self.refuse(str(error))
         return found
+
+    def refuse(self, problem: str) -> None:
+        """Keep why a message was not understood."""
+        self.problem = f"{self._name}: {problem}"
 
 
 class RobotClient:
     """A robot on DDS. A context manager; for one thread."""
 
-    def __init__(self, prefix: str = "lite", *, domain: int | None = None, interface: str = LOOPBACK) -> None:
+    def __init__(
+        self, prefix: str = "lite", *, domain: int | None = None, interface: str = LOOPBACK, namespace: str = ""
+    ) -> None:
         """Join the robot's domain.
 
         Args:
             prefix: what its joint states are under: `lite` for all Lites, otherwise the robot's name.
             domain: its id; None for that of `ROS_DOMAIN_ID`.
             interface: network interface by which the robot is reached; `lo` for a robot on this machine.
+            namespace: of the robot's topics, if it has one (`--dds-namespace`).
 
         Raises:
-            InputError: the domain or the interface cannot be used.
+            InputError: the domain, the interface or the namespace cannot be used.
             MissingPackageError: Cyclone DDS is not installed.
         """
-        self._participant = Participant(domain, interface)
+        self._participant = Participant(domain, interface, namespace)
         self._states = _Topic(self._participant, joint_states_topic(prefix), Topic(JOINT_STATE))
         names = (IMU_TOPIC, CONTROL_MODE_TOPIC, SAFETY_TOPIC, STANDBY_TOPIC, DESCRIPTION_TOPIC)
         self._topics = {name: _Topic(self._participant, name, TOPICS[name]) for name in names}
@@ -129,8 +138,17 @@ class RobotClient:
         """The robot's joints in its order; empty before the first state."""
         return self._joints
 
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Return the latest message of each topic that was not understood, such as a mode of a later version."""
+        return tuple(topic.problem for topic in (self._states, *self._topics.values()) if topic.problem)
+
     def state(self, timeout: float = 1.0) -> JointStates | None:
-        """Return the newest joint states that were not given yet; None if none come within `timeout` s."""
+        """Return the newest joint states that were not given yet; None if none come within `timeout` s.
+
+        Raises:
+            InputError: the subscription is broken; all that read raise it then.
+        """
         deadline = time.monotonic() + timeout
         while not (taken := self._states.take()):
             left = deadline - time.monotonic()
@@ -163,8 +181,14 @@ class RobotClient:
         return self._writer.readers > 0
 
     def control_mode(self) -> ControlMode | None:
-        """Return the mode, who is in control, and the latest word to the operator; None while nothing was heard."""
+        """Return the mode, who is in control, and the latest word to the operator.
+
+        None while nothing was heard, and while the robot is in a mode that is not known here: `problems` says so.
+        """
         told = self._look(CONTROL_MODE_TOPIC)
+        if told is not None and told["mode"] not in list(Mode):
+            self._topics[CONTROL_MODE_TOPIC].refuse(f"mode {told['mode']} is not known here, expected 0 to {max(Mode)}")
+            return None
         return told and ControlMode(Mode(told["mode"]), told["controller_name"], told["status_message"])
 
     def imu(self) -> Imu | None:
@@ -187,10 +211,14 @@ class RobotClient:
         return told and StandbyState(*(told[name] for name in fields))
 
     def safety(self) -> Mapping[str, SafetyStatus]:
-        """Return the latest status of each source, such as a CAN bus."""
-        for told in self._topics[SAFETY_TOPIC].take():
+        """Return the latest status of each source, such as a CAN bus. A level that is not known here is CRITICAL."""
+        topic = self._topics[SAFETY_TOPIC]
+        for told in topic.take():
+            level = min(told["level"], SafetyLevel.CRITICAL)
+            if level != told["level"]:
+                topic.refuse(f"level {told['level']} is not known here, expected 0 to {SafetyLevel.CRITICAL:d}")
             self._safety[told["source"]] = SafetyStatus(
-                SafetyLevel(told["level"]), SafetyFlag(told["flags"]), told["source"], told["message"]
+                SafetyLevel(level), SafetyFlag(told["flags"]), told["source"], told["message"]
             )
         return dict(self._safety)
 

@@ -23,6 +23,8 @@ class Wanted:
     """Options of its command line; `--session` is added."""
     label: str = ""
     """Label of one that runs twice; empty: its name."""
+    restarts: int = 0
+    """Number of times that it is started again if it ends with an error while the session goes on."""
 
 
 def require_packages(name: str) -> None:

@@ -36,6 +36,8 @@ class Attachment:
     session: SessionInfo
     feed: Feed
     intake: Intake
+    _start_time_ns: int = 0
+    """Header's, as of when the loop began; 0 while it is not known."""
 
     @cached_property
     def header(self) -> SessionHeader:
@@ -99,7 +101,8 @@ class Attachment:
 
     def time_ns(self, time: float) -> int:
         """Nanoseconds since the Unix epoch of a time in s on the robot's clock; of no number, those of its zero."""
-        start = self.header.start_time_ns
+        self._start_time_ns = self._start_time_ns or int(self.feed.status().get("start_time_ns", 0))
+        start = self._start_time_ns or self.header.start_time_ns
         return max(0, start + round(1e9 * time)) if math.isfinite(time) and abs(time) < 1e9 else start
 
     def events(self, number: int) -> Iterator[tuple[int, Event]]:
@@ -120,6 +123,8 @@ class RobotElsewhere:
     """With --dds: the network interface at which the robot is, such as eth1."""
     prefix: str = "lite"
     """With --dds: what the robot's joint states are under."""
+    namespace: str = ""
+    """With --dds: what all of the robot's topics are under, if it was given a namespace (--dds-namespace)."""
 
     def refuse_conflicts(self) -> None:
         """Raise `InputError` for options that exclude each other."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import selectors
 import subprocess
@@ -28,13 +29,15 @@ _ERROR = "error: "
 """Beginning of the line with which a failed program ends."""
 _GRACE = 2.0
 """s that a child gets to end after SIGTERM."""
+_RESTART_AFTER = 1.0
+"""s between the end of a child and its next start."""
 _MOST_BYTES = 4096
 """Bytes taken from one child in one look: whatever it prints, this process spends no more on it."""
 
 
 @dataclass(slots=True)
 class _Child:
-    name: str
+    wanted: Wanted
     process: subprocess.Popen[bytes]
     unfinished: bytes = b""
     last: str = ""
@@ -42,6 +45,15 @@ class _Child:
     is_ready: bool = False
     """It said something other than an error."""
     has_ended: bool = False
+    restarts: int = 0
+    """Number of times that it was started again."""
+    due: float = math.inf
+    """s of the monotonic clock at which it is started again."""
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return self.wanted.label or self.wanted.name
 
 
 class FrontEnds(Sink):
@@ -56,6 +68,7 @@ class FrontEnds(Sink):
         note: Callable[[str], None],
         status: Callable[[], Mapping[str, object]],
         is_ending: Callable[[], bool] = lambda: False,
+        begin: Callable[[SessionHeader], SessionHeader] = lambda header: header,
     ) -> None:
         """Start nothing yet.
 
@@ -66,10 +79,11 @@ class FrontEnds(Sink):
             note: records a line.
             status: what to tell in the feed beside ticks; JSON.
             is_ending: whether the session need not begin any more.
+            begin: gives the header of a run that begins now; called when the children have been waited for.
         """
         self._wanted = tuple(wanted)
         self._feed = feed
-        self._show, self._note, self._status, self._is_ending = show, note, status, is_ending
+        self._show, self._note, self._status, self._is_ending, self._begin = show, note, status, is_ending, begin
         self._children: list[_Child] = []
         self._selector = selectors.DefaultSelector()
         self._stop = threading.Event()
@@ -82,7 +96,7 @@ class FrontEnds(Sink):
         """Names and process ids of those that run."""
         return {child.name: child.process.pid for child in self._children if child.process.poll() is None}
 
-    def start(self, header: SessionHeader) -> None:
+    def start(self, header: SessionHeader) -> SessionHeader:
         """Start them, and wait until they work: a run that asks for a producer does not begin without it.
 
         Raises:
@@ -96,11 +110,17 @@ class FrontEnds(Sink):
             raise InputError(f"--{wanted.name}: cannot be started: {error.strerror}") from None
         self._feed.status(self._status())  # a child that works finds itself there
         for child in self._children:
-            assert child.process.stdout is not None
-            os.set_blocking(child.process.stdout.fileno(), False)
-            self._selector.register(child.process.stdout, selectors.EVENT_READ, child)
+            self._listen(child)
         self._wait_until_ready()
+        header = self._begin(header)
+        self._feed.status(self._status())
         self._thread.start()
+        return header
+
+    def _listen(self, child: _Child) -> None:
+        assert child.process.stdout is not None
+        os.set_blocking(child.process.stdout.fileno(), False)
+        self._selector.register(child.process.stdout, selectors.EVENT_READ, child)
 
     def _wait_until_ready(self) -> None:
         deadline = monotonic() + _READY
@@ -136,6 +156,9 @@ class FrontEnds(Sink):
             while not self._stop.wait(_PERIOD):
                 for key, _ in self._selector.select(0):
                     self._read(key.data)
+                for place, child in enumerate(self._children):
+                    if monotonic() >= child.due and not self._is_ending():
+                        self._children[place] = self._restarted(child)
                 if looks % _STATUS_EVERY == 0:
                     self._feed.status(self._status())
                 looks += 1
@@ -164,6 +187,25 @@ class FrontEnds(Sink):
             with contextlib.suppress(subprocess.TimeoutExpired):
                 status = child.process.wait(_GRACE)
                 self._note(f"front end {child.name} ended with status {status}")
+                if status and child.restarts < child.wanted.restarts:
+                    child.due = monotonic() + _RESTART_AFTER
+                elif status and child.restarts:
+                    self._note(f"front end {child.name} is not started again: it ended {child.restarts + 1} times")
+
+    def _restarted(self, child: _Child) -> _Child:
+        """Start a child again; gives the one that has ended where that cannot be."""
+        child.due = math.inf
+        try:
+            again = _launched(child.wanted)
+        except OSError as error:
+            self._note(f"front end {child.name} cannot be started again: {error.strerror}")
+            return child
+        assert child.process.stdout is not None
+        child.process.stdout.close()
+        again.restarts = child.restarts + 1
+        self._listen(again)
+        self._note(f"front end {child.name} was started again, {again.restarts} of {child.wanted.restarts} times")
+        return again
 
     def _end_children(self) -> None:
         for child in self._children:
@@ -190,7 +232,7 @@ def _launched(wanted: Wanted) -> _Child:
             start_new_session=True,
             env={**os.environ, "PYTHONUNBUFFERED": "1"},
         )
-    return _Child(wanted.label or wanted.name, process)
+    return _Child(wanted, process)
 
 
 @contextlib.contextmanager

@@ -58,6 +58,8 @@ class Run:
     shadow: ShadowSink | None = None
     interruption: Interruption | None
     """Watch over the suspension of a loop that drives motors."""
+    _start_time_ns = 0
+    """Header's, once the run begins."""
 
     def __init__(self, plan: Plan, console: Console) -> None:
         """Put everything together. Intents that come from here on wait for the first tick.
@@ -71,9 +73,9 @@ class Run:
         is_hardware = config.hardware is not None
         self._watch(console)
         shown = self.console
-        header = _header(plan)
+        header, self._made = _header(plan), time.monotonic_ns()
         reactivation = Reactivation(lambda: _warnings(setup.bring_up))
-        loader = PolicyLoader(self, header)
+        self._loader = loader = PolicyLoader(self, header)
         loading = None if plan.shadow is not None else Loading(loader.prepare, loader.cancel)
         self._inputs = None if plan.branch is None else plan.branch.inputs
         self.script: Planned | None = None
@@ -110,6 +112,7 @@ class Run:
                 note=self._note,
                 status=self._status,
                 is_ending=lambda: self.session.is_ending,
+                begin=self._begin,
             )
             stack.callback(self.front_ends.close)
             source = f"{'' if plan.shadow is None else 'shadow '}{policy.source}"
@@ -129,9 +132,10 @@ class Run:
             sources.insert(0, self.interruption)
         if is_hardware and needs_gamepad(config):
             sources.insert(0, DeviceWatch("gamepad", lambda: self.data.heartbeats, self._note))
-        # The last one is closed first: what monitor and shadow find in the last ticks still reaches the others.
-        shows = (self.feed, shown, self.recorder, self.video, self.monitor, self.shadow)
-        sinks = (*shows, intents, self.data, loading, self.front_ends)
+        # The last one is closed first: what monitor and shadow find in the last ticks still reaches the others. Those
+        # behind the front ends are told when the run begins: after these have been waited for.
+        shows = (self.feed, shown, self.front_ends, self.recorder, self.video, self.monitor, self.shadow)
+        sinks = (*shows, intents, self.data, loading)
         self.session = plan.clock.session = Session(
             setup.robot,
             plan.supervisor,
@@ -211,6 +215,16 @@ class Run:
         """Let go of the terminal, and of what others on the machine reach the run by. May be called twice."""
         self._open.close()
 
+    def _begin(self, header: SessionHeader) -> SessionHeader:
+        """Return the header of a run that begins now: a simulated robot's clock has stood still since it was made."""
+        if self.config.hardware is None:
+            waited = time.monotonic_ns() - self._made
+            header = replace(header, start_time_ns=header.start_time_ns + waited)
+        self._loader.header, self._start_time_ns = header, header.start_time_ns
+        if self.shadow is not None:
+            self._shadow_topics = ShadowTopics(header)
+        return header
+
     def _note(self, text: str) -> None:
         """Record a line."""
         self.session.event(text)
@@ -225,19 +239,20 @@ class Run:
         return {
             **self.data.status(),
             "front_ends": dict(self.front_ends.running),
+            "start_time_ns": self._start_time_ns,
             "robot": self.plan.setup.figures(),
             "shadow": None if self.shadow is None else self.shadow.figures(),
         }
 
     def _shadow_sink(self, controller: RLPolicyController, header: SessionHeader) -> ShadowSink:
         """Return the sink in which a shadow policy runs, and whose steps go to the feed and the recording."""
-        topics, recorder = ShadowTopics(header), self.recorder
+        self._shadow_topics, recorder = ShadowTopics(header), self.recorder
 
         def publish(step: ShadowStep) -> None:
             encoded = encode_shadow_step(step)
             self.feed.shadow(encoded)
             if recorder is not None:
-                recorder.beside(step.time, tuple(topics.messages(step, encoded)))
+                recorder.beside(step.time, tuple(self._shadow_topics.messages(step, encoded)))
 
         limit, source = self.plan.description.effort_limit, self.plan.policy.source
         return ShadowSink(controller, source, limit, realtime=self.plan.realtime, publish=publish, tell=self._tell)

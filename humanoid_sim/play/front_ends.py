@@ -17,7 +17,7 @@ from humanoid_sim.messages import Intent
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.rendering.backend import has_display
-from humanoid_sim.ros2.dds.domain import check_network_interface
+from humanoid_sim.ros2.dds.domain import check_network_interface, checked_namespace
 from humanoid_sim.session.keyboard import key_help
 from humanoid_sim.session.script import ScriptStep, parse_script
 from humanoid_sim.session.sources import velocity_key_help
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 _LOOK_WITHIN = 20.0
 """s for the program that looks for a gamepad."""
+_BRIDGE_RESTARTS = 3
+"""For a DDS bridge that dies: whoever is on the network needs nobody at the robot then."""
 
 
 def shows_window(config: PlayConfig) -> bool:
@@ -47,13 +49,17 @@ def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     layout, interface = _pad_layout(config), config.dds_interface
     if interface is not None:
         check_network_interface("--dds-interface", interface)
-    taken = ("--safety",) if config.dds_safety else ()
+    namespace = checked_namespace(config.dds_namespace, "--dds-namespace").strip("/")
+    if namespace and not config.dds and interface is None:
+        raise InputError("--dds-namespace: means nothing without --dds or --dds-interface")
+    under = ("--namespace", namespace) if namespace else ()
+    across = ("--interface", interface or "", *under, *(("--safety",) if config.dds_safety else ()))
     known = (
         (config.remote == "gravity", Wanted("gravity", ("--form", config.gravity_form))),
         (config.console, Wanted("console")),
         (config.gamepad is not None, Wanted("gamepad", layout)),
-        (config.dds or interface is not None, Wanted("dds")),
-        (interface is not None, Wanted("dds", ("--interface", interface or "", *taken), f"dds {interface}")),
+        (config.dds or interface is not None, Wanted("dds", under, restarts=_BRIDGE_RESTARTS)),
+        (interface is not None, Wanted("dds", across, f"dds {interface}", _BRIDGE_RESTARTS)),
         (config.midi is not None, Wanted("midi", _keyboard_options(config))),
         (config.foxglove_control, Wanted("foxglove", ("--control",))),
         (config.foxglove and not config.foxglove_control, Wanted("foxglove")),

@@ -253,7 +253,7 @@ class PolicyLoader:
     """Prepares policies for `Loading`; of what it gives, only `follow` runs on the control thread."""
 
     def __init__(self, run: Run, header: SessionHeader) -> None:
-        self._run, self._header = run, header
+        self._run, self.header = run, header
         """The run whose parts follow the policy, and its header."""
         self._prover = Prover()
         self.cancel = self._prover.cancel
@@ -269,7 +269,7 @@ class PolicyLoader:
             InputError: the session cannot take it, and why.
         """
         run, plan = self._run, self._run.plan
-        proof = self._prover.prove(parse_options(options, plan.config), self._header)
+        proof = self._prover.prove(parse_options(options, plan.config), self.header)
         with considerate():
             policy = _policy_of(proof, plan.config)
             assert policy.loaded is not None
@@ -286,7 +286,7 @@ class PolicyLoader:
             described = run.feed.prepare(proof.header, proof.taken)
 
         def follow() -> None:
-            self._header = proof.header
+            self.header = proof.header
             measure()
             plan.velocity.begin(proof.command, contract.command_ranges, is_observed=policy.walks)
             run.data.follow(plan.velocity if policy.walks else None, proof.taken, contract.live_timeouts)

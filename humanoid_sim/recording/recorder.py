@@ -161,7 +161,8 @@ class McapRecorder:
         self._put(_Beside(time, messages))
 
     def _put(self, item: Event | _Beside) -> None:
-        if self._error is None and self._thread is not None and self._queue.qsize() < 2 * QUEUE_LIMIT:
+        is_open = self._thread is not None or not self._is_created  # what is told before the run begins is kept too
+        if self._error is None and is_open and self._queue.qsize() < 2 * QUEUE_LIMIT:
             self._queue.put(item)
 
     def close(self) -> None:

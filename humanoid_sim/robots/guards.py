@@ -160,6 +160,13 @@ def speed_limit(robot: RobotDescription) -> FloatArray:
     return limit
 
 
+def rated_speed(robot: RobotDescription) -> FloatArray:
+    """Shape (n,), rad/s: as fast as the motor turns without load and can be told; without one the guard's, or inf."""
+    given = robot.guards.speed.limit if robot.guards.speed is not None else ()
+    known = [np.inf if model is None else min(model.no_load_velocity, model.velocity) for model in _models(robot)]
+    return np.where(np.isfinite(known), known, given or np.inf)
+
+
 def _crossing_speed(robot: RobotDescription) -> FloatArray:
     """Shape (n,), rad/s, with which a joint crosses its whole range in the crossing time."""
     kind = robot.base.type

@@ -16,12 +16,15 @@ from humanoid_sim.controllers.rotation import matrix, multiply, rotate
 from humanoid_sim.messages import QPOS_DOCUMENT, URDF_DOCUMENT
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.guards import rated_speed
 from humanoid_sim.robots.mjcf import bare_model
 
 _Element = ElementTree.Element
 _SHOWN_GROUPS = 3
 """Groups of geoms that MuJoCo's own viewer shows; those beyond are for contacts."""
 _GIMBAL = 1e-12
+_SPECK = 1e-9
+"""kg and kg·m², of a link between the joints of one body: loaders with dynamics refuse a moving link without mass."""
 
 
 def body_documents(description: RobotDescription) -> dict[str, str]:
@@ -45,13 +48,18 @@ def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
     root = ElementTree.Element("robot", name=description.name)
     world = ElementTree.SubElement(root, "link", name="world")
     _add_geoms(world, model, 0, np.zeros(3))
-    limits = {joint.name: (joint.lower, joint.upper, joint.effort_limit) for joint in description.joints}
+    limits = {
+        joint.name: (joint.lower, joint.upper, joint.effort_limit, speed)
+        for joint, speed in zip(description.joints, rated_speed(description), strict=True)
+    }
     links = links_of(model)
     for link in links:
         element = ElementTree.SubElement(root, "link", name=link.name)
         if link.body >= 0:
             _add_inertia(element, model, link)
             _add_geoms(element, model, link.body, link.shift)
+        else:
+            _inertial(element, _SPECK, np.full(3, _SPECK))
     for link in links:
         _add_joint(root, link, _limits(model, link, limits))
     _add_imu(root, model, description, links)
@@ -59,29 +67,32 @@ def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _add_joint(root: _Element, link: Link, limits: tuple[float, float, float]) -> None:
+def _add_joint(root: _Element, link: Link, limits: tuple[float, float, float, float]) -> None:
     joint = ElementTree.SubElement(root, "joint", name=link.joint, type=link.kind)
     ElementTree.SubElement(joint, "parent", link=link.parent)
     ElementTree.SubElement(joint, "child", link=link.name)
     _add_origin(joint, link.position, link.quaternion)
     if link.kind in ("revolute", "prismatic", "continuous"):
         ElementTree.SubElement(joint, "axis", xyz=_numbers(link.axis))
-        lower, upper, effort = limits
-        bounds = {"effort": _number(effort), "velocity": "0"}  # which MJCF does not know
+        lower, upper, effort, velocity = limits
+        bounds = {"effort": _number(effort), "velocity": _number(velocity)}
         if link.kind != "continuous":
             bounds |= {"lower": _number(lower), "upper": _number(upper)}
         ElementTree.SubElement(joint, "limit", bounds)
 
 
 def _limits(
-    model: mujoco.MjModel, link: Link, limits: Mapping[str, tuple[float, float, float]]
-) -> tuple[float, float, float]:
-    """Lower and upper, rad or m, and the effort limit: the description's, or the model's."""
+    model: mujoco.MjModel, link: Link, limits: Mapping[str, tuple[float, float, float, float]]
+) -> tuple[float, float, float, float]:
+    """Lower and upper, rad or m, the effort limit, and the fastest velocity: the description's, or the model's.
+
+    Effort and velocity are 0 where nothing is known: URDF requires a number.
+    """
     if link.joint_id < 0:
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0
     lower, upper = (float(value) for value in model.jnt_range[link.joint_id])
-    lower, upper, effort = limits.get(link.joint, (lower, upper, 0.0))
-    return lower, upper, effort if math.isfinite(effort) else 0.0
+    lower, upper, effort, velocity = limits.get(link.joint, (lower, upper, 0.0, 0.0))
+    return lower, upper, effort if math.isfinite(effort) else 0.0, velocity if math.isfinite(velocity) else 0.0
 
 
 def _add_imu(root: _Element, model: mujoco.MjModel, description: RobotDescription, links: tuple[Link, ...]) -> None:
@@ -102,11 +113,17 @@ def _add_inertia(element: _Element, model: mujoco.MjModel, link: Link) -> None:
     mass = float(model.body_mass[link.body])
     if not mass:
         return
-    inertial = ElementTree.SubElement(element, "inertial")
+    inertial = _inertial(element, mass, model.body_inertia[link.body])
     _add_origin(inertial, model.body_ipos[link.body] - link.shift, model.body_iquat[link.body])
+
+
+def _inertial(element: _Element, mass: float, inertia: FloatArray) -> _Element:
+    """Add a mass in kg, and its principal moments of inertia (3,), kg·m²."""
+    inertial = ElementTree.SubElement(element, "inertial")
     ElementTree.SubElement(inertial, "mass", value=_number(mass))
-    xx, yy, zz = (_number(value) for value in model.body_inertia[link.body])
+    xx, yy, zz = (_number(value) for value in inertia)
     ElementTree.SubElement(inertial, "inertia", ixx=xx, iyy=yy, izz=zz, ixy="0", ixz="0", iyz="0")
+    return inertial
 
 
 def _add_geoms(element: _Element, model: mujoco.MjModel, body: int, shift: FloatArray) -> None:

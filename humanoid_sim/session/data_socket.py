@@ -43,9 +43,10 @@ class Producer:
 
     name: str
     process: int
+    """Process id; 0 for one elsewhere, which its name alone identifies."""
 
     def __str__(self) -> str:
-        return f"{self.name} ({self.process})"
+        return f"{self.name} ({self.process})" if self.process else self.name
 
 
 class Turn:

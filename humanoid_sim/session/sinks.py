@@ -22,9 +22,12 @@ _STUCK_AFTER = 5.0
 class Sink(Protocol):
     """Takes ticks and events; never makes the control thread wait. A subclass defines only what it needs."""
 
-    def start(self, header: SessionHeader) -> None:
-        """Start, once, before the first tick. Raises `InputError` if it cannot do its job."""
-        return
+    def start(self, header: SessionHeader) -> SessionHeader | None:
+        """Start, once, before the first tick. Raises `InputError` if it cannot do its job.
+
+        A sink that waits for others returns the header of a run that begins after that, for the sinks behind it.
+        """
+        return None
 
     def tick(self, record: TickRecord) -> None:
         """Take in a tick, on the control thread."""
@@ -70,7 +73,7 @@ class SinkGroup:
             InputError: if one cannot start.
         """
         for sink in self._sinks:
-            sink.start(header)
+            header = sink.start(header) or header
             stack.callback(sink.close)
 
     def tick(self, record: TickRecord) -> None:

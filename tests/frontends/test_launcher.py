@@ -26,7 +26,7 @@ STAYS = "import time; print('up', flush=True); time.sleep(60)"
 def launch(local: LocalSession, monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> Launch:
     """Starts front ends whose program is a line of Python."""
 
-    def start(*programs: str) -> FrontEnds:
+    def start(*programs: str, restarts: int = 0) -> FrontEnds:
         def popen(command: list[str], **options: Any) -> Any:
             assert command[1:5] == [
                 "-m",
@@ -39,7 +39,7 @@ def launch(local: LocalSession, monkeypatch: pytest.MonkeyPatch, tmp_path: Any) 
 
         monkeypatch.setattr(launcher.subprocess, "Popen", popen)
         front_ends = FrontEnds(
-            [Wanted(f"fake_{i}") for i in range(len(programs))],
+            [Wanted(f"fake_{i}", restarts=restarts) for i in range(len(programs))],
             local.feed,
             show=lambda text: None if text.startswith("waiting for ") else local.told.append(text),
             note=lambda text: local.told.append(f"recorded: {text}"),
@@ -112,6 +112,29 @@ def test_one_that_was_killed_is_recorded(launch: Launch, local: LocalSession) ->
     front_ends = launch(STAYS)
     os.kill(next(iter(front_ends.running.values())), signal.SIGKILL)
     until(lambda: local.told == ["fake_0: up", "recorded: front end fake_0 ended with status -9"])
+
+
+def test_one_that_may_is_started_again_up_to_a_limit_and_its_operator_is_told(
+    launch: Launch, local: LocalSession, monkeypatch: Any
+) -> None:
+    monkeypatch.setattr(launcher, "_RESTART_AFTER", 0.1)
+    front_ends = launch(STAYS, restarts=2)
+    seen = set()
+    for count in (1, 2, 3):
+        until(lambda: local.told.count("fake_0: up") == count)  # noqa: B023 - waited for here
+        (process,) = front_ends.running.values()
+        seen.add(process)
+        os.kill(process, signal.SIGKILL)
+    ended = "recorded: front end fake_0 ended with status -9"
+    until(lambda: local.told.count(ended) == 3)
+    assert len(seen) == 3
+    assert [line for line in local.told if "again" in line] == [
+        "recorded: front end fake_0 was started again, 1 of 2 times",
+        "recorded: front end fake_0 was started again, 2 of 2 times",
+        "recorded: front end fake_0 is not started again: it ended 3 times",
+    ]
+    time.sleep(0.4)
+    assert dict(front_ends.running) == {}
 
 
 def test_one_that_ends_before_it_is_ready_keeps_the_session_from_beginning(launch: Launch, local: LocalSession) -> None:

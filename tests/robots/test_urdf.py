@@ -89,6 +89,22 @@ def _pose(data, body, shift):
     return pose
 
 
+@pytest.mark.parametrize("name", ["lite", "lite_neck", "lite_biped", "hopper", "odd"])
+def test_the_loader_of_another_library_takes_it_with_its_limits(name, tmp_path):
+    description = dict(robots(tmp_path))[name]
+    urdf = read(description)
+    assert urdf.validate(), urdf.errors
+    compiled = mujoco.MjModel.from_xml_string(urdf_of(bare_model(description), description))
+    for joint in description.joints:
+        found = compiled.joint(joint.name)
+        bounds = [joint.lower, joint.upper] if np.isfinite(joint.upper - joint.lower) else [0.0, 0.0]
+        assert found.range.tolist() == pytest.approx(bounds)
+        limit = urdf.joint_map[joint.name].limit
+        assert (limit.velocity > 1.0) is (joint.motor is not None)
+        if joint.motor is not None:
+            assert compiled.jnt_actfrcrange[found.id].tolist() == [-joint.effort_limit, joint.effort_limit]
+
+
 def test_every_geom_that_is_shown_has_its_shapes():
     description = load_robot("lite")
     model = bare_model(description)
@@ -110,6 +126,7 @@ def test_limits_inertia_and_the_imu(tmp_path):
     joint = next(joint for joint in description.joints if joint.name == "left_elbow_pitch")
     assert (float(limit.attrib["lower"]), float(limit.attrib["upper"])) == (joint.lower, joint.upper)
     assert float(limit.attrib["effort"]) == joint.effort_limit
+    assert float(limit.attrib["velocity"]) == 33.0, "of an rs-00 without load"
     masses = [float(mass.attrib["value"]) for mass in root.iter("mass")]
     assert sum(masses) == pytest.approx(model.body_mass.sum(), rel=1e-9)
     odd = odd_robot(tmp_path)

@@ -191,6 +191,22 @@ class TestOpened:
         assert len(told["joints"]["position"]) == len(JOINTS)
         assert {tick["mode"] for tick in ticks(robot, 0.5)} == {REMOTE}
 
+    def test_a_node_on_the_robot_is_served_and_obeyed_once(
+        self, robot: Machine, messages: Mapping[str, str], opened: subprocess.Popen[str]
+    ) -> None:
+        told = heard(listen(robot, messages, 4.0, until=ACROSS))
+        assert {topic: told["writers"][topic] for topic in ACROSS} == dict.fromkeys(ACROSS, 1)
+        assert (told["counts"]["/robot_description"], told["counts"]["/tf_static"]) == (1, 1)
+        assert [told["backwards"][topic] for topic in ("/lite/joint_states", "/imu/data")] == [0, 0]
+        with ended(command(robot, messages, 0.2), is_ours=False):
+            read_until(opened, "remote commands arrive and are in force")
+            said = heard(listen(robot, messages, 3.0))["last"]["/control_mode"][""]["status_message"]
+            assert "refused" not in said
+            obeyed = [tick["position"][0] for tick in ticks(robot, 1.0) if not is_passive(tick)]
+            assert obeyed
+            assert set(obeyed) == {0.2}
+        read_until(opened, "no remote command for 100 ms: the joints are damped")
+
     def test_commands_come_in_until_the_cable_is_pulled(
         self, robot: Machine, host: Machine, messages: Mapping[str, str], opened: subprocess.Popen[str]
     ) -> None:

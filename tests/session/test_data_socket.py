@@ -61,6 +61,15 @@ def test_remote_belongs_to_the_first_producer_after_activation_until_it_is_stale
     assert local.told[-1] == f"REMOTE: belongs to second {ME}"
 
 
+def test_a_producer_elsewhere_is_the_same_one_whichever_bridge_carries_it(local: LocalSession) -> None:
+    bridges = [local.stack.enter_context(Intake(local.info, "dds 0110.02", process=0)) for _ in range(2)]
+    local.enter_remote()
+    for value, bridge in zip((0.1, 0.2, 0.3, 0.4), bridges * 2, strict=True):
+        send(bridge, value)
+        assert value_of(local.tick()) == value
+    assert (local.data.owners["REMOTE"], local.data.refusals.count) == ("dds 0110.02", 0)
+
+
 def test_a_producer_that_falls_silent_leaves_the_robot_passive_within_100_ms(local: LocalSession) -> None:
     intake = local.intake()
     local.enter_remote()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 
@@ -35,8 +35,10 @@ _REPORT_PERIOD = 1.0
 """s between two reports of what was refused."""
 _MOST_WRITERS = 16
 """Writers that are told apart; of more the one that was silent longest is forgotten."""
-DEPTH = 64
-"""Samples that may come between two looks: a flood pushes nobody else's command out."""
+DEPTH = 1024
+"""Samples that may come between two looks, of all writers together: a flood pushes nobody else's command out."""
+_MOST_READ = 64
+"""Samples of one writer that a look reads, the newest ones."""
 
 
 class ArrivalClock:
@@ -167,14 +169,19 @@ class CommandReader:
     def _take_commands(self, clock: ArrivalClock) -> None:
         """Hand on the newest command of each writer; the session checks it again, and who may command."""
         newest: dict[int, tuple[MITCommand, int]] = {}
-        for sample in self._commands.take():
+        read: Counter[int] = Counter()
+        for sample in reversed(self._commands.take()):
+            read[sample.writer] += 1
+            if read[sample.writer] > _MOST_READ:
+                continue
             try:
                 command = read_command(sample.data, self._joints)
             except FieldError as error:
                 self._refuse(COMMAND_TOPIC, str(error))
-            else:
+                continue
+            if sample.writer not in newest:
                 newest[sample.writer] = command, clock.stamp(sample.writer, sample.source_ns)
-        for writer, (command, stamp) in newest.items():
+        for writer, (command, stamp) in reversed(newest.items()):
             fields = (command.position, command.velocity, command.effort, command.stiffness, command.damping)
             self._intake(writer).remote(self._joints, *map(list, fields), stamp=stamp)
 
@@ -190,11 +197,11 @@ class CommandReader:
             self._reported, self._reported_at = self._refused, now
 
     def _intake(self, writer: int) -> Intake:
-        """Return a writer's intake: whoever commands REMOTE is one of them, not the bridge."""
+        """Return a writer's intake: whoever commands REMOTE is one of them, whichever bridge its commands come by."""
         if writer in self._intakes:
             self._intakes.move_to_end(writer)
         else:
             if len(self._intakes) >= _MOST_WRITERS:
                 self._intakes.popitem(last=False)[1].close()
-            self._intakes[writer] = Intake(self._session, f"dds {self._commands.name_of(writer)}")
+            self._intakes[writer] = Intake(self._session, f"dds {self._commands.name_of(writer)}", process=0)
         return self._intakes[writer]

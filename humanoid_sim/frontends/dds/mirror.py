@@ -100,6 +100,7 @@ class Mirror:
             _Topic(participant, name, TOPICS[name]) for name in names
         )
         self._writer: FeedWriter | None = None
+        self._shown = Mode.ZERO_TORQUE
         self._count = 0
 
     def is_there(self) -> bool:
@@ -163,10 +164,12 @@ class Mirror:
         order = [places[name] for name in self._names]
         position, velocity, effort = (np.asarray(told[name], np.float64)[order] for name in _ARRAYS)
         unknown = np.full(len(order), np.nan)  # commands are not on the network
-        try:
-            shown = ControlMode(Mode(mode["mode"]), mode["controller_name"], mode["status_message"])
-        except ValueError:  # a mode of another version
-            return None
+        is_known = mode["mode"] in list(Mode)
+        if is_known:
+            self._shown = Mode(mode["mode"])
+        warning = f"mode {mode['mode']} is not known here, the last known one is shown; update this program"
+        words = [word for word in ("" if is_known else warning, mode["status_message"]) if word]
+        shown = ControlMode(self._shown, mode["controller_name"], "; ".join(words))
         turn, gyro, acceleration = _imu(self._imu.latest)
         time_ns = _time_ns(told)
         state = MITState(
@@ -232,6 +235,7 @@ def _described(urdf: str) -> tuple[RobotDescription, mujoco.MjModel]:
 def mirrored(
     interface: str,
     prefix: str,
+    namespace: str = "",
     *,
     told: Callable[[str], None] = lambda _: None,
     ended: Callable[[], bool] = lambda: False,
@@ -243,9 +247,10 @@ def mirrored(
         MissingPackageError: Cyclone DDS is not installed.
     """
     with ExitStack() as stack:
-        participant = stack.enter_context(Participant(interface=interface))
+        participant = stack.enter_context(Participant(interface=interface, namespace=namespace))
         mirror = Mirror(participant, prefix)
-        told(f"waiting for a robot with {joint_states_topic(prefix)} on {interface}, domain {participant.domain}")
+        states = f"{participant.namespace}{joint_states_topic(prefix)}"
+        told(f"waiting for a robot with {states} on {interface}, domain {participant.domain}")
         while not mirror.is_there():
             if ended():
                 yield None
@@ -280,7 +285,7 @@ def watched(
     def ended() -> bool:
         return bool(signals)
 
-    with mirrored(config.interface, config.prefix, told=ready, ended=ended) as found:
+    with mirrored(config.interface, config.prefix, config.namespace, told=ready, ended=ended) as found:
         yield None if found is None else (found[0], found[1].look, ended)
 
 

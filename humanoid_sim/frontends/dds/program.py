@@ -37,6 +37,8 @@ class DdsConfig:
     """Serve another computer at this network interface instead, such as eth1, with joint states, IMU, mode, description
     and transforms alone. Whoever is on that network can then command the robot in REMOTE."""
 
+    namespace: str = ""
+    """Put this before the names of all topics, such as robot1 of /robot1/imu/data: so robots can share a domain."""
     safety: bool = False
     """Take safety statuses from that network too. Whoever is there can then damp the robot. On this machine they always
     count."""
@@ -52,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         is_local = config.interface == LOOPBACK
         # On the machine itself nothing goes before commands for REMOTE; a network may be flooded by anybody.
         attachment = stack.enter_context(attached(config.session, "dds", niceness=0 if is_local else 5))
-        participant = stack.enter_context(Participant(interface=config.interface))
+        participant = stack.enter_context(Participant(interface=config.interface, namespace=config.namespace))
         topics = local_topics(attachment) if is_local else network_topics(attachment)
         refusals = _Refusals(attachment)
         telemetry = Telemetry(attachment, participant, topics, live=is_local, news=refusals.news)
@@ -70,7 +72,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         reader.start()
         newest = attachment.feed.latest()
         number = 0 if newest is None else newest.number - 1  # a session that is under way begins with its present
-        ready(f"domain {participant.domain} on {participant.interface}, for {attachment.session}")
+        topics_of = f", topics of {participant.namespace}" if participant.namespace else ""
+        ready(f"domain {participant.domain} on {participant.interface}{topics_of}, for {attachment.session}")
         if not is_local:
             ready(f"warning: whoever is on the network at {config.interface} can command the robot in REMOTE")
         if is_wireless(config.interface):

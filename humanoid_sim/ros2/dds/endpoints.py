@@ -10,6 +10,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
+from humanoid_sim.errors import InputError
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.definitions import message_fields
 from humanoid_sim.ros2.topics import Topic
@@ -95,7 +96,7 @@ class Writer:
         from cyclonedds.pub import DataWriter  # noqa: PLC0415
         from cyclonedds.topic import Topic as DdsTopic  # noqa: PLC0415
 
-        described = DdsTopic(participant.entity, dds_topic(topic), idl_type(kind.schema))
+        described = DdsTopic(participant.entity, dds_topic(participant.namespace + topic), idl_type(kind.schema))
         self._writer = DataWriter(participant.entity, described, _qos(kind))
         self._put = ddspy_write
         self.left_out = 0
@@ -132,8 +133,8 @@ class Reader:
         from cyclonedds.sub import DataReader  # noqa: PLC0415
         from cyclonedds.topic import Topic as DdsTopic  # noqa: PLC0415
 
-        described = DdsTopic(participant.entity, dds_topic(topic), idl_type(kind.schema))
-        self._depth = depth or kind.depth
+        described = DdsTopic(participant.entity, dds_topic(participant.namespace + topic), idl_type(kind.schema))
+        self._topic, self._depth = participant.namespace + topic, depth or kind.depth
         self._reader = DataReader(participant.entity, described, _qos(kind, depth=self._depth, any_writer=any_writer))
         self._condition = ReadCondition(self._reader, ViewState.Any | InstanceState.Any | SampleState.Any)
         self._set = WaitSet(participant.entity)
@@ -141,17 +142,29 @@ class Reader:
         self._get = ddspy_take
 
     def wait(self, timeout: float) -> bool:
-        """Wait until something is there, at most `timeout` s; whether it is."""
-        return bool(self._set.wait(round(1e9 * timeout)))
+        """Wait until something is there, at most `timeout` s; whether it is. Raises `InputError` as `take`."""
+        from cyclonedds.core import DDSException  # noqa: PLC0415 - an extra
+
+        try:
+            return bool(self._set.wait(round(1e9 * timeout)))
+        except DDSException as error:
+            raise self._broken(error.code) from None
 
     def take(self) -> list[Received]:
-        """Return what has come since the last call, oldest first."""
+        """Return what has come since the last call, oldest first.
+
+        Raises:
+            InputError: the subscription does not work any more, which is not silence.
+        """
         taken = self._get(self._reader._ref, self._condition.mask, self._depth)
-        if isinstance(taken, int):  # an error of the library's
-            return []
+        if isinstance(taken, int):
+            raise self._broken(taken)
         return [
             Received(data, info.source_timestamp, info.publication_handle) for data, info in taken if info.valid_data
         ]
+
+    def _broken(self, code: int) -> InputError:
+        return InputError(f"{self._topic}: the subscription is broken (DDS error {code}), nothing more is received")
 
     def name_of(self, writer: int) -> str:
         """Return a writer's name for people: the first digits of its participant's GUID, and its own number there."""

@@ -115,7 +115,7 @@ def test_commands_are_obeyed_and_end(robot: Robot) -> None:
 
 def test_remote_belongs_to_one_client(robot: Robot) -> None:
     with streaming(robot.writer(), 0.1), streaming(robot.writer(), 0.9):
-        refusal = re.compile(r"(dds \S+) \(\d+\): REMOTE: belongs to (dds \S+) \(\d+\)")
+        refusal = re.compile(r"(dds \S+): REMOTE: belongs to (dds \S+)")
         found = until(lambda: refusal.fullmatch(robot.local.data.refusals.latest), "the refusal of one of them")
     assert found[1] != found[2]
     robot.wait_until_passive()

@@ -1,13 +1,21 @@
 """What a command is that came over DDS, and how old."""
 
+from importlib.util import find_spec
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from local_session import LocalSession
 
+from humanoid_sim.client import monotonic_ns
 from humanoid_sim.errors import FieldError
-from humanoid_sim.frontends.dds.commands import ArrivalClock, read_command
+from humanoid_sim.frontends.dds.commands import DEPTH, ArrivalClock, CommandReader, read_command
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.ros2.cdr import CdrWriter
+from humanoid_sim.ros2.dds.domain import Participant
+from humanoid_sim.ros2.dds.endpoints import Reader, Writer
 from humanoid_sim.ros2.messages import encode_mit_command
+from humanoid_sim.ros2.topics import COMMAND_TOPIC, TOPICS
 
 MS = 1_000_000
 HOUR = 3_600_000 * MS
@@ -126,3 +134,25 @@ def test_damaged_bytes_never_do_more_than_be_refused_or_read() -> None:
             outcomes["read"] += 1
             assert command.is_finite()
     assert min(outcomes.values()) > 100, outcomes
+
+
+@pytest.mark.skipif(find_spec("cyclonedds") is None, reason="cyclonedds is not installed (dds)")
+@pytest.mark.parametrize("flood", [message(position=[0.9] * 3), message(("somebody", "else"))])
+def test_one_writers_flood_pushes_no_other_writers_command_out(
+    flood: bytes, domain: int, local: LocalSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind = TOPICS[COMMAND_TOPIC]
+    with Participant(domain) as joined:
+        reader = CommandReader(local.info, JOINTS, joined, Reader(joined, COMMAND_TOPIC, kind, depth=DEPTH))
+        honest, other = (Writer(joined, COMMAND_TOPIC, kind) for _ in range(2))
+        sent: list[float] = []
+        intake = SimpleNamespace(remote=lambda *given, **_: sent.append(given[1][0]))
+        monkeypatch.setattr(reader, "_intake", lambda _: intake)
+        for count in (0, 1000, 1000):  # between two looks
+            assert honest.write(message())
+            for _ in range(count):
+                other.write(flood)
+            reader._take_commands(ArrivalClock(monotonic_ns()))
+        assert sent.count(0.1) == 3
+        assert sent.count(0.9) <= 2, "the newest of each writer"
+        assert reader._refused <= 2 * 64, "and a flood costs a bounded time"

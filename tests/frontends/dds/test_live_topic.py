@@ -20,7 +20,7 @@ from dds_bridge import bridge
 from fates import Played, playing, until
 from models import linear_model
 from play_fixtures import quick_robot
-from stranger import Client, Float32MultiArray, MultiArrayLayout, client
+from stranger import Client, Float32MultiArray, MultiArrayLayout, client, newest
 
 from humanoid_sim.client import Intake
 from humanoid_sim.messages import Mode
@@ -95,6 +95,10 @@ def test_a_topic_of_its_own_feeds_the_policy_while_it_is_fresh(folder: Path) -> 
     options = sensing(folder, "/feet/contact", "1.0")
     options += ("--script", "hold 600", "--dds", "--actuation", "affine")
     with playing(folder, *options) as play, client(play.domain) as ros:
+        told = newest(ros.reader("rt/clock")).clock
+        behind = time.time() - told.sec - 1e-9 * told.nanosec
+        assert -0.5 < behind < 2.0, "the clock begins with the loop, not before the bridge was waited for"
+        begun = play.feed.status()["start_time_ns"]
         stand_by(play)
         refusal = "START_LOCOMOTION refused: the live input 'foot_contact' (/feet/contact) has not come yet"
         assert refusal in start(play)
@@ -131,6 +135,7 @@ def test_a_topic_of_its_own_feeds_the_policy_while_it_is_fresh(folder: Path) -> 
     assert len(steps) > 20
     assert {tuple(step.observation[-2:].tolist()) for step in steps} == {(0.25, 1.0)}
     assert log.is_exact(), "the recording holds what came"
+    assert log.recording.header.start_time_ns == begun, "one clock for topics and recording"
 
 
 @pytest.mark.slow

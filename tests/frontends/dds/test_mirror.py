@@ -8,6 +8,7 @@ import time
 import urllib.request
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from enum import IntEnum
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -79,7 +80,7 @@ def participant(domain: int) -> Iterator[Participant]:
         yield joined
 
 
-def test_ticks_are_what_the_topics_say(participant: Participant) -> None:
+def test_ticks_are_what_the_topics_say(participant: Participant, monkeypatch: pytest.MonkeyPatch) -> None:
     description = load_robot("lite_biped")
     robot, mirror = Robot(participant, description), Mirror(participant, "lite")
     assert not mirror.is_there()
@@ -105,6 +106,13 @@ def test_ticks_are_what_the_topics_say(participant: Participant) -> None:
         assert [status.level for status in record.input.safety] == [SafetyLevel.WARNING]
         np.testing.assert_allclose(record.qpos[:7], POSE)
         assert record.qpos[7:].tolist() == [0.25] * 14
+        monkeypatch.setattr("humanoid_sim.frontends.dds.mirror.Mode", IntEnum("Mode", {"ZERO_TORQUE": 0}))
+        robot.state(0.3, 1.8)
+        mirror.look()
+        record = writer._latest[0]
+        assert record.input.state.time == 1.8, "the joints are shown on"
+        assert record.output.control_mode.mode is Mode.STANDBY
+        assert record.output.control_mode.status_message.startswith("mode 2 is not known here, the last known one is")
         robot.state(0.5, 2.0, names=("somebody", "else"))
         mirror.look()
         assert writer._latest[0] is record
