@@ -163,7 +163,8 @@ def speed_limit(robot: RobotDescription) -> FloatArray:
 def rated_speed(robot: RobotDescription) -> FloatArray:
     """Shape (n,), rad/s: as fast as the motor turns without load and can be told; without one the guard's, or inf."""
     given = robot.guards.speed.limit if robot.guards.speed is not None else ()
-    known = [np.inf if model is None else min(model.no_load_velocity, model.velocity) for model in _models(robot)]
+    motors = [None if joint.motor is None else MOTORS.get(joint.motor.model) for joint in robot.joints]
+    known = [np.inf if model is None else min(model.no_load_velocity, model.velocity) for model in motors]
     return np.where(np.isfinite(known), known, given or np.inf)
 
 
