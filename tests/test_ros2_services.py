@@ -10,7 +10,6 @@ import threading
 from pathlib import Path
 
 import pytest
-from local_session import LocalSession
 
 from humanoid_sim import client, ros2_services
 from humanoid_sim.ros2.dds import domain
@@ -46,9 +45,9 @@ for end in (before, *ends, *local):
 """
 
 
-def told(local: LocalSession, word: str, process: int | None = None) -> tuple[bool, str]:
+def told(local, word, process=None):
     """The answer of a session that ticks meanwhile."""
-    answers: list[tuple[bool, str]] = []
+    answers = []
     thread = threading.Thread(target=lambda: answers.append(answer(word, process)))
     thread.start()
     while thread.is_alive():
@@ -57,7 +56,7 @@ def told(local: LocalSession, word: str, process: int | None = None) -> tuple[bo
     return answers[0]
 
 
-def test_the_names_are_those_of_the_original() -> None:
+def test_the_names_are_those_of_the_original():
     assert SERVICES == {
         "/humanoid_control/mode/damp": "damp",
         "/humanoid_control/mode/load_a": "load_a",
@@ -68,7 +67,7 @@ def test_the_names_are_those_of_the_original() -> None:
     }
 
 
-def test_the_answer_is_that_of_the_fsm(local: LocalSession) -> None:
+def test_the_answer_is_that_of_the_fsm(local):
     assert told(local, "start_remote") == (
         False,
         "ZERO_TORQUE (zero_torque_controller): START_REMOTE refused: requires finished STANDBY, mode is ZERO_TORQUE",
@@ -80,13 +79,13 @@ def test_the_answer_is_that_of_the_fsm(local: LocalSession) -> None:
     assert told(local, "damp", client.find_session().process)[0]
 
 
-def test_without_a_session_every_service_says_so(runtime: Path) -> None:
+def test_without_a_session_every_service_says_so(runtime):
     for word in SERVICES.values():
         assert answer(word, None) == (False, "no session is running; start one with play")
     assert ros2_services.main(["--session", "1"]) == 2
 
 
-def test_a_damp_of_several_succeeds_if_all_are_damped(local: LocalSession, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_damp_of_several_succeeds_if_all_are_damped(local, monkeypatch):
     granted = (local.info, client.Answer(True, "DAMPING"))
     silent = (local.info, client.SessionError("did not answer"))
     for answers, expected in (([granted, granted], True), ([granted, silent], False)):
@@ -96,7 +95,7 @@ def test_a_damp_of_several_succeeds_if_all_are_damped(local: LocalSession, monke
         assert f"{local.info}: DAMPING; " in text
 
 
-def test_each_middleware_is_kept_on_this_machine_or_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_middleware_is_kept_on_this_machine_or_refused(tmp_path, monkeypatch):
     profiles = tmp_path / "profiles.xml"
     monkeypatch.setenv("ROS_DISTRO", "kilted")
     fast = loopback_environment("rmw_fastrtps_cpp", profiles)
@@ -116,7 +115,7 @@ def test_each_middleware_is_kept_on_this_machine_or_refused(tmp_path: Path, monk
             loopback_environment(other, profiles)
 
 
-def test_a_middleware_that_cannot_be_restricted_is_one_line_and_status_2() -> None:
+def test_a_middleware_that_cannot_be_restricted_is_one_line_and_status_2():
     run = subprocess.run([sys.executable, "-c", HAS_ROS, "rmw_zenoh_cpp"], capture_output=True, text=True, check=False)
     assert run.returncode == 2
     assert run.stderr == (
@@ -126,7 +125,7 @@ def test_a_middleware_that_cannot_be_restricted_is_one_line_and_status_2() -> No
 
 
 @pytest.mark.parametrize("number", ["233", "abc", "-1"])
-def test_a_domain_that_is_none_is_one_line_and_status_2(number: str) -> None:
+def test_a_domain_that_is_none_is_one_line_and_status_2(number):
     program = [sys.executable, "-c", HAS_ROS, "rmw_fastrtps_cpp"]
     environment = {**os.environ, "ROS_DOMAIN_ID": number}
     run = subprocess.run(program, capture_output=True, text=True, env=environment, check=False)
@@ -134,11 +133,11 @@ def test_a_domain_that_is_none_is_one_line_and_status_2(number: str) -> None:
     assert run.stderr == f"error: ROS_DOMAIN_ID: is '{number}', expected a whole number from 0 to 232\n"
 
 
-def test_one_rule_says_which_domains_there_are() -> None:
+def test_one_rule_says_which_domains_there_are():
     assert ros2_services.LARGEST_DOMAIN == domain._LARGEST_DOMAIN == 232
 
 
-def test_the_two_files_work_without_the_package(tmp_path: Path) -> None:
+def test_the_two_files_work_without_the_package(tmp_path):
     for file in (FILE, Path(client.__file__)):
         shutil.copy(file, tmp_path)
         ast.parse(file.read_text(encoding="utf-8"), feature_version=(3, 9))
@@ -152,7 +151,7 @@ def test_the_two_files_work_without_the_package(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not hasattr(socket, "SO_BINDTODEVICE"), reason="binds to devices on Linux alone")
-def test_network_sockets_that_a_library_opens_are_bound_to_the_device() -> None:
+def test_network_sockets_that_a_library_opens_are_bound_to_the_device():
     run = subprocess.run([sys.executable, "-c", BOUND, "lo"], capture_output=True, text=True, check=True)
     assert run.stdout == " lo lo lo lo   "
     run = subprocess.run([sys.executable, "-c", BOUND, "lo77"], capture_output=True, text=True, check=False)

@@ -3,15 +3,14 @@
 from dataclasses import replace
 
 import pytest
-from mistakes import DOUBLES, MISTAKES, SINGLES, Mistake
+from mistakes import DOUBLES, MISTAKES, SINGLES
 from published import needs_policies
 from published_policies import CHECKPOINTS, SHIPPED, load_examined
 
-from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.doctor.examined_policy import ExaminedPolicy, robot_facts
+from humanoid_sim.doctor.examined_policy import robot_facts
 from humanoid_sim.doctor.hypotheses import same_contract
 from humanoid_sim.doctor.ranking import Ranking
-from humanoid_sim.doctor.search import Plan, make_plan, search
+from humanoid_sim.doctor.search import make_plan, search
 
 pytestmark = needs_policies
 
@@ -22,11 +21,11 @@ SHARE = 0.8
 
 
 @pytest.fixture(scope="module")
-def subjects(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ExaminedPolicy]:
+def subjects(tmp_path_factory):
     return {name: load_examined(name, tmp_path_factory.mktemp(name)) for name in (*CHECKPOINTS, *SHIPPED)}
 
 
-def diagnosed(examined: ExaminedPolicy, contract: PolicyContract, plan: Plan | None = None) -> Ranking:
+def diagnosed(examined, contract, plan=None):
     wrong = replace(examined, contract=contract)
     ranking = Ranking()
     plan = plan or make_plan(contract, motion_seconds=wrong.motion_seconds, pairs=PAIRS)
@@ -35,12 +34,12 @@ def diagnosed(examined: ExaminedPolicy, contract: PolicyContract, plan: Plan | N
     return ranking
 
 
-def rank(ranking: Ranking, *causes: str) -> int:
+def rank(ranking, *causes):
     found = [verdict.hypothesis.causes for verdict in ranking.best()]
     return found.index(causes) + 1 if causes in found else len(found) + 1
 
 
-def mistake(policy: str, name: str) -> Mistake:
+def mistake(policy, name):
     (match,) = (mistake for mistake in MISTAKES if (mistake.policy, mistake.name) == (policy, name))
     return match
 
@@ -53,9 +52,7 @@ def mistake(policy: str, name: str) -> Mistake:
         ("holosoma", "terms in listed order instead of alphabetical"),
     ],
 )
-def test_even_a_hasty_search_finds_what_makes_a_robot_fall(
-    policy: str, name: str, subjects: dict[str, ExaminedPolicy]
-) -> None:
+def test_even_a_hasty_search_finds_what_makes_a_robot_fall(policy, name, subjects):
     examined, chosen = subjects[policy], mistake(policy, name)
     wrong = chosen.edit(examined.contract)
     ranking = diagnosed(examined, wrong, make_plan(wrong, seconds=1.5, motion_seconds=3.0, pairs=0))
@@ -66,9 +63,7 @@ def test_even_a_hasty_search_finds_what_makes_a_robot_fall(
 
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
-def test_the_cause_is_among_the_first_three(
-    subjects: dict[str, ExaminedPolicy], request: pytest.FixtureRequest
-) -> None:
+def test_the_cause_is_among_the_first_three(subjects, request):
     """Of all mistakes with `--complete`; else of one."""
     complete = request.config.getoption("--complete")
     ranks = {}
@@ -87,16 +82,14 @@ def test_the_cause_is_among_the_first_three(
 
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
-def test_nothing_is_wrong_with_the_right_contract(
-    subjects: dict[str, ExaminedPolicy], request: pytest.FixtureRequest
-) -> None:
+def test_nothing_is_wrong_with_the_right_contract(subjects, request):
     """Of all policies with `--complete`; else of one on legs, and one on arms."""
     policies = (*CHECKPOINTS, *SHIPPED) if request.config.getoption("--complete") else ("unitree", "arms")
     accused = [policy for policy in policies if not diagnosed(subjects[policy], subjects[policy].contract).is_healthy]
     assert accused == []
 
 
-def explains(ranking: Ranking, right: PolicyContract, cause: tuple[str, ...]) -> bool:
+def explains(ranking, right, cause):
     """Tell whether the cause comes first, or the right contract is named as good as it, or the mistake does no harm."""
     if rank(ranking, *cause) == 1:
         return True
@@ -108,7 +101,7 @@ def explains(ranking: Ranking, right: PolicyContract, cause: tuple[str, ...]) ->
 
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
-def test_single_mistakes_on_five_robots(subjects: dict[str, ExaminedPolicy], request: pytest.FixtureRequest) -> None:
+def test_single_mistakes_on_five_robots(subjects, request):
     """All of them with `--complete`; else one."""
     missed = []
     for chosen in SINGLES if request.config.getoption("--complete") else SINGLES[10:11]:
@@ -120,7 +113,7 @@ def test_single_mistakes_on_five_robots(subjects: dict[str, ExaminedPolicy], req
 
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
-def test_two_mistakes_at_once(subjects: dict[str, ExaminedPolicy], request: pytest.FixtureRequest) -> None:
+def test_two_mistakes_at_once(subjects, request):
     """All of them with `--complete`; else one."""
     missed = []
     for policy, first, second, causes in DOUBLES if request.config.getoption("--complete") else DOUBLES[:1]:

@@ -1,5 +1,4 @@
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +7,6 @@ from doctor_examples import tracker
 from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy, load_examined, robot_facts
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
 
@@ -23,23 +21,23 @@ MJCF = """
 """
 
 
-def motion(frames: int = 4) -> Motion:
+def motion(frames=4):
     columns = 2 * 4 + 7 * 2
     table = np.arange(frames * columns, dtype=np.float32).reshape(frames, columns)
     return Motion(table, ("pelvis", "torso"), 0.02, layout="joints_bodies_w", joint_names=JOINTS)
 
 
-def examined(tmp_path: Path, *, in_policy_order: bool) -> ExaminedPolicy:
+def examined(tmp_path, *, in_policy_order):
     path = tmp_path / "robot.xml"
     path.write_text(MJCF)
     return ExaminedPolicy(tracker(), lambda *_: np.zeros(4), load_robot(path), motion(), in_policy_order)
 
 
-def quaternions(read: Motion | None) -> FloatArray:
+def quaternions(read):
     return read.frames[0, 14:18].astype(np.float64)
 
 
-def test_breadth_first_goes_level_by_level(tmp_path: Path) -> None:
+def test_breadth_first_goes_level_by_level(tmp_path):
     found = examined(tmp_path, in_policy_order=True)
     facts = robot_facts(found.description, found.motion)
     assert facts.breadth_first == ("left_hip", "right_hip", "left_knee", "right_knee")
@@ -47,7 +45,7 @@ def test_breadth_first_goes_level_by_level(tmp_path: Path) -> None:
     assert facts.motion_bodies == ("pelvis", "torso")
 
 
-def test_a_motion_in_the_graph_goes_by_the_places_of_the_policys_joints(tmp_path: Path) -> None:
+def test_a_motion_in_the_graph_goes_by_the_places_of_the_policys_joints(tmp_path):
     renamed = ("right_hip", "right_knee", "left_hip", "left_knee")
     contract = tracker()
     wrong_names = replace(contract, joint_names=renamed, action_joint_names=renamed)
@@ -60,7 +58,7 @@ def test_a_motion_in_the_graph_goes_by_the_places_of_the_policys_joints(tmp_path
     assert examined(tmp_path, in_policy_order=False).load(slower).reference.frame_count == 2
 
 
-def test_quaternions_of_the_graph_are_read_again_in_the_other_order(tmp_path: Path) -> None:
+def test_quaternions_of_the_graph_are_read_again_in_the_other_order(tmp_path):
     found = examined(tmp_path, in_policy_order=True)
     w, x, y, z = quaternions(found.motion_under(found.contract))
     other = quaternions(found.motion_under(replace(found.contract, reference_quaternion="xyzw")))
@@ -74,13 +72,13 @@ def test_quaternions_of_the_graph_are_read_again_in_the_other_order(tmp_path: Pa
     assert other.tolist() == [x, y, z, w]
 
 
-def test_the_base_is_found_whatever_the_anchor_is(tmp_path: Path) -> None:
+def test_the_base_is_found_whatever_the_anchor_is(tmp_path):
     found = examined(tmp_path, in_policy_order=True)
     reference = found.base_reference()
     assert reference.term("anchor_pos", 0).tolist() == [8.0, 9.0, 10.0]  # pelvis, though the contract says torso
 
 
-def test_a_tracking_policy_without_a_motion_is_refused() -> None:
+def test_a_tracking_policy_without_a_motion_is_refused():
     with pytest.raises(InputError, match="--motion: is missing"):
         load_examined(SAMPLE_POLICY, load_robot("lite"))
     found = load_examined(SAMPLE_POLICY, load_robot("lite"), motion="wave")
@@ -89,7 +87,7 @@ def test_a_tracking_policy_without_a_motion_is_refused() -> None:
     assert found.base_reference() is None
 
 
-def test_the_trainer_s_samples_tell_wiring_and_never_gains(tmp_path: Path) -> None:
+def test_the_trainer_s_samples_tell_wiring_and_never_gains(tmp_path):
     examined = load_examined(SAMPLE_POLICY, load_robot("lite"), motion="wave")
     right = examined.contract
     assert examined.contradicts is not None

@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,6 @@ from mistakes import (
     turned_round,
 )
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.edits import mirrored
 from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, same_contract, singles
 
@@ -26,21 +24,21 @@ MOST = 140
 
 
 @pytest.fixture(params=sorted(CONTRACTS))
-def contract(request: pytest.FixtureRequest) -> PolicyContract:
+def contract(request):
     return CONTRACTS[request.param]()
 
 
-def named(found: tuple[Hypothesis, ...], name: str) -> PolicyContract:
+def named(found, name):
     (match,) = (hypothesis for hypothesis in found if hypothesis.name == name)
     return match.contract
 
 
-def cures(wrong: PolicyContract, right: PolicyContract) -> list[str]:
+def cures(wrong, right):
     """Causes of the single edits that turn one contract into the other."""
     return [cause for found in singles(wrong, FACTS) if same_contract(found.contract, right) for cause in found.causes]
 
 
-def test_every_single_edit_changes_something_and_no_two_the_same(contract: PolicyContract) -> None:
+def test_every_single_edit_changes_something_and_no_two_the_same(contract):
     found = singles(contract, FACTS)
     assert FEWEST <= len(found) <= MOST
     assert len({hypothesis.name for hypothesis in found}) == len(found)
@@ -51,14 +49,14 @@ def test_every_single_edit_changes_something_and_no_two_the_same(contract: Polic
         assert "\n" not in hypothesis.explanation
 
 
-def test_the_present_contract_is_a_hypothesis_without_edits() -> None:
+def test_the_present_contract_is_a_hypothesis_without_edits():
     unchanged = Hypothesis((), walker())
     assert unchanged.name == "as it is"
     assert unchanged.causes == ()
     assert unchanged.doubt == 0.0
 
 
-def test_what_the_issue_lists_is_in_the_space() -> None:
+def test_what_the_issue_lists_is_in_the_space():
     causes = {cause for make in CONTRACTS.values() for h in singles(make(), FACTS) for cause in h.causes}
     assert causes >= {
         "joint order", "term order", "projected_gravity sign", "base_ang_vel frame", "base_lin_vel frame",
@@ -92,14 +90,12 @@ def test_what_the_issue_lists_is_in_the_space() -> None:
         (tracker, fields(joint_names=BREADTH_FIRST, action_joint_names=BREADTH_FIRST), "joint order"),
     ],
 )
-def test_a_mistake_is_undone_by_an_edit_of_its_own_cause(
-    make: Callable[[], PolicyContract], wrong: Callable[[PolicyContract], PolicyContract], cause: str
-) -> None:
+def test_a_mistake_is_undone_by_an_edit_of_its_own_cause(make, wrong, cause):
     right = make()
     assert cures(wrong(right), right) == [cause]
 
 
-def test_scales_that_were_all_left_at_one_are_found_again() -> None:
+def test_scales_that_were_all_left_at_one_are_found_again():
     right = replace(
         walker(),
         observation=[replace(item, scale=1.0) if item.name != "base_ang_vel" else item for item in walker().terms],
@@ -108,13 +104,13 @@ def test_scales_that_were_all_left_at_one_are_found_again() -> None:
     assert cures(scales_one(right), right) == ["observation scales"]
 
 
-def test_the_action_scale_of_mjlab_follows_from_effort_limits_and_gains() -> None:
+def test_the_action_scale_of_mjlab_follows_from_effort_limits_and_gains():
     scale = 0.25 * np.array([80.0, 60.0, 80.0, 60.0]) / np.array([40.0, 41.0, 42.0, 43.0])
     right = replace(tracker(), action_scale=np.round(scale, 3))
     assert cures(action_scale_one(right), right) == ["action scale"]
 
 
-def test_the_action_scale_of_a_g1_follows_from_its_gains_where_its_model_has_no_effort_limits() -> None:
+def test_the_action_scale_of_a_g1_follows_from_its_gains_where_its_model_has_no_effort_limits():
     robot = replace(FACTS, effort_limit=np.full(4, np.inf))
     right = replace(
         tracker(), joint_stiffness=[40.179, 99.098, 28.501, 16.778], action_scale=[0.548, 0.351, 0.439, 0.075]
@@ -124,7 +120,7 @@ def test_the_action_scale_of_a_g1_follows_from_its_gains_where_its_model_has_no_
     assert not any("effort" in h.name for h in singles(tracker(), robot))  # whose gains are those of no G1
 
 
-def test_names_in_another_order_keep_the_values_in_their_places() -> None:
+def test_names_in_another_order_keep_the_values_in_their_places():
     changed = named(singles(walker(), FACTS), "joint order the robot's, values stay in place")
     assert changed.joint_names == JOINTS
     np.testing.assert_array_equal(changed.joint_stiffness, walker().joint_stiffness)
@@ -133,7 +129,7 @@ def test_names_in_another_order_keep_the_values_in_their_places() -> None:
     assert changed.terms[3].joints == ("left_knee", "left_hip")
 
 
-def test_an_observation_in_another_order_takes_the_values_along() -> None:
+def test_an_observation_in_another_order_takes_the_values_along():
     changed = named(singles(walker(), FACTS), "joint order the robot's, values move along")
     assert changed.joint_names == JOINTS
     assert changed.joint_stiffness.tolist() == [40.0, 42.0, 41.0, 43.0]
@@ -145,7 +141,7 @@ def test_an_observation_in_another_order_takes_the_values_along() -> None:
     assert np.asarray(shown.scale).tolist() == [2.0, 1.0]
 
 
-def test_values_listed_in_another_order_find_their_joints() -> None:
+def test_values_listed_in_another_order_find_their_joints():
     changed = named(singles(walker(), FACTS), "gains listed in the robot's order")
     # The list 40, 41, 42, 43 was meant for left_hip, left_knee, right_hip, right_knee.
     assert dict(zip(changed.joint_names, changed.joint_stiffness.tolist(), strict=True)) == {
@@ -156,7 +152,7 @@ def test_values_listed_in_another_order_find_their_joints() -> None:
     }
 
 
-def test_a_new_default_pose_moves_the_action_with_it() -> None:
+def test_a_new_default_pose_moves_the_action_with_it():
     changed = named(singles(walker(), FACTS), "default pose the robot's initial position")
     assert changed.default_joint_pos.tolist() == [0.1, 0.1, 0.2, 0.2]
     assert np.asarray(changed.action_offset).tolist() == [0.2, 0.1, 0.1]
@@ -165,7 +161,7 @@ def test_a_new_default_pose_moves_the_action_with_it() -> None:
     assert np.asarray(changed.action_offset).tolist() == [0.0, 0.0, 0.0]
 
 
-def test_mirrored_names() -> None:
+def test_mirrored_names():
     for left, right in (
         ("left_hip", "right_hip"),
         ("leg_left_knee", "leg_right_knee"),
@@ -178,7 +174,7 @@ def test_mirrored_names() -> None:
     assert mirrored(("left_hip", "knee", "lever", "rever")) == {}
 
 
-def test_a_joint_that_turns_the_other_way_is_found_again() -> None:
+def test_a_joint_that_turns_the_other_way_is_found_again():
     changed = named(singles(walker(), FACTS), "left_hip turned round")
     assert changed.action_scale.tolist() == [0.5, -0.6, 0.7]
     assert changed.default_joint_pos.tolist() == [0.1, -0.2, 0.3, 0.4]
@@ -197,25 +193,23 @@ def test_a_joint_that_turns_the_other_way_is_found_again() -> None:
         (sides_swapped("left", "right"), "joint order"),
     ],
 )
-def test_what_is_of_one_joint_or_of_the_imu_is_found_again(
-    wrong: Callable[[PolicyContract], PolicyContract], cause: str
-) -> None:
+def test_what_is_of_one_joint_or_of_the_imu_is_found_again(wrong, cause):
     right = replace(tracker(), joint_stiffness=[40.0, 41.0, 40.0, 41.0], joint_damping=1.0)
     assert cures(wrong(right), right) == [cause]
 
 
-def test_a_velocity_may_be_that_of_a_site() -> None:
+def test_a_velocity_may_be_that_of_a_site():
     robot = replace(FACTS, points=("chest",))
     assert named(singles(tracker(), robot), "base_lin_vel at the site 'chest'").terms[3].at == "chest"
 
 
-def test_gains_that_are_alike_on_both_sides_stay_so() -> None:
+def test_gains_that_are_alike_on_both_sides_stay_so():
     right = replace(tracker(), joint_stiffness=[40.0, 41.0, 40.0, 41.0], joint_damping=1.0)
     found = [h for h in singles(right, FACTS) if h.causes == ("gains of two joints",)]
     assert [h.contract.joint_stiffness.tolist() for h in found] == [[41.0, 40.0, 41.0, 40.0]]
 
 
-def test_pairs_are_of_two_causes_and_begin_with_the_most_promising() -> None:
+def test_pairs_are_of_two_causes_and_begin_with_the_most_promising():
     contract = tracker()
     ranked = singles(contract, FACTS)
     found = list(pairs(contract, ranked))
@@ -228,14 +222,14 @@ def test_pairs_are_of_two_causes_and_begin_with_the_most_promising() -> None:
     assert first & {hypothesis.name for hypothesis in [each for each in ranked if not each.is_detail][-2:]}
 
 
-def test_two_mistakes_are_undone_by_a_pair() -> None:
+def test_two_mistakes_are_undone_by_a_pair():
     right = tracker()
     wrong = fields(anchor_body="pelvis")(term("actions", form="scaled")(right))
     found = [pair.causes for pair in pairs(wrong, singles(wrong, FACTS)) if same_contract(pair.contract, right)]
     assert found == [("actions form", "anchor body")]
 
 
-def test_an_order_of_terms_leaves_what_else_is_changed_about_them() -> None:
+def test_an_order_of_terms_leaves_what_else_is_changed_about_them():
     found = {h.name: h for h in singles(walker(), FACTS)}
     flipped, swapped = (
         found["projected_gravity sign flipped"],
@@ -247,7 +241,7 @@ def test_an_order_of_terms_leaves_what_else_is_changed_about_them() -> None:
         assert np.all(pair.contract.terms[0].scale == -1.0)
 
 
-def test_the_models_own_damping_is_a_hypothesis_where_there_is_one() -> None:
+def test_the_models_own_damping_is_a_hypothesis_where_there_is_one():
     assert not any("model's joint damping" in hypothesis.name for hypothesis in singles(walker(), FACTS))
     robot = replace(FACTS, own_damping={"left_hip": 0.5})
     assert named(singles(walker(), robot), "the model's joint damping dropped").model_joint_damping == "drop"
@@ -255,7 +249,7 @@ def test_the_models_own_damping_is_a_hypothesis_where_there_is_one() -> None:
     assert named(singles(dropped, robot), "the model's joint damping kept").model_joint_damping == "keep"
 
 
-def test_gains_of_a_limb_alone_are_found_again() -> None:
+def test_gains_of_a_limb_alone_are_found_again():
     right = replace(
         tracker(),
         joint_names=("left_hip", "left_shoulder", "right_hip", "waist_yaw"),
@@ -273,7 +267,7 @@ def test_gains_of_a_limb_alone_are_found_again() -> None:
     assert "gains of the ankles × 2" not in found  # it has none
 
 
-def test_gains_of_joints_with_equal_ones_are_found_again() -> None:
+def test_gains_of_joints_with_equal_ones_are_found_again():
     right = replace(tracker(), joint_stiffness=[40.0, 60.0, 40.0, 60.0], joint_damping=[1.0, 3.0, 1.0, 3.0])
     wrong = replace(right, joint_stiffness=[20.0, 60.0, 20.0, 60.0], joint_damping=[0.5, 3.0, 0.5, 3.0])
     found = {h.name: h for h in singles(wrong, FACTS)}
@@ -281,7 +275,7 @@ def test_gains_of_joints_with_equal_ones_are_found_again() -> None:
     assert same_contract(found["gains of the joints with stiffness 60 and damping 3 × 2"].contract, right) is False
 
 
-def test_a_new_order_takes_every_value_of_a_joint_along() -> None:
+def test_a_new_order_takes_every_value_of_a_joint_along():
     clip = [[-1.0, 1.0], [-2.0, 2.0], [-3.0, 3.0], [-4.0, 4.0]]
     right = replace(tracker(), position_clip=clip, effort_limit=[10.0, 20.0, 30.0, 40.0])
     changed = named(singles(right, FACTS), "joint order breadth-first (Isaac), values move along")

@@ -1,11 +1,11 @@
 """Every deliberate mistake of the published policies as a wrong contract: it loses the robot or leaves its figures."""
 
 import pytest
-from mistakes import MISTAKES, MJCF_JOINTS, Mistake
+from mistakes import MISTAKES, MJCF_JOINTS
 from published import needs_policies
 from published_policies import load_examined
 
-from humanoid_sim.doctor.trials import Outcome, Trial, TrialRunner
+from humanoid_sim.doctor.trials import Trial, TrialRunner
 
 pytestmark = needs_policies
 
@@ -19,11 +19,11 @@ BANDS = {
 
 
 @pytest.fixture(scope="module")
-def trials(tmp_path_factory: pytest.TempPathFactory) -> dict[str, TrialRunner]:
+def trials(tmp_path_factory):
     return {name: TrialRunner(load_examined(name, tmp_path_factory.mktemp(name))) for name in TRIALS}
 
 
-def within_band(policy: str, outcome: Outcome) -> bool:
+def within_band(policy, outcome):
     parts = outcome.quality
     return not outcome.lost and all(
         low <= parts[part] * unit <= high for part, (low, high, unit) in BANDS[policy].items()
@@ -31,13 +31,13 @@ def within_band(policy: str, outcome: Outcome) -> bool:
 
 
 @pytest.mark.parametrize("policy", sorted(TRIALS))
-def test_the_right_contract_stays_within_its_figures(policy: str, trials: dict[str, TrialRunner]) -> None:
+def test_the_right_contract_stays_within_its_figures(policy, trials):
     tried = trials[policy]
     assert within_band(policy, tried.run(tried.examined.contract, TRIALS[policy]))
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: f"{mistake.policy}: {mistake.name}")
-def test_a_mistake_loses_the_robot_or_leaves_its_figures(mistake: Mistake, trials: dict[str, TrialRunner]) -> None:
+def test_a_mistake_loses_the_robot_or_leaves_its_figures(mistake, trials):
     tried = trials[mistake.policy]
     outcome = tried.run(mistake.edit(tried.examined.contract), TRIALS[mistake.policy])
     assert not within_band(mistake.policy, outcome)
@@ -55,14 +55,12 @@ def test_a_mistake_loses_the_robot_or_leaves_its_figures(mistake: Mistake, trial
         ("holosoma", "action scale 1", 0.3, 0.7),
     ],
 )
-def test_robots_fall_when_the_readme_says(
-    policy: str, name: str, earliest: float, latest: float, trials: dict[str, TrialRunner]
-) -> None:
+def test_robots_fall_when_the_readme_says(policy, name, earliest, latest, trials):
     (mistake,) = (mistake for mistake in MISTAKES if (mistake.policy, mistake.name) == (policy, name))
     assert earliest < mistake.lost_at < latest
     tried = trials[policy]
     assert earliest < tried.run(mistake.edit(tried.examined.contract), TRIALS[policy]).time_up < latest
 
 
-def test_the_robot_is_the_one_of_the_joint_order(trials: dict[str, TrialRunner]) -> None:
+def test_the_robot_is_the_one_of_the_joint_order(trials):
     assert trials["waltz"].examined.description.joint_names == MJCF_JOINTS

@@ -1,10 +1,8 @@
 """Whatever the doctor would have a user paste is read by the real reader as the contract that it tried."""
 
 import json
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +14,7 @@ from published_policies import CHECKPOINTS, SHIPPED, load_examined
 from humanoid_sim.assets import SAMPLE_POLICY, policy_path
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.doctor.edits import Edit, RobotFacts, set_fields
+from humanoid_sim.doctor.edits import Edit, set_fields
 from humanoid_sim.doctor.examined_policy import robot_facts
 from humanoid_sim.doctor.hypotheses import Hypothesis, pairs, same_contract, singles
 from humanoid_sim.doctor.overrides import Pasting, change_lines, overrides, pasting_for
@@ -35,7 +33,7 @@ OUTCOME = Outcome(1.0, 1.0, {"all": 1.0})
 PASTING = Pasting(Path("contract.yaml"))
 
 
-def one_foot() -> PolicyContract:
+def one_foot():
     """With lists of one number, which must stay lists."""
     joints = FACTS.joint_names
     return PolicyContract(
@@ -56,12 +54,12 @@ def one_foot() -> PolicyContract:
     )
 
 
-def follows_pose(make: Callable[[], PolicyContract]) -> PolicyContract:
+def follows_pose(make):
     """As most dialects have it: no source states the offset of an action."""
     return replace(make(), action_offset=None, provenance={"action_offset": "follows from default_joint_pos"})
 
 
-CONTRACTS: dict[str, Callable[[], PolicyContract]] = {
+CONTRACTS = {
     "walker": walker,
     "tracker": tracker,
     "one foot": one_foot,
@@ -70,13 +68,13 @@ CONTRACTS: dict[str, Callable[[], PolicyContract]] = {
 }
 
 
-def written(present: PolicyContract, text: str) -> PolicyContract:
+def written(present, text):
     """The contract of a checkpoint that is stamped with `present` and has the text as its contract.yaml."""
     stamp = metadata_contract({STAMP_KEY: encode(present)}, "policy.onnx")
     return merge([*stamp, *parse_contract(yaml.safe_load(text), "contract.yaml", "contract.yaml")], "policy.onnx")
 
 
-def tried(contract: PolicyContract, facts: RobotFacts) -> Iterator[tuple[str, PolicyContract]]:
+def tried(contract, facts):
     """Every single edit, and a pair of every other with another."""
     found = singles(contract, facts)
     for hypothesis in (
@@ -87,7 +85,7 @@ def tried(contract: PolicyContract, facts: RobotFacts) -> Iterator[tuple[str, Po
 
 
 @pytest.mark.parametrize("name", CONTRACTS)
-def test_every_hypothesis_can_be_pasted(name: str) -> None:
+def test_every_hypothesis_can_be_pasted(name):
     contract = CONTRACTS[name]()
     count = 0
     for title, wanted in tried(contract, FACTS):
@@ -97,7 +95,7 @@ def test_every_hypothesis_can_be_pasted(name: str) -> None:
     assert count >= 30
 
 
-def pasted(path: Path, contract_file: Path, text: str, folder: Path, joints: tuple[str, ...]) -> PolicyContract:
+def pasted(path, contract_file, text, folder, joints):
     """The contract after the section of a file has been replaced by the text, with the reader that `play` uses."""
     document = dict(read_yaml(contract_file) or {}) if contract_file.exists() else {}
     document.pop("override", None)
@@ -116,7 +114,7 @@ def pasted(path: Path, contract_file: Path, text: str, folder: Path, joints: tup
         "{name: motion_body_ori_b, layout: columns}]\n  action_scale: 0.3\n",
     ],
 )
-def test_what_a_file_overrides_already_stays(override: str, tmp_path: Path) -> None:
+def test_what_a_file_overrides_already_stays(override, tmp_path):
     robot = load_robot("lite")
     file = tmp_path / "contract.yaml"
     file.write_text(override or "{}\n")
@@ -135,7 +133,7 @@ def test_what_a_file_overrides_already_stays(override: str, tmp_path: Path) -> N
 
 @needs_policies
 @pytest.mark.parametrize("policy", [*CHECKPOINTS, *SHIPPED])
-def test_so_it_is_with_published_policies_and_every_change_is_described(policy: str, tmp_path: Path) -> None:
+def test_so_it_is_with_published_policies_and_every_change_is_described(policy, tmp_path):
     examined = load_examined(policy, tmp_path)
     present, joints = examined.contract, examined.description.joint_names
     path = policy_path(Path(SHIPPED[policy][0])) if policy in SHIPPED else POLICIES / CHECKPOINTS[policy]
@@ -154,7 +152,7 @@ def test_so_it_is_with_published_policies_and_every_change_is_described(policy: 
     assert all(entry["changes"] for entry in document["ranking"])
 
 
-def test_an_offset_that_nobody_states_can_be_overridden() -> None:
+def test_an_offset_that_nobody_states_can_be_overridden():
     contract = follows_pose(tracker)
     found = dict(tried(contract, FACTS))
     assert overrides(contract, found["action offset 0"]) == {"action_offset": 0.0}
@@ -162,19 +160,19 @@ def test_an_offset_that_nobody_states_can_be_overridden() -> None:
     assert moved == {"default_joint_pos": 0.0, "action_offset": 0.0}
 
 
-def test_a_clock_of_one_foot_stays_a_list() -> None:
+def test_a_clock_of_one_foot_stays_a_list():
     contract = one_foot()
     found = dict(tried(contract, FACTS))
-    phase: dict[str, Any] = overrides(contract, found["gait period 0.8 s"])["phase"]
+    phase = overrides(contract, found["gait period 0.8 s"])["phase"]
     assert phase["offsets"] == [0.5]
     assert phase["period"] == 0.8
 
 
-def test_nothing_to_write_for_the_same_contract() -> None:
+def test_nothing_to_write_for_the_same_contract():
     assert overrides(walker(), walker()) == {}
 
 
-def test_only_what_differs_is_written() -> None:
+def test_only_what_differs_is_written():
     contract = walker()
     changed = {hypothesis.name: hypothesis.contract for hypothesis in singles(contract, FACTS)}
     assert overrides(contract, changed["projected_gravity sign flipped"]) == {
@@ -185,7 +183,7 @@ def test_only_what_differs_is_written() -> None:
     assert text == "# into contract.yaml\noverride: {policy_dt: 0.04}\n"
 
 
-def test_changes_show_the_value_before_and_after() -> None:
+def test_changes_show_the_value_before_and_after():
     contract = tracker()
     changed = {hypothesis.name: hypothesis.contract for hypothesis in singles(contract, FACTS)}
     assert change_lines(contract, changed["joint_damping × 2"]) == [
@@ -196,7 +194,7 @@ def test_changes_show_the_value_before_and_after() -> None:
     assert change_lines(contract, changed["action scale 0.5"]) == ["action_scale: [0.5, 0.6, … 4 in all] → 0.5"]
 
 
-def test_a_whole_reordering_is_one_line_and_a_default_says_so() -> None:
+def test_a_whole_reordering_is_one_line_and_a_default_says_so():
     contract = tracker()
     changed = {hypothesis.name: hypothesis.contract for hypothesis in singles(contract, FACTS)}
     moved = next(name for name in changed if name.startswith("joint order") and name.endswith("values move along"))
@@ -207,6 +205,6 @@ def test_a_whole_reordering_is_one_line_and_a_default_says_so() -> None:
     assert change_lines(contract, absolute) == ["terms.joint_pos.relative: true (default) → false"]
 
 
-def test_what_stays_as_it_is_in_a_section_that_is_written_whole_is_no_change() -> None:
+def test_what_stays_as_it_is_in_a_section_that_is_written_whole_is_no_change():
     longer = replace(one_foot(), phase=replace(one_foot().phase, period=0.8))
     assert change_lines(one_foot(), longer) == ["phase.period: 0.7 → 0.8"]

@@ -7,7 +7,7 @@ from humanoid_sim.doctor.run import SearchProgress
 from humanoid_sim.doctor.search import Plan
 
 
-def lines(plan: Plan, *, terminal: bool = False) -> list[str]:
+def lines(plan, *, terminal=False):
     stream = io.StringIO()
     ranking = Ranking()
     with SearchProgress(Console(file=stream, width=100, force_terminal=terminal), ranking, plan) as progress:
@@ -18,7 +18,7 @@ def lines(plan: Plan, *, terminal: bool = False) -> list[str]:
     return stream.getvalue().splitlines()
 
 
-def test_where_there_is_no_terminal_every_stage_is_a_line_and_so_are_ten_seconds() -> None:
+def test_where_there_is_no_terminal_every_stage_is_a_line_and_so_are_ten_seconds():
     assert lines(Plan((), (), 100, 60.0)) == [
         "single changes: 3; the search ends after 60 s (--budget)",
         "single changes: 2 of 3 tried, 13 s so far",
@@ -27,11 +27,11 @@ def test_where_there_is_no_terminal_every_stage_is_a_line_and_so_are_ten_seconds
     ]
 
 
-def test_without_a_budget_none_is_named() -> None:
+def test_without_a_budget_none_is_named():
     assert lines(Plan((), (), 100))[0] == "single changes: 3"
 
 
-def test_on_a_terminal_there_is_a_bar_instead() -> None:
+def test_on_a_terminal_there_is_a_bar_instead():
     text = "\n".join(lines(Plan((), (), 100, 60.0), terminal=True))
     assert "ends after 60 s" in text
     assert "so far" not in text

@@ -9,71 +9,69 @@ from humanoid_sim.doctor.ranking import Ranking, Verdict
 from humanoid_sim.doctor.trials import Outcome
 
 
-def verdict(
-    *edits: tuple[str, str], up: float = 1.0, cost: float = 2.0, thorough: bool = True, doubt: float = 0.05
-) -> Verdict:
+def verdict(*edits, up=1.0, cost=2.0, thorough=True, doubt=0.05):
     made = tuple(Edit(name, cause, "…", set_fields(), doubt) for name, cause in edits)
     outcome = Outcome(up * 4.0, 4.0, {"all": cost}, "" if up == 1.0 else "tilted")
     return Verdict(Hypothesis(made, tracker()), (outcome,), thorough)
 
 
-def ranking(*verdicts: Verdict) -> Ranking:
+def ranking(*verdicts):
     result = Ranking()
     for item in verdicts:
         result.add(item)
     return result
 
 
-def names(result: Ranking) -> list[str]:
+def names(result):
     return [item.hypothesis.name for item in result.best()]
 
 
-def test_time_up_comes_before_quality() -> None:
+def test_time_up_comes_before_quality():
     assert names(ranking(verdict(("a", "A"), up=0.5, cost=0.1), verdict(("b", "B"), cost=9.0))) == ["b", "a"]
 
 
-def test_of_equals_the_simpler_comes_first() -> None:
+def test_of_equals_the_simpler_comes_first():
     assert names(ranking(verdict(("a", "A"), cost=2.0), verdict(cost=2.0))) == ["as it is", "a"]
     assert names(ranking(verdict(("a", "A"), cost=1.8), verdict(cost=2.0))) == ["a", "as it is"]
     assert names(ranking(verdict(("a", "A"), cost=1.8, doubt=0.25), verdict(cost=2.0))) == ["as it is", "a"]
 
 
-def test_below_what_anybody_would_notice_differences_do_not_count() -> None:
+def test_below_what_anybody_would_notice_differences_do_not_count():
     assert names(ranking(verdict(("a", "A"), cost=0.08), verdict(cost=0.1))) == ["as it is", "a"]
 
 
-def test_what_was_tried_at_length_comes_first() -> None:
+def test_what_was_tried_at_length_comes_first():
     assert names(ranking(verdict(("a", "A"), thorough=False), verdict(("b", "B"), up=0.5))) == ["b", "a"]
 
 
-def test_of_a_cause_only_the_best_edit_is_ranked() -> None:
+def test_of_a_cause_only_the_best_edit_is_ranked():
     result = ranking(verdict(("a1", "A"), cost=3.0), verdict(("a2", "A"), cost=2.0), verdict(("b", "B"), cost=4.0))
     assert names(result) == ["a2", "b"]
     assert [item.hypothesis.name for item in result.alternatives(result.best()[0])] == ["a1"]
 
 
 @pytest.mark.parametrize(("up", "cost", "pays"), [(1.0, 1.9, False), (1.0, 1.0, True), (0.9, 1.0, False)])
-def test_a_pair_has_to_do_better_than_both_halves(up: float, cost: float, pays: bool) -> None:
+def test_a_pair_has_to_do_better_than_both_halves(up, cost, pays):
     result = ranking(
         verdict(("a", "A"), cost=2.0), verdict(("b", "B"), up=0.5), verdict(("a", "A"), ("b", "B"), up=up, cost=cost)
     )
     assert ("a + b" in names(result)) is pays
 
 
-def test_a_pair_pays_by_time_as_well() -> None:
+def test_a_pair_pays_by_time_as_well():
     result = ranking(
         verdict(("a", "A"), up=0.5), verdict(("b", "B"), up=0.4), verdict(("a", "A"), ("b", "B"), cost=30.0)
     )
     assert names(result)[0] == "a + b"
 
 
-def quiet(*edits: tuple[str, str], is_thorough: bool = True, **parts: float) -> Verdict:
+def quiet(*edits, is_thorough=True, **parts):
     """Of a run in which the robot stays up, with these parts of its quality."""
     made = tuple(Edit(name, cause, "…", set_fields()) for name, cause in edits)
     return Verdict(Hypothesis(made, tracker()), (Outcome(4.0, 4.0, parts),), is_thorough)
 
 
-def test_two_changes_with_which_a_robot_stands_still_are_not_worth_it() -> None:
+def test_two_changes_with_which_a_robot_stands_still_are_not_worth_it():
     walks = quiet(("a", "A"), velocity=0.2, tilt=1.0, shaking=1.0)
     stands = quiet(("b", "B"), ("c", "C"), velocity=2.0, tilt=0.1, shaking=0.0)
     assert stands.cost < walks.cost
@@ -98,16 +96,14 @@ def test_two_changes_with_which_a_robot_stands_still_are_not_worth_it() -> None:
         ({"velocity": 1.11, "tilt": 0.1}, {"velocity": 0.70, "tilt": 0.2}, True),
     ],
 )
-def test_where_nothing_is_noticeable_a_change_must_be_clearly_better_and_nowhere_worse(
-    present: dict[str, float], changed: dict[str, float], is_finding: bool
-) -> None:
+def test_where_nothing_is_noticeable_a_change_must_be_clearly_better_and_nowhere_worse(present, changed, is_finding):
     result = ranking(quiet(**present), quiet(("a", "A"), **changed))
     assert names(result) == ["a", "as it is"]
     assert (result.finding is not None) is is_finding
     assert result.is_healthy is not is_finding
 
 
-def test_a_finding_keeps_the_robot_up_where_the_contract_as_it_is_does_not() -> None:
+def test_a_finding_keeps_the_robot_up_where_the_contract_as_it_is_does_not():
     fallen = ranking(verdict(up=0.5), verdict(("a", "A"), cost=9.0))
     assert fallen.finding.hypothesis.name == "a"
     assert ranking(verdict(up=0.5), verdict(("a", "A"), up=0.9)).finding is None
@@ -115,7 +111,7 @@ def test_a_finding_keeps_the_robot_up_where_the_contract_as_it_is_does_not() -> 
     assert ranking(verdict(cost=2.0), verdict(("a", "A"), up=0.9, cost=0.1)).is_healthy
 
 
-def test_the_second_may_be_the_finding() -> None:
+def test_the_second_may_be_the_finding():
     as_it_is = quiet(velocity=0.9, tilt=0.9)
     flatter, right = quiet(("a", "A"), velocity=0.96, tilt=0.1), quiet(("b", "B"), velocity=0.3, tilt=0.9)
     found = ranking(as_it_is, flatter, right).finding

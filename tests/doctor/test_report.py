@@ -20,12 +20,12 @@ CURE = "anchor body torso"
 PASTING = Pasting(Path("here") / "contract.yaml")
 
 
-def verdict(hypothesis: Hypothesis, up: float, cost: float) -> Verdict:
+def verdict(hypothesis, up, cost):
     outcome = Outcome(up * 4.0, 4.0, {"position": cost}, "" if up == 1.0 else "sank to 0.46 m")
     return Verdict(hypothesis, (outcome,), True)
 
 
-def ranking(before: tuple[float, float], after: tuple[float, float]) -> Ranking:
+def ranking(before, after):
     result = Ranking(is_complete=True)
     result.add(verdict(Hypothesis((), CONTRACT), *before))
     result.add(verdict(FOUND[CURE], *after))
@@ -47,25 +47,25 @@ def ranking(before: tuple[float, float], after: tuple[float, float]) -> Ranking:
         ((0.9, 2.0), (0.3, 2.0), False, "Nothing in this space keeps the robot up"),
     ],
 )
-def test_conclusions(before: tuple[float, float], after: tuple[float, float], healthy: bool, text: str) -> None:
+def test_conclusions(before, after, healthy, text):
     result = ranking(before, after)
     assert result.is_healthy is healthy
     assert text in conclusion(result)
 
 
-def test_before_anything_was_tried() -> None:
+def test_before_anything_was_tried():
     assert not Ranking().is_healthy
     assert conclusion(Ranking()) == "Nothing has been tried yet."
     assert "Nothing has been tried yet." in printed(Ranking())
 
 
-def printed(result: Ranking, rows: int = 10) -> str:
+def printed(result, rows=10):
     stream = io.StringIO()
     Examination(result, CONTRACT, PASTING).print(Console(file=stream, width=150), rows)
     return stream.getvalue()
 
 
-def test_the_table_ends_with_what_to_paste() -> None:
+def test_the_table_ends_with_what_to_paste():
     text = printed(ranking((0.3, 2.0), (1.0, 2.0)))
     table, _, rest = text.partition("Most likely")
     for part in (CURE, "as it is", "4.0 of 4 s", "1.2 of 4 s", "sank to 0.46 m", "anchor_body: pelvis → torso"):
@@ -74,7 +74,7 @@ def test_the_table_ends_with_what_to_paste() -> None:
     assert yaml.safe_load(pasted) == {"override": {"anchor_body": "torso"}}
 
 
-def test_what_the_trainers_samples_say_comes_before_the_conclusion() -> None:
+def test_what_the_trainers_samples_say_comes_before_the_conclusion():
     stream = io.StringIO()
     examination = Examination(ranking((0.3, 2.0), (1.0, 2.0)), CONTRACT, PASTING, samples_problem="sample 3: wrong")
     examination.print(Console(file=stream, width=150), 10)
@@ -82,18 +82,18 @@ def test_what_the_trainers_samples_say_comes_before_the_conclusion() -> None:
     assert examination.document()["samples_problem"] == "sample 3: wrong"
 
 
-def test_nothing_to_paste_where_nothing_helps() -> None:
+def test_nothing_to_paste_where_nothing_helps():
     assert "override:\n" not in printed(ranking((0.3, 2.0), (0.9, 2.0)))
     assert "override:\n" not in printed(ranking((1.0, 2.0), (0.9, 2.0)))
 
 
-def test_the_present_contract_is_always_in_the_table() -> None:
+def test_the_present_contract_is_always_in_the_table():
     text = printed(ranking((0.05, 2.0), (1.0, 2.0)), rows=1)
     assert "as it is" in text
     assert "rate 25 Hz" not in text
 
 
-def test_the_document_is_json_and_complete() -> None:
+def test_the_document_is_json_and_complete():
     result = ranking((0.3, 2.0), (1.0, 2.0))
     document = json.loads(json.dumps(Examination(result, CONTRACT, PASTING).document()))
     assert document["complete"] is True
@@ -114,14 +114,14 @@ def test_the_document_is_json_and_complete() -> None:
 @pytest.mark.parametrize(
     ("after", "text"), [(1.65, "Nothing is certain. 'gains × 2' does 18% better"), (1.8, "Nothing wrong")]
 )
-def test_what_does_clearly_better_is_named_even_where_it_is_seldom_the_cause(after: float, text: str) -> None:
+def test_what_does_clearly_better_is_named_even_where_it_is_seldom_the_cause(after, text):
     result = Ranking(is_complete=True)
     result.add(verdict(Hypothesis((), CONTRACT), 1.0, 2.0))
     result.add(verdict(FOUND["gains × 2"], 1.0, after))
     assert conclusion(result).startswith(text)
 
 
-def test_a_healthy_policy_is_not_accused_and_what_else_runs_is_told() -> None:
+def test_a_healthy_policy_is_not_accused_and_what_else_runs_is_told():
     result = Ranking(is_complete=True)
     for hypothesis, parts in (
         (Hypothesis((), CONTRACT), {"velocity": 0.02, "tilt": 0.98, "shaking": 0.79}),
@@ -140,7 +140,7 @@ def test_a_healthy_policy_is_not_accused_and_what_else_runs_is_told() -> None:
     assert conclusion(little) == "Nothing wrong found in this space: no change does clearly better."
 
 
-def test_a_wrong_rate_is_found_by_a_quality_that_is_clearly_better() -> None:
+def test_a_wrong_rate_is_found_by_a_quality_that_is_clearly_better():
     wrong = replace(CONTRACT, policy_dt=0.01)
     (cure,) = (h for h in singles(wrong, FACTS) if h.name == "rate 50 Hz")
     result = Ranking(is_complete=True)
@@ -150,7 +150,7 @@ def test_a_wrong_rate_is_found_by_a_quality_that_is_clearly_better() -> None:
     assert conclusion(result) == "Most likely: the policy was trained at 50 Hz. With that it does 16% better."
 
 
-def test_what_was_not_tried_stands_with_what_was_found() -> None:
+def test_what_was_not_tried_stands_with_what_was_found():
     result = ranking((0.3, 2.0), (1.0, 2.0))
     assert "Not tried" not in conclusion(result)
     result.pairs_known, result.singles_known, result.seconds = 300, 4, 118.6
@@ -164,7 +164,7 @@ def test_what_was_not_tried_stands_with_what_was_found() -> None:
     assert text.split("Not tried")[0] in printed(result).replace("\n", " ")
 
 
-def test_changes_that_do_as_well_are_named() -> None:
+def test_changes_that_do_as_well_are_named():
     result = ranking((0.3, 2.0), (1.0, 1.0))
     assert result.finding is not None
     assert "As good" not in conclusion(result)
@@ -174,7 +174,7 @@ def test_changes_that_do_as_well_are_named() -> None:
         assert Examination(result, CONTRACT, PASTING).document()["as_good"] == (["rate 25 Hz"] if named else [])
 
 
-def test_a_change_that_the_trainer_s_samples_contradict_is_no_finding_of_a_robot_that_stays_up() -> None:
+def test_a_change_that_the_trainer_s_samples_contradict_is_no_finding_of_a_robot_that_stays_up():
     result = ranking((1.0, 2.0), (1.0, 1.5))
     assert not result.is_healthy
     result.contradicts = lambda contract: contract.anchor_body == "torso"

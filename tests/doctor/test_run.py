@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import yaml
@@ -16,7 +15,7 @@ from humanoid_sim.policy_tools import main as policy
 CHECKPOINT = str(SAMPLE_POLICY)
 
 
-def main(words: list[str]) -> int:
+def main(words):
     return policy(["doctor", *words])
 
 
@@ -24,15 +23,13 @@ QUICK = ("--robot", "lite", "--motion", "wave", "--seconds", "0.3", "--pairs", "
 
 
 @pytest.fixture
-def wrong(tmp_path: Path) -> str:
+def wrong(tmp_path):
     path = tmp_path / "wrong.yaml"
     path.write_text("override: {terms: {joint_pos: {relative: false}}}\n")
     return str(path)
 
 
-def test_a_wrong_contract_is_diagnosed_and_what_it_says_to_write_cures_it(
-    wrong: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_contract_is_diagnosed_and_what_it_says_to_write_cures_it(wrong, tmp_path, capsys):
     assert main([CHECKPOINT, *QUICK, "--contract", wrong, "--json"]) == 1
     document = json.loads(capsys.readouterr().out)
     first = document["ranking"][0]
@@ -46,9 +43,7 @@ def test_a_wrong_contract_is_diagnosed_and_what_it_says_to_write_cures_it(
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-def test_nothing_is_wrong_with_the_shipped_policies(
-    capsys: pytest.CaptureFixture[str], request: pytest.FixtureRequest
-) -> None:
+def test_nothing_is_wrong_with_the_shipped_policies(capsys, request):
     """At any command: at 0.3 m/s half of each action walks more smoothly, which is not a finding.
 
     All of it with `--complete`; else standing, walking slowly, and one motion.
@@ -68,9 +63,9 @@ def test_nothing_is_wrong_with_the_shipped_policies(
     assert accused == {}
 
 
-def test_ctrl_c_shows_what_is_known(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    def impatient(examined, robot, plan, ranking, progress):  # type: ignore[no-untyped-def]
-        def stop(stage: str, done: int, total: int) -> None:
+def test_ctrl_c_shows_what_is_known(monkeypatch, capsys):
+    def impatient(examined, robot, plan, ranking, progress):
+        def stop(stage, done, total):
             if done == 3:
                 raise KeyboardInterrupt
 
@@ -97,7 +92,7 @@ def test_ctrl_c_shows_what_is_known(monkeypatch: pytest.MonkeyPatch, capsys: pyt
         (("--robot", "nobody"), "unknown robot 'nobody'"),
     ],
 )
-def test_bad_options_are_one_line(options: tuple[str, ...], message: str) -> None:
+def test_bad_options_are_one_line(options, message):
     others = [("--robot", "lite"), ("--motion", "wave")]
     with pytest.raises(InputError) as error:
         main([CHECKPOINT, *(word for pair in others if pair[0] not in options for word in pair), *options])
@@ -105,7 +100,7 @@ def test_bad_options_are_one_line(options: tuple[str, ...], message: str) -> Non
     assert "\n" not in str(error.value)
 
 
-def test_help_imports_nothing_heavy() -> None:
+def test_help_imports_nothing_heavy():
     code = (
         "import sys\nfrom humanoid_sim.policy_tools import main\n"
         "try:\n    main(['doctor', '--help'])\nexcept SystemExit:\n    pass\n"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,23 +10,21 @@ import pytest
 from doctor_examples import FACTS, tracker, walker
 from mistakes import turned_round
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import search as module
 from humanoid_sim.doctor.edits import set_fields
 from humanoid_sim.doctor.hypotheses import same_contract, singles, spared
 from humanoid_sim.doctor.ranking import Ranking, Verdict
 from humanoid_sim.doctor.search import make_plan, search
-from humanoid_sim.doctor.trials import Outcome, Trial
+from humanoid_sim.doctor.trials import Outcome
 
-Judge = Callable[[PolicyContract], tuple[float, float]]
 """Share of the time up, and cost."""
 
 
-def names(result: Ranking) -> list[str]:
+def names(result):
     return [item.hypothesis.name for item in result.best()]
 
 
-def test_a_plan_walks_with_commands_that_the_policy_knows() -> None:
+def test_a_plan_walks_with_commands_that_the_policy_knows():
     plan = make_plan(walker(), seconds=2.0)
     trials = [*plan.brief, *plan.thorough]
     ranges = walker().command_ranges
@@ -39,7 +36,7 @@ def test_a_plan_walks_with_commands_that_the_policy_knows() -> None:
     assert {trial.command for trial in (*given.brief, *given.thorough)} == {(0.3, 0.0, 0.1)}
 
 
-def test_a_plan_is_no_longer_than_the_motion() -> None:
+def test_a_plan_is_no_longer_than_the_motion():
     plan = make_plan(tracker(), seconds=4.0, motion_seconds=6.0)
     assert [trial.seconds for trial in plan.brief] == [4.0]
     assert {trial.seconds for trial in plan.thorough} == {6.0}
@@ -50,48 +47,48 @@ def test_a_plan_is_no_longer_than_the_motion() -> None:
 class Invented:
     """In the place of `TrialRunner`: outcomes by a rule, and a count."""
 
-    def __init__(self, judge: Judge) -> None:
+    def __init__(self, judge):
         self._judge = judge
-        self.seconds: list[float] = []
+        self.seconds = []
 
-    def __call__(self, examined: object) -> Invented:
+    def __call__(self, examined):
         return self
 
-    def run(self, contract: PolicyContract, trial: Trial, until: float = math.inf) -> Outcome | None:
+    def run(self, contract, trial, until=math.inf):
         self.seconds.append(trial.seconds)
         up, cost = self._judge(contract)
         return Outcome(up * trial.seconds, trial.seconds, {"all": cost}, "" if up == 1.0 else "fell")
 
 
 class Patient:
-    def __init__(self, contract: PolicyContract) -> None:
+    def __init__(self, contract):
         self.contract = contract
 
 
 @pytest.fixture
-def examine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Ranking]:
-    def run(contract: PolicyContract, judge: Judge, pairs: int = 2000) -> Ranking:
+def examine(monkeypatch):
+    def run(contract, judge, pairs=2000):
         monkeypatch.setattr(module, "TrialRunner", Invented(judge))
         result = Ranking()
-        stages: list[str] = []
+        stages = []
 
-        def progress(stage: str, done: int, total: int) -> None:
+        def progress(stage, done, total):
             assert 0 <= done <= total
             stages.append(stage)
 
         plan = make_plan(contract, motion_seconds=10.0, pairs=pairs)
-        search(Patient(contract), FACTS, plan, result, progress)  # type: ignore[arg-type]
+        search(Patient(contract), FACTS, plan, result, progress)
         assert stages[0] == "single changes"
         return result
 
     return run
 
 
-def right_only(right: PolicyContract) -> Judge:
+def right_only(right):
     return lambda contract: (1.0, 1.0) if same_contract(contract, right) else (0.2, 5.0)
 
 
-def test_one_mistake_is_found(examine: Callable[..., Ranking]) -> None:
+def test_one_mistake_is_found(examine):
     right = tracker()
     wrong = set_fields(anchor_body="pelvis")(right)
     result = examine(wrong, right_only(right))
@@ -100,44 +97,42 @@ def test_one_mistake_is_found(examine: Callable[..., Ranking]) -> None:
     assert result.present.is_thorough
 
 
-def test_two_mistakes_are_found_though_neither_cure_helps_alone(examine: Callable[..., Ranking]) -> None:
+def test_two_mistakes_are_found_though_neither_cure_helps_alone(examine):
     right = tracker()
     wrong = set_fields(anchor_body="pelvis", align_reference=False)(right)
     assert names(examine(wrong, right_only(right)))[0] == "anchor body torso + reference aligned"
     assert "+" not in names(examine(wrong, right_only(right), pairs=0))[0]
 
 
-def test_a_right_contract_is_left_alone_without_trying_pairs(examine: Callable[..., Ranking]) -> None:
+def test_a_right_contract_is_left_alone_without_trying_pairs(examine):
     result = examine(tracker(), right_only(tracker()))
     assert names(result)[0] == "as it is"
     assert all(len(item.hypothesis.edits) < 2 for item in result.verdicts.values())
 
 
-def test_whatever_is_known_survives_an_interruption(
-    monkeypatch: pytest.MonkeyPatch, examine: Callable[..., Ranking]
-) -> None:
+def test_whatever_is_known_survives_an_interruption(monkeypatch, examine):
     contract = tracker()
     monkeypatch.setattr(module, "TrialRunner", Invented(right_only(contract)))
     result = Ranking()
 
-    def interrupt(stage: str, done: int, total: int) -> None:
+    def interrupt(stage, done, total):
         if done == 10:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        search(Patient(contract), FACTS, make_plan(contract, motion_seconds=9.0), result, interrupt)  # type: ignore[arg-type]
+        search(Patient(contract), FACTS, make_plan(contract, motion_seconds=9.0), result, interrupt)
     assert len(result.verdicts) == 11  # with the contract as it is
     assert result.singles_tried == 10
     assert not result.is_complete
     assert names(result)[0] == "as it is"
 
 
-def test_close_edits_of_one_cause_are_all_tried_at_length(examine: Callable[..., Ranking]) -> None:
+def test_close_edits_of_one_cause_are_all_tried_at_length(examine):
     contract = tracker()
     scales = {"action scale 1": 2.0, "action scale 0.5": 2.1, "action scale 0.25": 9.0}
     found = {h.name: h.contract for h in singles(contract, FACTS) if h.name in scales}
 
-    def judge(tried: PolicyContract) -> tuple[float, float]:
+    def judge(tried):
         match = [scales[name] for name, made in found.items() if same_contract(made, tried)]
         return (1.0, match[0]) if match else (0.2, 5.0)
 
@@ -146,12 +141,12 @@ def test_close_edits_of_one_cause_are_all_tried_at_length(examine: Callable[...,
     assert "action scale 0.25" not in thorough
 
 
-def test_two_mistakes_are_found_though_a_third_change_keeps_the_robot_up(examine: Callable[..., Ranking]) -> None:
+def test_two_mistakes_are_found_though_a_third_change_keeps_the_robot_up(examine):
     right = tracker()
     wrong = set_fields(anchor_body="pelvis", align_reference=False)(right)
     softer = set_fields(joint_stiffness=0.5 * wrong.joint_stiffness)(wrong)
 
-    def judge(contract: PolicyContract) -> tuple[float, float]:
+    def judge(contract):
         if same_contract(contract, softer):
             return 1.0, 4.0  # by chance: it falls over no more, but does nothing right
         halves = (set_fields(anchor_body="torso")(wrong), set_fields(align_reference=True)(wrong))
@@ -163,14 +158,14 @@ def test_two_mistakes_are_found_though_a_third_change_keeps_the_robot_up(examine
 
 
 def test_two_mistakes_are_found_though_either_cure_alone_is_worse_and_a_third_change_keeps_the_robot_up(
-    examine: Callable[..., Ranking],
-) -> None:
+    examine,
+):
     right = tracker()
     wrong = set_fields(anchor_body="pelvis", align_reference=False)(right)
     halves = (set_fields(anchor_body="torso")(wrong), set_fields(align_reference=True)(wrong))
     softer = set_fields(joint_stiffness=0.5 * wrong.joint_stiffness)(wrong)
 
-    def judge(contract: PolicyContract) -> tuple[float, float]:
+    def judge(contract):
         if any(same_contract(contract, half) for half in halves):
             return 0.1, 9.0  # no other change is as bad
         if same_contract(contract, softer):
@@ -182,20 +177,20 @@ def test_two_mistakes_are_found_though_either_cure_alone_is_worse_and_a_third_ch
     assert result.pairs_tried == result.pairs_known > 1000
 
 
-def test_where_one_change_leaves_nothing_to_notice_few_pairs_are_tried(examine: Callable[..., Ranking]) -> None:
+def test_where_one_change_leaves_nothing_to_notice_few_pairs_are_tried(examine):
     right = tracker()
     result = examine(set_fields(anchor_body="pelvis")(right), right_only(right))
     assert 50 < result.pairs_known <= 200
 
 
-def test_a_right_value_is_not_altered_along_with_a_wrong_one(examine: Callable[..., Ranking]) -> None:
+def test_a_right_value_is_not_altered_along_with_a_wrong_one(examine):
     wrong = replace(tracker(), observation=["command", "base_ang_vel", "joint_pos", "joint_vel"])
     found = {h.name: h for h in singles(wrong, FACTS)}
     coarse = found["observation scales of legged_gym (ang vel 0.25, joint vel 0.05)"]
     (right,) = (h for h in spared(wrong, coarse) if "but not terms.joint_vel" in h.name)
 
-    def judge(is_part_better: bool) -> Judge:
-        def judged(contract: PolicyContract) -> tuple[float, float]:
+    def judge(is_part_better):
+        def judged(contract):
             if same_contract(contract, coarse.contract):
                 return 1.0, 3.0
             return (1.0, 2.0 if is_part_better else 9.0) if same_contract(contract, right.contract) else (0.2, 5.0)
@@ -207,7 +202,7 @@ def test_a_right_value_is_not_altered_along_with_a_wrong_one(examine: Callable[.
     assert names(examine(wrong, judge(is_part_better=False), pairs=0))[0] == coarse.name
 
 
-def test_parts_that_make_no_difference_stay_as_they_are() -> None:
+def test_parts_that_make_no_difference_stay_as_they_are():
     wrong = replace(tracker(), observation=["command", "base_ang_vel", "joint_pos", "joint_vel"])
     (coarse,) = (h for h in singles(wrong, FACTS) if h.name.startswith("observation scales of legged_gym (ang"))
     smaller = {h.name: h for h in spared(wrong, coarse)}
@@ -233,14 +228,14 @@ def test_parts_that_make_no_difference_stay_as_they_are() -> None:
 class Clocked(Invented):
     """In which a simulated second takes so many s of a clock, and a trial is broken off when its time is over."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, pace: float, judge: Judge) -> None:
+    def __init__(self, monkeypatch, pace, judge):
         super().__init__(judge)
         self.now = 0.0
         self._pace = pace
         monkeypatch.setattr(module.time, "perf_counter", lambda: self.now)
         monkeypatch.setattr(module, "TrialRunner", self)
 
-    def run(self, contract: PolicyContract, trial: Trial, until: float = math.inf) -> Outcome | None:
+    def run(self, contract, trial, until=math.inf):
         outcome = super().run(contract, trial)
         over = self.now + self._pace * outcome.time_up > until
         self.now = max(self.now, until) if over else self.now + self._pace * outcome.time_up
@@ -248,16 +243,14 @@ class Clocked(Invented):
 
 
 @pytest.mark.parametrize("pace", [0.2, 2.0, 20.0])
-def test_a_search_ends_with_its_budget_and_says_what_was_not_tried(
-    pace: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_search_ends_with_its_budget_and_says_what_was_not_tried(pace, monkeypatch):
     right = tracker()
     wrong = set_fields(anchor_body="pelvis", align_reference=False)(right)
     clock = Clocked(monkeypatch, pace, right_only(right))
     result = Ranking()
-    told: list[tuple[str, int, int]] = []
+    told = []
     plan = make_plan(wrong, motion_seconds=9.0, budget=60.0)
-    search(Patient(wrong), FACTS, plan, result, lambda *known: told.append(known))  # type: ignore[arg-type]
+    search(Patient(wrong), FACTS, plan, result, lambda *known: told.append(known))
     assert clock.now == result.seconds <= 60.0
     assert result.is_complete
     assert result.singles_known == len(singles(wrong, FACTS))
@@ -274,16 +267,16 @@ def test_a_search_ends_with_its_budget_and_says_what_was_not_tried(
         assert f"{result.singles_known - result.singles_tried} of {result.singles_known} single" in result.untried
 
 
-def test_no_trial_is_cut_where_there_is_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_trial_is_cut_where_there_is_time(monkeypatch):
     Clocked(monkeypatch, 0.01, lambda _: (1.0, 1.0))
     result = Ranking()
     plan = make_plan(tracker(), motion_seconds=9.0, budget=60.0)
-    search(Patient(tracker()), FACTS, plan, result, lambda *_: None)  # type: ignore[arg-type]
+    search(Patient(tracker()), FACTS, plan, result, lambda *_: None)
     assert result.untried == ""
     assert {outcome.seconds for item in result.verdicts.values() for outcome in item.outcomes} == {4.0, 9.0}
 
 
-def test_a_joint_is_tried_at_a_glance_first(examine: Callable[..., Ranking]) -> None:
+def test_a_joint_is_tried_at_a_glance_first(examine):
     right = tracker()
     wrong = turned_round("left_knee")(right)
     result = examine(wrong, right_only(right))
@@ -291,11 +284,11 @@ def test_a_joint_is_tried_at_a_glance_first(examine: Callable[..., Ranking]) -> 
     assert result.singles_tried == result.singles_known
 
 
-def test_pairs_are_tried_until_past_the_fall_of_nearly_all_single_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pairs_are_tried_until_past_the_fall_of_nearly_all_single_changes(monkeypatch):
     contract = tracker()
     trials = Invented(lambda tried: (0.1 if same_contract(tried, contract) else 0.4, 5.0))
     monkeypatch.setattr(module, "TrialRunner", trials)
     plan = make_plan(contract, motion_seconds=9.0, pairs=500)
-    search(Patient(contract), FACTS, plan, Ranking(), lambda *_: None)  # type: ignore[arg-type]
+    search(Patient(contract), FACTS, plan, Ranking(), lambda *_: None)
     glances = [seconds for seconds in trials.seconds if seconds < 4.0]
     assert glances.count(pytest.approx(1.3 * 0.4 * 4.0)) >= 500

@@ -3,7 +3,6 @@ from dataclasses import replace
 import msgspec
 import mujoco
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from humanoid_sim.controllers.contract import PolicyContract
@@ -15,13 +14,13 @@ from humanoid_sim.robots.description import load_robot
 BIPED = load_robot("lite_biped")
 
 
-def still(observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
+def still(observation, frame):
     return np.zeros(BIPED.joint_count, dtype=np.float32)
 
 
-def standing(**changes: object) -> PolicyContract:
+def standing(**changes):
     """The Lite's legs held by a policy that always answers zeros."""
-    values: dict[str, object] = {
+    values = {
         "task_type": "locomotion",
         "joint_names": BIPED.joint_names,
         "action_joint_names": BIPED.joint_names,
@@ -34,15 +33,15 @@ def standing(**changes: object) -> PolicyContract:
         "policy_dt": 0.02,
         "body_names": (),
     }
-    return PolicyContract(**{**values, **changes})  # type: ignore[arg-type]
+    return PolicyContract(**{**values, **changes})
 
 
 @pytest.fixture(scope="module")
-def trials() -> TrialRunner:
+def trials():
     return TrialRunner(ExaminedPolicy(standing(), still, BIPED))
 
 
-def test_what_stands_stays_up_to_the_end(trials: TrialRunner) -> None:
+def test_what_stands_stays_up_to_the_end(trials):
     outcome = trials.run(standing(), Trial(2.0))
     assert outcome.lost == ""
     assert outcome.time_up == 2.0
@@ -51,13 +50,13 @@ def test_what_stands_stays_up_to_the_end(trials: TrialRunner) -> None:
     assert set(outcome.quality) == {"velocity", "turning", "tilt", "height", "shaking", "torque"}
 
 
-def test_what_is_too_soft_falls_early(trials: TrialRunner) -> None:
+def test_what_is_too_soft_falls_early(trials):
     outcome = trials.run(standing(joint_stiffness=5.0), Trial(3.0))
     assert 0.1 < outcome.time_up < 2.0
     assert outcome.lost.startswith("fell: ")
 
 
-def test_a_trial_can_be_repeated_to_the_bit(trials: TrialRunner) -> None:
+def test_a_trial_can_be_repeated_to_the_bit(trials):
     soft = standing(joint_stiffness=20.0)
     first = trials.run(soft, Trial(1.0))
     trials.run(standing(), Trial(0.5))
@@ -66,12 +65,12 @@ def test_a_trial_can_be_repeated_to_the_bit(trials: TrialRunner) -> None:
     assert first == again == fresh
 
 
-def test_the_command_counts(trials: TrialRunner) -> None:
+def test_the_command_counts(trials):
     outcome = trials.run(standing(), Trial(2.0, (0.5, 0.0, 0.0)))
     assert outcome.quality["velocity"] == pytest.approx(0.5 / 0.2, rel=0.1)
 
 
-def test_a_contract_that_cannot_run_is_lost_at_once(trials: TrialRunner) -> None:
+def test_a_contract_that_cannot_run_is_lost_at_once(trials):
     unknown = standing(observation=("base_ang_vel", "whatever"))
     outcome = trials.run(unknown, Trial(1.0))
     assert outcome.time_up == 0.0
@@ -80,13 +79,13 @@ def test_a_contract_that_cannot_run_is_lost_at_once(trials: TrialRunner) -> None
     assert odd.time_up == 0.0
 
 
-def test_damping_that_no_physics_step_can_take_is_said_so(trials: TrialRunner) -> None:
+def test_damping_that_no_physics_step_can_take_is_said_so(trials):
     outcome = trials.run(standing(joint_damping=1e5), Trial(1.0))
     assert outcome.lost == "its damping is unstable in simulation"
 
 
-def test_a_policy_that_diverges_is_lost_by_its_fault() -> None:
-    def wild(observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
+def test_a_policy_that_diverges_is_lost_by_its_fault():
+    def wild(observation, frame):
         return np.full(BIPED.joint_count, np.nan, dtype=np.float32)
 
     outcome = TrialRunner(ExaminedPolicy(standing(), wild, BIPED)).run(standing(), Trial(1.0))
@@ -94,17 +93,15 @@ def test_a_policy_that_diverges_is_lost_by_its_fault() -> None:
     assert "action" in outcome.lost
 
 
-def test_joints_that_run_away_end_a_trial_quietly(
-    capfd: pytest.CaptureFixture[str], tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_joints_that_run_away_end_a_trial_quietly(capfd, tmp_path_factory, monkeypatch):
     folder = tmp_path_factory.mktemp("log")
     monkeypatch.chdir(folder)
 
-    def kicking(observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
+    def kicking(observation, frame):
         return np.full(BIPED.joint_count, 90.0 * (-1.0) ** frame, dtype=np.float32)
 
     contract = standing(action_scale=50.0, joint_stiffness=5000.0)
-    heard: list[str] = []
+    heard = []
     before = mujoco.get_mju_user_warning()
     joints = tuple(msgspec.structs.replace(joint, effort_limit=float("inf")) for joint in BIPED.joints)
     strong = msgspec.structs.replace(BIPED, joints=joints)
@@ -120,7 +117,7 @@ def test_joints_that_run_away_end_a_trial_quietly(
     assert list(folder.iterdir()) == []
 
 
-def test_so_many_robots_and_no_more_are_kept(trials: TrialRunner, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_so_many_robots_and_no_more_are_kept(trials, monkeypatch):
     monkeypatch.setattr(module, "_ROBOTS", 3)
     fresh = TrialRunner(trials.examined)
     contract = trials.examined.contract
@@ -130,7 +127,7 @@ def test_so_many_robots_and_no_more_are_kept(trials: TrialRunner, monkeypatch: p
     assert fresh.run(replace(contract, default_joint_pos=poses[0]), Trial(0.04)) == outcomes[0]
 
 
-def test_robots_are_kept_and_used_again(trials: TrialRunner) -> None:
+def test_robots_are_kept_and_used_again(trials):
     fresh = TrialRunner(trials.examined)
     fresh.run(standing(), Trial(0.1))
     built = len(fresh._robots)

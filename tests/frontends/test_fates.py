@@ -1,19 +1,17 @@
 """Every front end stopped and killed in every mode of a simulated run: whoever only looks on changes nothing."""
 
 import tempfile
-from collections.abc import Callable
 from contextlib import nullcontext
 from functools import cache
-from pathlib import Path
 
 import pytest
-from fates import BLOWS, ROWS, Log, Played, available, display, playing, script, skip_unless, walking_lite, watchers
+from fates import BLOWS, ROWS, available, display, playing, script, skip_unless, walking_lite, watchers
 from play_fixtures import quick_robot
 from producers import PRODUCERS, client, skip_unless_installed
 
 from humanoid_sim.cli import FRONT_ENDS
-from humanoid_sim.messages import Mode, TickRecord
-from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray
+from humanoid_sim.messages import Mode
+from humanoid_sim.mit import VELOCITY_COMMAND
 
 SAMPLE = {(Mode.STANDBY, "stopped"), (Mode.LOCOMOTION, "killed")}
 """Modes and blows that are tried without --complete."""
@@ -23,23 +21,23 @@ PERIOD = 0.005
 """s"""
 
 
-def test_every_front_end_has_a_row() -> None:
+def test_every_front_end_has_a_row():
     started = {name: front_end.option for name, front_end in FRONT_ENDS.items() if front_end.option}
     assert {name: row.options[0] for name, row in ROWS.items()} == started, "add its row: what may its loss cost?"
 
 
-def simulated(folder: Path, mode: Mode, *options: str, policy: str = "placeholder") -> tuple[str, ...]:
+def simulated(folder, mode, *options, policy="placeholder"):
     """Options of `play` for a run through that mode in real time."""
     given = ("--robot", quick_robot(folder), "--policy", policy, "--script", script(mode))
     return *given, "--pace", "realtime", *options
 
 
 @pytest.fixture(scope="module")
-def unwatched(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Mode], list[tuple[object, ...]]]:
+def unwatched(tmp_path_factory):
     """The control log of a run that nobody watched."""
 
     @cache
-    def run(mode: Mode) -> list[tuple[object, ...]]:
+    def run(mode):
         folder = tmp_path_factory.mktemp("unwatched")
         with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory(prefix="hs-") as runtime:
             patch.setenv("XDG_RUNTIME_DIR", runtime)
@@ -51,9 +49,7 @@ def unwatched(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Mode], list
     return run
 
 
-def struck(
-    folder: Path, mode: Mode, names: list[str], blow: Callable[[Played], None], *, on_display: bool = True, **given: str
-) -> Log:
+def struck(folder, mode, names, blow, *, on_display=True, **given):
     """A run with these front ends, which was in that mode when the blow fell."""
     with display() if on_display else nullcontext((None, "")) as (_, screen):
         asked = [option for name in names for option in ROWS[name].options]
@@ -73,14 +69,14 @@ def struck(
 @pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
 @pytest.mark.parametrize("alone", ["", *(name for name in ROWS if ROWS[name].instead)])
 def test_those_who_look_on_leave_the_control_log_as_it_is(
-    alone: str,
-    mode: Mode,
-    blow: str,
-    unwatched: Callable[[Mode], list[tuple[object, ...]]],
-    folder: Path,
-    rows: list[tuple[str, ...]],
-    request: pytest.FixtureRequest,
-) -> None:
+    alone,
+    mode,
+    blow,
+    unwatched,
+    folder,
+    rows,
+    request,
+):
     """All at once, and a producer for REMOTE in the modes in which it does not command; or one that is not a window."""
     skip_unless((mode, blow) in SAMPLE, request)
     names = watchers(alone, mode, ROWS)
@@ -92,9 +88,7 @@ def test_those_who_look_on_leave_the_control_log_as_it_is(
 
 
 @pytest.mark.slow
-def test_a_window_whose_display_is_lost_leaves_the_control_log_as_it_is(
-    unwatched: Callable[[Mode], list[tuple[object, ...]]], folder: Path, rows: list[tuple[str, ...]]
-) -> None:
+def test_a_window_whose_display_is_lost_leaves_the_control_log_as_it_is(unwatched, folder, rows):
     names = [name for name in available(ROWS) if ROWS[name].window]
     if not names:
         pytest.skip("Xvfb is not installed (xvfb)")
@@ -113,7 +107,7 @@ def test_a_window_whose_display_is_lost_leaves_the_control_log_as_it_is(
     rows.append(("viewer", "display lost", mode.name, "simulated", f"{len(log.ticks)} ticks, bit for bit"))
 
 
-def velocity(tick: TickRecord) -> FloatArray:
+def velocity(tick):
     """Shape (3,), as the policy observes it."""
     state = tick.input.state
     return state.extern[VELOCITY_COMMAND].at(state.time)
@@ -122,9 +116,7 @@ def velocity(tick: TickRecord) -> FloatArray:
 @pytest.mark.slow
 @pytest.mark.parametrize("blow", BLOWS)
 @pytest.mark.parametrize("name", PRODUCERS)
-def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(
-    name: str, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
-) -> None:
+def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(name, blow, folder, rows, request):
     is_sampled = (blow == "stopped") is PRODUCERS[name].loses_program
     skip_unless(is_sampled, request)
     skip_unless_installed(PRODUCERS[name])
@@ -143,12 +135,10 @@ def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(
 @pytest.mark.slow
 @pytest.mark.parametrize("blow", BLOWS)
 @pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
-def test_what_a_lost_source_of_velocity_commanded_is_zero_within_its_timeout(
-    mode: Mode, blow: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
-) -> None:
+def test_what_a_lost_source_of_velocity_commanded_is_zero_within_its_timeout(mode, blow, folder, rows, request):
     skip_unless((mode, blow) == (Mode.LOCOMOTION, "killed"), request)
 
-    def strike(play: Played) -> None:
+    def strike(play):
         with client(play, "velocity") as process:
             play.until_owned("velocity", "client")
             process.send_signal(BLOWS[blow])

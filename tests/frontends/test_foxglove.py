@@ -7,12 +7,10 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import pytest
-from local_session import LocalSession, ticking
+from local_session import ticking
 
 from humanoid_sim.client import Feed
 from humanoid_sim.errors import InputError
@@ -32,7 +30,7 @@ client = pytest.importorskip("websockets.sync.client", reason="websockets is not
 
 
 @contextmanager
-def served(*options: str) -> Iterator[tuple[int, subprocess.Popen[str]]]:
+def served(*options):
     """`python -m humanoid_sim.foxglove` on a free port, once it listens."""
     command = [sys.executable, "-m", "humanoid_sim.foxglove", "--port", "0", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -45,18 +43,18 @@ def served(*options: str) -> Iterator[tuple[int, subprocess.Popen[str]]]:
 
 
 class Client:
-    def __init__(self, port: int) -> None:
+    def __init__(self, port):
         # As a page of a foreign origin would.
         self._socket = client.connect(
             f"ws://127.0.0.1:{port}", subprotocols=["foxglove.sdk.v1"], origin="http://foreign.example"
         )
-        self.channels: dict[str, dict[str, Any]] = {}
-        self.services: dict[str, int] = {}
-        self.statuses: list[str] = []
-        self.data: dict[int, bytes] = {}
-        self.answers: dict[int, dict[str, Any]] = {}
+        self.channels = {}
+        self.services = {}
+        self.statuses = []
+        self.data = {}
+        self.answers = {}
 
-    def until(self, condition: Any) -> None:
+    def until(self, condition):
         deadline = time.monotonic() + 30.0
         while not condition():
             assert time.monotonic() < deadline, (list(self.channels), self.services, self.statuses)
@@ -65,7 +63,7 @@ class Client:
             except TimeoutError:
                 continue
 
-    def _take(self, message: str | bytes) -> None:
+    def _take(self, message):
         if isinstance(message, str):
             document = json.loads(message)
             for channel in document.get("channels", ()):
@@ -80,12 +78,12 @@ class Client:
             _, call, length = struct.unpack_from("<III", message, 1)
             self.answers[call] = json.loads(message[13 + length :])
 
-    def subscribe(self, number: int, topic: str) -> None:
+    def subscribe(self, number, topic):
         """Until it has brought something: a server that has just begun may name a channel before it knows it."""
         self.until(lambda: topic in self.channels)
         asked = 0.0
 
-        def is_served() -> bool:
+        def is_served():
             nonlocal asked
             if time.monotonic() > asked + 2.0:
                 asked = time.monotonic()
@@ -95,26 +93,26 @@ class Client:
 
         self.until(is_served)
 
-    def call(self, name: str, meanwhile: Callable[[], None] = lambda: None) -> dict[str, Any]:
+    def call(self, name, meanwhile=lambda: None):
         self.until(lambda: name in self.services)
         self._socket.send(b"\x02" + struct.pack("<III", self.services[name], 5, 4) + b"json{}")
         meanwhile()
         self.until(lambda: 5 in self.answers)
         return self.answers.pop(5)
 
-    def close(self) -> None:
+    def close(self):
         self._socket.close()
 
 
-def test_a_button_pressed_while_it_stood_still_moves_nothing_and_damp_damps(local: LocalSession, page: Any) -> None:
+def test_a_button_pressed_while_it_stood_still_moves_nothing_and_damp_damps(local, page):
     with served("--control") as (port, process), ticking(local) as records:
         foxglove = page(port)
 
-        def go_on() -> None:
+        def go_on():
             time.sleep(0.7)
             process.send_signal(signal.SIGCONT)
 
-        def pressed(name: str) -> dict[str, Any]:
+        def pressed(name):
             foxglove.until(lambda: name in foxglove.services)
             process.send_signal(signal.SIGSTOP)
             return foxglove.call(name, go_on)
@@ -130,10 +128,10 @@ def test_a_button_pressed_while_it_stood_still_moves_nothing_and_damp_damps(loca
 
 
 @pytest.fixture
-def page() -> Iterator[Any]:
-    clients: list[Client] = []
+def page():
+    clients = []
 
-    def connect(port: int) -> Client:
+    def connect(port):
         clients.append(Client(port))
         return clients[-1]
 
@@ -142,7 +140,7 @@ def page() -> Iterator[Any]:
         each.close()
 
 
-def test_it_serves_the_recordings_topics_and_damps_but_nothing_else(local: LocalSession, page: Any) -> None:
+def test_it_serves_the_recordings_topics_and_damps_but_nothing_else(local, page):
     with served() as (port, process):
         with ticking(local) as records:
             _look_and_damp(local, page(port), records)
@@ -150,7 +148,7 @@ def test_it_serves_the_recordings_topics_and_damps_but_nothing_else(local: Local
         assert process.wait(5.0) == 0
 
 
-def _look_and_damp(local: LocalSession, foxglove: Client, records: list[TickRecord]) -> None:
+def _look_and_damp(local, foxglove, records):
     foxglove.subscribe(1, "/humanoid_sim/tick")
     foxglove.subscribe(2, "/three/joint_states")
     channel = foxglove.channels["/three/joint_states"]
@@ -169,7 +167,7 @@ def _look_and_damp(local: LocalSession, foxglove: Client, records: list[TickReco
 
 
 @pytest.mark.slow
-def test_with_control_it_offers_every_intent_with_a_warning(local: LocalSession, page: Any) -> None:
+def test_with_control_it_offers_every_intent_with_a_warning(local, page):
     with served("--control") as (port, process), ticking(local) as records:
         assert process.stdout.readline().startswith("WARNING: every page open in a browser on this machine can move")
         foxglove = page(port)
@@ -180,9 +178,7 @@ def test_with_control_it_offers_every_intent_with_a_warning(local: LocalSession,
 
 
 @pytest.mark.slow
-def test_a_late_subscriber_gets_the_robots_description_and_a_loop_that_stands_still_is_told(
-    local: LocalSession, page: Any
-) -> None:
+def test_a_late_subscriber_gets_the_robots_description_and_a_loop_that_stands_still_is_told(local, page):
     lite = load_robot("lite")
     local.feed.close()
     local.registration.close()
@@ -203,13 +199,13 @@ def test_a_late_subscriber_gets_the_robots_description_and_a_loop_that_stands_st
         foxglove.until(lambda: any(text.startswith("session: BEHIND: this was ") for text in foxglove.statuses))
 
 
-def test_a_port_that_cannot_be_is_refused(local: LocalSession) -> None:
+def test_a_port_that_cannot_be_is_refused(local):
     with pytest.raises(InputError, match=r"^--port: is 70000, expected 0 to 65535$"):
         main(["--port", "70000"])
 
 
 @pytest.mark.slow
-def test_a_port_that_is_taken_is_refused(local: LocalSession) -> None:
+def test_a_port_that_is_taken_is_refused(local):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -222,7 +218,7 @@ def test_a_port_that_is_taken_is_refused(local: LocalSession) -> None:
     assert done.stderr.count("\n") == 1
 
 
-def test_options() -> None:
+def test_options():
     assert service_words(control=False) == ("damp",)
     assert service_words(control=True)[1:] == ("load_a", "load_b", "start_locomotion", "start_remote", "quit")
     assert wanted_front_ends(PlayConfig(viewer="none", foxglove=True)) == (Wanted("foxglove"),)

@@ -2,12 +2,9 @@
 
 import threading
 import time
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
-from local_session import LocalSession
 
 pytest.importorskip("pygame", reason="pygame-ce is not installed (extra 'gamepad')")
 
@@ -27,14 +24,14 @@ SPEEDS = speed_range(np.array([[-0.4, 0.8], [-0.2, 0.2], [-1.0, 1.0]]))
 
 
 @pytest.fixture(scope="module")
-def pads() -> Iterator[Pads]:
+def pads():
     pads = Pads()
     yield pads
     pads.close()
 
 
 @pytest.fixture
-def pad(pads: Pads) -> Iterator[VirtualPad]:
+def pad(pads):
     pad = VirtualPad()
     yield pad
     pad.unplug()
@@ -44,19 +41,17 @@ def pad(pads: Pads) -> Iterator[VirtualPad]:
 class Desk:
     """A driver on a session; `look` is a look at the gamepads and the session's next tick."""
 
-    def __init__(
-        self, local: LocalSession, pads: Pads, config: GamepadConfig | None = None, *, hardware: bool = False
-    ) -> None:
+    def __init__(self, local, pads, config=None, *, hardware=False):
         self.local, self.pads = local, pads
         self.driver = Driver(local.intake("gamepad"), config or GamepadConfig(), speeds=SPEEDS, is_hardware=hardware)
 
-    def look(self, ticks: int = 1) -> list[str]:
+    def look(self, ticks=1):
         lines = self.driver.step(self.pads.look())
         for _ in range(ticks):
             self.mode = self.local.tick().output.control_mode.mode
         return lines
 
-    def press(self, pad: VirtualPad, *buttons: str) -> Mode:
+    def press(self, pad, *buttons):
         """One after the other, a look each; then all are released."""
         for button in buttons:
             pad.press(button)
@@ -67,7 +62,7 @@ class Desk:
         return mode
 
 
-def test_buttons_walk_through_the_modes(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+def test_buttons_walk_through_the_modes(local, pads, pad):
     desk = Desk(local, pads)
     assert desk.look() == ["Test Pad (8 buttons, known layout) drives"]
     assert desk.press(pad, "X") is Mode.DAMPING
@@ -79,9 +74,7 @@ def test_buttons_walk_through_the_modes(local: LocalSession, pads: Pads, pad: Vi
     assert desk.press(pad, "X") is Mode.DAMPING
 
 
-def test_a_combination_that_is_held_acts_once_and_in_any_order(
-    local: LocalSession, pads: Pads, pad: VirtualPad
-) -> None:
+def test_a_combination_that_is_held_acts_once_and_in_any_order(local, pads, pad):
     desk = Desk(local, pads)
     desk.look()
     assert desk.press(pad, "X") is Mode.DAMPING
@@ -103,9 +96,7 @@ def test_a_combination_that_is_held_acts_once_and_in_any_order(
     assert desk.mode is Mode.STANDBY
 
 
-def test_what_was_pressed_while_the_program_stood_still_moves_nothing_but_damps(
-    local: LocalSession, pads: Pads, pad: VirtualPad
-) -> None:
+def test_what_was_pressed_while_the_program_stood_still_moves_nothing_but_damps(local, pads, pad):
     desk = Desk(local, pads)
     desk.look()
     desk.press(pad, "X")
@@ -130,7 +121,7 @@ def test_what_was_pressed_while_the_program_stood_still_moves_nothing_but_damps(
     assert desk.mode is Mode.DAMPING
 
 
-def test_damp_wins_over_whatever_else_is_pressed_at_once(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+def test_damp_wins_over_whatever_else_is_pressed_at_once(local, pads, pad):
     desk = Desk(local, pads)
     desk.look()
     desk.press(pad, "X")
@@ -139,9 +130,7 @@ def test_damp_wins_over_whatever_else_is_pressed_at_once(local: LocalSession, pa
     assert desk.mode is Mode.DAMPING
 
 
-def test_buttons_that_are_down_when_a_pad_is_plugged_in_are_no_press_but_damp_is(
-    local: LocalSession, pads: Pads, pad: VirtualPad
-) -> None:
+def test_buttons_that_are_down_when_a_pad_is_plugged_in_are_no_press_but_damp_is(local, pads, pad):
     desk = Desk(local, pads)
     local.tick(Intent.DAMP)
     pad.press("L1", "A")
@@ -154,12 +143,12 @@ def test_buttons_that_are_down_when_a_pad_is_plugged_in_are_no_press_but_damp_is
     assert other.mode is Mode.DAMPING
 
 
-def test_the_session_s_answer_is_told(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+def test_the_session_s_answer_is_told(local, pads, pad):
     desk = Desk(local, pads)
     desk.look()
     done = threading.Event()
 
-    def loop() -> None:
+    def loop():
         while not done.wait(0.002):
             local.tick()
 
@@ -175,7 +164,7 @@ def test_the_session_s_answer_is_told(local: LocalSession, pads: Pads, pad: Virt
     assert line.endswith("START_LOCOMOTION refused: requires finished STANDBY, mode is ZERO_TORQUE")
 
 
-def test_only_the_chosen_pad_drives_and_every_pad_damps(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+def test_only_the_chosen_pad_drives_and_every_pad_damps(local, pads, pad):
     second = VirtualPad("Second Pad")
     try:
         desk = Desk(local, pads, GamepadConfig(device="second"))
@@ -188,7 +177,7 @@ def test_only_the_chosen_pad_drives_and_every_pad_damps(local: LocalSession, pad
         second.unplug()
 
 
-def test_a_foreign_layout_is_bound_by_its_own_numbers_or_not_used(local: LocalSession, pads: Pads) -> None:
+def test_a_foreign_layout_is_bound_by_its_own_numbers_or_not_used(local, pads):
     odd = VirtualPad("Odd Pad", known=False, buttons=4, axes=2)
     try:
         refused = Desk(local, pads)
@@ -199,7 +188,7 @@ def test_a_foreign_layout_is_bound_by_its_own_numbers_or_not_used(local: LocalSe
         odd.unplug()
 
 
-def test_a_layout_file_swaps_the_buttons(local: LocalSession, pads: Pads, pad: VirtualPad, tmp_path: Path) -> None:
+def test_a_layout_file_swaps_the_buttons(local, pads, pad, tmp_path):
     file = tmp_path / "pad.yaml"
     file.write_text(
         "mode_manager: {ros__parameters: {joy: {damp_button: 3, load_combo_a: [4, 1], load_combo_b: [4, 0]}}}"
@@ -212,7 +201,7 @@ def test_a_layout_file_swaps_the_buttons(local: LocalSession, pads: Pads, pad: V
     assert local.tick().output.control_mode.controller_name == "standby_controller_a"
 
 
-def test_the_list_says_which_pad_cannot_be_used(capsys: pytest.CaptureFixture[str], pads: Pads) -> None:
+def test_the_list_says_which_pad_cannot_be_used(capsys, pads):
     odd = VirtualPad("Odd Pad", known=False, buttons=8, axes=2)
     try:
         pads.look()
@@ -225,7 +214,7 @@ def test_the_list_says_which_pad_cannot_be_used(capsys: pytest.CaptureFixture[st
         pads.look()
 
 
-def test_buttons_can_be_bound_anew(local: LocalSession, pads: Pads) -> None:
+def test_buttons_can_be_bound_anew(local, pads):
     odd = VirtualPad("Odd Pad", known=False, buttons=8, axes=2)
     joy = JoyBindings(damp_button=7, quit_button=6, load_combo_a=(0, 1), load_combo_b=(0, 2))
     try:
@@ -242,7 +231,7 @@ def test_buttons_can_be_bound_anew(local: LocalSession, pads: Pads) -> None:
         odd.unplug()
 
 
-def test_sticks_steer_and_one_at_rest_claims_nothing(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+def test_sticks_steer_and_one_at_rest_claims_nothing(local, pads, pad):
     desk = Desk(local, pads)
     desk.look()
     local.velocity.press("w")  # the keyboard's, until somebody pushes a stick
@@ -263,7 +252,7 @@ def test_sticks_steer_and_one_at_rest_claims_nothing(local: LocalSession, pads: 
     np.testing.assert_allclose(local.velocity.command, [0.1, 0.0, 0.0])
 
 
-def test_a_velocity_ends_with_the_gamepad(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+def test_a_velocity_ends_with_the_gamepad(local, pads, pad):
     desk = Desk(local, pads)
     desk.look()
     pad.push(1, -1.0)
@@ -275,7 +264,7 @@ def test_a_velocity_ends_with_the_gamepad(local: LocalSession, pads: Pads, pad: 
     np.testing.assert_allclose(local.velocity.command, 0.0)
 
 
-def test_on_hardware_a_gamepad_that_is_unplugged_damps(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+def test_on_hardware_a_gamepad_that_is_unplugged_damps(local, pads, pad):
     desk = Desk(local, pads, hardware=True)
     desk.look()
     local.enter_remote()
@@ -285,7 +274,7 @@ def test_on_hardware_a_gamepad_that_is_unplugged_damps(local: LocalSession, pads
     assert desk.mode is Mode.DAMPING
 
 
-def test_its_heartbeats_keep_the_robot_driven(local: LocalSession, pads: Pads, pad: VirtualPad) -> None:
+def test_its_heartbeats_keep_the_robot_driven(local, pads, pad):
     desk = Desk(local, pads, hardware=True)
     watch = DeviceWatch("gamepad", lambda: local.data.heartbeats, local.told.append)
     desk.look()
@@ -309,11 +298,11 @@ def test_its_heartbeats_keep_the_robot_driven(local: LocalSession, pads: Pads, p
         ((), (0.0, 0.0, 0.0)),
     ],
 )
-def test_a_stick_s_way_is_the_policy_s_range(axes: tuple[float, ...], velocity: tuple[float, ...]) -> None:
+def test_a_stick_s_way_is_the_policy_s_range(axes, velocity):
     np.testing.assert_allclose(Sticks().velocity(axes, SPEEDS), velocity, atol=1e-12)
 
 
-def test_sticks_that_cannot_work_are_refused() -> None:
+def test_sticks_that_cannot_work_are_refused():
     with pytest.raises(FieldError, match=r"^dead_zone: is 1.0, expected 0 or more, below 1$"):
         Sticks(dead_zone=1.0)
     with pytest.raises(FieldError, match=r"^axes: are \(-1, 0, 2\), expected indices >= 0$"):

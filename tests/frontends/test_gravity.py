@@ -3,37 +3,35 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from local_session import LocalSession
 
 from humanoid_sim.client import Feed
 from humanoid_sim.frontends.attach import Attachment
-from humanoid_sim.gravity import GravityForm, GravityProducer, gravity_command
+from humanoid_sim.gravity import GravityProducer, gravity_command
 from humanoid_sim.messages import ControlMode, Mode, SessionHeader, TickInput, TickOutput, TickRecord
-from humanoid_sim.mit import FloatArray, MITCommand, MITState, mit_torque
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.mit import MITCommand, MITState, mit_torque
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
 from humanoid_sim.simulation.kinematics import GravityTorque
 from humanoid_sim.simulation.model import build_model, model_bytes
 
 
 @pytest.fixture(scope="module")
-def lite() -> RobotDescription:
+def lite():
     return load_robot("lite")
 
 
 @pytest.fixture(scope="module")
-def pose(lite: RobotDescription) -> FloatArray:
+def pose(lite):
     return np.array(lite.standby_controller_a.pose_segments[-1])
 
 
 @pytest.fixture
-def attachment(local: LocalSession, lite: RobotDescription) -> Iterator[Attachment]:
+def attachment(local, lite):
     """To a session of the Lite, whose description names an MJCF that is not there: the feed must do."""
     document = lite.to_json().replace("../mjcf/lite.xml", "nowhere.xml")
     assert "nowhere" in document
@@ -47,7 +45,7 @@ def attachment(local: LocalSession, lite: RobotDescription) -> Iterator[Attachme
         yield Attachment(local.info, feed, local.intake("gravity"))
 
 
-def record(position: FloatArray, *, remote: bool, time: float = 0.0) -> TickRecord:
+def record(position, *, remote, time=0.0):
     name, mode = ("remote_policy_controller", Mode.REMOTE) if remote else ("damping_controller", Mode.DAMPING)
     output = TickOutput(MITCommand.zeros(len(position)), ControlMode(mode, name))
     state = replace(MITState.unknown(len(position), time), joint_position=position)
@@ -55,7 +53,7 @@ def record(position: FloatArray, *, remote: bool, time: float = 0.0) -> TickReco
 
 
 @pytest.mark.parametrize("form", ["effort", "pd"])
-def test_both_forms_hold_the_pose_at_rest(lite: RobotDescription, pose: FloatArray, form: GravityForm) -> None:
+def test_both_forms_hold_the_pose_at_rest(lite, pose, form):
     gravity = GravityTorque(lite)(pose)
     assert np.abs(gravity).max() > 1.0  # there is something to hold
     command = gravity_command(lite, pose, gravity, form)
@@ -67,9 +65,7 @@ def test_both_forms_hold_the_pose_at_rest(lite: RobotDescription, pose: FloatArr
     assert (command.damping > 0.0).all()
 
 
-def test_the_effort_form_compensates_whatever_pose_the_arms_are_in(
-    attachment: Attachment, lite: RobotDescription, pose: FloatArray
-) -> None:
+def test_the_effort_form_compensates_whatever_pose_the_arms_are_in(attachment, lite, pose):
     producer, gravity = GravityProducer(attachment, "effort"), GravityTorque(lite)
     for position in (pose, 0.5 * pose):
         command = producer.command(record(position, remote=True))
@@ -77,9 +73,7 @@ def test_the_effort_form_compensates_whatever_pose_the_arms_are_in(
         np.testing.assert_allclose(command.effort, gravity(position), atol=1e-12)
 
 
-def test_the_pd_form_holds_the_first_pose_of_each_stay_in_remote(
-    attachment: Attachment, lite: RobotDescription, pose: FloatArray
-) -> None:
+def test_the_pd_form_holds_the_first_pose_of_each_stay_in_remote(attachment, lite, pose):
     producer, gravity = GravityProducer(attachment, "pd"), GravityTorque(lite)
     for tick, held in (
         (record(0.9 * pose, remote=False), 0.9 * pose),
@@ -92,14 +86,14 @@ def test_the_pd_form_holds_the_first_pose_of_each_stay_in_remote(
         np.testing.assert_allclose(command.position, held + gravity(held) / lite.stiffness, atol=1e-12)
 
 
-def test_a_state_that_is_not_known_sends_nothing(attachment: Attachment, pose: FloatArray) -> None:
+def test_a_state_that_is_not_known_sends_nothing(attachment, pose):
     unknown = pose.copy()
     unknown[3] = np.nan
     assert GravityProducer(attachment, "effort").command(record(unknown, remote=True)) is None
 
 
 @contextmanager
-def front_end(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+def front_end(*arguments):
     """`python -m humanoid_sim.gravity`, once it says that it works."""
     with subprocess.Popen(
         [sys.executable, "-m", "humanoid_sim.gravity", *arguments], stdout=subprocess.PIPE, text=True
@@ -111,9 +105,7 @@ def front_end(*arguments: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def test_as_a_program_it_answers_each_tick_and_ends_with_the_session(
-    attachment: Attachment, local: LocalSession, pose: FloatArray
-) -> None:
+def test_as_a_program_it_answers_each_tick_and_ends_with_the_session(attachment, local, pose):
     local.inbox._joints = attachment.feed.joint_names
     with front_end("--session", str(os.getpid())) as process:
         deadline = time.monotonic() + 10.0
@@ -131,15 +123,13 @@ def test_as_a_program_it_answers_each_tick_and_ends_with_the_session(
         assert process.wait(5.0) == 0
 
 
-def test_it_ends_when_the_session_is_killed(attachment: Attachment, local: LocalSession, pose: FloatArray) -> None:
+def test_it_ends_when_the_session_is_killed(attachment, local, pose):
     with front_end() as process:
         local.registration.close()  # the lock is all that tells
         assert process.wait(5.0) == 0
 
 
-def test_stopped_and_killed_ones_leave_the_loop_alone(
-    attachment: Attachment, local: LocalSession, pose: FloatArray
-) -> None:
+def test_stopped_and_killed_ones_leave_the_loop_alone(attachment, local, pose):
     with front_end() as process:
         os.kill(process.pid, signal.SIGSTOP)
         for index in range(500):

@@ -1,7 +1,5 @@
 """Layouts of gamepads: of a file of our own, of a ROS 2 parameter file, and wrong ones."""
 
-from pathlib import Path
-
 import pytest
 
 from humanoid_sim.controllers.joy import JoyBindings
@@ -12,7 +10,7 @@ from humanoid_sim.frontends.gamepad.sticks import Sticks
 SWAPPED = JoyBindings(damp_button=3, load_combo_a=(4, 1), load_combo_b=(4, 0))
 
 
-def layout(tmp_path: Path, text: str) -> PadLayout:
+def layout(tmp_path, text):
     file = tmp_path / "pad.yaml"
     file.write_text(text, encoding="utf-8")
     return chosen_layout(file, PadLayout(), "--mapping")
@@ -30,11 +28,11 @@ def layout(tmp_path: Path, text: str) -> PadLayout:
         "/robot/mode_manager: {ros__parameters: {joy.damp_button: 3, joy: {load_combo_b: [4, 0]}}}\n",
     ],
 )
-def test_the_same_layout_in_four_spellings(tmp_path: Path, text: str) -> None:
+def test_the_same_layout_in_four_spellings(tmp_path, text):
     assert layout(tmp_path, text) == PadLayout(SWAPPED)
 
 
-def test_sticks_are_read_and_options_say_only_what_differs(tmp_path: Path) -> None:
+def test_sticks_are_read_and_options_say_only_what_differs(tmp_path):
     found = layout(tmp_path, "sticks: {turn_axis: 3, dead_zone: 0.2}\njoy: {quit_button: 8}")
     assert found == PadLayout(JoyBindings(quit_button=8), Sticks(turn_axis=3, dead_zone=0.2))
     words = ("--joy.quit-button", "8", "--sticks.turn-axis", "3", "--sticks.dead-zone", "0.2")
@@ -56,11 +54,11 @@ def test_sticks_are_read_and_options_say_only_what_differs(tmp_path: Path) -> No
         ("mode_manager: {ros__parameters: {tick_rate_hz: 50.0}}", r"has no parameters joy\.\* of mode_manager"),
     ],
 )
-def test_a_file_without_a_layout_is_one_line(tmp_path: Path, text: str, why: str) -> None:
+def test_a_file_without_a_layout_is_one_line(tmp_path, text, why):
     with pytest.raises(InputError, match=rf"^{tmp_path}/pad.yaml: {why}"):
         layout(tmp_path, text)
 
 
-def test_a_file_and_options_exclude_each_other(tmp_path: Path) -> None:
+def test_a_file_and_options_exclude_each_other(tmp_path):
     with pytest.raises(InputError, match=r"^--mapping and --joy.damp-button: both say where the buttons are"):
         chosen_layout(tmp_path / "pad.yaml", PadLayout(SWAPPED), "--mapping")

@@ -8,7 +8,6 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 import pytest
 from fates import playing
-from local_session import LocalSession
 from play_fixtures import quick_robot
 from waiting import until
 
@@ -32,7 +31,7 @@ RECORD = TickRecord(
 )
 
 
-def test_the_status_says_what_is_shown_or_that_it_is_the_past() -> None:
+def test_the_status_says_what_is_shown_or_that_it_is_the_past():
     assert status_text(RECORD, "", "12:00:00") == "# STANDBY\n\nready\n\n12:00:00, robot's clock 12.3 s"
     late = status_text(replace(RECORD, qpos=None), "BEHIND: this was 1.3 s ago", "12:00:00")
     assert late.startswith("# BEHIND: this was 1.3 s ago\n")
@@ -40,13 +39,13 @@ def test_the_status_says_what_is_shown_or_that_it_is_the_past() -> None:
 
 
 @needs_rerun
-def test_play_starts_it_in_place_of_the_window(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_play_starts_it_in_place_of_the_window(monkeypatch):
     monkeypatch.setenv("DISPLAY", ":0")
     assert wanted_front_ends(PlayConfig(viewer="rerun")) == (Wanted("rerun"),)
 
 
 @needs_rerun
-def test_a_session_without_a_body_is_refused(local: LocalSession) -> None:
+def test_a_session_without_a_body_is_refused(local):
     local.tick()
     with pytest.raises(InputError, match=r"^session \d+ .*: does not describe its robot's body$"):
         main([])
@@ -54,7 +53,7 @@ def test_a_session_without_a_body_is_refused(local: LocalSession) -> None:
 
 @needs_rerun
 @pytest.mark.slow
-def test_its_page_is_served_on_this_machine_alone_and_gone_with_the_session(tmp_path: Path, runtime: Path) -> None:
+def test_its_page_is_served_on_this_machine_alone_and_gone_with_the_session(tmp_path, runtime):
     options = ("--robot", quick_robot(tmp_path), "--policy", "placeholder", "--script", "damp; hold 4; damp")
     with playing(tmp_path, *options, "--viewer", "rerun") as play:
         until(lambda: "rerun's page: http://127.0.0.1:" in play.said)
@@ -74,7 +73,7 @@ def test_its_page_is_served_on_this_machine_alone_and_gone_with_the_session(tmp_
             socket.create_connection(("127.0.0.1", port or 0), timeout=5.0)
 
 
-def listens_elsewhere(port: int | None) -> bool:
+def listens_elsewhere(port):
     """Whether something listens on a port at any address but 127.0.0.1."""
     lines = [line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text().splitlines()]
     listening = [words[1] for words in lines if len(words) > 3 and words[3] == "0A"]

@@ -3,7 +3,6 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -41,12 +40,12 @@ RECORD = TickRecord(
         (61.0, 0.02, "BEHIND: this was 61.0 s ago"),
     ],
 )
-def test_a_tick_that_is_not_the_present_is_called_the_past(age: float, period: float, text: str) -> None:
+def test_a_tick_that_is_not_the_present_is_called_the_past(age, period, text):
     assert behind(age, period) == text
 
 
-def test_a_window_says_what_it_shows() -> None:
-    def texts(record: TickRecord | None, late: str = "") -> list[tuple[str, str]]:
+def test_a_window_says_what_it_shows():
+    def texts(record, late=""):
         return [(left, right) for _, _, left, right in window_texts(record, late, "12:00:00")]
 
     present = ("clock\ntime\nmode\nstatus", "12:00:00\n12.3 s\nSTANDBY\nready")
@@ -56,12 +55,12 @@ def test_a_window_says_what_it_shows() -> None:
     assert texts(None) == [("clock", "12:00:00"), ("no tick yet", "")]
 
 
-def test_robot_and_session_exclude_each_other() -> None:
+def test_robot_and_session_exclude_each_other():
     with pytest.raises(InputError, match=r"^--robot and --session: a window shows one of them, expected one option$"):
         main(["--robot", "lite", "--session", str(os.getpid())])
 
 
-def test_without_a_display_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_display_it_says_so(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(InputError, match=r"^viewer native: no display "):
@@ -77,16 +76,14 @@ def test_without_a_display_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
         (PlayConfig(viewer="native", hardware="virtual:x"), (Wanted("viewer"),)),
     ],
 )
-def test_the_window_is_a_process_of_its_own(
-    config: PlayConfig, wanted: tuple[Wanted, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_window_is_a_process_of_its_own(config, wanted, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":0")
     assert wanted_front_ends(config) == wanted
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("Xvfb") is None, reason="Xvfb is not installed (xvfb)")
-def test_a_robot_without_a_session_has_a_window_that_draws_it_and_ends_with_its_display(runtime: Path) -> None:
+def test_a_robot_without_a_session_has_a_window_that_draws_it_and_ends_with_its_display(runtime):
     """In a process of its own: a window leaves GLFW, and its display, behind."""
     with display() as (server, screen):
         command = [sys.executable, "-m", "humanoid_sim.viewer", "--robot", "lite"]
@@ -103,7 +100,7 @@ def test_a_robot_without_a_session_has_a_window_that_draws_it_and_ends_with_its_
                 viewer.kill()
 
 
-def colours(screen: str) -> set[tuple[int, int, int]]:
+def colours(screen):
     """Those that a display shows."""
     picture = ImageGrab.grab(xdisplay=screen).convert("RGB")
     return {colour for _, colour in picture.getcolors(picture.width * picture.height) or ()}

@@ -1,31 +1,26 @@
 import json
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from result import Document, Result
 
-from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.messages import Mode
 from humanoid_sim.play.options import parse_branch
 from humanoid_sim.recording.codec import TickEncoder
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.replay import main as replay
 
-Play = Callable[..., Result]
-
 
 @pytest.fixture(scope="module")
-def once() -> dict[str, tuple[bytes, list[TickRecord]]]:
+def once():
     """The file and the ticks of `recorded`, made by the first test that asks."""
     return {}
 
 
 @pytest.fixture
-def recorded(folder: Path, quick: str, run: Play, once: dict[str, tuple[bytes, list[TickRecord]]]) -> list[TickRecord]:
+def recorded(folder, quick, run, once):
     """A run of the sample policy to 3.6 s, in `run.mcap`; LOCOMOTION begins at 2.7 s."""
     if not once:
         ticks = run("--robot", quick, "--duration", "3.6").ticks
@@ -36,13 +31,13 @@ def recorded(folder: Path, quick: str, run: Play, once: dict[str, tuple[bytes, l
     return ticks
 
 
-def bits(tick: TickRecord) -> bytes:
+def bits(tick):
     """All that a tick took in and decided; its number and how long it took aside."""
     return TickEncoder(14).encode(replace(tick, index=0, duration=0.0, overrun=False))
 
 
 @pytest.mark.parametrize("seconds", ["0", "1.7", "3.005"])
-def test_the_same_policy_goes_on_bit_for_bit(folder: Path, recorded: list[TickRecord], run: Play, seconds: str) -> None:
+def test_the_same_policy_goes_on_bit_for_bit(folder, recorded, run, seconds):
     """From ZERO_TORQUE, within STANDBY, and between two steps of the policy; to the end, and in as many ticks."""
     result = run("--branch", f"run.mcap@{seconds}")
     assert result.status == 0
@@ -53,7 +48,7 @@ def test_the_same_policy_goes_on_bit_for_bit(folder: Path, recorded: list[TickRe
     assert replay([str(folder / "r.mcap")]) == 0
 
 
-def test_other_gains_go_on_from_the_same_state_and_frame(folder: Path, recorded: list[TickRecord], run: Play) -> None:
+def test_other_gains_go_on_from_the_same_state_and_frame(folder, recorded, run):
     (folder / "gains.yaml").write_text("override:\n  joint_stiffness: 30.0\n", encoding="utf-8")
     result = run("--branch", "run.mcap@3.005", "--contract", "gains.yaml")
     assert result.status == 0
@@ -69,13 +64,13 @@ def test_other_gains_go_on_from_the_same_state_and_frame(folder: Path, recorded:
     assert replay([str(folder / "r.mcap")]) == 0
 
 
-def test_a_script_takes_the_place_of_recorded_intents(folder: Path, recorded: list[TickRecord], run: Play) -> None:
+def test_a_script_takes_the_place_of_recorded_intents(folder, recorded, run):
     result = run("--branch", "run.mcap@2.9", "--script", "hold 0.2; damp; hold 0.2")
     assert result.modes == ["LOCOMOTION", "DAMPING"]
     assert result.ticks[0].output.control_mode.mode is Mode.LOCOMOTION
 
 
-def test_a_branch_cannot_branch(folder: Path, recorded: list[TickRecord], run: Play) -> None:
+def test_a_branch_cannot_branch(folder, recorded, run):
     assert run("--branch", "run.mcap@2.9").status == 0
     shutil.move(folder / "r.mcap", folder / "second.mcap")
     result = run("--branch", "second.mcap@3.0")
@@ -83,7 +78,7 @@ def test_a_branch_cannot_branch(folder: Path, recorded: list[TickRecord], run: P
     assert "'second.mcap' is a branch itself" in result.err
 
 
-def test_an_instant_that_was_not_recorded(folder: Path, recorded: list[TickRecord], run: Play) -> None:
+def test_an_instant_that_was_not_recorded(folder, recorded, run):
     result = run("--branch", "run.mcap@60")
     assert result.status == 2
     assert "60 s is behind the end of 'run.mcap'" in result.err
@@ -92,15 +87,13 @@ def test_an_instant_that_was_not_recorded(folder: Path, recorded: list[TickRecor
     assert not (folder / "r.mcap").exists()
 
 
-def test_another_simulation_is_named(
-    folder: Path, recorded: list[TickRecord], make_robot: Callable[..., str], run: Play, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_simulation_is_named(folder, recorded, make_robot, run, monkeypatch):
     """The scene has changed since: the first reading that is not the recorded one is named."""
     from humanoid_sim.simulation import plant  # noqa: PLC0415
 
     step = plant.Plant.step
 
-    def heavier(self: plant.Plant, count: int) -> None:
+    def heavier(self, count):
         self.model.opt.gravity[2] = -9.9
         step(self, count)
 
@@ -110,12 +103,12 @@ def test_another_simulation_is_named(
     assert "cannot be simulated again: tick 1 (0.005 s): joint_position of left_shoulder_pitch was" in result.err
 
 
-def test_a_name_may_hold_an_at_sign() -> None:
+def test_a_name_may_hold_an_at_sign():
     assert parse_branch("a@b.mcap@2.5") == ("a@b.mcap", 2.5)
 
 
 @pytest.mark.slow
-def test_a_run_on_hardware_goes_on_from_what_was_measured(folder: Path, quick: str, run: Play) -> None:
+def test_a_run_on_hardware_goes_on_from_what_was_measured(folder, quick, run):
     script = ("--script", "damp; hold 0.2; load_a; wait; start_locomotion; hold 1; damp; hold 0.2", "--allow-script")
     hardware = ("--hardware", "virtual:lite", "--policy", "lite_tracking", "--yes")
     real = run(*hardware, "--robot", quick, *script, "--duration", "4")
@@ -123,9 +116,7 @@ def test_a_run_on_hardware_goes_on_from_what_was_measured(folder: Path, quick: s
     check_measured(folder, real.ticks, run)
 
 
-def test_what_was_measured_is_where_a_branch_of_a_real_run_begins(
-    folder: Path, recorded: list[TickRecord], run: Play
-) -> None:
+def test_what_was_measured_is_where_a_branch_of_a_real_run_begins(folder, recorded, run):
     """The recording says that it is of a real robot, so nothing is simulated again."""
     header = open_recording(folder / "run.mcap").header
     settings = json.loads(header.documents["settings"])
@@ -138,7 +129,7 @@ def test_what_was_measured_is_where_a_branch_of_a_real_run_begins(
     check_measured(folder, recorded, run)
 
 
-def check_measured(folder: Path, recorded: list[TickRecord], run: Play) -> None:
+def check_measured(folder, recorded, run):
     """Branch `real.mcap` in LOCOMOTION."""
     moving = [tick for tick in recorded if tick.output.control_mode.mode is Mode.LOCOMOTION]
     instant = moving[20]
@@ -157,15 +148,13 @@ def check_measured(folder: Path, recorded: list[TickRecord], run: Play) -> None:
     assert replay([str(folder / "r.mcap")]) == 0
 
 
-def one_segment(document: Document) -> None:
+def one_segment(document):
     document["standby_controller_a"]["segment_durations"] = [0.4]
     document["standby_controller_b"]["segment_durations"] = [0.4]
 
 
 @pytest.mark.parametrize("drop", ["0.05", "0"])
-def test_a_free_standing_robot_began_as_recorded(
-    folder: Path, make_robot: Callable[..., str], run: Play, drop: str
-) -> None:
+def test_a_free_standing_robot_began_as_recorded(folder, make_robot, run, drop):
     robot = make_robot("lite_biped", one_segment)
     script = "damp; load_a; wait; start_locomotion; hold 0.3; damp; load_a; wait; start_locomotion; hold 0.2"
     first = run("--robot", robot, "--drop", drop, "--script", script)
@@ -180,9 +169,7 @@ def test_a_free_standing_robot_began_as_recorded(
     assert [bits(tick) for tick in result.ticks[: len(expected)]] == [bits(tick) for tick in expected]
 
 
-def test_remote_without_a_producer_would_let_a_free_robot_fall_and_is_refused(
-    folder: Path, make_robot: Callable[..., str], run: Play
-) -> None:
+def test_remote_without_a_producer_would_let_a_free_robot_fall_and_is_refused(folder, make_robot, run):
     script = ("--script", "damp; hold 0.1; load_a; wait; start_remote; hold 1")
     result = run("--robot", make_robot("lite_biped", one_segment), *script)
     assert "START_REMOTE refused: no remote command within the last 100 ms" in " ".join(result.out.split())
@@ -190,9 +177,7 @@ def test_remote_without_a_producer_would_let_a_free_robot_fall_and_is_refused(
     assert replay([str(folder / "r.mcap")]) == 0
 
 
-def test_pushes_of_the_run_come_again_and_others_are_added(
-    folder: Path, make_robot: Callable[..., str], run: Play
-) -> None:
+def test_pushes_of_the_run_come_again_and_others_are_added(folder, make_robot, run):
     script = ("--script", "damp; hold 0.1; load_a; wait; start_locomotion; hold 1")
 
     robot = make_robot("lite_biped", one_segment)

@@ -1,12 +1,9 @@
 """Recordings of one policy laid beside one another."""
 
 import json
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
-from result import Result
 
 from humanoid_sim import compare
 from humanoid_sim.cli import run_program
@@ -16,13 +13,13 @@ from humanoid_sim.errors import InputError
 SCRIPT = "damp; hold 0.1; load_a; wait; start_locomotion; hold 0.6; damp"
 
 
-def policy_run(name: str, offset: float, first: int = 0, joints: tuple[str, ...] = ("a", "b")) -> PolicyRun:
+def policy_run(name, offset, first=0, joints=("a", "b")):
     frames = {first + i: i for i in range(4)}
     row = np.array([[0.1 * frame] * len(joints) for frame in frames]) + offset
     return PolicyRun(name, joints, frames, row, 2.0 * row, row[:, :1], np.full_like(row, abs(offset)))
 
 
-def test_runs_are_compared_where_they_show_the_same_frames() -> None:
+def test_runs_are_compared_where_they_show_the_same_frames():
     reference = policy_run("bus", 0.0)
     near, far = policy_run("delayed", 0.01, first=1), policy_run("direct", -0.04)
     first, second = compare_runs(reference, [far, near])
@@ -37,7 +34,7 @@ def test_runs_are_compared_where_they_show_the_same_frames() -> None:
     assert second.explained == pytest.approx(0.75)
 
 
-def test_each_joints_distance_is_told_the_farthest_first(capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_joints_distance_is_told_the_farthest_first(capsys):
     reference, other = policy_run("old", 0.0), policy_run("new", 0.0)
     other.joint_position[:, 1] += [0.03, -0.03, 0.05, -0.05]
     (distance,) = compare_runs(reference, [other])
@@ -47,7 +44,7 @@ def test_each_joints_distance_is_told_the_farthest_first(capsys: pytest.CaptureF
     assert [[cell.strip() for cell in row] for row in rows] == [["b", "41.23"], ["a", "0.00"]]
 
 
-def test_what_cannot_be_compared_is_refused() -> None:
+def test_what_cannot_be_compared_is_refused():
     reference = policy_run("bus", 0.0)
     with pytest.raises(InputError, match="other: has other joints or actions than bus"):
         compare_runs(reference, [policy_run("other", 0.0, joints=("a", "c"))])
@@ -55,7 +52,7 @@ def test_what_cannot_be_compared_is_refused() -> None:
         compare_runs(reference, [policy_run("late", 0.0, first=10)])
 
 
-def test_recordings(run: Callable[..., Result], quick: str, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_recordings(run, quick, folder, capfd):
     options = ("--robot", quick, "--script", SCRIPT, "--control-frequency", "50")
     late = ("--state-delay", "0.004", "--command-delay", "0.002")
     for name, delays in (("late.mcap", late), ("direct.mcap", ())):
@@ -75,9 +72,7 @@ def test_recordings(run: Callable[..., Result], quick: str, folder: Path, capfd:
     assert "100 %" in capfd.readouterr().out
 
 
-def test_a_recording_without_a_policy_is_one_line(
-    run: Callable[..., Result], quick: str, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_without_a_policy_is_one_line(run, quick, capfd):
     assert run("--robot", quick, "--script", "damp", "--record", "r.mcap", record=False).status == 0
     capfd.readouterr()
     assert run_program(compare.main, ["r.mcap", "r.mcap"]) == 2

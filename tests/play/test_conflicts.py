@@ -4,13 +4,11 @@ import os
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import models
 import numpy as np
 import pytest
-from result import Result
 
 from humanoid_sim.assets import motion_path
 from humanoid_sim.errors import InputError
@@ -24,7 +22,7 @@ FAULTS = "expected FAULT@SECONDS with FAULT one of nan_policy, safety, silent_re
 
 LONG = "x" * 300
 
-BAD: list[tuple[str, str]] = [
+BAD = [
     ("--policy no.onnx", "no.onnx: no such file, expected an ONNX file"),
     ("--policy no.pt", "no.pt: no such file, expected an ONNX file: export it to ONNX first"),
     ("--command 0.5", "--command: is '0.5', expected vx,vy,wz: three numbers in m/s, m/s and rad/s"),
@@ -166,7 +164,7 @@ BAD: list[tuple[str, str]] = [
 
 
 @pytest.fixture
-def inputs(folder: Path) -> Path:
+def inputs(folder):
     """The folder, with files that are there but wrong."""
     (folder / "sub").mkdir()
     (folder / "sub.mcap").mkdir()
@@ -190,9 +188,7 @@ def inputs(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(("options", "expected"), BAD)
-def test_a_bad_option_is_one_line_and_leaves_nothing(
-    options: str, expected: str, inputs: Path, run: Callable[..., Result]
-) -> None:
+def test_a_bad_option_is_one_line_and_leaves_nothing(options, expected, inputs, run):
     before = sorted(inputs.rglob("*"))
     result = run(*shlex.split(options), record=False)
     assert result.status == 2
@@ -211,9 +207,7 @@ UNPARSED = [
 
 
 @pytest.mark.parametrize("options", UNPARSED)
-def test_what_the_parser_refuses_names_the_option_and_leaves_nothing(
-    options: str, folder: Path, run: Callable[..., Result]
-) -> None:
+def test_what_the_parser_refuses_names_the_option_and_leaves_nothing(options, folder, run):
     result = run(*options.split(), record=False)
     assert result.status == 2
     assert result.out == ""
@@ -221,7 +215,7 @@ def test_what_the_parser_refuses_names_the_option_and_leaves_nothing(
     assert list(folder.iterdir()) == []
 
 
-def test_automatic_outputs(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_automatic_outputs(folder, monkeypatch):
     outputs = choose_outputs(PlayConfig())
     assert outputs.record.parent == outputs.video.parent == Path("runs")
     assert (folder / "runs").is_dir()
@@ -233,13 +227,13 @@ def test_automatic_outputs(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert (none.record, none.video) == (None, None)
 
 
-def test_a_runs_folder_that_cannot_be_made(folder: Path) -> None:
+def test_a_runs_folder_that_cannot_be_made(folder):
     (folder / "runs").touch()
     with pytest.raises(InputError, match="folder 'runs' for recordings cannot be made: File exists; use --record"):
         choose_outputs(PlayConfig())
 
 
-def test_a_motion_is_not_overwritten_by_its_own_recording(folder: Path, run: Callable[..., Result]) -> None:
+def test_a_motion_is_not_overwritten_by_its_own_recording(folder, run):
     before = motion_path("wave").read_bytes()
     (folder / "mine.mcap").write_bytes(before)
     (folder / "other.mcap").symlink_to("mine.mcap")
@@ -251,13 +245,13 @@ def test_a_motion_is_not_overwritten_by_its_own_recording(folder: Path, run: Cal
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_that_cannot_be_written_to(folder: Path) -> None:
+def test_a_folder_that_cannot_be_written_to(folder):
     (folder / "locked").mkdir(mode=0o500)
     with pytest.raises(InputError, match=r"--summary: 'locked/s.json' cannot be written: Permission denied"):
         choose_outputs(PlayConfig(record="none", video="none", summary="locked/s.json"))
 
 
-def test_a_missing_terminal_is_noticed_before_anything_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_terminal_is_noticed_before_anything_is_opened(monkeypatch):
     monkeypatch.setattr("sys.stdin", None)
     with pytest.raises(InputError, match=MANUAL):
         refuse_conflicts(PlayConfig(manual=True), ())
@@ -267,7 +261,7 @@ def test_a_missing_terminal_is_noticed_before_anything_is_opened(monkeypatch: py
         refuse_conflicts(PlayConfig(manual=True, hardware="can0", no_gamepad=True), ())
 
 
-def test_what_remote_makes_possible_is_not_refused() -> None:
+def test_what_remote_makes_possible_is_not_refused():
     injections = parse_injections(["silent_remote@1"])
     refuse_conflicts(PlayConfig(remote="gravity", viewer="none"), injections)
     with pytest.raises(InputError, match="--inject"):
@@ -286,7 +280,7 @@ print(*(name for name in ("mujoco", "onnxruntime", "onnx") if name in sys.module
 """
 
 
-def test_a_file_of_a_trainer_is_refused_before_mujoco_is_imported(tmp_path: Path) -> None:
+def test_a_file_of_a_trainer_is_refused_before_mujoco_is_imported(tmp_path):
     policy = tmp_path / "my.pt"
     run = subprocess.run(
         [sys.executable, "-c", EARLY, "--policy", str(policy)], capture_output=True, text=True, check=True
@@ -302,7 +296,7 @@ def test_a_file_of_a_trainer_is_refused_before_mujoco_is_imported(tmp_path: Path
         ("best.zip", "is a stable-baselines3 checkpoint, expected an ONNX file: give the policy.onnx beside it"),
     ],
 )
-def test_what_to_do_with_a_trainers_own_file(name: str, line: str, tmp_path: Path) -> None:
+def test_what_to_do_with_a_trainers_own_file(name, line, tmp_path):
     path = tmp_path / name
     path.write_bytes(b"PK")
     with pytest.raises(InputError) as caught:
@@ -310,6 +304,6 @@ def test_what_to_do_with_a_trainers_own_file(name: str, line: str, tmp_path: Pat
     assert str(caught.value) == f"{path}: {line}"
 
 
-def test_what_is_right_passes() -> None:
+def test_what_is_right_passes():
     refuse_early(PlayConfig())
     refuse_early(PlayConfig(policy="placeholder", command="0.5,0,-1"))

@@ -1,5 +1,4 @@
 import io
-from collections.abc import Container
 from dataclasses import replace
 
 import numpy as np
@@ -31,19 +30,17 @@ NAMES = {
 }
 
 
-def record(index: int, mode: Mode, message: str = "", **output: object) -> TickRecord:
+def record(index, mode, message="", **output):
     control = ControlMode(mode, NAMES[mode], message)
     tick = replace(TickOutput(MITCommand.zeros(2), control), **output)
     return TickRecord(index, TickInput(MITState.unknown(2, time=index * 0.5)), tick, 0.0, False, np.zeros(2))
 
 
-def with_intents(tick: TickRecord, *intents: Intent) -> TickRecord:
+def with_intents(tick, *intents):
     return replace(tick, input=replace(tick.input, intents=intents))
 
 
-def printed(
-    *records: TickRecord, events: tuple[tuple[float, str], ...] = (), terminal: bool = False, told: Told = AUTOMATIC
-) -> str:
+def printed(*records, events=(), terminal=False, told=AUTOMATIC):
     out = io.StringIO()
     sink = ConsoleSink(Console(file=out, width=200, force_terminal=terminal, highlight=False), told)
     sink.start(SessionHeader("fake", ("a", "b"), 0.5, 0))
@@ -56,7 +53,7 @@ def printed(
     return out.getvalue()
 
 
-def test_each_transition_is_a_line_with_time_and_reason() -> None:
+def test_each_transition_is_a_line_with_time_and_reason():
     text = printed(
         record(0, Mode.ZERO_TORQUE, "started"),
         record(1, Mode.ZERO_TORQUE, "started"),
@@ -71,7 +68,7 @@ def test_each_transition_is_a_line_with_time_and_reason() -> None:
     ]
 
 
-def test_refusals_and_faults_without_a_transition_are_lines_too() -> None:
+def test_refusals_and_faults_without_a_transition_are_lines_too():
     fault = FaultReport("standby_controller_a", "damping_controller", "position of elbow is nan")
     text = printed(
         record(0, Mode.DAMPING, "started"),
@@ -86,19 +83,19 @@ def test_refusals_and_faults_without_a_transition_are_lines_too() -> None:
 
 
 @pytest.mark.parametrize("message", MESSAGES)
-def test_messages_are_printed_as_they_are(message: str) -> None:
+def test_messages_are_printed_as_they_are(message):
     text = printed(record(0, Mode.DAMPING, message), record(1, Mode.DAMPING, refusals=(message,)))
     assert text.splitlines() == [f"   0.000 s  DAMPING  {message}", f"   0.500 s  {message}"]
 
 
-def test_a_terminal_gets_colours_and_a_line_of_status() -> None:
+def test_a_terminal_gets_colours_and_a_line_of_status():
     text = printed(record(0, Mode.DAMPING, "started"), record(4, Mode.DAMPING), terminal=True)
     assert "\x1b[33mDAMPING" in text  # yellow
     assert "DAMPING\x1b[0m  0 late ticks  20 %  2.0 s" in text
     assert text.endswith("\r\x1b[2K")  # and it is taken away in the end
 
 
-def test_damp_is_answered_where_no_motor_is_driven() -> None:
+def test_damp_is_answered_where_no_motor_is_driven():
     fault = FaultReport("damping_controller", "zero_torque_controller", "no joint position is known")
     text = printed(
         record(0, Mode.ZERO_TORQUE, "no motor is driven: reactivate failed"),
@@ -111,7 +108,7 @@ def test_damp_is_answered_where_no_motor_is_driven() -> None:
     ]
 
 
-def test_an_intent_that_changes_nothing_is_answered() -> None:
+def test_an_intent_that_changes_nothing_is_answered():
     text = printed(
         record(0, Mode.DAMPING, "DAMP requested"),
         with_intents(record(1, Mode.DAMPING, "DAMP requested"), Intent.DAMP),
@@ -129,8 +126,8 @@ def test_an_intent_that_changes_nothing_is_answered() -> None:
         (False, MODES, "standby reached"),
     ],
 )
-def test_standby_that_is_reached_is_announced_once(has_keys: bool, available: Container[str], expected: str) -> None:
-    def standby(index: int, progress: float, *, reached: bool) -> TickRecord:
+def test_standby_that_is_reached_is_announced_once(has_keys, available, expected):
+    def standby(index, progress, *, reached):
         return record(index, Mode.STANDBY, "LOAD_A requested", standby=StandbyState(1, 2, progress, reached))
 
     text = printed(
@@ -142,7 +139,7 @@ def test_standby_that_is_reached_is_announced_once(has_keys: bool, available: Co
     assert text.splitlines() == ["   0.000 s  STANDBY  LOAD_A requested", f"   0.500 s  {expected}"]
 
 
-def test_only_ticks_that_print_something_are_queued() -> None:
+def test_only_ticks_that_print_something_are_queued():
     sink = ConsoleSink(Console(file=io.StringIO()), AUTOMATIC)
     for index, mode in enumerate((Mode.ZERO_TORQUE, Mode.ZERO_TORQUE, Mode.DAMPING, Mode.DAMPING, Mode.DAMPING)):
         sink.tick(record(index, mode, refusals=("LOAD_A refused: mode",) if index == 4 else ()))
@@ -151,5 +148,5 @@ def test_only_ticks_that_print_something_are_queued() -> None:
     sink.close()
 
 
-def test_every_mode_has_a_colour() -> None:
+def test_every_mode_has_a_colour():
     assert set(MODE_STYLES) == set(Mode)

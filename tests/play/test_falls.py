@@ -1,8 +1,5 @@
 """What a run says of a robot that falls, or does not, whose base frame lies at the ground."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import onnx
 import pytest
@@ -72,7 +69,7 @@ SQUATTER = """
 """Symmetric in hip and ankle, so that its weight stays above its foot however deep it squats."""
 
 
-def save_constant(path: Path, action: tuple[float, ...], width: int) -> None:
+def save_constant(path, action, width):
     """A policy that gives the same answer whatever it sees."""
     graph = helper.make_graph(
         [helper.make_node("Gemm", ["obs", "weight", "bias"], ["action"])],
@@ -88,7 +85,7 @@ def save_constant(path: Path, action: tuple[float, ...], width: int) -> None:
     onnx.save(model, str(path))
 
 
-def squat(folder: Path, default: float, action: float) -> tuple[str, ...]:
+def squat(folder, default, action):
     """The squatter: its hip bent by `default` in the default pose, and by `action` more under the policy."""
     (folder / "squatter.xml").write_text(SQUATTER)
     (folder / "contract.yaml").write_text(
@@ -102,7 +99,7 @@ def squat(folder: Path, default: float, action: float) -> tuple[str, ...]:
     return "--policy", "p.onnx", "--robot", "squatter.xml", *options
 
 
-def write(folder: Path, action: tuple[float, float]) -> tuple[str, ...]:
+def write(folder, action):
     """The robot, and a policy that gives the same answer whatever it sees."""
     (folder / "walker.xml").write_text(WALKER)
     (folder / "contract.yaml").write_text(CONTRACT)
@@ -110,7 +107,7 @@ def write(folder: Path, action: tuple[float, float]) -> tuple[str, ...]:
     return "--policy", "p.onnx", "--robot", "walker.xml", "--physics-timestep", "0.001"
 
 
-def test_a_robot_stands_whose_base_frame_lies_at_the_ground(run: Any, folder: Path) -> None:
+def test_a_robot_stands_whose_base_frame_lies_at_the_ground(run, folder):
     result = run(*write(folder, (0.0, 0.0)), "--policy-seconds", "2.5")
     assert result.status == 0, result.err
     base = result.summary["base"]
@@ -131,15 +128,13 @@ def test_a_robot_stands_whose_base_frame_lies_at_the_ground(run: Any, folder: Pa
         (0.0, 1.35, (0.3, 0.6), True),  # down to where nobody can tell it from a fall
     ],
 )
-def test_a_low_posture_is_no_fall(
-    run: Any, folder: Path, default: float, action: float, lowest: tuple[float, float], fell: bool
-) -> None:
+def test_a_low_posture_is_no_fall(run, folder, default, action, lowest, fell):
     base = run(*squat(folder, default, action)).summary["base"]
     assert lowest[0] < base["lowest"] < lowest[1]
     assert (base["fall"] is not None) is fell
 
 
-def test_a_fall_is_told_when_it_happens_and_at_the_end_with_what_to_do(run: Any, folder: Path) -> None:
+def test_a_fall_is_told_when_it_happens_and_at_the_end_with_what_to_do(run, folder):
     result = run(*write(folder, (1.6, 0.0)), "--policy-seconds", "3")
     assert result.status == 1
     base = result.summary["base"]
@@ -156,7 +151,7 @@ def test_a_fall_is_told_when_it_happens_and_at_the_end_with_what_to_do(run: Any,
 
 
 @pytest.mark.parametrize("seconds", ["3", "0.5"])  # the second run ends just after the fall
-def test_a_fall_is_an_event_of_the_recording(run: Any, folder: Path, seconds: str) -> None:
+def test_a_fall_is_an_event_of_the_recording(run, folder, seconds):
     result = run(*write(folder, (1.6, 0.0)), "--policy-seconds", seconds)
     base = result.summary["base"]
     recording = open_recording(folder / "r.mcap")
@@ -167,7 +162,7 @@ def test_a_fall_is_an_event_of_the_recording(run: Any, folder: Path, seconds: st
     assert replay([str(folder / "r.mcap")]) == 0
 
 
-def test_a_fault_is_not_called_a_fall(run: Any, folder: Path) -> None:
+def test_a_fault_is_not_called_a_fall(run, folder):
     result = run(*write(folder, (float("nan"), 0.0)), "--policy-seconds", "1")
     assert result.status == 1
     assert [fault["message"] for fault in result.summary["faults"]] != []
@@ -175,7 +170,7 @@ def test_a_fault_is_not_called_a_fall(run: Any, folder: Path) -> None:
     assert result.summary["base"] is None
 
 
-def test_a_motion_may_be_cut_short_or_held_at_its_end(run: Any, quick: str) -> None:
+def test_a_motion_may_be_cut_short_or_held_at_its_end(run, quick):
     short = run("--robot", quick, "--policy-seconds", "0.5")
     assert short.status == 0, short.err
     spans = {span["mode"]: span["end"] - span["start"] for span in short.summary["modes"]}

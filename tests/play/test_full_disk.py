@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -15,7 +14,7 @@ PLAY = (
 )
 
 
-def in_namespace(*commands: str) -> subprocess.CompletedProcess[str]:
+def in_namespace(*commands):
     """Run in a shell that is root over file systems of its own, until one fails; skip where that is not permitted."""
     unshare = ("unshare", "--user", "--map-root-user", "--mount")
     try:
@@ -26,7 +25,7 @@ def in_namespace(*commands: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-def test_a_run_goes_on_where_its_recording_has_no_room_and_shared_memory_none(runtime: Path) -> None:
+def test_a_run_goes_on_where_its_recording_has_no_room_and_shared_memory_none(runtime):
     run = in_namespace(
         SMALL.format(size="1m", folder=runtime),
         "mount -t tmpfs -o size=16k tmpfs /dev/shm",
@@ -42,7 +41,7 @@ def test_a_run_goes_on_where_its_recording_has_no_room_and_shared_memory_none(ru
 
 
 @pytest.mark.slow
-def test_a_session_that_cannot_be_found_by_others_does_not_begin(runtime: Path) -> None:
+def test_a_session_that_cannot_be_found_by_others_does_not_begin(runtime):
     filled = "head -c 1m /dev/zero > filler"
     run = in_namespace(
         SMALL.format(size="16k", folder=runtime),

@@ -1,7 +1,5 @@
 from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +14,7 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 
 
-def test_a_policy_that_cannot_move_its_joints_is_refused() -> None:
+def test_a_policy_that_cannot_move_its_joints_is_refused():
     lite = load_robot("lite")
     contract = load_checkpoint(SAMPLE_POLICY).contract
     check_policy(contract, lite, has_imu=True)
@@ -26,7 +24,7 @@ def test_a_policy_that_cannot_move_its_joints_is_refused() -> None:
 
 
 @pytest.mark.parametrize("name", ["lite", "lite_biped"])
-def test_joints_stand_where_they_were_measured_and_others_where_they_began(name: str) -> None:
+def test_joints_stand_where_they_were_measured_and_others_where_they_began(name):
     description = load_robot(name)
     model, pose = build_model(description, scene=False), MeasuredPose(description)
     position = np.linspace(-0.3, 0.4, description.joint_count)
@@ -51,7 +49,7 @@ def test_joints_stand_where_they_were_measured_and_others_where_they_began(name:
         ({"accept_firmware": ("new",)}, "firmware version: is 'new', expected four numbers of 0 to 255 such as 0."),
     ],
 )
-def test_options_for_the_motors_reach_the_adapter(options: dict[str, Any], message: str) -> None:
+def test_options_for_the_motors_reach_the_adapter(options, message):
     config = PlayConfig(hardware="udp_multicast:239.74.163.9", calibration="none", **options)
     with pytest.raises(InputError) as refused:
         real_robot(config, load_robot("lite"), 0.02, ExitStack())
@@ -68,9 +66,7 @@ def test_options_for_the_motors_reach_the_adapter(options: dict[str, Any], messa
         ),
     ],
 )
-def test_where_motors_may_be_emulated_it_says_how_to_do_without_a_calibration(
-    channel: str, end: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_motors_may_be_emulated_it_says_how_to_do_without_a_calibration(channel, end, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=rf"^--calibration: is missing, .*{end}$"):
         real_robot(PlayConfig(hardware=channel), load_robot("lite"), 0.02, ExitStack())

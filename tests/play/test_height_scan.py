@@ -1,13 +1,10 @@
 """A policy that observes the ground: rays in simulation, a recording that replays, and a program on a robot."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from models import linear_model, saved
-from result import Result
 
 from humanoid_sim import replay
 from humanoid_sim.assets import policy_path
@@ -22,7 +19,7 @@ from humanoid_sim.policy.metadata import write_metadata
 SCAN = Term("height_scan", grid=(0.4, 0.2), resolution=0.2, scale=0.5)
 
 
-def seeing(path: Path) -> Path:
+def seeing(path):
     """A policy with the sample policy's wiring that observes the ground alone."""
     sample = load_checkpoint(policy_path("lite_tracking")).contract
     contract = replace(sample, task_type="locomotion", observation=(SCAN,), body_names=(), action_limit=None)
@@ -31,7 +28,7 @@ def seeing(path: Path) -> Path:
     return saved(path, linear_model(metadata, inputs=width, outputs=contract.action_count))
 
 
-def test_play_makes_it_records_it_and_replays_it(run: Callable[..., Result], quick: str, folder: Path) -> None:
+def test_play_makes_it_records_it_and_replays_it(run, quick, folder):
     policy = seeing(folder / "seeing.onnx")
     script = "damp; load_a; wait; start_locomotion; hold 0.1; damp"
     result = run(
@@ -53,9 +50,7 @@ def test_play_makes_it_records_it_and_replays_it(run: Callable[..., Result], qui
 
 
 @pytest.mark.slow
-def test_on_a_robot_the_policy_does_not_start_where_no_program_sends_it(
-    run: Callable[..., Result], quick: str, folder: Path
-) -> None:
+def test_on_a_robot_the_policy_does_not_start_where_no_program_sends_it(run, quick, folder):
     policy = seeing(folder / "seeing.onnx")
     script = "damp; load_a; wait; start_locomotion; hold 0.2"
     options = ("--script", script, "--hardware", "virtual:scan", "--yes", "--allow-script")

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -28,7 +27,7 @@ MODES = "hold 0.1; damp; hold 0.1; load_a; wait; start_locomotion; hold 0.3; dam
 
 
 @pytest.mark.parametrize("options", [(), pytest.param(HARDWARE, marks=pytest.mark.slow)])
-def test_no_tick_of_any_mode_loads_a_module(folder: Path, quick: str, options: tuple[str, ...]) -> None:
+def test_no_tick_of_any_mode_loads_a_module(folder, quick, options):
     pace = () if options else ("--pace", "fast")
     script = ("--script", f"{MODES}; hold 0.1; damp; hold 0.1", "--viewer", "none", "--record", "r.mcap")
     command = [sys.executable, "-c", PROGRAM, "--robot", quick, *options, *pace, *script]

@@ -1,12 +1,7 @@
 """A simulated piano's keys on their way: from a finger that presses one to the feed, the recording and the replay."""
 
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import pytest
 from pressing import KEY, press_in_standby
-from result import Result
 from rosbags.highlevel import AnyReader
 
 from humanoid_sim import replay
@@ -17,9 +12,7 @@ from humanoid_sim.play.conflicts import refuse_unheard_keys
 from humanoid_sim.play.options import PlayConfig
 
 
-def test_a_key_that_a_finger_presses_is_told_everywhere(
-    run: Callable[..., Result], make_robot: Callable[..., str], folder: Path
-) -> None:
+def test_a_key_that_a_finger_presses_is_told_everywhere(run, make_robot, folder):
     robot = make_robot("lite_piano", change=press_in_standby)
     fast = ("--actuation", "affine", "--video", "none")
     result = run("--robot", robot, "--policy", "placeholder", "--script", "damp; load_a; wait; hold 0.3", *fast)
@@ -31,7 +24,7 @@ def test_a_key_that_a_finger_presses_is_told_everywhere(
     assert down[standing[-1]] == [KEY]
     with AnyReader([folder / "r.mcap"]) as reader:
         connections = [one for one in reader.connections if one.topic == "/piano/key_state"]
-        shown: list[Any] = [reader.deserialize(data, one.msgtype) for one, _, data in reader.messages(connections)]
+        shown = [reader.deserialize(data, one.msgtype) for one, _, data in reader.messages(connections)]
     told = [message.data.nonzero()[0].tolist() for message in shown]
     assert told[-1] == down[-1]
     assert [KEY] in told
@@ -46,7 +39,7 @@ def test_a_key_that_a_finger_presses_is_told_everywhere(
         ({}, "this policy, which plays no piano"),
     ],
 )
-def test_a_keyboard_that_nobody_listens_to_is_refused(reported: dict[str, int], why: str) -> None:
+def test_a_keyboard_that_nobody_listens_to_is_refused(reported, why):
     refuse_unheard_keys(PlayConfig(midi=()), {"key_pressed": 88}, reported)
     refuse_unheard_keys(PlayConfig(), {}, reported)
     with pytest.raises(InputError, match=f"^--midi: means nothing for {why}$"):

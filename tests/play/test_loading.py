@@ -1,13 +1,10 @@
 """A robot is brought up first, and gets its policy later: `play`, `mode` and the client from outside."""
 
 import json
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from loaded_session import LONG, playing, quit_and_replay
 from play_fixtures import quick_robot
-from result import Result
 
 from humanoid_sim import mode
 from humanoid_sim.cli import run_program
@@ -15,9 +12,7 @@ from humanoid_sim.client import find_session
 from humanoid_sim.messages import EventKind, Mode
 
 
-def test_a_policy_is_loaded_in_standby_and_walks_and_the_recording_replays(
-    folder: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_policy_is_loaded_in_standby_and_walks_and_the_recording_replays(folder, capfd):
     with playing(folder, "--policy", "none", "--pace", "realtime", "--robot", quick_robot(folder)) as session:
         session.stand()
         refused = session.intake.ask("start_locomotion", LONG)
@@ -51,9 +46,7 @@ def test_a_policy_is_loaded_in_standby_and_walks_and_the_recording_replays(
 
 
 @pytest.mark.slow
-def test_a_policy_that_walks_takes_a_velocity_from_when_it_is_loaded(
-    folder: Path, capfd: pytest.CaptureFixture[str], run: Callable[..., Result]
-) -> None:
+def test_a_policy_that_walks_takes_a_velocity_from_when_it_is_loaded(folder, capfd, run):
     """And a branch, and the same policy again, begin with what was loaded."""
     with playing(folder, "--policy", "none", "--pace", "realtime", "--robot", "lite_biped") as session:
         session.stand()
@@ -62,7 +55,7 @@ def test_a_policy_that_walks_takes_a_velocity_from_when_it_is_loaded(
         session.until(lambda: "velocity_command" in str(session.tick()["extern"]))
         session.walk()
 
-        def owns() -> bool:  # for as long as it goes on sending
+        def owns():  # for as long as it goes on sending
             session.intake.velocity(0.1, 0.0, 0.0, deliberate=True)
             return str(session.feed.status()["owners"]["velocity"]).startswith("test ")
 
@@ -79,7 +72,7 @@ def test_a_policy_that_walks_takes_a_velocity_from_when_it_is_loaded(
     assert early.err == "error: --branch: 'run.mcap' has no policy at that time; name one with --policy\n"
 
 
-def test_a_run_without_a_policy_stands_up(run: Callable[..., Result], quick: str) -> None:
+def test_a_run_without_a_policy_stands_up(run, quick):
     result = run("--policy", "none", "--robot", quick, "--duration", "3", "--pace", "fast", "--video", "none")
     assert (result.status, result.err) == (0, "")
     assert result.modes == ["ZERO_TORQUE", "DAMPING", "STANDBY", "DAMPING"]

@@ -18,9 +18,7 @@ from humanoid_sim.robots.description import load_robot
         (200.0, None, 200.0, False),
     ],
 )
-def test_the_control_rate_moves_to_a_multiple_of_the_policys(
-    asked: float | None, policy_dt: float | None, hertz: float, moves: bool
-) -> None:
+def test_the_control_rate_moves_to_a_multiple_of_the_policys(asked, policy_dt, hertz, moves):
     timestep = None if hertz != 180.0 else 1 / 1800
     period, notice = control_rate(
         PlayConfig(control_frequency=asked, physics_timestep=timestep), load_robot("lite"), policy_dt

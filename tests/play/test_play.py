@@ -5,13 +5,9 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from result import Result
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
@@ -21,13 +17,11 @@ from humanoid_sim.messages import Mode
 from humanoid_sim.play import run as run_module
 from humanoid_sim.robots.description import load_robot
 
-Play = Callable[..., Result]
-
 PLACEHOLDER = ("--policy", "placeholder")
 WALK = "damp; hold 0.1; load_a; wait; start_locomotion; hold 1; damp; hold 0.2"
 
 
-def test_without_options_the_sample_policy_is_walked_up_and_down_again(run: Play) -> None:
+def test_without_options_the_sample_policy_is_walked_up_and_down_again(run):
     result = run()
     assert (result.status, result.err) == (0, "")
     assert result.modes == ["ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "DAMPING"]
@@ -69,7 +63,7 @@ def test_without_options_the_sample_policy_is_walked_up_and_down_again(run: Play
     assert sorted(path.name for path in result.folder.iterdir()) == ["r.mcap", "s.json"]
 
 
-def test_two_runs_are_the_same_tick_for_tick_and_replay_as_they_were(run: Play, quick: str) -> None:
+def test_two_runs_are_the_same_tick_for_tick_and_replay_as_they_were(run, quick):
     first = run("--robot", quick, "--script", WALK).ticks
     second = run("--robot", quick, "--script", WALK)
     assert len(first) == len(second.ticks) > 200
@@ -84,9 +78,7 @@ def test_two_runs_are_the_same_tick_for_tick_and_replay_as_they_were(run: Play, 
 
 
 @pytest.mark.parametrize("name", ["lite", "lite_neck"])
-def test_the_placeholder_holds_the_pose_that_it_starts_from_and_says_so(
-    run: Play, make_robot: Callable[..., str], name: str
-) -> None:
+def test_the_placeholder_holds_the_pose_that_it_starts_from_and_says_so(run, make_robot, name):
     path = make_robot(name)
     result = run("--robot", path, "--pose", "b", "--duration", "3.3", *PLACEHOLDER)
     assert result.status == 0
@@ -103,7 +95,7 @@ def test_the_placeholder_holds_the_pose_that_it_starts_from_and_says_so(
     assert step.action.tolist() == [0.0] * len(pose)
 
 
-def test_a_script_drives_the_fsm_and_refusals_are_shown(run: Play, quick: str) -> None:
+def test_a_script_drives_the_fsm_and_refusals_are_shown(run, quick):
     script = "load_a; damp; start_locomotion; load_b; wait; load_a; hold 0.1; damp; quit"
     result = run("--robot", quick, "--script", script, *PLACEHOLDER)
     assert result.status == 0
@@ -119,12 +111,12 @@ def test_a_script_drives_the_fsm_and_refusals_are_shown(run: Play, quick: str) -
         assert item["message"] in result.out
 
 
-def moment(result: Result, time: float) -> int:
+def moment(result, time):
     """Index of the tick at a time, s."""
     return next(i for i, tick in enumerate(result.ticks) if float(tick.input.state.time) >= time - 1e-9)
 
 
-def test_a_policy_that_turns_nan_leaves_dampings_command_in_that_very_tick(run: Play, quick: str) -> None:
+def test_a_policy_that_turns_nan_leaves_dampings_command_in_that_very_tick(run, quick):
     result = run("--robot", quick, "--script", WALK, "--inject", "nan_policy@1.3")
     assert result.status == 0
     i = next(i for i, tick in enumerate(result.ticks) if tick.output.faults)
@@ -146,7 +138,7 @@ def test_a_policy_that_turns_nan_leaves_dampings_command_in_that_very_tick(run: 
     assert run_program(replay.main, ["r.mcap"]) == 0
 
 
-def test_an_injection_that_never_comes_about_is_told(run: Play, quick: str) -> None:
+def test_an_injection_that_never_comes_about_is_told(run, quick):
     result = run(
         "--robot", quick, "--script", "damp; hold 0.3", "--inject", "nan_policy@0.1", "safety@99", *PLACEHOLDER
     )
@@ -156,7 +148,7 @@ def test_an_injection_that_never_comes_about_is_told(run: Play, quick: str) -> N
         assert f"--inject {name}: never came about, the run was over or in another mode" in result.out
 
 
-def test_a_safety_status_damps_in_that_very_tick(run: Play, quick: str) -> None:
+def test_a_safety_status_damps_in_that_very_tick(run, quick):
     result = run("--robot", quick, "--script", WALK, "--inject", "safety@1.2", *PLACEHOLDER)
     assert result.status == 0
     i = moment(result, 1.2)
@@ -170,18 +162,18 @@ def test_a_safety_status_damps_in_that_very_tick(run: Play, quick: str) -> None:
     assert all(tick.output.control_mode.mode is Mode.DAMPING for tick in result.ticks[i:])
 
 
-def test_gravity_compensation_as_remote_until_its_process_is_killed(run: Play, quick: str) -> None:
-    answers: list[bool] = []
+def test_gravity_compensation_as_remote_until_its_process_is_killed(run, quick):
+    answers = []
 
-    def operator() -> None:
+    def operator():
         while not (sessions := running_sessions()):
             time.sleep(0.01)
         with Feed(sessions[0]) as feed, Intake(sessions[0], "operator") as intake:
 
-            def ask(word: str) -> None:
+            def ask(word):
                 answers.append(intake.ask(word).granted)
 
-            def wait(condition: Callable[[dict[str, Any]], Any]) -> Any:
+            def wait(condition):
                 while not (found := (sample := feed.latest()) and condition(feed.decode(sample))):
                     time.sleep(0.01)
                 return found
@@ -226,7 +218,7 @@ def test_gravity_compensation_as_remote_until_its_process_is_killed(run: Play, q
     assert run_program(replay.main, ["r.mcap"]) == 0
 
 
-def test_the_affine_actuators_give_the_same_run(run: Play, quick: str) -> None:
+def test_the_affine_actuators_give_the_same_run(run, quick):
     script = ("--robot", quick, "--script", WALK)
     reference = run(*script).ticks
     affine = run(*script, "--actuation", "affine").ticks
@@ -237,7 +229,7 @@ def test_the_affine_actuators_give_the_same_run(run: Play, quick: str) -> None:
     assert 0.0 < difference < 1e-6
 
 
-def test_delays_and_sampling_make_the_state_older(run: Play, quick: str) -> None:
+def test_delays_and_sampling_make_the_state_older(run, quick):
     result = run(
         *("--robot", quick, "--duration", "0.5", "--command-delay", "0.002", "--state-delay", "0.003"),
         *("--state-sampling", "on_command", *PLACEHOLDER),
@@ -247,7 +239,7 @@ def test_delays_and_sampling_make_the_state_older(run: Play, quick: str) -> None
     assert {round(float(age), 6) for tick in result.ticks[3:] for age in tick.input.state.joint_age} == {0.003}
 
 
-def test_a_control_rate_that_the_policy_does_not_divide_moves_and_says_so(run: Play, quick: str) -> None:
+def test_a_control_rate_that_the_policy_does_not_divide_moves_and_says_so(run, quick):
     options = ("--robot", quick, "--duration", "0.3", *PLACEHOLDER)
     result = run(*options, "--control-frequency", "240")
     assert result.status == 0
@@ -258,7 +250,7 @@ def test_a_control_rate_that_the_policy_does_not_divide_moves_and_says_so(run: P
     assert "the control rate" not in result.out
 
 
-def test_files_that_exist_are_replaced_only_when_asked(run: Play, quick: str, folder: Path) -> None:
+def test_files_that_exist_are_replaced_only_when_asked(run, quick, folder):
     for name in ("kept.mcap", "kept.json"):
         (folder / name).write_bytes(b"mine")
     options = ("--robot", quick, "--duration", "0.1", *PLACEHOLDER)
@@ -274,7 +266,7 @@ def test_files_that_exist_are_replaced_only_when_asked(run: Play, quick: str, fo
     assert sorted(path.name for path in folder.iterdir()) == ["kept.json", "kept.mcap"]
 
 
-def test_recordings_get_names_of_their_own(run: Play, quick: str, folder: Path) -> None:
+def test_recordings_get_names_of_their_own(run, quick, folder):
     for _ in range(2):
         assert run("--robot", quick, "--duration", "0.1", *PLACEHOLDER, record=False).status == 0
     names = sorted(path.name for path in (folder / "runs").iterdir())
@@ -282,13 +274,13 @@ def test_recordings_get_names_of_their_own(run: Play, quick: str, folder: Path) 
     assert all(name.startswith("play-") and name.endswith(".mcap") for name in names)
 
 
-def test_no_file_is_left_where_none_is_wanted(run: Play, quick: str, folder: Path) -> None:
+def test_no_file_is_left_where_none_is_wanted(run, quick, folder):
     options = ("--robot", quick, "--duration", "0.1", "--record", "none", *PLACEHOLDER)
     assert run(*options, record=False).status == 0
     assert list(folder.iterdir()) == []
 
 
-def test_pictures_of_a_run(run: Play, quick: str, folder: Path) -> None:
+def test_pictures_of_a_run(run, quick, folder):
     options = ("--robot", quick, "--duration", "0.2", "--video", "v.mp4", "--snapshot", "p.png", *PLACEHOLDER)
     result = run(*options, "--record", "none", record=False)
     assert result.status == 0
@@ -299,10 +291,8 @@ def test_pictures_of_a_run(run: Play, quick: str, folder: Path) -> None:
         assert line in result.out
 
 
-def test_a_file_that_cannot_be_written_in_the_end_spares_the_others(
-    run: Play, quick: str, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: Any) -> None:
+def test_a_file_that_cannot_be_written_in_the_end_spares_the_others(run, quick, folder, monkeypatch):
+    def full(*_):
         raise InputError("s.json: cannot be written: No space left on device")
 
     monkeypatch.setattr(run_module, "write_summary", full)
@@ -314,8 +304,8 @@ def test_a_file_that_cannot_be_written_in_the_end_spares_the_others(
     assert len(result.ticks) > 20
 
 
-def test_a_simulation_that_becomes_unstable_is_no_success(run: Play, make_robot: Callable[..., str]) -> None:
-    def throw(document: dict[str, Any]) -> None:
+def test_a_simulation_that_becomes_unstable_is_no_success(run, make_robot):
+    def throw(document):
         joint = document["joints"][0]
         joint["effort_limit"] = 1e12
         document["standby_controller_a"]["target_stiffness"][0] = 9e5
@@ -328,7 +318,7 @@ def test_a_simulation_that_becomes_unstable_is_no_success(run: Play, make_robot:
     assert "simulation unstable" in result.summary["safety"][0]["message"]
 
 
-def test_names_with_brackets_are_printed_as_they_are(run: Play, quick: str, folder: Path) -> None:
+def test_names_with_brackets_are_printed_as_they_are(run, quick, folder):
     options = ("--robot", quick, "--duration", "0.1", *PLACEHOLDER)
     result = run(*options, "--record", "a[bold]b.mcap", "--summary", "[red].json", record=False)
     assert result.status == 0
@@ -337,7 +327,7 @@ def test_names_with_brackets_are_printed_as_they_are(run: Play, quick: str, fold
     assert "summary    [red].json" in result.out
 
 
-def test_an_action_beyond_the_limit_that_was_asked_for_is_damped_and_replays(run: Play, quick: str) -> None:
+def test_an_action_beyond_the_limit_that_was_asked_for_is_damped_and_replays(run, quick):
     result = run("--robot", quick, "--action-limit", "0.05", "--duration", "3")
     assert result.status == 1
     assert "expected a magnitude <= 0.05" in result.summary["faults"][0]["message"]

@@ -1,7 +1,5 @@
 import importlib.util
 import subprocess
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -27,11 +25,11 @@ from humanoid_sim.ros2.dds import domain
         ({"hardware": "can0", "dry_run": True}, False),
     ],
 )
-def test_a_gamepad_is_needed_on_a_real_bus_and_where_it_is_asked_for(options: dict[str, Any], needed: bool) -> None:
+def test_a_gamepad_is_needed_on_a_real_bus_and_where_it_is_asked_for(options, needed):
     assert needs_gamepad(PlayConfig(**options)) is needed
 
 
-def test_a_real_bus_without_a_gamepad_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_real_bus_without_a_gamepad_is_refused(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
     answer = subprocess.CompletedProcess([], 1, stdout="no gamepad is plugged in\n", stderr="")
     monkeypatch.setattr(front_ends.subprocess, "run", lambda *_, **__: answer)
@@ -45,9 +43,7 @@ def test_a_real_bus_without_a_gamepad_is_refused(monkeypatch: pytest.MonkeyPatch
     assert [wanted.name for wanted in wanted_front_ends(PlayConfig(hardware="can0"))] == ["gamepad"]
 
 
-def test_the_gamepad_of_play_has_the_layout_of_its_options_or_its_file(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_the_gamepad_of_play_has_the_layout_of_its_options_or_its_file(monkeypatch, tmp_path):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
     options = ("--joy.damp-button", "3", "--joy.load-combo-a", "4", "1", "--joy.load-combo-b", "4", "0")
     given = parse(PlayConfig, "play", ["--gamepad", *options])
@@ -64,13 +60,13 @@ def test_the_gamepad_of_play_has_the_layout_of_its_options_or_its_file(
     assert wanted_front_ends(on_a_bus) == (Wanted("gamepad", ("--joy.damp-button", "3")),)
 
 
-def test_a_front_end_whose_package_is_missing_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_front_end_whose_package_is_missing_is_refused(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(MissingPackageError, match="pygame"):
         wanted_front_ends(PlayConfig(gamepad=()))
 
 
-def test_an_interface_for_another_machine_has_a_bridge_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interface_for_another_machine_has_a_bridge_of_its_own(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
     monkeypatch.setattr(domain.socket, "if_nameindex", lambda: [(1, "lo"), (2, "eth1")])
     assert [(one.name, one.options, one.label) for one in wanted_front_ends(PlayConfig(dds_interface="eth1"))] == [
@@ -98,9 +94,7 @@ def test_an_interface_for_another_machine_has_a_bridge_of_its_own(monkeypatch: p
         (("/dev/snd/midiC1D0",), ("--device", "/dev/snd/midiC1D0")),
     ],
 )
-def test_a_midi_keyboard_is_named_by_its_port_or_its_device(
-    named: tuple[str, ...], options: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_midi_keyboard_is_named_by_its_port_or_its_device(named, options, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: object())
     (wanted,) = wanted_front_ends(PlayConfig(midi=named))
     assert (wanted.name, wanted.options) == ("midi", options)
@@ -108,7 +102,7 @@ def test_a_midi_keyboard_is_named_by_its_port_or_its_device(
         wanted_front_ends(PlayConfig(midi=("one", "two")))
 
 
-def test_only_a_port_needs_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_a_port_needs_the_library(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     assert [one.name for one in wanted_front_ends(PlayConfig(midi=("./keys",)))] == ["midi"]
     with pytest.raises(MissingPackageError, match=r"rtmidi.*humanoid_sim\[midi\]"):

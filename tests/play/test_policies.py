@@ -2,14 +2,12 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import models
 import numpy as np
 import pytest
-from result import Result
 
 from humanoid_sim.assets import SAMPLE_POLICY, motion_path
 from humanoid_sim.errors import InputError
@@ -34,21 +32,19 @@ LITE = load_robot("lite")
         ("lite_biped_velocity", "lite_biped", None),
     ],
 )
-def test_a_policy_that_ships_goes_by_its_name_and_follows_what_is_its_default(
-    policy: str, robot: str, followed: str | None
-) -> None:
+def test_a_policy_that_ships_goes_by_its_name_and_follows_what_is_its_default(policy, robot, followed):
     for config in (PlayConfig(policy=policy), PlayConfig(shadow=policy)):
         choice = choose_policy(config, load_robot(robot))
         assert Path(choice.checkpoint.source).name == f"{policy}.onnx"
         assert (choice.motion_file and choice.motion_file.stem) == followed
 
 
-def test_a_policys_path_does_not_make_it_the_sample() -> None:
+def test_a_policys_path_does_not_make_it_the_sample():
     with pytest.raises(InputError, match=r"^--motion: is missing; "):
         choose_policy(PlayConfig(policy=str(SAMPLE_POLICY)), LITE)
 
 
-def test_on_hardware_an_inference_ends_before_the_motors_stop_by_themselves() -> None:
+def test_on_hardware_an_inference_ends_before_the_motors_stop_by_themselves():
     for hardware, limit in ((None, 10.0), ("virtual:lite", 0.1)):
         choice = choose_policy(PlayConfig(policy="lite_tracking", hardware=hardware, can_timeout=0.2), LITE)
         policy = choice.checkpoint.policy
@@ -56,12 +52,12 @@ def test_on_hardware_an_inference_ends_before_the_motors_stop_by_themselves() ->
         assert policy.model.time_limit == limit
 
 
-def test_the_wrapper_goes_around_the_policy_that_runs() -> None:
-    choice = choose_policy(PlayConfig(policy="placeholder"), LITE, lambda policy: lambda o, f: policy(o, f) + 7.0)  # type: ignore[operator]
+def test_the_wrapper_goes_around_the_policy_that_runs():
+    choice = choose_policy(PlayConfig(policy="placeholder"), LITE, lambda policy: lambda o, f: policy(o, f) + 7.0)
     assert np.asarray(choice.loaded.policy(np.zeros(42, dtype=np.float32), 0)).tolist() == [7.0] * 14
 
 
-def test_a_policy_of_the_users_needs_a_motion_and_says_which_dataset_it_was_made_for(tmp_path: Path) -> None:
+def test_a_policy_of_the_users_needs_a_motion_and_says_which_dataset_it_was_made_for(tmp_path):
     contract = models.contract(
         task_type="tracking",
         body_names=("hand",),
@@ -76,7 +72,7 @@ def test_a_policy_of_the_users_needs_a_motion_and_says_which_dataset_it_was_made
     assert choice.loaded.reference.frame_count == 3
 
 
-def test_without_onnxruntime_zeros_stand_in_and_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_onnxruntime_zeros_stand_in_and_say_so(monkeypatch):
     monkeypatch.setattr(policies, "has_onnxruntime", lambda: False)
     choice = choose_policy(PlayConfig(), LITE)
     assert choice.warning == (
@@ -88,7 +84,7 @@ def test_without_onnxruntime_zeros_stand_in_and_say_so(monkeypatch: pytest.Monke
     assert np.asarray(choice.loaded.policy(np.ones(width, dtype=np.float32), 3)).tolist() == [0.0] * 14
 
 
-def test_a_run_without_onnxruntime_goes_on_loudly(tmp_path: Path) -> None:
+def test_a_run_without_onnxruntime_goes_on_loudly(tmp_path):
     blocked = tmp_path / "blocked"
     blocked.mkdir()
     (blocked / "onnxruntime.py").write_text("raise ImportError('no shared library')\n", encoding="utf-8")
@@ -109,7 +105,7 @@ def test_a_run_without_onnxruntime_goes_on_loudly(tmp_path: Path) -> None:
 MOTION = motion_path("drum").read_bytes()
 
 
-def recording(folder: Path, settings: object, motion: bytes | None = MOTION) -> str:
+def recording(folder, settings, motion=MOTION):
     """A file with a header and nothing else."""
     path = folder / "run.mcap"
     attachments = {} if motion is None else {"motion.mcap": motion}
@@ -119,7 +115,7 @@ def recording(folder: Path, settings: object, motion: bytes | None = MOTION) -> 
     return str(path)
 
 
-def test_what_was_recorded_takes_the_place_of_defaults(tmp_path: Path) -> None:
+def test_what_was_recorded_takes_the_place_of_defaults(tmp_path):
     options = {
         "policy": "x.onnx", "robot": "lite_neck", "command": "1,0,0", "yaw": 2, "viewer": "native", "record": "r",
     }  # fmt: skip
@@ -129,40 +125,40 @@ def test_what_was_recorded_takes_the_place_of_defaults(tmp_path: Path) -> None:
     assert with_recorded_options(config) == expected
 
 
-def test_a_motion_that_is_given_counts_more(tmp_path: Path) -> None:
+def test_a_motion_that_is_given_counts_more(tmp_path):
     assert (
         with_recorded_options(PlayConfig(again=recording(tmp_path, {"options": {}}), motion="reach")).motion == "reach"
     )
     assert with_recorded_options(PlayConfig(again=recording(tmp_path, {"options": {}}, None))).motion is None
 
 
-def test_the_motion_of_a_recording_is_read_as_its_own_file_is(tmp_path: Path) -> None:
+def test_the_motion_of_a_recording_is_read_as_its_own_file_is(tmp_path):
     own, carried = read_motion(motion_path("drum")), read_motion(recording(tmp_path, {}))
     assert carried.frames.tobytes() == own.frames.tobytes()
     assert (carried.body_names, carried.policy_dt) == (own.body_names, own.policy_dt)
 
 
 @pytest.mark.parametrize("settings", [{}, {"options": 3}, [], None])
-def test_a_recording_that_does_not_say_what_it_was_made_with(tmp_path: Path, settings: object) -> None:
+def test_a_recording_that_does_not_say_what_it_was_made_with(tmp_path, settings):
     path = recording(tmp_path, settings)
     with pytest.raises(InputError, match=f"--again: '{path}' does not say what it was made with"):
         with_recorded_options(PlayConfig(again=path))
 
 
 @pytest.mark.parametrize("options", [{"policy": ["x"]}, {"yaw": "north"}, {"base_height": {}}])
-def test_options_that_are_none(tmp_path: Path, options: dict[str, object]) -> None:
+def test_options_that_are_none(tmp_path, options):
     with pytest.raises(InputError, match="which play does not take"):
         with_recorded_options(PlayConfig(again=recording(tmp_path, {"options": options})))
 
 
-def test_a_file_that_is_no_recording(tmp_path: Path) -> None:
+def test_a_file_that_is_no_recording(tmp_path):
     with pytest.raises(InputError, match="no such file, expected a recording"):
         with_recorded_options(PlayConfig(again=str(tmp_path / "none.mcap")))
     with pytest.raises(InputError, match="no recording of this program"):
         with_recorded_options(PlayConfig(again=str(motion_path("drum"))))
 
 
-def test_another_policy_comes_with_a_contract_of_its_own(tmp_path: Path) -> None:
+def test_another_policy_comes_with_a_contract_of_its_own(tmp_path):
     path = recording(tmp_path, {"options": {"policy": "old.onnx", "contract": "old.yaml", "robot": "lite_biped"}})
     assert with_recorded_options(PlayConfig(again=path)).contract == "old.yaml"
     other = with_recorded_options(PlayConfig(again=path, policy="new.onnx"))
@@ -170,7 +166,7 @@ def test_another_policy_comes_with_a_contract_of_its_own(tmp_path: Path) -> None
     assert with_recorded_options(PlayConfig(again=path, policy="new.onnx", contract="new.yaml")).contract == "new.yaml"
 
 
-def test_a_failure_that_regress_found_is_played_again(folder: Path, quick: str, run: Callable[..., Result]) -> None:
+def test_a_failure_that_regress_found_is_played_again(folder, quick, run):
     """With the options that regress writes: the policy walks up and follows the motion that the file carries."""
     options = {"policy": str(SAMPLE_POLICY), "robot": quick, "actuation": "affine", "action_limit": 100.0}
     path = recording(folder, {"options": options})
@@ -180,13 +176,13 @@ def test_a_failure_that_regress_found_is_played_again(folder: Path, quick: str, 
     assert parse_motion(open_recording(folder / "r.mcap").header.attachments["motion.mcap"], "motion").duration == 7.0
 
 
-def test_the_walking_policy_is_the_default_of_simulated_legs() -> None:
+def test_the_walking_policy_is_the_default_of_simulated_legs():
     assert choose_policy(PlayConfig(robot="lite_biped"), load_robot("lite_biped")).source.endswith(
         "lite_biped_velocity.onnx"
     )
 
 
-def test_on_hardware_no_policy_runs_that_nobody_named() -> None:
+def test_on_hardware_no_policy_runs_that_nobody_named():
     for config in (PlayConfig(hardware="virtual:lite"), PlayConfig(policy="none")):
         choice = choose_policy(config, LITE)
         assert (choice.loaded, choice.source, choice.walks) == (None, "none", False)

@@ -1,8 +1,5 @@
 """Published G1 policies through `play`, against the figures measured with them in plain MuJoCo (their READMEs)."""
 
-from pathlib import Path
-from typing import Any
-
 import pytest
 from published import HOLOSOMA_REST, POLICIES, needs_policies
 
@@ -14,18 +11,18 @@ WALTZ = str(POLICIES / "beyondmimic_g1" / "Waltz.onnx")
 HOLOSOMA = str(POLICIES / "holosoma_g1_loco" / "ppo_g1_29dof.onnx")
 
 
-def walk(run: Any, policy: str, *options: str, seconds: float, step: str = "0.005") -> Any:
+def walk(run, policy, *options, seconds, step="0.005"):
     script = f"damp; load_a; wait; start_locomotion; {'motion' if seconds == 0 else f'hold {seconds}'}; damp"
     return run("--policy", policy, "--robot", G1, "--physics-timestep", step, "--script", script, *options)
 
 
-def contract_file(folder: Path) -> str:
+def contract_file(folder):
     path = folder / "holosoma.yaml"
     path.write_text(HOLOSOMA_REST, encoding="utf-8")
     return str(path)
 
 
-def test_the_unitree_policy_walks(run: Any) -> None:
+def test_the_unitree_policy_walks(run):
     result = walk(run, UNITREE, "--command", "0.5,0,0", "--yaw", "2", seconds=6)
     assert result.status == 0
     base = result.summary["base"]
@@ -36,7 +33,7 @@ def test_the_unitree_policy_walks(run: Any) -> None:
     assert released == ["support released", "support holds the base where it is"]
 
 
-def test_the_waltz_is_danced(run: Any) -> None:
+def test_the_waltz_is_danced(run):
     result = walk(run, WALTZ, "--duration", "8", "--yaw", "2", seconds=0)
     assert result.status == 0
     anchor = result.summary["anchor"]
@@ -45,7 +42,7 @@ def test_the_waltz_is_danced(run: Any) -> None:
     assert "assumed" in result.out
 
 
-def test_the_holosoma_policy_walks(run: Any, tmp_path: Path) -> None:
+def test_the_holosoma_policy_walks(run, tmp_path):
     options = ("--contract", contract_file(tmp_path), "--command", "0.5,0,0")
     result = walk(run, HOLOSOMA, *options, seconds=6)
     assert result.status == 0
@@ -65,9 +62,7 @@ def test_the_holosoma_policy_walks(run: Any, tmp_path: Path) -> None:
         ("-0.5,0,0", -0.414, (0.776, 0.787)),
     ],
 )
-def test_twenty_seconds_of_the_unitree_policy(
-    run: Any, step: str, command: str, speed: float, height: tuple[float, float]
-) -> None:
+def test_twenty_seconds_of_the_unitree_policy(run, step, command, speed, height):
     # From the floor, as its README measured it; landing dips half a millimetre below the lowest height there.
     result = walk(run, UNITREE, f"--command={command}", "--drop", "0", seconds=20, step=step)
     assert result.status == 0
@@ -78,7 +73,7 @@ def test_twenty_seconds_of_the_unitree_policy(
 
 
 @pytest.mark.slow
-def test_the_whole_waltz(run: Any) -> None:
+def test_the_whole_waltz(run):
     anchor = walk(run, WALTZ, "--yaw", "2", seconds=0).summary["anchor"]
     assert anchor["samples"] == 945
     assert anchor["joint_error"][0] <= 0.07
@@ -87,14 +82,14 @@ def test_the_whole_waltz(run: Any) -> None:
 
 
 @pytest.mark.slow
-def test_twenty_seconds_of_the_holosoma_policy(run: Any, tmp_path: Path) -> None:
+def test_twenty_seconds_of_the_holosoma_policy(run, tmp_path):
     options = ("--contract", contract_file(tmp_path), "--command", "0.5,0,0")
     base = walk(run, HOLOSOMA, *options, seconds=20).summary["base"]
     assert base["fall"] is None
     assert base["velocity"][0] == pytest.approx(0.393, abs=0.02)
 
 
-def test_a_robot_that_falls_is_a_failure(run: Any, tmp_path: Path) -> None:
+def test_a_robot_that_falls_is_a_failure(run, tmp_path):
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text("override:\n  terms:\n    projected_gravity: {scale: -1.0}\n", encoding="utf-8")
     result = walk(run, UNITREE, "--contract", str(wrong), "--command", "0.5,0,0", seconds=5)
@@ -102,7 +97,7 @@ def test_a_robot_that_falls_is_a_failure(run: Any, tmp_path: Path) -> None:
     assert result.summary["base"]["fall"] == pytest.approx(0.68, abs=0.3)
 
 
-def test_a_command_beyond_what_the_policy_knows_is_refused(run: Any) -> None:
+def test_a_command_beyond_what_the_policy_knows_is_refused(run):
     result = walk(run, UNITREE, "--command", "2,0,0", seconds=5)
     assert result.status == 2
     assert result.err == "error: --command: vx is 2 m/s, expected -0.5 to 1 m/s; that is what the policy knows\n"

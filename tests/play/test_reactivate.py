@@ -3,9 +3,6 @@
 import os
 import threading
 import time
-from collections.abc import Callable
-
-from result import Result
 
 from humanoid_sim import mode, replay
 from humanoid_sim.cli import run_program
@@ -15,10 +12,10 @@ from humanoid_sim.messages import Mode
 DONE = "reactivated: the robot is verified and enabled afresh"
 
 
-def test_a_session_begins_again_and_its_recording_replays(run: Callable[..., Result], quick: str) -> None:
-    statuses: list[int] = []
+def test_a_session_begins_again_and_its_recording_replays(run, quick):
+    statuses = []
 
-    def operator() -> None:
+    def operator():
         while os.getpid() not in [session.process for session in running_sessions()]:
             time.sleep(0.01)
         for word, pause in (("damp", 0.2), ("load_a", 0.1), ("reactivate", 0.1), ("damp", 0.2), ("reactivate", 0.1)):

@@ -1,5 +1,4 @@
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.session import SessionResult
 
 
-def result(late: tuple[float, ...] = (), measures: tuple[str, ...] = ()) -> SessionResult:
+def result(late=(), measures=()):
     jitter = DurationHistogram()
     for seconds in late:
         jitter.add(seconds)
@@ -29,16 +28,16 @@ def result(late: tuple[float, ...] = (), measures: tuple[str, ...] = ()) -> Sess
     )
 
 
-def joint_use() -> JointUse:
+def joint_use():
     return JointUse(("hip", "knee", "foot"), np.full(3, np.inf), np.full(3, -1.0), np.ones(3))
 
 
-def shown(loop: dict[str, object], capsys: pytest.CaptureFixture[str]) -> str:
+def shown(loop, capsys):
     Console(width=100).print(loop_table(loop, joint_use().effort()))
     return capsys.readouterr().out
 
 
-def test_budget_jitter_and_measures_of_a_run_in_real_time(capsys: pytest.CaptureFixture[str]) -> None:
+def test_budget_jitter_and_measures_of_a_run_in_real_time(capsys):
     monitor = RunMonitor(joint_use())
     for _ in range(100):
         monitor.tick_time.add(0.004)
@@ -62,7 +61,7 @@ def test_budget_jitter_and_measures_of_a_run_in_real_time(capsys: pytest.Capture
     assert "busy" not in out, "a missed deadline on a robot has no excuse"
 
 
-def test_a_simulation_has_neither_deadlines_nor_jitter(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_simulation_has_neither_deadlines_nor_jitter(capsys):
     loop = loop_figures(result(), RunMonitor(joint_use()), 0.005, realtime=False)
     assert loop["jitter"] is None
     assert loop["measures"] == []
@@ -74,18 +73,18 @@ def test_a_simulation_has_neither_deadlines_nor_jitter(capsys: pytest.CaptureFix
     assert "began late" not in out
 
 
-def test_a_summary_is_json_as_the_standard_has_it(tmp_path: Path) -> None:
+def test_a_summary_is_json_as_the_standard_has_it(tmp_path):
     path = tmp_path / "s.json"
     write_summary(path, {"a": float("nan"), "b": [1.5, (float("inf"), 2)], "c": {"d": None, "e": True, "f": "nan"}})
 
-    def refuse(constant: str) -> None:
+    def refuse(constant):
         raise AssertionError(f"{constant} is not JSON")
 
     summary = json.loads(path.read_text(), parse_constant=refuse)
     assert summary == {"a": None, "b": [1.5, [None, 2]], "c": {"d": None, "e": True, "f": "nan"}}
 
 
-def test_the_title_says_over_which_policy_steps_the_motion_was_tracked() -> None:
+def test_the_title_says_over_which_policy_steps_the_motion_was_tracked():
     figures = {"position_rms": 0.01, "position_max": 0.02, "orientation_rms": 0.1, "orientation_max": 0.2}
     hand = {"name": "left_hand", **figures}
     table = report._tracking({"samples": 401, "peak_speed": 0.68, "bodies": [hand], "hands": {**hand, "name": "hands"}})

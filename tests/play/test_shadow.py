@@ -1,13 +1,10 @@
 """`play --shadow`: a policy looks on, and the run is what it is without it."""
 
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
-from result import Result
 
 from humanoid_sim import replay
 from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY
@@ -20,18 +17,16 @@ from humanoid_sim.recording.codec import TickEncoder
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.shadow import read_shadow_steps
 
-Play = Callable[..., Result]
-
 SCRIPT = ("--script", "hold 0.1; damp; hold 0.2; load_a; wait; hold 0.2; damp; hold 0.1", "--video", "none")
 SHADOW = ("--shadow", str(SAMPLE_POLICY), "--motion", SAMPLE_MOTION)
 
 
-def control_log(result: Result) -> list[bytes]:
+def control_log(result):
     encoder = TickEncoder(14)
     return [encoder.encode(replace(tick, duration=0.0, overrun=False)) for tick in result.ticks]
 
 
-def test_it_is_recorded_and_changes_nothing(run: Play, quick: str, folder: Path) -> None:
+def test_it_is_recorded_and_changes_nothing(run, quick, folder):
     plain = run("--robot", quick, *SCRIPT)
     log = control_log(plain)
     result = run("--robot", quick, *SCRIPT, *SHADOW)
@@ -57,7 +52,7 @@ def test_it_is_recorded_and_changes_nothing(run: Play, quick: str, folder: Path)
     assert run_program(replay.main, ["r.mcap"]) == 0
 
 
-def test_one_that_fails_changes_nothing_and_is_a_failure_of_the_run(run: Play, quick: str) -> None:
+def test_one_that_fails_changes_nothing_and_is_a_failure_of_the_run(run, quick):
     log = control_log(run("--robot", quick, *SCRIPT))
     result = run("--robot", quick, *SCRIPT, *SHADOW, "--action-limit", "1e-4")
     assert control_log(result) == log
@@ -72,7 +67,7 @@ def test_one_that_fails_changes_nothing_and_is_a_failure_of_the_run(run: Play, q
     assert all(later - earlier > 0.99 for earlier, later in pairwise(told))
 
 
-def test_the_control_stack_has_nothing_that_could_leave_the_two_modes() -> None:
+def test_the_control_stack_has_nothing_that_could_leave_the_two_modes():
     with ExitStack() as left:
         plan = Plan(PlayConfig(shadow=str(SAMPLE_POLICY), motion=SAMPLE_MOTION, viewer="none", record="none"), left)
         assert sorted(plan.supervisor.controllers) == [
@@ -109,7 +104,7 @@ TWO_MODES = "means nothing with --shadow, whose robot stays in DAMPING and STAND
         ),
     ],
 )
-def test_what_does_not_go_with_it(run: Play, changes: dict[str, object], message: str) -> None:
+def test_what_does_not_go_with_it(run, changes, message):
     values = {"shadow": str(SAMPLE_POLICY), "motion": SAMPLE_MOTION, **changes}
     options = [word for name, value in values.items() if value for word in (f"--{name.replace('_', '-')}", str(value))]
     result = run(*options, record=False)
@@ -117,13 +112,13 @@ def test_what_does_not_go_with_it(run: Play, changes: dict[str, object], message
     assert message in result.err
 
 
-def test_a_robot_without_gains_of_its_own_is_refused() -> None:
+def test_a_robot_without_gains_of_its_own_is_refused():
     config = PlayConfig(shadow="placeholder", robot="tests/data/hopper.xml", viewer="none", record="none")
     with pytest.raises(InputError, match=r"^--shadow: 'hopper' has no gains of its own to stand by, "):
         Plan(config, ExitStack())
 
 
-def test_what_a_policy_did_not_drive_is_not_played_again(run: Play, quick: str) -> None:
+def test_what_a_policy_did_not_drive_is_not_played_again(run, quick):
     run("--robot", quick, *SHADOW, "--script", "damp; hold 0.1")
     driven = "'r.mcap' was made with --shadow, and no policy drove its robot"
     for options, message in (

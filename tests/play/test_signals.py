@@ -7,12 +7,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from result import Document
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
@@ -27,14 +25,14 @@ SCRIPT = "damp; load_a; wait; start_locomotion; hold 60"
 OPTIONS = ("--policy", "placeholder", "--pace", "realtime")
 
 
-def usual_signals() -> None:
+def usual_signals():
     """Undo what the test runner may have inherited: a job in the background ignores SIGINT, one under nohup SIGHUP."""
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager
-def playing(folder: Path, *options: str, stdin: int | None = None) -> Iterator[subprocess.Popen[str]]:
+def playing(folder, *options, stdin=None):
     """A process that plays and records into `r.mcap`; killed at the end if it still runs."""
     command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", *options]
     with subprocess.Popen(
@@ -52,10 +50,9 @@ def playing(folder: Path, *options: str, stdin: int | None = None) -> Iterator[s
             process.kill()
 
 
-def wait_for(process: subprocess.Popen[str], text: str) -> str:
+def wait_for(process, text):
     """The output up to a line that holds `text`."""
     seen = ""
-    assert process.stdout is not None
     for line in process.stdout:
         seen += line
         if text in line:
@@ -63,22 +60,22 @@ def wait_for(process: subprocess.Popen[str], text: str) -> str:
     raise AssertionError(f"{text!r} never came:\n{seen}")
 
 
-def finished(process: subprocess.Popen[str]) -> str:
+def finished(process):
     out, _ = process.communicate(timeout=30.0)
     return out
 
 
 @pytest.fixture
-def hanging(make_robot: Callable[..., str]) -> str:
+def hanging(make_robot):
     """A robot whose pose A lets the arms hang: at the end they are soon at rest."""
 
-    def hang(document: Document) -> None:
+    def hang(document):
         document["standby_controller_a"]["pose_segments"] = [document["initial_position"]] * 2
 
     return make_robot(change=hang)
 
 
-def recorded(folder: Path) -> tuple[list[TickRecord], list[str]]:
+def recorded(folder):
     recording = open_recording(folder / "r.mcap")
     entries = list(recording.entries())
     assert recording.is_complete
@@ -88,9 +85,7 @@ def recorded(folder: Path) -> tuple[list[TickRecord], list[str]]:
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_in_motion_ends_through_damping(
-    number: signal.Signals, status: int, folder: Path, hanging: str
-) -> None:
+def test_a_signal_in_motion_ends_through_damping(number, status, folder, hanging):
     with playing(folder, "--robot", hanging, "--script", SCRIPT, *OPTIONS) as process:
         wait_for(process, "STANDBY → LOCOMOTION")
         time.sleep(0.1)
@@ -110,7 +105,7 @@ def test_a_signal_in_motion_ends_through_damping(
     assert run_program(replay.main, ["r.mcap"]) == 0
 
 
-def test_a_second_signal_does_not_wait_for_the_arms_to_rest(folder: Path, quick: str) -> None:
+def test_a_second_signal_does_not_wait_for_the_arms_to_rest(folder, quick):
     with playing(folder, "--robot", quick, "--script", SCRIPT, *OPTIONS) as process:
         wait_for(process, "STANDBY → LOCOMOTION")
         process.send_signal(signal.SIGINT)
@@ -124,7 +119,7 @@ def test_a_second_signal_does_not_wait_for_the_arms_to_rest(folder: Path, quick:
     assert ticks[-1].output.quit
 
 
-def test_a_signal_without_torque_ends_at_once(folder: Path, quick: str) -> None:
+def test_a_signal_without_torque_ends_at_once(folder, quick):
     with playing(folder, "--robot", quick, "--script", "hold 60", *OPTIONS) as process:
         wait_for(process, "ZERO_TORQUE")
         process.send_signal(signal.SIGHUP)  # the terminal was closed
@@ -134,7 +129,7 @@ def test_a_signal_without_torque_ends_at_once(folder: Path, quick: str) -> None:
     assert {tick.output.control_mode.mode for tick in ticks} == {Mode.ZERO_TORQUE}
 
 
-def test_a_run_under_nohup_outlives_its_terminal(folder: Path, quick: str) -> None:
+def test_a_run_under_nohup_outlives_its_terminal(folder, quick):
     code = (
         "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); from humanoid_sim.play import main; "
         f"sys.exit(main(['--robot', {quick!r}, '--script', 'hold 1', '--pace', 'realtime', '--viewer', 'none', "
@@ -148,7 +143,7 @@ def test_a_run_under_nohup_outlives_its_terminal(folder: Path, quick: str) -> No
     assert "ending: script finished" in out
 
 
-def test_the_keyboard_drives_a_run(folder: Path, quick: str) -> None:
+def test_the_keyboard_drives_a_run(folder, quick):
     master, slave = pty.openpty()
     try:
         with playing(folder, "--robot", quick, "--manual", stdin=slave) as process:
@@ -173,8 +168,8 @@ def test_the_keyboard_drives_a_run(folder: Path, quick: str) -> None:
     assert ticks[-1].output.quit
 
 
-def test_an_operator_in_another_terminal_takes_over(folder: Path, quick: str) -> None:
-    def mode(word: str, session: int, status: int = 0) -> str:
+def test_an_operator_in_another_terminal_takes_over(folder, quick):
+    def mode(word, session, status=0):
         command = [sys.executable, "-m", "humanoid_sim.mode", word, "--session", str(session)]
         result = subprocess.run(command, check=False, capture_output=True, text=True)
         assert result.returncode == status
@@ -190,7 +185,7 @@ def test_an_operator_in_another_terminal_takes_over(folder: Path, quick: str) ->
     assert process.returncode == 0
 
 
-def test_a_reader_that_leaves_does_not_stop_the_run(folder: Path, quick: str) -> None:
+def test_a_reader_that_leaves_does_not_stop_the_run(folder, quick):
     with playing(folder, "--robot", quick, "--script", "damp; hold 1", "--summary", "s.json", *OPTIONS) as process:
         wait_for(process, "DAMPING")
         process.stdout.close()
@@ -202,9 +197,7 @@ def test_a_reader_that_leaves_does_not_stop_the_run(folder: Path, quick: str) ->
     assert (folder / "s.json").is_file()
 
 
-def test_a_reader_that_is_gone_before_anything_is_printed_does_not_keep_a_run_from_running(
-    folder: Path, quick: str
-) -> None:
+def test_a_reader_that_is_gone_before_anything_is_printed_does_not_keep_a_run_from_running(folder, quick):
     read, write = os.pipe()
     os.close(read)
     options = ["--viewer", "none", "--record", "r.mcap", "--robot", quick, "--script", "damp; hold 0.2"]
@@ -216,13 +209,13 @@ def test_a_reader_that_is_gone_before_anything_is_printed_does_not_keep_a_run_fr
     assert ticks[-1].output.quit
 
 
-def test_a_question_that_nobody_reads_enables_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_question_that_nobody_reads_enables_nothing(monkeypatch):
     class Asking:
         question = "Enable?"
 
-        def prepare(self) -> None: ...
+        def prepare(self): ...
 
-        def checks(self) -> list[tuple[str, str, str]]:
+        def checks(self):
             return [("ok", "can0", "all there")]
 
     console = PlayConsole()
@@ -232,7 +225,7 @@ def test_a_question_that_nobody_reads_enables_nothing(monkeypatch: pytest.Monkey
         bring_up(Asking(), PlayConfig(hardware="can0"), console)
 
 
-def test_an_output_that_is_full_is_noticed_before_anything_moves(folder: Path, quick: str) -> None:
+def test_an_output_that_is_full_is_noticed_before_anything_moves(folder, quick):
     command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", "--robot", quick]
     with Path("/dev/full").open("w") as full:
         run = subprocess.run(command, cwd=folder, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
@@ -240,7 +233,7 @@ def test_an_output_that_is_full_is_noticed_before_anything_moves(folder: Path, q
     assert not (folder / "r.mcap").exists()
 
 
-def test_an_output_that_fails_in_mid_run_does_not_stop_it(folder: Path, quick: str) -> None:
+def test_an_output_that_fails_in_mid_run_does_not_stop_it(folder, quick):
     """`ulimit -f` lets files grow to 1 KiB only; a recording would not fit either."""
     options = f"--viewer none --record none --robot {quick} --script 'damp; hold 0.5; load_a; hold 0.2' --pace fast"
     line = f"trap '' XFSZ; ulimit -f 1; exec {sys.executable} -B -m humanoid_sim.play {options} --summary s.json >> out"
@@ -251,7 +244,7 @@ def test_an_output_that_fails_in_mid_run_does_not_stop_it(folder: Path, quick: s
     assert "File too large" in run.stderr
 
 
-def test_an_output_that_fails_after_the_run_is_one_line(folder: Path, quick: str) -> None:
+def test_an_output_that_fails_after_the_run_is_one_line(folder, quick):
     line = f"""import os, sys; from humanoid_sim.cli import run_program; from humanoid_sim.play import main, run
 before = run.print_report
 def report(*arguments):
@@ -268,7 +261,7 @@ sys.exit(run_program(main, [*options, "--robot", {quick!r}]))"""
 
 
 @contextmanager
-def unread(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+def unread(folder, *options):
     """A process that plays into a pipe that nobody reads, with room for the introduction but not for the run."""
     read, write = os.pipe()
     size = fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
@@ -293,7 +286,7 @@ def unread(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
 CHATTER = "; ".join(["damp", "hold 0.05", "load_a", "hold 0.05"] * 20)
 
 
-def test_a_pipe_that_nobody_reads_does_not_keep_a_run_from_ending(folder: Path, quick: str) -> None:
+def test_a_pipe_that_nobody_reads_does_not_keep_a_run_from_ending(folder, quick):
     options = ("--robot", quick, "--script", CHATTER, "--pace", "fast", "--summary", "s.json")
     with unread(folder, *options) as process:
         _, err = process.communicate(timeout=40.0)
@@ -303,7 +296,7 @@ def test_a_pipe_that_nobody_reads_does_not_keep_a_run_from_ending(folder: Path, 
     assert (folder / "s.json").is_file()
 
 
-def test_a_signal_after_the_robot_is_closed_ends_the_process(folder: Path, quick: str) -> None:
+def test_a_signal_after_the_robot_is_closed_ends_the_process(folder, quick):
     with unread(folder, "--robot", quick, "--script", f"{CHATTER}; hold 60", *OPTIONS) as process:
         time.sleep(5.0)
         process.send_signal(signal.SIGINT)

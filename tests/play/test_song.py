@@ -2,37 +2,30 @@
 
 import json
 import re
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 from play_fixtures import quick_robot
-from result import Result
 from two_keys import two_key_policy
 
 from humanoid_sim import piano
 from humanoid_sim.cli import run_program
 from tools.samples.songs import Tune, song_bytes
 
-Run = Callable[..., Result]
-
 
 @pytest.fixture(scope="module")
-def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def policy(tmp_path_factory):
     return two_key_policy(tmp_path_factory.mktemp("policy") / "two_keys.onnx")
 
 
 @pytest.fixture
-def song(tmp_path: Path) -> Path:
+def song(tmp_path):
     """D5 and G3, which the network plays, a C8 that nobody reaches, and an A3 that it does not know."""
     path = tmp_path / "song.mid"
     path.write_bytes(song_bytes(Tune("a song", 120, "D5 R D5 C8 | R D5:2", "R G3:2 | R G3 A3")))
     return path
 
 
-def test_a_song_is_played_and_scored(
-    folder: Path, run: Run, policy: Path, song: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_song_is_played_and_scored(folder, run, policy, song, tmp_path, capfd):
     robot = quick_robot(tmp_path, "lite_piano")
     result = run("--robot", robot, "--policy", str(policy), "--song", str(song), "--video", "none")
     assert result.status == 0
@@ -52,14 +45,14 @@ def test_a_song_is_played_and_scored(
     assert again == {name: found[name] for name in again}
 
 
-def test_a_generated_song_is_played(run: Run, policy: Path) -> None:
+def test_a_generated_song_is_played(run, policy):
     result = run(
         "--robot", "lite_piano", "--policy", str(policy), "--song", "random:3", "--duration", "0.3", "--video", "none"
     )
     assert result.summary["motion"] == "random:3"
 
 
-def test_a_key_that_is_touched_too_hard_fails_the_run(run: Run, policy: Path, song: Path, tmp_path: Path) -> None:
+def test_a_key_that_is_touched_too_hard_fails_the_run(run, policy, song, tmp_path):
     robot = quick_robot(tmp_path, "lite_piano", lambda document: document["piano"].update(key_force_limit=0.5))
     result = run("--robot", robot, "--policy", str(policy), "--song", str(song), "--video", "none")
     assert result.status == 1
@@ -78,7 +71,7 @@ def test_a_key_that_is_touched_too_hard_fails_the_run(run: Run, policy: Path, so
         (["--song", "HIGH"], "is between D1 and G7, where 'lite_piano' reaches; prepare --song --transpose moves it"),
     ],
 )
-def test_mistakes_are_one_line(run: Run, policy: Path, tmp_path: Path, words: list[str], message: str) -> None:
+def test_mistakes_are_one_line(run, policy, tmp_path, words, message):
     high = tmp_path / "high.mid"
     high.write_bytes(song_bytes(Tune("high", 60, "C8 B7", "R A7")))
     words = [str(high) if word == "HIGH" else word for word in words]
@@ -87,7 +80,7 @@ def test_mistakes_are_one_line(run: Run, policy: Path, tmp_path: Path, words: li
     assert message in result.err
 
 
-def test_a_policy_that_plays_no_songs_refuses_one(run: Run) -> None:
+def test_a_policy_that_plays_no_songs_refuses_one(run):
     result = run("--song", "twinkle")
     assert result.status == 2
     assert "--song: is 'twinkle', but " in result.err

@@ -3,7 +3,6 @@ import os
 import pty
 import termios
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +30,7 @@ CONTROLLERS = {mode: name for name, mode in reversed(MODES.items())}
 OPERATOR = Told(has_keys=True, available=MODES, walks=True, motion_frames=400)
 
 
-def tick(mode: Mode, time: float = 12.34, *, standby: StandbyState | None = None, safety: bool = True) -> TickRecord:
+def tick(mode, time=12.34, *, standby=None, safety=True):
     extern = {VELOCITY_COMMAND: Extern(np.array([0.3, 0.0, -0.1]), 0.0)}
     state = replace(MITState.unknown(2, time=time), extern=extern)
     output = TickOutput(MITCommand.zeros(2), ControlMode(mode, CONTROLLERS[mode], "why"), standby)
@@ -39,11 +38,11 @@ def tick(mode: Mode, time: float = 12.34, *, standby: StandbyState | None = None
     return TickRecord(0, TickInput(state, statuses), output, 0.0, False, None)
 
 
-def line(record: TickRecord, frame: int | None = None, told: Told = OPERATOR, width: int = 160) -> str:
+def line(record, frame=None, told=OPERATOR, width=160):
     return "  ".join(status_parts(record, frame, 2, told, width))
 
 
-def test_it_shows_what_is_and_what_is_possible_with_which_key() -> None:
+def test_it_shows_what_is_and_what_is_possible_with_which_key():
     end = "v 0.30 0.00 -0.10  2 late ticks  12.3 s"
     damp = "space DAMP"
     assert line(tick(Mode.ZERO_TORQUE)) == f"ZERO_TORQUE  {damp}  q QUIT  e reactivate  ? help  {end}"
@@ -58,23 +57,23 @@ def test_it_shows_what_is_and_what_is_possible_with_which_key() -> None:
     assert line(tick(Mode.REMOTE)) == f"REMOTE  {damp}  ? help  {end}"
 
 
-def test_what_a_fault_refuses_is_not_shown() -> None:
+def test_what_a_fault_refuses_is_not_shown():
     assert line(tick(Mode.DAMPING, safety=False)).startswith("DAMPING  space DAMP  q QUIT  e reactivate  ? help  v ")
 
 
-def test_damp_is_not_offered_where_no_motor_is_driven() -> None:
+def test_damp_is_not_offered_where_no_motor_is_driven():
     told = replace(OPERATOR, is_driven=lambda: False)
     assert line(tick(Mode.ZERO_TORQUE, safety=False), told=told).startswith("ZERO_TORQUE  q QUIT  e reactivate  ? help")
 
 
-def test_without_an_operator_at_the_keys_it_shows_how_far_the_run_is() -> None:
+def test_without_an_operator_at_the_keys_it_shows_how_far_the_run_is():
     told = Told(available=MODES, expected_duration=24.68)
     assert line(tick(Mode.LOCOMOTION), told=told) == "LOCOMOTION  2 late ticks  50 %  12.3 s"
 
 
 @pytest.mark.parametrize("width", [79, 62, 40, 20, 12])
 @pytest.mark.parametrize("mode", Mode)
-def test_a_narrow_terminal_gets_the_most_important_first(mode: Mode, width: int) -> None:
+def test_a_narrow_terminal_gets_the_most_important_first(mode, width):
     standby = StandbyState(1, 2, 1.0, True) if mode is Mode.STANDBY else None
     found = line(tick(mode, standby=standby), 99, width=width)
     assert len(found) <= max(width, len(f"{mode.name} reached"))
@@ -97,13 +96,13 @@ class Screen:
     screen: pyte.Screen
 
     @property
-    def lines(self) -> list[str]:
+    def lines(self):
         """What the screen shows, without empty lines at the end."""
         return "\n".join(row.rstrip() for row in self.screen.display).rstrip().split("\n")
 
 
 @pytest.fixture
-def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Screen]:
+def terminal(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     for name in ("COLUMNS", "LINES"):
         monkeypatch.delenv(name, raising=False)
@@ -116,7 +115,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Screen]:
         file.close()
 
 
-def shown(terminal: Screen, *, seconds: float = 0.4) -> list[str]:
+def shown(terminal, *, seconds=0.4):
     """The screen after it has been read for a while."""
     stream = pyte.ByteStream(terminal.screen)
     os.set_blocking(terminal.master, False)
@@ -129,13 +128,13 @@ def shown(terminal: Screen, *, seconds: float = 0.4) -> list[str]:
     return terminal.lines
 
 
-def started(terminal: Screen, told: Told = OPERATOR) -> ConsoleSink:
+def started(terminal, told=OPERATOR):
     sink = ConsoleSink(terminal.console, told)
     sink.start(SessionHeader("fake", ("a", "b"), 0.005, 0))
     return sink
 
 
-def test_it_stays_at_the_bottom_beside_a_long_list(terminal: Screen) -> None:
+def test_it_stays_at_the_bottom_beside_a_long_list(terminal):
     for index in range(40):  # longer than the screen, as the check list of a real robot is
         terminal.console.print(f"ok      joint_{index}  at 0.000 rad")
     sink = started(terminal)
@@ -152,7 +151,7 @@ def test_it_stays_at_the_bottom_beside_a_long_list(terminal: Screen) -> None:
     assert shown(terminal)[-1] == "  13.000 s  reactivated"
 
 
-def test_it_follows_the_size_of_the_terminal(terminal: Screen) -> None:
+def test_it_follows_the_size_of_the_terminal(terminal):
     termios.tcsetwinsize(terminal.slave, (24, 160))
     terminal.screen.resize(24, 160)
     sink = started(terminal)
@@ -164,9 +163,7 @@ def test_it_follows_the_size_of_the_terminal(terminal: Screen) -> None:
     sink.close()
 
 
-def test_a_terminal_that_knows_no_control_sequences_has_it_too(
-    terminal: Screen, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_terminal_that_knows_no_control_sequences_has_it_too(terminal, monkeypatch):
     monkeypatch.setenv("TERM", "dumb")
     sink = started(terminal, Told())
     sink.tick(tick(Mode.DAMPING, 100.0))
@@ -178,7 +175,7 @@ def test_a_terminal_that_knows_no_control_sequences_has_it_too(
     sink.close()
 
 
-def test_a_terminal_that_takes_nothing_never_makes_a_tick_wait(terminal: Screen) -> None:
+def test_a_terminal_that_takes_nothing_never_makes_a_tick_wait(terminal):
     sink = started(terminal)
     longest = 0.0
     for index in range(4000):  # nobody reads the other end: it is full after the first few hundred lines

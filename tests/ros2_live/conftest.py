@@ -1,7 +1,6 @@
 """Tests with real ROS 2 (`rclpy`), in an environment and in network namespaces of their own, by `make test-ros`."""
 
 import sys
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,7 @@ from machines import Machine, plug_in, why_not
 
 
 @pytest.fixture(scope="session")
-def able() -> None:
+def able():
     """Skip where there is no ROS 2, or no namespaces."""
     reason = why_not()
     if reason:
@@ -22,7 +21,7 @@ def able() -> None:
 
 
 @pytest.fixture(scope="session")
-def interfaces(able: None) -> Path:
+def interfaces(able):
     """Where the compiled `humanoid_control_msgs` is."""
     if missing_tools():
         pytest.skip(f"needs {', '.join(missing_tools())}")
@@ -30,20 +29,20 @@ def interfaces(able: None) -> Path:
 
 
 @pytest.fixture(scope="session")
-def messages(interfaces: Path, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, str]:
+def messages(interfaces, tmp_path_factory):
     """The environment with all message types."""
     return variables_of(interfaces, build_tf2_msgs(tmp_path_factory.mktemp("tf2")))
 
 
 @pytest.fixture(scope="module")
-def robot(able: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
+def robot(able, tmp_path_factory):
     """The robot's computer."""
     with Machine(tmp_path_factory.mktemp("robot")) as machine:
         yield machine
 
 
 @pytest.fixture(scope="module")
-def host(robot: Machine, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
+def host(robot, tmp_path_factory):
     """Another computer, at the other end of the robot's cable, and of a second one that nobody mentions."""
     with Machine(tmp_path_factory.mktemp("host"), beside=robot) as machine:
         plug_in(robot, machine)

@@ -6,12 +6,10 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
-from machines import CABLE, PROGRAMS, ROOT, Machine, play, read_until, serve
+from machines import CABLE, PROGRAMS, ROOT, play, read_until, serve
 from strangers import (
     ACROSS,
     JOINTS,
@@ -64,31 +62,28 @@ print(json.dumps({**told, "access": hello["access"]}))
 class Packets:
     """Counts what arrives at the host from the robot's address."""
 
-    def __init__(self, host: Machine, device: str = CABLE, address: str = ROBOT) -> None:
+    def __init__(self, host, device=CABLE, address=ROBOT):
         self._program = host.python(str(PROGRAMS / "packets.py"), device, address)
         read_until(self._program, "ready")
 
-    def count(self) -> int:
-        assert self._program.stdin is not None
-        assert self._program.stdout is not None
+    def count(self):
         self._program.stdin.write("\n")
         self._program.stdin.flush()
         return int(self._program.stdout.readline())
 
 
-def open_ports(robot: Machine, host: Machine, address: str = ROBOT) -> list[int]:
+def open_ports(robot, host, address=ROBOT):
     """Of all UDP ports that somebody listens on at the robot, those that the host can send to."""
     robot.run("sh", "-c", "echo 0 > /proc/sys/net/ipv4/icmp_ratelimit")  # every refusal is told
     listed = robot.run("ss", "-Huan").split("\n")
     ports = sorted({int(line.split()[3].rsplit(":", 1)[1]) for line in listed if line})
     assert ports
     assert min(ports) >= 7000
-    found: list[int] = json.loads(host.run("python3", str(PROGRAMS / "ports.py"), address, *map(str, ports)))
-    return found
+    return json.loads(host.run("python3", str(PROGRAMS / "ports.py"), address, *map(str, ports)))
 
 
 @contextmanager
-def ended(program: subprocess.Popen[str], is_ours: bool = True) -> Iterator[None]:
+def ended(program, is_ours=True):
     """Ends a program afterwards, and others' nodes at once: some hang in ending, and would be heard in later tests."""
     try:
         yield
@@ -104,7 +99,7 @@ def ended(program: subprocess.Popen[str], is_ours: bool = True) -> Iterator[None
             raise
 
 
-def test_the_services_stay_on_the_machine(robot: Machine, host: Machine, tmp_path: Path) -> None:
+def test_the_services_stay_on_the_machine(robot, host, tmp_path):
     profile = tmp_path / "DEFAULT_FASTDDS_PROFILES.xml"
     profile.write_text(OPEN_PROFILE)
     packets = Packets(host)
@@ -116,7 +111,7 @@ def test_the_services_stay_on_the_machine(robot: Machine, host: Machine, tmp_pat
         assert len(json.loads(found)) == 6
 
 
-def test_a_node_with_default_settings_does_not(robot: Machine, host: Machine) -> None:
+def test_a_node_with_default_settings_does_not(robot, host):
     packets = Packets(host)
     program = robot.ros("trigger.py", "serve")
     read_until(program, "ready")
@@ -129,13 +124,13 @@ def test_a_node_with_default_settings_does_not(robot: Machine, host: Machine) ->
 # The bridge. A session in REMOTE, on the robot's computer.
 
 
-def in_remote(robot: Machine, *options: str) -> subprocess.Popen[str]:
+def in_remote(robot, *options):
     program = play(robot, *options, script="damp; load_a; wait; start_remote; hold 300")
     read_until(program, "STANDBY → REMOTE")
     return program
 
 
-def test_by_default_nothing_crosses(robot: Machine, host: Machine, messages: Mapping[str, str]) -> None:
+def test_by_default_nothing_crosses(robot, host, messages):
     packets = [Packets(host), Packets(host, "eth2", ROBOT_2)]
     with ended(in_remote(robot, "--dds")), ended(command(host, messages, 0.3, **OUTSIDE)):
         outside = heard(listen(host, messages, 4.0, **OUTSIDE))
@@ -149,7 +144,7 @@ def test_by_default_nothing_crosses(robot: Machine, host: Machine, messages: Map
 
 
 @pytest.fixture(scope="class")
-def opened(robot: Machine, host: Machine) -> Iterator[subprocess.Popen[str]]:
+def opened(robot, host):
     """With a bridge on the cable's interface, too."""
     session = in_remote(robot, "--dds-interface", CABLE)
     with ended(session):
@@ -158,7 +153,7 @@ def opened(robot: Machine, host: Machine) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.mark.usefixtures("opened")
 class TestOpened:
-    def test_six_topics_go_out_and_no_more(self, robot: Machine, host: Machine, messages: Mapping[str, str]) -> None:
+    def test_six_topics_go_out_and_no_more(self, robot, host, messages):
         packets = Packets(host, "eth2", ROBOT_2)
         told = heard(listen(host, messages, 4.0, until=ACROSS))
         assert sorted(topic for topic, count in told["counts"].items() if count) == sorted(ACROSS)
@@ -169,16 +164,14 @@ class TestOpened:
         assert open_ports(robot, host, ROBOT_2) == []
         assert open_ports(robot, host) != []
 
-    def test_services_and_what_safety_depends_on_stay(
-        self, robot: Machine, host: Machine, messages: Mapping[str, str]
-    ) -> None:
+    def test_services_and_what_safety_depends_on_stay(self, robot, host, messages):
         with ended(serve(robot)):
             assert json.loads(host.ask_ros("trigger.py", "list", "1", "3", environment=OUTSIDE)) == []
             assert len(json.loads(robot.ask_ros("trigger.py", "list", "6", "10"))) == 6
         told = heard(listen(robot, messages, 1.0, until=sorted(set(TYPES) - {"/standby_controller_b/state"})))
         assert sorted(topic for topic, count in told["writers"].items() if not count) == []
 
-    def test_the_console_shows_the_robot_at_the_host_and_changes_nothing(self, robot: Machine, host: Machine) -> None:
+    def test_the_console_shows_the_robot_at_the_host_and_changes_nothing(self, robot, host):
         program = host.python("-m", "humanoid_sim.console", "--dds", "--interface", CABLE, cwd=ROOT)
         with ended(program):
             *_, line = read_until(program, "to watch only: ")
@@ -191,9 +184,7 @@ class TestOpened:
         assert len(told["joints"]["position"]) == len(JOINTS)
         assert {tick["mode"] for tick in ticks(robot, 0.5)} == {REMOTE}
 
-    def test_a_node_on_the_robot_is_served_and_obeyed_once(
-        self, robot: Machine, messages: Mapping[str, str], opened: subprocess.Popen[str]
-    ) -> None:
+    def test_a_node_on_the_robot_is_served_and_obeyed_once(self, robot, messages, opened):
         told = heard(listen(robot, messages, 4.0, until=ACROSS))
         assert {topic: told["writers"][topic] for topic in ACROSS} == dict.fromkeys(ACROSS, 1)
         assert (told["counts"]["/robot_description"], told["counts"]["/tf_static"]) == (1, 1)
@@ -207,9 +198,7 @@ class TestOpened:
             assert set(obeyed) == {0.2}
         read_until(opened, "no remote command for 100 ms: the joints are damped")
 
-    def test_commands_come_in_until_the_cable_is_pulled(
-        self, robot: Machine, host: Machine, messages: Mapping[str, str], opened: subprocess.Popen[str]
-    ) -> None:
+    def test_commands_come_in_until_the_cable_is_pulled(self, robot, host, messages, opened):
         with ended(command(host, messages, 0.3)):
             read_until(opened, "remote commands arrive and are in force")
             watching = watch(robot, 4.0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-from pathlib import Path
 
 import pytest
 from interface_package import variables_of
@@ -35,7 +34,7 @@ print(json.dumps({
 ROS_NAMES = {"float64": "double", "bool": "boolean"}
 
 
-def fields(schema: str) -> list[list[str]]:
+def fields(schema):
     """Names and types of a definition, as rclpy says them."""
     found = []
     for word, array, name in re.findall(r"^([\w/]+)(\[\])? (\w+)$", schema_text(schema).split("=" * 80)[0], re.M):
@@ -44,7 +43,7 @@ def fields(schema: str) -> list[list[str]]:
     return found
 
 
-def test_it_compiles_and_its_types_are_those_on_the_wire(interfaces: Path) -> None:
+def test_it_compiles_and_its_types_are_those_on_the_wire(interfaces):
     run = subprocess.run(
         [str(ROS_PYTHON), "-c", ASK], env=dict(variables_of(interfaces)), capture_output=True, text=True, check=False
     )

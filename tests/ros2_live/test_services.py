@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
 import threading
 import time
-from typing import Any
 
 import pytest
-from machines import Machine, play, read_until, serve, wait_for_session
+from machines import play, read_until, serve, wait_for_session
 
 pytestmark = pytest.mark.ros
 
@@ -24,18 +22,16 @@ SERVICES = [
 class Caller:
     """A ROS 2 client that stays."""
 
-    def __init__(self, machine: Machine, **environment: str) -> None:
+    def __init__(self, machine, **environment):
         self._program = machine.ros("trigger.py", "call", environment=environment)
         read_until(self._program, "ready")
 
-    def __call__(self, word: str) -> Any:
-        assert self._program.stdin is not None
-        assert self._program.stdout is not None
+    def __call__(self, word):
         self._program.stdin.write(word + "\n")
         self._program.stdin.flush()
         return json.loads(self._program.stdout.readline())
 
-    def until_granted(self, word: str) -> str:
+    def until_granted(self, word):
         """Call until it is granted; every refusal is for the pose that is not reached yet."""
         for _ in range(300):
             granted, message = self(word)
@@ -47,11 +43,11 @@ class Caller:
 
 
 @pytest.fixture(scope="module")
-def services(robot: Machine) -> subprocess.Popen[str]:
+def services(robot):
     return serve(robot)
 
 
-def test_all_six_drive_the_fsm_with_its_own_answers(robot: Machine, services: subprocess.Popen[str]) -> None:
+def test_all_six_drive_the_fsm_with_its_own_answers(robot, services):
     call = Caller(robot)
     assert json.loads(robot.ask_ros("trigger.py", "list", "6", "10")) == SERVICES
     assert call("damp") == [False, "no session is running; start one with play"]
@@ -90,14 +86,12 @@ def test_all_six_drive_the_fsm_with_its_own_answers(robot: Machine, services: su
     [{}, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, {"ROS_LOCALHOST_ONLY": "1"}],
     ids=["default", "localhost", "localhost_only"],
 )
-def test_every_client_of_this_machine_finds_them(
-    robot: Machine, services: subprocess.Popen[str], environment: dict[str, str]
-) -> None:
+def test_every_client_of_this_machine_finds_them(robot, services, environment):
     listed = robot.ask_ros("trigger.py", "list", "6", "15", environment=environment)
     assert json.loads(listed.splitlines()[-1]) == SERVICES
 
 
-def test_another_domain_does_not_see_them_and_can_have_its_own(robot: Machine, services: subprocess.Popen[str]) -> None:
+def test_another_domain_does_not_see_them_and_can_have_its_own(robot, services):
     domain = {"ROS_DOMAIN_ID": "42"}
     assert json.loads(robot.ask_ros("trigger.py", "list", "1", "2", environment=domain)) == []
     other = serve(robot, **domain)

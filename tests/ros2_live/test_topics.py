@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-import subprocess
-from collections.abc import Mapping
-from typing import Any
 from xml.etree import ElementTree
 
 import pytest
-from machines import ROOT, Machine, play, read_until
+from machines import ROOT, play, read_until
 from strangers import (
     COMMAND,
     JOINTS,
@@ -30,7 +27,7 @@ TO_REMOTE = "damp; load_a; wait; start_remote; hold 300"
 
 
 @pytest.fixture(scope="module")
-def session(robot: Machine) -> subprocess.Popen[str]:
+def session(robot):
     """In REMOTE, with the bridge."""
     program = play(robot, "--dds", script=TO_REMOTE)
     read_until(program, "STANDBY → REMOTE")
@@ -38,16 +35,14 @@ def session(robot: Machine) -> subprocess.Popen[str]:
 
 
 @pytest.fixture(scope="module")
-def listened(
-    robot: Machine, messages: Mapping[str, str], session: subprocess.Popen[str]
-) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+def listened(robot, messages, session):
     """What a late subscriber heard, and the feed meanwhile."""
     watching = watch(robot)
     told = heard(listen(robot, messages, 4.0, until=sorted(set(TYPES) - {"/standby_controller_b/state"})))
     return told, ticks_of(watching)
 
 
-def test_every_topic_is_there_by_its_name_and_type(listened: tuple[dict[str, Any], Any]) -> None:
+def test_every_topic_is_there_by_its_name_and_type(listened):
     told, _ = listened
     there = {topic: kinds for topic, kinds in told["there"].items() if topic not in ("/rosout", "/parameter_events")}
     assert there == {
@@ -55,7 +50,7 @@ def test_every_topic_is_there_by_its_name_and_type(listened: tuple[dict[str, Any
     }
 
 
-def test_each_is_heard_and_latched_ones_by_a_late_subscriber(listened: tuple[dict[str, Any], Any]) -> None:
+def test_each_is_heard_and_latched_ones_by_a_late_subscriber(listened):
     told, _ = listened
     counts = told["counts"]
     once = ("/standby_controller_a/state", "/standby_controller/state", "/robot_description")
@@ -68,7 +63,7 @@ def test_each_is_heard_and_latched_ones_by_a_late_subscriber(listened: tuple[dic
     assert counts["/lite/joint_states"] > 2 * counts["/control_mode"]
 
 
-def test_their_content_is_the_session_s(listened: tuple[dict[str, Any], list[dict[str, Any]]]) -> None:
+def test_their_content_is_the_session_s(listened):
     told, fed = listened
     last = {topic: next(iter(of.values()), None) for topic, of in told["last"].items()}
     states = last["/lite/joint_states"]
@@ -93,9 +88,7 @@ def test_their_content_is_the_session_s(listened: tuple[dict[str, Any], list[dic
     assert max(seconds) - min(seconds) < 1.0
 
 
-def test_commands_are_obeyed_and_missed(
-    robot: Machine, messages: Mapping[str, str], session: subprocess.Popen[str]
-) -> None:
+def test_commands_are_obeyed_and_missed(robot, messages, session):
     program = command(robot, messages, 0.25, effort=0.5)
     read_until(session, "remote commands arrive and are in force")
     obeyed = [tick for tick in ticks(robot, 1.0) if not is_passive(tick)]
@@ -113,9 +106,7 @@ def test_commands_are_obeyed_and_missed(
     assert all(is_passive(tick) for tick in late[-5:])
 
 
-def test_what_is_no_command_is_refused_and_told_to_those_who_listen(
-    robot: Machine, messages: Mapping[str, str], session: subprocess.Popen[str]
-) -> None:
+def test_what_is_no_command_is_refused_and_told_to_those_who_listen(robot, messages, session):
     program = command(robot, messages, math.nan)
     told = heard(listen(robot, messages, 4.0))
     program.terminate()
@@ -125,9 +116,7 @@ def test_what_is_no_command_is_refused_and_told_to_those_who_listen(
     assert all(is_passive(tick) for tick in fed)
 
 
-def test_a_bridge_is_in_the_domain_that_it_was_told(
-    robot: Machine, messages: Mapping[str, str], session: subprocess.Popen[str]
-) -> None:
+def test_a_bridge_is_in_the_domain_that_it_was_told(robot, messages, session):
     domain = {"ROS_DOMAIN_ID": "77"}
     assert sum(heard(listen(robot, messages, 2.0, **domain))["counts"].values()) == 0
     bridge = robot.python("-m", "humanoid_sim.dds", environment=domain, cwd=ROOT)

@@ -2,7 +2,6 @@ import math
 import os
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,24 +9,24 @@ import rig
 from local_session import LocalSession, datagram
 
 from humanoid_sim.client import DATA_HEAD, DATA_MAGIC, Intake, SessionError, monotonic_ns
-from humanoid_sim.messages import Intent, Mode, TickRecord
+from humanoid_sim.messages import Intent, Mode
 
 ME = f"({os.getpid()})"
 
 
-def send(intake: Intake, value: float = 0.5, **options: int) -> None:
+def send(intake, value=0.5, **options):
     """A remote command whose positions are all `value`."""
     n = len(rig.JOINTS)
     assert intake.remote(rig.JOINTS, [value] * n, [0.0] * n, [0.0] * n, [40.0] * n, [4.0] * n, **options)
 
 
-def value_of(record: TickRecord) -> float | None:
+def value_of(record):
     """Of the command in force in REMOTE; None where the joints are damped."""
     command = record.output.command
     return float(command.position[0]) if command.stiffness.any() else None
 
 
-def test_the_newest_command_of_a_producer_counts(local: LocalSession) -> None:
+def test_the_newest_command_of_a_producer_counts(local):
     intake = local.intake("gravity")
     local.enter_remote()
     for value in (0.1, 0.2, 0.3):
@@ -37,7 +36,7 @@ def test_the_newest_command_of_a_producer_counts(local: LocalSession) -> None:
     assert local.data.owners["REMOTE"] == f"gravity {ME}"
 
 
-def test_remote_belongs_to_the_first_producer_after_activation_until_it_is_stale(local: LocalSession) -> None:
+def test_remote_belongs_to_the_first_producer_after_activation_until_it_is_stale(local):
     first, second = local.intake("first"), local.intake("second")
     send(second, 0.9)  # before REMOTE: it claims nothing
     local.enter_remote()
@@ -61,7 +60,7 @@ def test_remote_belongs_to_the_first_producer_after_activation_until_it_is_stale
     assert local.told[-1] == f"REMOTE: belongs to second {ME}"
 
 
-def test_a_producer_elsewhere_is_the_same_one_whichever_bridge_carries_it(local: LocalSession) -> None:
+def test_a_producer_elsewhere_is_the_same_one_whichever_bridge_carries_it(local):
     bridges = [local.stack.enter_context(Intake(local.info, "dds 0110.02", process=0)) for _ in range(2)]
     local.enter_remote()
     for value, bridge in zip((0.1, 0.2, 0.3, 0.4), bridges * 2, strict=True):
@@ -70,7 +69,7 @@ def test_a_producer_elsewhere_is_the_same_one_whichever_bridge_carries_it(local:
     assert (local.data.owners["REMOTE"], local.data.refusals.count) == ("dds 0110.02", 0)
 
 
-def test_a_producer_that_falls_silent_leaves_the_robot_passive_within_100_ms(local: LocalSession) -> None:
+def test_a_producer_that_falls_silent_leaves_the_robot_passive_within_100_ms(local):
     intake = local.intake()
     local.enter_remote()
     send(intake)
@@ -86,7 +85,7 @@ def test_a_producer_that_falls_silent_leaves_the_robot_passive_within_100_ms(loc
     assert local.data.status()["lost"] == {}
 
 
-def test_a_new_stay_in_remote_is_a_new_turn(local: LocalSession) -> None:
+def test_a_new_stay_in_remote_is_a_new_turn(local):
     first, second = local.intake("first"), local.intake("second")
     local.enter_remote()
     send(first, 0.1)
@@ -96,7 +95,7 @@ def test_a_new_stay_in_remote_is_a_new_turn(local: LocalSession) -> None:
     assert value_of(local.tick()) == 0.2
 
 
-def test_the_earlier_of_stamp_and_receipt_counts(local: LocalSession) -> None:
+def test_the_earlier_of_stamp_and_receipt_counts(local):
     intake = local.intake()
     local.enter_remote()
     local.tick()
@@ -111,7 +110,7 @@ def test_the_earlier_of_stamp_and_receipt_counts(local: LocalSession) -> None:
     assert local.time - 0.03 < record.input.remote.arrival_time <= local.time
 
 
-def test_a_stamp_in_the_future_and_a_stale_one_are_refused(local: LocalSession) -> None:
+def test_a_stamp_in_the_future_and_a_stale_one_are_refused(local):
     intake = local.intake("clock")
     local.enter_remote()
     send(intake, 0.5, stamp=monotonic_ns() + 10**9)
@@ -124,7 +123,7 @@ def test_a_stamp_in_the_future_and_a_stale_one_are_refused(local: LocalSession) 
     assert local.data.owners["REMOTE"] == ""
 
 
-def test_a_sample_that_was_overtaken_is_passed_over(local: LocalSession) -> None:
+def test_a_sample_that_was_overtaken_is_passed_over(local):
     intake = local.intake()
     local.enter_remote()
     now = monotonic_ns()
@@ -134,13 +133,13 @@ def test_a_sample_that_was_overtaken_is_passed_over(local: LocalSession) -> None
     assert value_of(local.tick()) == 0.1
 
 
-def test_what_is_no_command_is_refused_by_name(local: LocalSession) -> None:
+def test_what_is_no_command_is_refused_by_name(local):
     intake = local.intake("wrong")
     local.enter_remote()
     three, zeros = [0.0] * 3, [[0.0] * 3] * 4
     latest = []
 
-    def tick() -> TickRecord:
+    def tick():
         record = local.tick()
         latest.append(local.data.refusals.latest.removeprefix(f"wrong {ME}: "))
         return record
@@ -170,7 +169,7 @@ def test_what_is_no_command_is_refused_by_name(local: LocalSession) -> None:
         intake.remote(rig.JOINTS, [0.0], *zeros)
 
 
-def test_bytes_that_are_no_sample_do_nothing(local: LocalSession) -> None:
+def test_bytes_that_are_no_sample_do_nothing(local):
     for data in (b"", b"x" * 100, DATA_MAGIC, DATA_HEAD.pack(DATA_MAGIC, 0, 0, 60_000, 60_000, 1, 1), b"\0" * 20_000):
         datagram(local.registration.data, data)
     datagram(local.registration.data, DATA_HEAD.pack(DATA_MAGIC, 99, 0, 1, 0, 1, 1) + b"x" + bytes(8))
@@ -183,13 +182,13 @@ def test_bytes_that_are_no_sample_do_nothing(local: LocalSession) -> None:
 # The velocity.
 
 
-def velocity(record: TickRecord) -> list[float]:
+def velocity(record):
     """As it is observed."""
     state = record.input.state
     return [float(x) for x in state.extern["velocity_command"].at(state.time)]
 
 
-def test_a_velocity_belongs_to_whoever_last_changed_it_deliberately(local: LocalSession) -> None:
+def test_a_velocity_belongs_to_whoever_last_changed_it_deliberately(local):
     stick, page = local.intake("gamepad"), local.intake("console")
     stick.velocity(0.0, 0.0, 0.0, deliberate=False)
     assert velocity(local.tick()) == [0.0, 0.0, 0.0]
@@ -212,7 +211,7 @@ def test_a_velocity_belongs_to_whoever_last_changed_it_deliberately(local: Local
     assert local.data.owners["velocity"] == "keyboard"
 
 
-def test_a_velocity_source_that_falls_silent_commands_zero_within_its_timeout(local: LocalSession) -> None:
+def test_a_velocity_source_that_falls_silent_commands_zero_within_its_timeout(local):
     intake = local.intake()
     intake.velocity(0.5, 0.0, 0.0, deliberate=True)
     assert velocity(local.tick()) == [0.5, 0.0, 0.0]
@@ -233,7 +232,7 @@ def test_a_velocity_source_that_falls_silent_commands_zero_within_its_timeout(lo
     assert (local.data.owners["velocity"], local.data.status()["lost"]) == ("", {})
 
 
-def test_an_absurd_velocity_is_bounded_or_refused(local: LocalSession) -> None:
+def test_an_absurd_velocity_is_bounded_or_refused(local):
     intake = local.intake()
     intake.velocity(1e9, -1e9, 100.0, deliberate=True)
     assert velocity(local.tick()) == [10.0, -10.0, pytest.approx(4.0 * np.pi, abs=1e-6)]
@@ -245,7 +244,7 @@ def test_an_absurd_velocity_is_bounded_or_refused(local: LocalSession) -> None:
 # Live inputs, heartbeats.
 
 
-def test_live_inputs_reach_the_state_and_expire(local: LocalSession) -> None:
+def test_live_inputs_reach_the_state_and_expire(local):
     first, second = local.intake("first"), local.intake("second")
     first.live("keys", [1.0, 0.0], timeout=0.1)
     keys = local.tick().input.state.extern["keys"]
@@ -262,12 +261,12 @@ def test_live_inputs_reach_the_state_and_expire(local: LocalSession) -> None:
     assert state.extern["keys"].at(state.time).tolist() == [0.0, 1.0]
 
 
-def test_the_contract_says_when_a_live_input_is_stale_and_its_producer_may_shorten_it(runtime: Path) -> None:
+def test_the_contract_says_when_a_live_input_is_stale_and_its_producer_may_shorten_it(runtime):
     local = LocalSession(takes={"keys": 2, "feet": 1, "mood": 1}, timeouts={"keys": 0.2, "mood": math.inf})
     with local.stack:
         intake = local.intake()
 
-        def timeouts(**given: float) -> list[float]:
+        def timeouts(**given):
             for name, width in local.takes.items():
                 intake.live(name, [1.0] * width, **given)
             extern = local.tick().input.state.extern
@@ -283,7 +282,7 @@ def test_the_contract_says_when_a_live_input_is_stale_and_its_producer_may_short
         assert "mood" not in extern, "another contract let it count for ever"
 
 
-def test_a_live_input_that_never_gets_stale_has_a_new_producer_once_its_first_is_silent(runtime: Path) -> None:
+def test_a_live_input_that_never_gets_stale_has_a_new_producer_once_its_first_is_silent(runtime):
     local = LocalSession(timeouts={"keys": math.inf})
     with local.stack:
         first, second = local.intake("first"), local.intake("second")
@@ -300,7 +299,7 @@ def test_a_live_input_that_never_gets_stale_has_a_new_producer_once_its_first_is
         assert local.tick().input.state.extern["keys"].value.tolist() == [0.0, 1.0]
 
 
-def test_heartbeats_are_kept_by_name(local: LocalSession) -> None:
+def test_heartbeats_are_kept_by_name(local):
     local.intake("gamepad").heartbeat()
     local.tick()
     assert local.data.heartbeats == {"gamepad": pytest.approx(local.time, abs=0.02)}
@@ -309,15 +308,15 @@ def test_heartbeats_are_kept_by_name(local: LocalSession) -> None:
 # Floods.
 
 
-def test_a_damp_sent_during_a_flood_of_data_acts_in_the_next_tick(local: LocalSession) -> None:
+def test_a_damp_sent_during_a_flood_of_data_acts_in_the_next_tick(local):
     """At 10 kHz and above: four threads that send without pause, and a slow loop."""
     stop = threading.Event()
     attempts = [0] * 4
     zeros = [0.0] * 3
 
-    def flood(i: int) -> None:
+    def flood(i):
         intake = local.intake(f"flood {i}")
-        intake._data.setblocking(False)  # type: ignore[union-attr]
+        intake._data.setblocking(False)
         while not stop.is_set():
             intake.velocity(1.0, 0.0, 0.0, deliberate=True)
             intake.remote(rig.JOINTS, zeros, zeros, zeros, zeros, zeros)
@@ -343,7 +342,7 @@ def test_a_damp_sent_during_a_flood_of_data_acts_in_the_next_tick(local: LocalSe
     assert sum(attempts) > 2000
 
 
-def test_quarrels_are_told_at_a_bounded_rate(local: LocalSession) -> None:
+def test_quarrels_are_told_at_a_bounded_rate(local):
     first, second = local.intake("first"), local.intake("second")
     for _ in range(50):  # a second
         first.velocity(0.1, 0.0, 0.0, deliberate=True)
@@ -353,7 +352,7 @@ def test_quarrels_are_told_at_a_bounded_rate(local: LocalSession) -> None:
     assert 10 <= len(local.told) <= 40
 
 
-def test_an_intake_says_that_the_session_has_ended(local: LocalSession) -> None:
+def test_an_intake_says_that_the_session_has_ended(local):
     intake = local.intake()
     local.data.close()
     local.data.close()
@@ -361,7 +360,7 @@ def test_an_intake_says_that_the_session_has_ended(local: LocalSession) -> None:
         intake.heartbeat()
 
 
-def test_another_policy_takes_other_live_inputs_and_no_velocity(local: LocalSession) -> None:
+def test_another_policy_takes_other_live_inputs_and_no_velocity(local):
     intake = local.intake()
     intake.live("keys", [1.0, 0.0])
     intake.velocity(0.5, 0.0, 0.0, deliberate=True)

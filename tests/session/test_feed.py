@@ -19,7 +19,7 @@ from humanoid_sim.recording.shadow import ShadowStep, encode_shadow_step
 from humanoid_sim.session.feed import FeedWriter
 
 
-def test_a_tick_arrives_bit_for_bit(local: LocalSession) -> None:
+def test_a_tick_arrives_bit_for_bit(local):
     with Feed(local.info) as feed:
         assert feed.latest() is None
         record = local.tick(Intent.DAMP)
@@ -32,7 +32,7 @@ def test_a_tick_arrives_bit_for_bit(local: LocalSession) -> None:
         assert again.input.state.joint_position.tobytes() == record.input.state.joint_position.tobytes()
 
 
-def test_it_carries_what_interprets_the_ticks(local: LocalSession) -> None:
+def test_it_carries_what_interprets_the_ticks(local):
     with Feed(local.info) as feed:
         assert feed.joint_names == rig.JOINTS
         assert feed.control_period == rig.PERIOD
@@ -43,7 +43,7 @@ def test_it_carries_what_interprets_the_ticks(local: LocalSession) -> None:
         assert feed.blob("model.mjb") == b"model"
 
 
-def test_a_client_decodes_by_the_definition_that_the_feed_carries(local: LocalSession) -> None:
+def test_a_client_decodes_by_the_definition_that_the_feed_carries(local):
     intake = local.intake()
     local.enter_remote()
     intake.remote(rig.JOINTS, *[[0.1, 0.2, 0.3]] * 5)
@@ -67,7 +67,7 @@ def test_a_client_decodes_by_the_definition_that_the_feed_carries(local: LocalSe
     assert not told["joint_position"].flags.writeable
 
 
-def test_the_last_ticks_and_all_events_can_be_read(local: LocalSession) -> None:
+def test_the_last_ticks_and_all_events_can_be_read(local):
     with Feed(local.info) as feed:
         records = [local.tick() for _ in range(100)]
         numbers = [sample.number for sample in feed.since(0)]
@@ -85,7 +85,7 @@ def test_the_last_ticks_and_all_events_can_be_read(local: LocalSession) -> None:
         assert feed.decode(next(feed.since(0, "event")), "event")["text"] == first.text
 
 
-def test_a_status_is_told_beside_the_ticks(local: LocalSession) -> None:
+def test_a_status_is_told_beside_the_ticks(local):
     with Feed(local.info) as feed:
         assert feed.status() == {}
         local.feed.status({"owners": {"REMOTE": "me (1)"}})
@@ -93,7 +93,7 @@ def test_a_status_is_told_beside_the_ticks(local: LocalSession) -> None:
         assert feed.status() == {"owners": {"REMOTE": "me (1)"}}
 
 
-def test_the_steps_of_a_shadow_policy_are_told(local: LocalSession) -> None:
+def test_the_steps_of_a_shadow_policy_are_told(local):
     seen = PolicyStep(3, np.arange(6, dtype=np.float32), np.array([0.5, -0.5], dtype=np.float32))
     with Feed(local.info) as feed:
         assert feed.latest("shadow") is None
@@ -107,7 +107,7 @@ def test_the_steps_of_a_shadow_policy_are_told(local: LocalSession) -> None:
     assert told["command_stiffness"].tolist() == [40.0, 40.0, 40.0]
 
 
-def test_waiting_ends_with_the_tick_the_time_or_the_session(local: LocalSession) -> None:
+def test_waiting_ends_with_the_tick_the_time_or_the_session(local):
     with Feed(local.info) as feed:
         assert feed.wait(0, 0.01) is None
         local.tick()
@@ -120,7 +120,7 @@ def test_waiting_ends_with_the_tick_the_time_or_the_session(local: LocalSession)
         assert feed.sample(1) == sample  # what is mapped stays
 
 
-def test_a_tick_that_does_not_fit_is_left_out_and_counted(local: LocalSession) -> None:
+def test_a_tick_that_does_not_fit_is_left_out_and_counted(local):
     local.run.step(Intent.DAMP)
     record = local.tick()
     local.feed.tick(replace(record, qpos=np.zeros(50_000)))
@@ -129,7 +129,7 @@ def test_a_tick_that_does_not_fit_is_left_out_and_counted(local: LocalSession) -
         assert feed.newest() == 1
 
 
-def test_every_torn_copy_is_detected(local: LocalSession) -> None:
+def test_every_torn_copy_is_detected(local):
     """Whatever part of a slot is of another sample, as on a processor that shows writes out of order."""
     for _ in range(65):
         local.tick()
@@ -152,7 +152,7 @@ def test_every_torn_copy_is_detected(local: LocalSession) -> None:
         assert torn > length
 
 
-def test_a_reader_that_races_the_writer_sees_whole_samples_alone(local: LocalSession) -> None:
+def test_a_reader_that_races_the_writer_sees_whole_samples_alone(local):
     code = f"""
 import sys, time
 from humanoid_sim.client import Feed, find_session
@@ -188,7 +188,7 @@ ATTACKS = {
 
 
 @pytest.mark.parametrize("attack", ATTACKS)
-def test_no_program_of_the_same_user_can_write_resize_or_remove_it(local: LocalSession, attack: str) -> None:
+def test_no_program_of_the_same_user_can_write_resize_or_remove_it(local, attack):
     """A feed that is shortened under its writer would kill the loop with a signal."""
     local.tick()
     code = f"""
@@ -209,7 +209,7 @@ except PermissionError:
             feed._map[0] = 1
 
 
-def test_a_reader_that_exits_leaves_it_to_others(local: LocalSession) -> None:
+def test_a_reader_that_exits_leaves_it_to_others(local):
     local.tick()
     code = f"from humanoid_sim.client import Feed, find_session; print(Feed(find_session({os.getpid()})).newest())"
     for _ in range(2):
@@ -236,7 +236,7 @@ for path in sys.argv[3:]:
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be somebody else")
-def test_another_user_reaches_neither_feed_nor_file_nor_sockets(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_user_reaches_neither_feed_nor_file_nor_sockets(monkeypatch):
     with tempfile.TemporaryDirectory() as runtime:
         os.chmod(runtime, 0o755)  # so that only what the session makes keeps others out
         monkeypatch.setenv("XDG_RUNTIME_DIR", runtime)
@@ -250,7 +250,7 @@ def test_another_user_reaches_neither_feed_nor_file_nor_sockets(monkeypatch: pyt
             assert [end.stat().st_mode & 0o777 for end in ends] == [0o600] * 4
 
 
-def test_what_is_no_feed_is_refused(local: LocalSession, tmp_path: Path) -> None:
+def test_what_is_no_feed_is_refused(local, tmp_path):
     info = local.info
     memory = local.feed._memory
     memory[0:8] = b"hsfeed99"
@@ -267,7 +267,7 @@ def test_what_is_no_feed_is_refused(local: LocalSession, tmp_path: Path) -> None
             os.close(other)
 
 
-def test_nothing_is_left_of_a_killed_session() -> None:
+def test_nothing_is_left_of_a_killed_session():
     code = """
 import os, signal
 from humanoid_sim.messages import SessionHeader
@@ -285,7 +285,7 @@ input()
     assert not list(Path("/dev/shm").glob(f"humanoid_sim*{killed.pid}*"))
 
 
-def test_closing_twice_is_fine_and_leaves_nothing() -> None:
+def test_closing_twice_is_fine_and_leaves_nothing():
     feed = FeedWriter(HEADER)
     assert feed.path.exists()
     feed.close()
@@ -293,7 +293,7 @@ def test_closing_twice_is_fine_and_leaves_nothing() -> None:
     assert not feed.path.exists()
 
 
-def test_the_header_of_a_policy_that_was_loaded_takes_the_place_of_the_one_before(local: LocalSession) -> None:
+def test_the_header_of_a_policy_that_was_loaded_takes_the_place_of_the_one_before(local):
     header = replace(
         HEADER, documents={"robot": "{}", "contract": "new"}, attachments={}, observation_terms=(("wide", 2000),)
     )
@@ -318,6 +318,6 @@ def test_the_header_of_a_policy_that_was_loaded_takes_the_place_of_the_one_befor
         assert late.document("contract") == "newer"
 
 
-def test_a_policy_that_observes_too_much_for_the_ticks_is_refused(local: LocalSession) -> None:
+def test_a_policy_that_observes_too_much_for_the_ticks_is_refused(local):
     with pytest.raises(InputError, match=r"^its observation is 4097 wide; a running session takes at most 4096$"):
         local.feed.prepare(replace(HEADER, observation_terms=(("a", 4000), ("b", 97))), {})

@@ -9,15 +9,15 @@ from humanoid_sim.session.sources import RemoteInbox
 
 
 @pytest.fixture
-def time() -> list[float]:
+def time():
     return [0.0]
 
 
-def injector(time: list[float], *texts: str) -> Injector:
+def injector(time, *texts):
     return Injector(parse_injections(texts), lambda: time[0])
 
 
-def test_the_grammar() -> None:
+def test_the_grammar():
     assert parse_injections([]) == ()
     assert parse_injections(["nan_policy@5", "safety@0", "silent_remote@1.5e0"]) == (
         Injection("nan_policy", 5.0),
@@ -29,7 +29,7 @@ def test_the_grammar() -> None:
 @pytest.mark.parametrize(
     "text", ["", "@", "safety", "safety@", "safety@x", "safety@-1", "safety@nan", "safety@inf", "fire@3"]
 )
-def test_a_bad_item_is_refused_with_what_is_accepted(text: str) -> None:
+def test_a_bad_item_is_refused_with_what_is_accepted(text):
     with pytest.raises(InputError) as caught:
         parse_injections(["safety@1", text])
     assert str(caught.value) == (
@@ -37,7 +37,7 @@ def test_a_bad_item_is_refused_with_what_is_accepted(text: str) -> None:
     )
 
 
-def test_without_injections_nothing_changes(time: list[float]) -> None:
+def test_without_injections_nothing_changes(time):
     none, box = injector(time), RemoteInbox(rig.JOINTS, lambda: 0.0)
     assert none.policy(rig.good_answer) is rig.good_answer
     assert none.safety((OK,)) == (OK,)
@@ -45,7 +45,7 @@ def test_without_injections_nothing_changes(time: list[float]) -> None:
     assert none.pending == ()
 
 
-def test_a_policy_answers_nan_from_the_time_on(time: list[float]) -> None:
+def test_a_policy_answers_nan_from_the_time_on(time):
     policy = injector(time, "nan_policy@2", "nan_policy@7").policy(lambda *_: np.ones(2))
     observation = np.zeros(3, dtype=np.float32)
     for now, is_nan in ((1.99, False), (2.0, True), (100.0, True)):
@@ -56,7 +56,7 @@ def test_a_policy_answers_nan_from_the_time_on(time: list[float]) -> None:
         assert np.isnan(answer).any() == is_nan
 
 
-def test_a_safety_fault_lasts_a_tenth_of_a_second_each_time(time: list[float]) -> None:
+def test_a_safety_fault_lasts_a_tenth_of_a_second_each_time(time):
     safety = injector(time, "safety@1", "safety@3")
     for now, fails in (
         (0.99, False),
@@ -76,7 +76,7 @@ def test_a_safety_fault_lasts_a_tenth_of_a_second_each_time(time: list[float]) -
             assert "deliberately" in statuses[1].message
 
 
-def test_a_silent_remote_repeats_the_last_command_from_before(time: list[float]) -> None:
+def test_a_silent_remote_repeats_the_last_command_from_before(time):
     box = RemoteInbox(rig.JOINTS, lambda: time[0])
     silenced = injector(time, "silent_remote@2").remote(box)
     assert silenced.latest() is None
@@ -89,7 +89,7 @@ def test_a_silent_remote_repeats_the_last_command_from_before(time: list[float])
     assert latest.arrival_time == 1.0
 
 
-def test_what_never_took_effect_is_told(time: list[float]) -> None:
+def test_what_never_took_effect_is_told(time):
     texts = ["nan_policy@2", "safety@1", "safety@9", "silent_remote@3"]
     faults = injector(time, *texts)
     policy, box = faults.policy(lambda *_: np.ones(2)), faults.remote(RemoteInbox(rig.JOINTS, lambda: time[0]))

@@ -4,7 +4,6 @@ import pty
 import sys
 import termios
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,16 +25,16 @@ class Terminal:
     slave: int
     is_open: bool = True
 
-    def type(self, text: str) -> None:
+    def type(self, text):
         os.write(self.master, text.encode())
 
-    def hang_up(self) -> None:
+    def hang_up(self):
         os.close(self.master)
         self.is_open = False
 
 
 @pytest.fixture
-def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
+def terminal(monkeypatch):
     master, slave = pty.openpty()
     result = Terminal(master, slave)
     with os.fdopen(slave, closefd=False) as stdin:
@@ -46,9 +45,9 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
         os.close(master)
 
 
-def heard(keyboard: Keyboard, count: int) -> list[Intent]:
+def heard(keyboard, count):
     """The next intents; fails if fewer come."""
-    intents: list[Intent] = []
+    intents = []
     deadline = time.monotonic() + 5.0
     while len(intents) < count and time.monotonic() < deadline:
         intents += keyboard.poll(0.0, None)
@@ -57,7 +56,7 @@ def heard(keyboard: Keyboard, count: int) -> list[Intent]:
     return intents
 
 
-def test_keys_become_intents(terminal: Terminal) -> None:
+def test_keys_become_intents(terminal):
     keyboard = Keyboard()
     try:
         terminal.type(" dabLrRq")
@@ -78,8 +77,8 @@ def test_keys_become_intents(terminal: Terminal) -> None:
         keyboard.close()
 
 
-def test_a_key_that_the_loop_hears_too_late_moves_nothing(terminal: Terminal) -> None:
-    told: list[str] = []
+def test_a_key_that_the_loop_hears_too_late_moves_nothing(terminal):
+    told = []
     keyboard = Keyboard(record=told.append)
     try:
         terminal.type("a ")
@@ -91,7 +90,7 @@ def test_a_key_that_the_loop_hears_too_late_moves_nothing(terminal: Terminal) ->
         keyboard.close()
 
 
-def test_the_terminal_is_given_back_as_it_was(terminal: Terminal) -> None:
+def test_the_terminal_is_given_back_as_it_was(terminal):
     before = termios.tcgetattr(terminal.slave)
     keyboard = Keyboard()
     during = termios.tcgetattr(terminal.slave)
@@ -101,14 +100,14 @@ def test_the_terminal_is_given_back_as_it_was(terminal: Terminal) -> None:
     assert termios.tcgetattr(terminal.slave) == before
 
 
-def test_a_terminal_that_goes_away_damps(terminal: Terminal) -> None:
+def test_a_terminal_that_goes_away_damps(terminal):
     keyboard = Keyboard()
     terminal.hang_up()
     assert heard(keyboard, 1) == [Intent.DAMP]
     keyboard.close()
 
 
-def test_without_a_terminal_there_is_no_keyboard(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_terminal_there_is_no_keyboard(monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.StringIO("d"))
     with pytest.raises(InputError, match="--manual: standard input is not a terminal"):
         Keyboard()
@@ -126,7 +125,7 @@ ARROWS = {"up": "\x1b[A", "down": "\x1b[B", "right": "\x1b[C", "left": "\x1b[D"}
 
 
 @pytest.mark.parametrize("name", SEQUENCES)
-def test_keys_that_send_letters_mean_nothing(name: str) -> None:
+def test_keys_that_send_letters_mean_nothing(name):
     text = SEQUENCES[name]
     assert KeyReader().keys(text) == [text]
     assert text not in {*KEYS, *VELOCITY_KEYS, REACTIVATE_KEY, *HELP_KEYS}
@@ -137,7 +136,7 @@ def test_keys_that_send_letters_mean_nothing(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ARROWS)
-def test_arrows_are_keys_of_their_own(name: str) -> None:
+def test_arrows_are_keys_of_their_own(name):
     for text in (ARROWS[name], ARROWS[name].replace("[", "O")):  # an application's mode of the terminal
         assert KeyReader().keys(text + text) == [name, name]
         for cut in range(1, len(text)):
@@ -145,7 +144,7 @@ def test_arrows_are_keys_of_their_own(name: str) -> None:
             assert reader.keys(text[:cut]) + reader.keys(text[cut:]) == [name]
 
 
-def test_damp_is_heard_even_beside_an_escape_sequence() -> None:
+def test_damp_is_heard_even_beside_an_escape_sequence():
     assert KeyReader().keys("\x1b[A ") == ["up", " "]
     assert KeyReader().keys("d\x1b[3~") == ["d", "\x1b[3~"]
     reader = KeyReader()
@@ -153,13 +152,13 @@ def test_damp_is_heard_even_beside_an_escape_sequence() -> None:
     assert reader.keys(" ") == [" "]
 
 
-def test_nothing_else_is_heard_beside_an_escape_sequence() -> None:
+def test_nothing_else_is_heard_beside_an_escape_sequence():
     for text in ("l\x1b[A", "\x1b[Al", "\x1b[Aup", "\x1b[3~b"):
         assert not {*KEYS, REACTIVATE_KEY, *HELP_KEYS} & set(KeyReader().keys(text))
     assert KeyReader().keys("\x1b[Aup") == ["up", "\x1bup"]
 
 
-def test_the_help_names_every_intent() -> None:
+def test_the_help_names_every_intent():
     for intent in KEYS.values():
         assert f"{key_of(intent)} " in key_help()
         assert intent.name in key_help()
@@ -168,8 +167,8 @@ def test_the_help_names_every_intent() -> None:
     assert len({REACTIVATE_KEY, *HELP_KEYS, *KEYS, *VELOCITY_KEYS}) == 3 + len(KEYS) + len(VELOCITY_KEYS)
 
 
-def test_every_key_that_means_nothing_is_said(terminal: Terminal) -> None:
-    told: list[str] = []
+def test_every_key_that_means_nothing_is_said(terminal):
+    told = []
     keyboard = Keyboard(tell=told.append)
     terminal.type("w")  # a velocity key, where nothing walks
     until(lambda: len(told) == 1)
@@ -189,8 +188,8 @@ def test_every_key_that_means_nothing_is_said(terminal: Terminal) -> None:
     ]
 
 
-def test_h_and_the_question_mark_name_the_keys(terminal: Terminal) -> None:
-    told: list[str] = []
+def test_h_and_the_question_mark_name_the_keys(terminal):
+    told = []
     keyboard = Keyboard(tell=told.append)
     terminal.type("hH?")
     until(lambda: len(told) == 3)
@@ -203,8 +202,8 @@ def test_h_and_the_question_mark_name_the_keys(terminal: Terminal) -> None:
     assert told[3:] == [key_help(), velocity_key_help()]
 
 
-def test_arrows_and_letters_change_the_velocity_up_to_its_limit(terminal: Terminal) -> None:
-    told: list[str] = []
+def test_arrows_and_letters_change_the_velocity_up_to_its_limit(terminal):
+    told = []
     velocity = VelocityCommand(np.zeros(3), np.array([[-0.2, 0.2], [-0.1, 0.1], [-0.1, 0.1]]))
     keyboard = Keyboard(velocity, tell=told.append)
     terminal.type("w,")
@@ -222,7 +221,7 @@ def test_arrows_and_letters_change_the_velocity_up_to_its_limit(terminal: Termin
     assert told == ["the velocity command is at its limit: 0.2 m/s, 0.1 m/s, 0.1 rad/s"]
 
 
-def test_one_key_asks_for_a_fresh_start(terminal: Terminal) -> None:
+def test_one_key_asks_for_a_fresh_start(terminal):
     reactivation = Reactivation()
     keyboard = Keyboard(reactivation=reactivation)
     terminal.type("\x1be")  # alt e

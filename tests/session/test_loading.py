@@ -2,13 +2,12 @@
 
 import json
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pytest
 import rig
 from fakes import HEADER, FakeRobot, FakeSink, FakeSource, session
-from local_session import LocalSession, ticking
+from local_session import ticking
 from waiting import until
 
 from humanoid_sim.client import LOAD, Intake, load_request
@@ -36,7 +35,7 @@ class Desk:
     done: list[str] = field(default_factory=list)
     problem: Exception | None = None
 
-    def prepare(self, options: str) -> PreparedPolicy:
+    def prepare(self, options):
         self.done.append(f"prepare {options}")
         if self.problem is not None:
             raise self.problem
@@ -50,13 +49,13 @@ class Desk:
         )
 
 
-def test_the_policy_of_the_next_tick_is_the_one_that_was_loaded() -> None:
+def test_the_policy_of_the_next_tick_is_the_one_that_was_loaded():
     """The memory goes on: STANDBY has arrived, and stays so."""
     desk, sink = Desk(), FakeSink()
     loading = Loading(desk.prepare)
 
     class Asking(FakeSource):
-        def poll(self, now: float, output: Any) -> Any:
+        def poll(self, now, output):
             if len(self.seen) == 7:
                 assert loading.request("{}", output.control_mode.mode) == ""
                 until(lambda: loading.is_ready)
@@ -76,12 +75,12 @@ def test_the_policy_of_the_next_tick_is_the_one_that_was_loaded() -> None:
 
 
 @pytest.fixture
-def desk() -> Desk:
+def desk():
     return Desk()
 
 
 @pytest.fixture
-def loading(desk: Desk) -> Any:
+def loading(desk):
     loading = Loading(desk.prepare)
     loading.start(HEADER)
     yield loading
@@ -89,7 +88,7 @@ def loading(desk: Desk) -> Any:
 
 
 @pytest.mark.parametrize("mode", [Mode.LOCOMOTION, Mode.REMOTE])
-def test_a_policy_that_is_ready_too_late_is_left(desk: Desk, loading: Loading, mode: Mode) -> None:
+def test_a_policy_that_is_ready_too_late_is_left(desk, loading, mode):
     assert loading.request("{}", Mode.STANDBY) == ""
     until(lambda: loading.is_ready)
     assert loading.take(mode) is None
@@ -101,7 +100,7 @@ def test_a_policy_that_is_ready_too_late_is_left(desk: Desk, loading: Loading, m
     assert loading.request("{}", mode) == load_refusal(mode)
 
 
-def test_one_policy_is_loaded_at_a_time(desk: Desk, loading: Loading) -> None:
+def test_one_policy_is_loaded_at_a_time(desk, loading):
     assert loading.request("first", Mode.DAMPING) == ""
     assert loading.request("second", Mode.DAMPING) == "load refused: another policy is being loaded"
     until(lambda: loading.is_ready)
@@ -119,9 +118,7 @@ def test_one_policy_is_loaded_at_a_time(desk: Desk, loading: Loading) -> None:
         (ZeroDivisionError("a bug"), "load failed: ZeroDivisionError: a bug"),
     ],
 )
-def test_what_goes_wrong_is_answered_and_the_next_is_taken(
-    desk: Desk, loading: Loading, problem: Exception, answer: str
-) -> None:
+def test_what_goes_wrong_is_answered_and_the_next_is_taken(desk, loading, problem, answer):
     desk.problem = problem
     assert loading.request("{}", Mode.ZERO_TORQUE) == ""
     until(lambda: loading.answer)
@@ -132,7 +129,7 @@ def test_what_goes_wrong_is_answered_and_the_next_is_taken(
     until(lambda: loading.is_ready)
 
 
-def test_a_session_that_ends_leaves_what_was_prepared(desk: Desk) -> None:
+def test_a_session_that_ends_leaves_what_was_prepared(desk):
     loading = Loading(desk.prepare, lambda: desk.done.append("cancel"))
     loading.start(HEADER)
     loading.request("{}", Mode.DAMPING)
@@ -141,9 +138,7 @@ def test_a_session_that_ends_leaves_what_was_prepared(desk: Desk) -> None:
     assert desk.done == ["prepare {}", "cancel", "discard"]
 
 
-def test_who_asks_over_the_intake_is_answered_when_it_is_loaded(
-    local: LocalSession, desk: Desk, loading: Loading
-) -> None:
+def test_who_asks_over_the_intake_is_answered_when_it_is_loaded(local, desk, loading):
     local.intents.close()
     local.intents = IntentSocket(local.registration.intents, local.reactivation, local.told.append, loading=loading)
     local.stack.callback(local.intents.close)
@@ -159,14 +154,14 @@ def test_who_asks_over_the_intake_is_answered_when_it_is_loaded(
     assert "load refused: no such file" in local.told
 
 
-def test_a_session_that_loads_none_says_so(local: LocalSession) -> None:
+def test_a_session_that_loads_none_says_so(local):
     with Intake(local.info, "test") as intake, ticking(local):
         answer = intake.load("lite_tracking")
     assert not answer.granted
     assert answer.text.startswith("load refused: this session runs no policy but a shadow")
 
 
-def test_a_request_names_files_by_absolute_paths(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_request_names_files_by_absolute_paths(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "x.onnx").touch()
     word, _, text = load_request("x.onnx", motion="wave", command="0.3,0,0", song=None).partition(" ")

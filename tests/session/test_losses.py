@@ -6,33 +6,32 @@ import sys
 import termios
 import time
 
-import pytest
 import rig
 from fakes import FakeRobot, FakeSink, FakeSource, LoggingSupervisor, is_damping, session
 
-from humanoid_sim.messages import Intent, Mode, TickInput, TickOutput
+from humanoid_sim.messages import Intent, Mode
 from humanoid_sim.session.keyboard import Keyboard
 from humanoid_sim.session.losses import DeviceWatch, Interruption, running_time
 
 
 class Clock:
-    def __init__(self) -> None:
+    def __init__(self):
         self.now = 100.0
 
-    def __call__(self) -> float:
+    def __call__(self):
         return self.now
 
 
-def ticks(interruption: Interruption, clock: Clock, count: int = 3) -> list[Intent]:
+def ticks(interruption, clock, count=3):
     """Regular ticks of 20 ms, and what was asked for in them."""
-    asked: list[Intent] = []
+    asked = []
     for _ in range(count):
         asked += interruption.poll(0.0, None)
         clock.now += 0.02
     return asked
 
 
-def test_a_standstill_damps_once_and_says_how_long_it_was() -> None:
+def test_a_standstill_damps_once_and_says_how_long_it_was():
     clock = Clock()
     interruption = Interruption(0.02, 0.1, clock)
     clock.now += 50.0  # nothing stood still before the first tick
@@ -49,7 +48,7 @@ def test_a_standstill_damps_once_and_says_how_long_it_was() -> None:
     assert interruption.news() == ""
 
 
-def test_after_a_stop_that_was_ended_one_missed_tick_is_a_standstill() -> None:
+def test_after_a_stop_that_was_ended_one_missed_tick_is_a_standstill():
     clock = Clock()
     interruption = Interruption(0.02, 0.1, clock)
     ticks(interruption, clock)
@@ -60,7 +59,7 @@ def test_after_a_stop_that_was_ended_one_missed_tick_is_a_standstill() -> None:
     assert ticks(interruption, clock) == [Intent.DAMP]
 
 
-def test_a_standstill_within_a_tick_is_noticed_before_its_command_is_sent() -> None:
+def test_a_standstill_within_a_tick_is_noticed_before_its_command_is_sent():
     clock = Clock()
     interruption = Interruption(0.02, 0.1, clock)
     ticks(interruption, clock)
@@ -71,7 +70,7 @@ def test_a_standstill_within_a_tick_is_noticed_before_its_command_is_sent() -> N
     assert not interruption.beat()
 
 
-def test_a_refused_suspension_damps_and_says_why() -> None:
+def test_a_refused_suspension_damps_and_says_why():
     clock = Clock()
     interruption = Interruption(0.02, 0.1, clock)
     ticks(interruption, clock)
@@ -82,7 +81,7 @@ def test_a_refused_suspension_damps_and_says_why() -> None:
     assert interruption.news() == ""
 
 
-def test_what_was_no_part_of_the_loop_is_no_standstill() -> None:
+def test_what_was_no_part_of_the_loop_is_no_standstill():
     clock = Clock()
     interruption = Interruption(0.02, 0.1, clock)
     ticks(interruption, clock)
@@ -91,7 +90,7 @@ def test_what_was_no_part_of_the_loop_is_no_standstill() -> None:
     assert ticks(interruption, clock) == []
 
 
-def test_the_clock_goes_on() -> None:
+def test_the_clock_goes_on():
     before = running_time()
     time.sleep(0.01)
     assert 0.009 < running_time() - before < 5.0
@@ -111,7 +110,7 @@ print(*(intent.name for intent in heard))
 """
 
 
-def test_keys_typed_while_the_process_was_stopped_only_damp() -> None:
+def test_keys_typed_while_the_process_was_stopped_only_damp():
     """What was meant for a shell moves nothing."""
     master, slave = pty.openpty()
     command = [sys.executable, "-c", CHILD]
@@ -130,7 +129,7 @@ def test_keys_typed_while_the_process_was_stopped_only_damp() -> None:
     os.close(slave)
 
 
-def test_ctrl_s_does_not_stop_the_output(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_s_does_not_stop_the_output(monkeypatch):
     master, slave = pty.openpty()
     with os.fdopen(slave) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
@@ -141,12 +140,12 @@ def test_ctrl_s_does_not_stop_the_output(monkeypatch: pytest.MonkeyPatch) -> Non
     os.close(master)
 
 
-def test_what_was_decided_before_the_process_stood_still_is_not_sent_after() -> None:
+def test_what_was_decided_before_the_process_stood_still_is_not_sent_after():
     """The process is stopped between a decision in STANDBY and the command."""
     clock, stops = Clock(), [8]
     interruption = Interruption(0.02, 0.1, clock)
 
-    def step(tick_input: TickInput) -> None:
+    def step(tick_input):
         clock.now += 0.02
         stops[0] -= 1
         if stops[0] == 0:
@@ -167,29 +166,29 @@ def test_what_was_decided_before_the_process_stood_still_is_not_sent_after() -> 
 
 
 class Watched:
-    def __init__(self) -> None:
-        self.heard: dict[str, float] = {}
-        self.told: list[str] = []
+    def __init__(self):
+        self.heard = {}
+        self.told = []
         self.watch = DeviceWatch("gamepad", lambda: self.heard, self.told.append)
         self.run = rig.Run(rig.supervisor())
-        self.output: TickOutput | None = None
+        self.output = None
 
-    def tick(self, *intents: Intent) -> tuple[Intent, ...]:
+    def tick(self, *intents):
         found = tuple(self.watch.poll(self.run.time, self.output))
         self.output = self.run.step(*intents, *found)
         return found
 
-    def beat(self) -> None:
+    def beat(self):
         self.heard["gamepad"] = self.run.time
 
 
-def test_a_device_that_was_never_there_asks_for_nothing() -> None:
+def test_a_device_that_was_never_there_asks_for_nothing():
     watched = Watched()
     watched.heard["another"] = 0.0
     assert [watched.tick() for _ in range(50)] == [()] * 50
 
 
-def test_a_device_that_was_never_there_lets_nothing_drive_the_joints() -> None:
+def test_a_device_that_was_never_there_lets_nothing_drive_the_joints():
     watched = Watched()
     watched.tick(Intent.DAMP)
     watched.tick(Intent.LOAD_A)
@@ -198,7 +197,7 @@ def test_a_device_that_was_never_there_lets_nothing_drive_the_joints() -> None:
     assert watched.tick() == ()
 
 
-def test_its_loss_is_a_damp_in_every_mode_within_its_timeout() -> None:
+def test_its_loss_is_a_damp_in_every_mode_within_its_timeout():
     for controller, path in rig.PATHS.items():
         watched = Watched()
         watched.tick()
@@ -219,7 +218,7 @@ def test_its_loss_is_a_damp_in_every_mode_within_its_timeout() -> None:
         assert watched.told == ["gamepad: lost, nothing heard for 0.2 s: DAMP"]
 
 
-def test_without_it_nothing_leaves_damping_and_with_it_again_the_operator_may() -> None:
+def test_without_it_nothing_leaves_damping_and_with_it_again_the_operator_may():
     watched = Watched()
     watched.beat()
     watched.tick(Intent.DAMP)
@@ -235,7 +234,7 @@ def test_without_it_nothing_leaves_damping_and_with_it_again_the_operator_may() 
     assert watched.told[-1] == "gamepad: there again"
 
 
-def test_a_clock_that_is_no_number_counts_as_a_loss() -> None:
+def test_a_clock_that_is_no_number_counts_as_a_loss():
     watched = Watched()
     watched.beat()
     watched.tick(Intent.DAMP)
@@ -243,7 +242,7 @@ def test_a_clock_that_is_no_number_counts_as_a_loss() -> None:
     assert watched.tick() == (Intent.DAMP,)
 
 
-def test_heartbeats_that_waited_while_motors_were_enabled_are_no_loss() -> None:
+def test_heartbeats_that_waited_while_motors_were_enabled_are_no_loss():
     watched = Watched()
     watched.beat()
     watched.run.time += 7.0

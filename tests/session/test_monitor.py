@@ -18,7 +18,6 @@ from humanoid_sim.messages import (
     TickOutput,
     TickRecord,
 )
-from humanoid_sim.mit import MITState
 from humanoid_sim.session import monitor as module
 from humanoid_sim.session.monitor import RunMonitor
 
@@ -33,15 +32,15 @@ NAMES = {
 
 
 def record(
-    index: int,
-    mode: Mode = Mode.DAMPING,
+    index,
+    mode=Mode.DAMPING,
     *,
-    effort: list[float] | None = None,
-    safety: tuple[SafetyStatus, ...] = (),
-    duration: float = 1e-4,
-    overrun: bool = False,
-    **output: object,
-) -> TickRecord:
+    effort=None,
+    safety=(),
+    duration=1e-4,
+    overrun=False,
+    **output,
+):
     state = rig.state(index * 0.5, joint_effort=np.array(effort or [0.0, 0.0, 0.0]))
     control = ControlMode(mode, NAMES[mode], f"reason {index}")
     return TickRecord(
@@ -54,8 +53,8 @@ def record(
     )
 
 
-def monitored(*records: TickRecord, tracker: object = None) -> RunMonitor:
-    result = RunMonitor(JointUse(rig.JOINTS, LIMIT, -LIMIT, LIMIT), tracker)  # type: ignore[arg-type]
+def monitored(*records, tracker=None):
+    result = RunMonitor(JointUse(rig.JOINTS, LIMIT, -LIMIT, LIMIT), tracker)
     result.start(HEADER)
     for item in records:
         result.tick(item)
@@ -64,7 +63,7 @@ def monitored(*records: TickRecord, tracker: object = None) -> RunMonitor:
     return result
 
 
-def test_mode_spans() -> None:
+def test_mode_spans():
     modes = [Mode.ZERO_TORQUE, Mode.DAMPING, Mode.DAMPING, Mode.STANDBY, Mode.DAMPING]
     spans = monitored(*(record(i, mode) for i, mode in enumerate(modes))).spans
     assert [(span.mode, span.start, span.end, span.reason) for span in spans] == [
@@ -75,7 +74,7 @@ def test_mode_spans() -> None:
     ]
 
 
-def test_counts_and_times() -> None:
+def test_counts_and_times():
     figures = monitored(
         record(0, duration=1e-4), record(1, duration=3e-4, overrun=True), record(2, duration=2e-4, overrun=True)
     )
@@ -84,7 +83,7 @@ def test_counts_and_times() -> None:
     assert figures.tick_time.mean == pytest.approx(2e-4)
 
 
-def test_effort_and_saturation() -> None:
+def test_effort_and_saturation():
     figures = monitored(
         record(0, effort=[1.0, -9.5, 3.9]),
         record(1, effort=[0.0, 0.0, -4.0]),
@@ -95,7 +94,7 @@ def test_effort_and_saturation() -> None:
     assert figures.joints.saturated == 1
 
 
-def test_faults_refusals_and_safety_with_their_times() -> None:
+def test_faults_refusals_and_safety_with_their_times():
     fault = FaultReport("rl_policy_controller", "damping_controller", "action is nan")
     warning = SafetyStatus(SafetyLevel.WARNING, SafetyFlag.INVALID_FRAME, "can1")
     ok = SafetyStatus(source="can0")
@@ -114,12 +113,12 @@ def test_faults_refusals_and_safety_with_their_times() -> None:
     assert figures.safety == [(1.5, text), (3.0, text)]
 
 
-def test_the_tracker_gets_each_policy_step_with_the_pose_of_that_very_tick() -> None:
+def test_the_tracker_gets_each_policy_step_with_the_pose_of_that_very_tick():
     class Tracker:
-        def __init__(self) -> None:
-            self.seen: list[tuple[int, list[float]]] = []
+        def __init__(self):
+            self.seen = []
 
-        def update(self, frame: int, state: MITState) -> None:
+        def update(self, frame, state):
             self.seen.append((frame, state.joint_position.tolist()))
 
     tracker = Tracker()
@@ -129,14 +128,14 @@ def test_the_tracker_gets_each_policy_step_with_the_pose_of_that_very_tick() -> 
     assert tracker.seen == [(7, list(rig.KNOWN))]
 
 
-def test_the_picture_shows_the_last_pose_of_the_farthest_mode() -> None:
+def test_the_picture_shows_the_last_pose_of_the_farthest_mode():
     modes = [Mode.ZERO_TORQUE, Mode.DAMPING, Mode.STANDBY, Mode.LOCOMOTION, Mode.LOCOMOTION, Mode.DAMPING]
     assert monitored(*(record(i, mode) for i, mode in enumerate(modes))).pose == 4.0
     remote = [Mode.DAMPING, Mode.REMOTE, Mode.REMOTE, Mode.DAMPING]
     assert monitored(*(record(i, mode) for i, mode in enumerate(remote))).pose == 2.0
 
 
-def test_memory_does_not_grow_and_spans_that_are_not_kept_lengthen_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_does_not_grow_and_spans_that_are_not_kept_lengthen_no_other(monkeypatch):
     monkeypatch.setattr(module, "_KEPT", 3)
     modes = [Mode.DAMPING, Mode.STANDBY] * 5
     figures = monitored(*(record(i, mode, refusals=("no",)) for i, mode in enumerate(modes)))

@@ -1,7 +1,6 @@
 """Safety statuses of other programs: by themselves, and through the intake of a session."""
 
 import json
-from collections.abc import Iterator
 
 import pytest
 from local_session import LocalSession
@@ -19,26 +18,26 @@ class Clock:
 
     now = 1_000_000_000
 
-    def __call__(self) -> int:
+    def __call__(self):
         return self.now
 
 
 @pytest.fixture
-def clock() -> Clock:
+def clock():
     return Clock()
 
 
-def said(source: str, level: int, stamp: int = 0, message: str = "") -> str:
+def said(source, level, stamp=0, message=""):
     return json.dumps({"source": source, "level": level, "flags": 4, "stamp": stamp, "message": message})
 
 
-def levels(outside: OutsideSafety, own: tuple[SafetyStatus, ...] = OWN) -> dict[str, int]:
+def levels(outside, own=OWN):
     found = outside(own)
     assert found[: len(own)] == own, "the robot's own come first, as they are"
     return {status.source: int(status.level) for status in found}
 
 
-def test_each_source_stands_under_its_own_name_until_it_reports_again() -> None:
+def test_each_source_stands_under_its_own_name_until_it_reports_again():
     outside = OutsideSafety()
     assert outside(OWN) is OWN
     outside.report(said("lidar", 2, message="blind"))
@@ -51,20 +50,20 @@ def test_each_source_stands_under_its_own_name_until_it_reports_again() -> None:
     assert levels(outside) == {"can0": 0, "lidar": 0, "fence": 0}
 
 
-def test_a_source_that_was_always_ok_leaves_no_trace() -> None:
+def test_a_source_that_was_always_ok_leaves_no_trace():
     outside = OutsideSafety()
     outside.report(said("lidar", 0))
     assert outside(OWN) is OWN
 
 
-def test_the_robots_own_status_is_not_taken_away_by_an_ok_of_its_name() -> None:
+def test_the_robots_own_status_is_not_taken_away_by_an_ok_of_its_name():
     outside, faulty = OutsideSafety(), (SafetyStatus(SafetyLevel.FAULT, source="can0"),)
     outside.report(said("can0", 2))
     outside.report(said("can0", 0))
     assert levels(outside, faulty) == {"can0": 2, "can0 (outside)": 0}
 
 
-def test_an_unknown_level_is_as_bad_as_any_and_a_flood_of_sources_still_damps() -> None:
+def test_an_unknown_level_is_as_bad_as_any_and_a_flood_of_sources_still_damps():
     outside = OutsideSafety()
     outside.report(said("later version", 200))
     assert levels(outside)["later version"] == 3
@@ -77,7 +76,7 @@ def test_an_unknown_level_is_as_bad_as_any_and_a_flood_of_sources_still_damps() 
     assert found["further sources"] == 2
 
 
-def test_names_and_messages_are_one_bounded_line() -> None:
+def test_names_and_messages_are_one_bounded_line():
     outside = OutsideSafety()
     outside.report(said(" a\nb\x1b[31m" + "x" * 200, 2, message="c\n" * 400))
     status = outside(())[0]
@@ -99,14 +98,14 @@ def test_names_and_messages_are_one_bounded_line() -> None:
         ('{"source": "a", "message": "", "level": 1, "flags": 0, "stamp": 0.5}', "stamp: is 0.5, expected int"),
     ],
 )
-def test_what_is_no_status_changes_nothing(text: str, why: str) -> None:
+def test_what_is_no_status_changes_nothing(text, why):
     outside = OutsideSafety()
     with pytest.raises(FieldError, match=rf"^safety status: {why}"):
         outside.report(text)
     assert outside(OWN) is OWN
 
 
-def test_a_watchdog_is_a_fault_until_its_source_reports_and_whenever_it_is_silent(clock: Clock) -> None:
+def test_a_watchdog_is_a_fault_until_its_source_reports_and_whenever_it_is_silent(clock):
     outside = OutsideSafety({"lidar": 0.5}, clock=clock)
     (status,) = outside(())
     assert (status.level, status.source, status.message) == (2, "lidar", "not reported yet (--watchdog)")
@@ -124,20 +123,20 @@ def test_a_watchdog_is_a_fault_until_its_source_reports_and_whenever_it_is_silen
     assert levels(outside)["lidar"] == 2
 
 
-def test_a_watched_source_s_own_fault_is_told_in_its_words(clock: Clock) -> None:
+def test_a_watched_source_s_own_fault_is_told_in_its_words(clock):
     outside = OutsideSafety({"lidar": 0.5}, clock=clock)
     outside.report(said("lidar", 1, clock.now, "dirty"))
     clock.now += 10**10
     assert outside(())[0] == SafetyStatus(SafetyLevel.WARNING, 4, "lidar", "dirty")
 
 
-def test_watchdogs_are_read() -> None:
+def test_watchdogs_are_read():
     assert dict(parse_watchdogs(["lidar:0.5", "door: left:2"])) == {"lidar": 0.5, "door: left": 2.0}
     assert dict(parse_watchdogs([])) == {}
 
 
 @pytest.mark.parametrize("text", ["lidar", "lidar:", ":1", "lidar:0", "lidar:nan", "lidar:1e9", f"{'x' * 81}:1"])
-def test_a_watchdog_that_is_none_is_one_line(text: str) -> None:
+def test_a_watchdog_that_is_none_is_one_line(text):
     with pytest.raises(InputError, match=rf"^--watchdog: is '{text}', expected NAME:SECONDS with 0.02 to 3600 s"):
         parse_watchdogs([text])
     with pytest.raises(InputError, match=r"^--watchdog: 'a' is given twice"):
@@ -145,9 +144,7 @@ def test_a_watchdog_that_is_none_is_one_line(text: str) -> None:
 
 
 @pytest.mark.parametrize("level", [1, 2, 3])
-def test_any_level_but_ok_damps_in_the_next_tick_and_nothing_recovers_by_itself(
-    local: LocalSession, level: int
-) -> None:
+def test_any_level_but_ok_damps_in_the_next_tick_and_nothing_recovers_by_itself(local, level):
     local.enter_remote()
     monitor = local.intake("monitor")
     token = monitor.post_safety("lidar", level, "blind", flags=1)
@@ -164,7 +161,7 @@ def test_any_level_but_ok_damps_in_the_next_tick_and_nothing_recovers_by_itself(
     assert local.tick(Intent.LOAD_A).output.control_mode.mode is Mode.STANDBY
 
 
-def test_a_status_that_is_none_is_refused_and_recorded(local: LocalSession) -> None:
+def test_a_status_that_is_none_is_refused_and_recorded(local):
     monitor = local.intake("monitor")
     token = monitor._post('safety {"level": 2}')
     local.tick()
@@ -173,13 +170,13 @@ def test_a_status_that_is_none_is_refused_and_recorded(local: LocalSession) -> N
     assert any(text.endswith(answer.text) and text.startswith("monitor (") for text in local.told)
 
 
-def test_a_fault_of_the_longest_text_arrives(local: LocalSession) -> None:
+def test_a_fault_of_the_longest_text_arrives(local):
     local.enter_remote()
     local.intake("monitor").post_safety("é" * 200, 2, '"\x01' * 300)
     assert local.tick().output.control_mode.mode is Mode.DAMPING
 
 
-def test_a_silent_watchdog_keeps_the_robot_damped(local_watched: LocalSession) -> None:
+def test_a_silent_watchdog_keeps_the_robot_damped(local_watched):
     local = local_watched
     assert local.tick(Intent.DAMP).output.control_mode.mode is Mode.DAMPING
     assert local.tick(Intent.LOAD_A).output.refusals == (
@@ -194,7 +191,7 @@ def test_a_silent_watchdog_keeps_the_robot_damped(local_watched: LocalSession) -
 
 
 @pytest.fixture
-def local_watched(runtime: object) -> Iterator[LocalSession]:
+def local_watched(runtime):
     local = LocalSession(watchdogs={"lidar": 30.0})
     with local.stack:
         yield local

@@ -10,24 +10,24 @@ from humanoid_sim.session.pace import DurationHistogram, Pace
 class Clock:
     """Stands still unless somebody sleeps."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, monkeypatch):
         self.now = 50.0
         self.late = 0.0
         """s by which the next sleep ends too late."""
         monkeypatch.setattr(pace, "perf_counter", lambda: self.now)
         monkeypatch.setattr(pace, "sleep", self.sleep)
 
-    def sleep(self, seconds: float) -> None:
+    def sleep(self, seconds):
         self.now += seconds + 0.0002 + self.late  # what is left would be spun away
         self.late = 0.0
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+def clock(monkeypatch):
     return Clock(monkeypatch)
 
 
-def turn(loop: Pace, clock: Clock, seconds: float = 0.0) -> bool:
+def turn(loop, clock, seconds=0.0):
     start = loop.begin()
     clock.now += seconds
     overrun = loop.written(start, clock.now)
@@ -35,7 +35,7 @@ def turn(loop: Pace, clock: Clock, seconds: float = 0.0) -> bool:
     return overrun
 
 
-def test_ticks_begin_a_period_apart_whatever_they_take(clock: Clock) -> None:
+def test_ticks_begin_a_period_apart_whatever_they_take(clock):
     loop = Pace(0.02, realtime=True)
     for k in range(5):
         assert clock.now == pytest.approx(50.0 + 0.02 * k)
@@ -45,7 +45,7 @@ def test_ticks_begin_a_period_apart_whatever_they_take(clock: Clock) -> None:
     assert loop.jitter.max == pytest.approx(0.0, abs=1e-9)
 
 
-def test_waking_up_late_is_jitter_and_moves_no_deadline(clock: Clock) -> None:
+def test_waking_up_late_is_jitter_and_moves_no_deadline(clock):
     loop = Pace(0.02, realtime=True)
     clock.late = 0.004
     turn(loop, clock)
@@ -58,7 +58,7 @@ def test_waking_up_late_is_jitter_and_moves_no_deadline(clock: Clock) -> None:
     assert loop.overruns == 0
 
 
-def test_what_was_no_part_of_the_loop_misses_nothing(clock: Clock) -> None:
+def test_what_was_no_part_of_the_loop_misses_nothing(clock):
     loop = Pace(0.02, realtime=True)
     turn(loop, clock)
     clock.now += 3.0
@@ -68,20 +68,20 @@ def test_what_was_no_part_of_the_loop_misses_nothing(clock: Clock) -> None:
     assert (loop.overruns, loop.skipped, loop.jitter.count) == (0, 0, 0)
 
 
-def histogram(durations: list[float]) -> DurationHistogram:
+def histogram(durations):
     result = DurationHistogram()
     for duration in durations:
         result.add(duration)
     return result
 
 
-def test_an_empty_one_is_zero() -> None:
+def test_an_empty_one_is_zero():
     empty = DurationHistogram()
     assert (empty.count, empty.mean, empty.max, empty.percentile(50.0)) == (0, 0.0, 0.0, 0.0)
 
 
 @given(st.lists(st.floats(1e-6, 99.0), min_size=1, max_size=300), st.floats(0.0, 100.0))
-def test_percentiles_are_within_five_percent(durations: list[float], percent: float) -> None:
+def test_percentiles_are_within_five_percent(durations, percent):
     counted = histogram(durations)
     exact = float(np.percentile(durations, percent, method="inverted_cdf"))
     assert exact * (1 - 1e-9) <= counted.percentile(percent) <= exact * 1.05
@@ -90,14 +90,14 @@ def test_percentiles_are_within_five_percent(durations: list[float], percent: fl
     assert counted.count == len(durations)
 
 
-def test_durations_beyond_the_bins_count_at_their_ends() -> None:
+def test_durations_beyond_the_bins_count_at_their_ends():
     counted = histogram([0.0, -1e-9, 1e-12, 500.0])
     assert counted.max == 500.0
     assert counted.percentile(50.0) < 1.1e-7
     assert counted.percentile(100.0) == pytest.approx(100.0)
 
 
-def test_counts_between_edges_add_up_to_all() -> None:
+def test_counts_between_edges_add_up_to_all():
     histogram = DurationHistogram()
     for seconds, times in ((0.0, 3), (4e-5, 5), (2e-4, 7), (3e-3, 2), (1e6, 1)):
         for _ in range(times):

@@ -6,13 +6,11 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import pytest
 import rig
-from local_session import LocalSession
 
 from humanoid_sim.client import DATA_HEAD, DATA_MAGIC, Feed
 from humanoid_sim.session.pace import DurationHistogram
@@ -38,7 +36,7 @@ with Intake(session, "producer") as intake:
 
 
 @contextmanager
-def program(text: str, *, niceness: int = 0) -> Iterator[subprocess.Popen[str]]:
+def program(text, *, niceness=0):
     """A Python program that attaches to this process's session, once it says that it is ready."""
     command = ["nice", "-n", str(niceness), sys.executable, "-c", HEAD + text, str(os.getpid())]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
@@ -49,7 +47,7 @@ def program(text: str, *, niceness: int = 0) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
-def test_readers_that_are_slow_stopped_or_killed_leave_the_feed_as_it_is(local: LocalSession) -> None:
+def test_readers_that_are_slow_stopped_or_killed_leave_the_feed_as_it_is(local):
     with (
         program(READER.format(pause=0)) as stopped,
         program(READER.format(pause=0.2)),
@@ -70,7 +68,7 @@ def test_readers_that_are_slow_stopped_or_killed_leave_the_feed_as_it_is(local: 
         assert feed.newest() == 301
 
 
-def until(local: LocalSession, condition: Callable[[], bool]) -> None:
+def until(local, condition):
     """Tick in real time until something is so."""
     deadline = time.monotonic() + 10.0
     while not condition():
@@ -79,14 +77,14 @@ def until(local: LocalSession, condition: Callable[[], bool]) -> None:
         local.time = time.monotonic()  # the robot's clock keeps real time here
 
 
-def test_what_a_killed_producer_commanded_ends_within_its_timeout(local: LocalSession) -> None:
+def test_what_a_killed_producer_commanded_ends_within_its_timeout(local):
     local.time = time.monotonic()
     local.enter_remote()
     ages = {"remote": 0.0, "velocity": 0.0}
     """s, of the oldest command that was still in force."""
     in_force = dict.fromkeys(ages, False)
 
-    def tick() -> None:
+    def tick():
         record = local.tick()
         state, remote = record.input.state, record.input.remote
         velocity = state.extern["velocity_command"]
@@ -97,8 +95,8 @@ def test_what_a_killed_producer_commanded_ends_within_its_timeout(local: LocalSe
         if in_force["velocity"]:
             ages["velocity"] = max(ages["velocity"], float(state.time) - velocity.arrival_time)
 
-    def ticked(condition: Callable[[], bool]) -> Callable[[], bool]:
-        return lambda: tick() is None and condition()  # type: ignore[func-returns-value]
+    def ticked(condition):
+        return lambda: tick() is None and condition()
 
     with program(PRODUCER) as producer:
         until(local, ticked(lambda: all(in_force.values())))
@@ -109,7 +107,7 @@ def test_what_a_killed_producer_commanded_ends_within_its_timeout(local: LocalSe
     assert 0.0 < ages["velocity"] <= 0.25
 
 
-def test_random_datagrams_do_nothing_worse_than_being_refused(local: LocalSession) -> None:
+def test_random_datagrams_do_nothing_worse_than_being_refused(local):
     generator = np.random.default_rng(7)
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as client:
         client.setblocking(False)
@@ -130,7 +128,7 @@ def test_random_datagrams_do_nothing_worse_than_being_refused(local: LocalSessio
     assert set(record.input.state.extern) <= {"velocity_command", "keys"}
 
 
-def _tick_times(local: LocalSession, seconds: float) -> DurationHistogram:
+def _tick_times(local, seconds):
     times = DurationHistogram()
     end = time.monotonic() + seconds
     while time.monotonic() < end:
@@ -143,8 +141,8 @@ def _tick_times(local: LocalSession, seconds: float) -> DurationHistogram:
 
 @pytest.mark.slow
 def test_a_hundred_readers_cost_the_loop_no_more_than_as_many_processes_that_read_something_else(
-    local: LocalSession,
-) -> None:
+    local,
+):
     readers = READER.format(pause=0.02)
     others = 'data = bytes(400_000)\nprint("ready", flush=True)\nwhile True:\n    data[::7]\n    time.sleep(0.02)\n'
     p99 = {}

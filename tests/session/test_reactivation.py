@@ -1,6 +1,3 @@
-from typing import Any
-
-import pytest
 from fakes import FakeRobot, FakeSink, FakeSource, session
 
 from humanoid_sim.errors import RobotError
@@ -13,13 +10,13 @@ from humanoid_sim.session.sources import IntentQueue
 DONE = "reactivated: the robot is verified and enabled afresh"
 
 
-def asked_at(tick: int, reactivation: Reactivation, **intents: Any) -> tuple[FakeSink, dict[str, Any]]:
+def asked_at(tick, reactivation, **intents):
     """Options of a session in which an operator asks for it during a tick."""
     sink = FakeSink(on_tick=lambda record: reactivation.request() if record.index == tick else None)
     return sink, {"sinks": [sink], "reactivation": reactivation, "duration": 0.4, **intents}
 
 
-def test_the_stack_begins_again_without_torque() -> None:
+def test_the_stack_begins_again_without_torque():
     reactivation, robot = Reactivation(), FakeRobot()
     sink, options = asked_at(5, reactivation, intents=[FakeSource({1: (Intent.DAMP,)})])
     session(robot, **options).run()
@@ -35,7 +32,7 @@ def test_the_stack_begins_again_without_torque() -> None:
     assert [record.index for record in sink.records] == list(range(len(sink.records)))
 
 
-def test_what_was_planned_before_does_not_move_the_robot_after() -> None:
+def test_what_was_planned_before_does_not_move_the_robot_after():
     reactivation, robot = Reactivation(), FakeRobot()
     script = Script(parse_script("damp; hold 0.2; damp; load_a; wait; start_locomotion; hold 1"))
     sink, options = asked_at(5, reactivation, intents=[OverriddenScript(script, [FakeSource()])])
@@ -45,12 +42,12 @@ def test_what_was_planned_before_does_not_move_the_robot_after() -> None:
     assert {record.output.control_mode.mode for record in sink.records[6:]} == {Mode.ZERO_TORQUE}
 
 
-def test_of_what_was_asked_for_during_the_activation_only_damp_counts() -> None:
+def test_of_what_was_asked_for_during_the_activation_only_damp_counts():
     for asked, mode in (((Intent.LOAD_A, Intent.DAMP), Mode.DAMPING), ((Intent.QUIT, Intent.LOAD_A), Mode.ZERO_TORQUE)):
         reactivation, robot, queue = Reactivation(), FakeRobot(), IntentQueue()
         sink, options = asked_at(5, reactivation, intents=[queue])
 
-        def ask(robot: FakeRobot = robot, queue: IntentQueue = queue, asked: tuple[Intent, ...] = asked) -> None:
+        def ask(robot=robot, queue=queue, asked=asked):
             if robot.log.count("activate") == 2:
                 for intent in asked:
                     queue.put(intent)
@@ -61,7 +58,7 @@ def test_of_what_was_asked_for_during_the_activation_only_damp_counts() -> None:
         assert {record.output.control_mode.mode for record in sink.records[6:-1]} == {mode}
 
 
-def test_what_the_operator_should_know_is_told_with_it() -> None:
+def test_what_the_operator_should_know_is_told_with_it():
     reactivation, robot = Reactivation(lambda: ["wrist: its position jumped", "elbow: old"]), FakeRobot()
     sink, options = asked_at(5, reactivation)
     session(robot, **options).run()
@@ -70,11 +67,11 @@ def test_what_the_operator_should_know_is_told_with_it() -> None:
     assert sink.kinds[0] is EventKind.FRESH_START
 
 
-def test_what_an_operator_is_told_to_press_is_its_key() -> None:
+def test_what_an_operator_is_told_to_press_is_its_key():
     assert f"press {REACTIVATE_KEY} (or: mode {REACTIVATE})" == HOW_TO_REACTIVATE
 
 
-def test_in_motion_it_is_refused() -> None:
+def test_in_motion_it_is_refused():
     reactivation, robot = Reactivation(), FakeRobot()
     sink, options = asked_at(5, reactivation, intents=[FakeSource({0: (Intent.DAMP,), 1: (Intent.LOAD_A,)})])
     session(robot, **options).run()
@@ -86,7 +83,7 @@ def test_in_motion_it_is_refused() -> None:
     assert sink.records[8].output.control_mode.mode is Mode.STANDBY
 
 
-def test_an_activation_that_fails_leaves_the_robot_without_torque_and_the_session_running() -> None:
+def test_an_activation_that_fails_leaves_the_robot_without_torque_and_the_session_running():
     reactivation, robot = Reactivation(), FakeRobot()
     sink, options = asked_at(5, reactivation, intents=[FakeSource({1: (Intent.DAMP,)})])
     robot.on_read = lambda _: setattr(
@@ -101,7 +98,7 @@ def test_an_activation_that_fails_leaves_the_robot_without_torque_and_the_sessio
     assert len(sink.records) > 15
 
 
-def test_a_sticky_fault_is_gone_if_the_activation_cleared_it() -> None:
+def test_a_sticky_fault_is_gone_if_the_activation_cleared_it():
     """As BUS_OFF: the robot reports it until it is activated again."""
     reactivation, robot = Reactivation(), FakeRobot()
     fault = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.BUS_OFF, "can0", "the bus is off")
@@ -111,7 +108,7 @@ def test_a_sticky_fault_is_gone_if_the_activation_cleared_it() -> None:
     assert [record.input.safety for record in sink.records[4:8]] == [(fault,), (fault,), (), ()]
 
 
-def test_activation_takes_its_time_and_misses_no_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_activation_takes_its_time_and_misses_no_deadline(monkeypatch):
     from time import sleep  # noqa: PLC0415
 
     reactivation, robot = Reactivation(), FakeRobot()

@@ -5,7 +5,6 @@ import sys
 import threading
 import weakref
 from pathlib import Path
-from typing import Any
 
 import pytest
 from fakes import FakeRobot, FakeSink, session
@@ -14,12 +13,12 @@ from humanoid_sim.session import realtime
 from humanoid_sim.session.realtime import punctual_threads, real_time
 
 
-def locked_kilobytes() -> int:
+def locked_kilobytes():
     lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     return int(next(line for line in lines if line.startswith("VmLck:")).split()[1])
 
 
-def test_every_measure_says_what_it_got_and_is_taken_back() -> None:
+def test_every_measure_says_what_it_got_and_is_taken_back():
     interval, policy, thresholds = sys.getswitchinterval(), os.sched_getscheduler(0), gc.get_threshold()
     with real_time() as lines:
         collector, switches, fifo, memory = lines
@@ -36,10 +35,10 @@ def test_every_measure_says_what_it_got_and_is_taken_back() -> None:
     assert locked_kilobytes() == 0
 
 
-def test_no_full_collection_stops_the_loop_however_much_is_kept() -> None:
-    generations: list[int] = []
+def test_no_full_collection_stops_the_loop_however_much_is_kept():
+    generations = []
 
-    def note(phase: str, info: dict[str, int]) -> None:
+    def note(phase, info):
         if phase == "start":
             generations.append(info["generation"])
 
@@ -60,16 +59,16 @@ def test_no_full_collection_stops_the_loop_however_much_is_kept() -> None:
 class _Node:
     """An object that holds itself."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.own = self
 
 
-def _cycle() -> _Node:
+def _cycle():
     return _Node()
 
 
-def test_what_is_not_permitted_is_said_with_what_would_permit_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: Any) -> None:
+def test_what_is_not_permitted_is_said_with_what_would_permit_it(monkeypatch):
+    def refuse(*_):
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
@@ -89,9 +88,7 @@ def test_what_is_not_permitted_is_said_with_what_would_permit_it(monkeypatch: py
         (1 << 40, None, False),
     ],
 )
-def test_memory_is_locked_only_where_nothing_limits_it(
-    limit: int, capabilities: str | None, may: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_memory_is_locked_only_where_nothing_limits_it(limit, capabilities, may, tmp_path, monkeypatch):
     status = tmp_path / "status"
     if capabilities is not None:
         status.write_text(f"Name:\tpython\nCapEff:\t{capabilities}\n", encoding="utf-8")
@@ -100,13 +97,13 @@ def test_memory_is_locked_only_where_nothing_limits_it(
     assert realtime._may_lock_everything() is may
 
 
-def test_a_session_takes_them_before_the_robot_is_activated_and_until_it_is_closed() -> None:
+def test_a_session_takes_them_before_the_robot_is_activated_and_until_it_is_closed():
     """Threads that the robot starts inherit the loop's priority; those of the sinks are behind it."""
-    seen: list[int] = []
-    priorities: list[int] = []
+    seen = []
+    priorities = []
     robot, sink = FakeRobot(), FakeSink()
-    robot.activate = lambda: priorities.append(os.sched_getparam(0).sched_priority)  # type: ignore[method-assign]
-    sink.start = lambda _: priorities.append(os.sched_getparam(0).sched_priority)  # type: ignore[method-assign]
+    robot.activate = lambda: priorities.append(os.sched_getparam(0).sched_priority)
+    sink.start = lambda _: priorities.append(os.sched_getparam(0).sched_priority)
     robot.on_read = lambda _: seen.append(gc.get_freeze_count())
     result = session(robot, duration=0.1, punctual=True, sinks=[sink]).run()
     assert min(seen) > 1000
@@ -117,8 +114,8 @@ def test_a_session_takes_them_before_the_robot_is_activated_and_until_it_is_clos
     assert session(FakeRobot(), duration=0.1).run().measures == ()
 
 
-def test_a_thread_started_meanwhile_runs_as_punctually() -> None:
-    policies: list[int] = []
+def test_a_thread_started_meanwhile_runs_as_punctually():
+    policies = []
     with real_time() as lines:
         thread = threading.Thread(target=lambda: policies.append(os.sched_getscheduler(0)))
         thread.start()
@@ -126,7 +123,7 @@ def test_a_thread_started_meanwhile_runs_as_punctually() -> None:
     assert (policies == [os.SCHED_FIFO]) == lines[2].startswith("SCHED_FIFO, ")
 
 
-def test_threads_may_be_made_punctual_alone() -> None:
+def test_threads_may_be_made_punctual_alone():
     policy, seen = os.sched_getscheduler(0), []
     with punctual_threads(behind=10) as line:
         thread = threading.Thread(target=lambda: seen.append((os.sched_getscheduler(0), os.sched_getparam(0))))

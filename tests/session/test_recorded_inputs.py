@@ -1,4 +1,3 @@
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -25,16 +24,16 @@ PERIOD = 0.1
 class Clock:
     now = 0.0
 
-    def __call__(self) -> float:
+    def __call__(self):
         return self.now
 
 
 @pytest.fixture
-def clock() -> Clock:
+def clock():
     return Clock()
 
 
-def tick(index: int, *intents: Intent, source: str = "mujoco") -> TickRecord:
+def tick(index, *intents, source="mujoco"):
     live = {VELOCITY_COMMAND: Extern(np.full(3, float(index)), 0.0), "own": Extern(np.zeros(1), 0.0)}
     state = replace(MITState.unknown(1, PERIOD * index), extern=live)
     level = SafetyLevel.OK if source == "mujoco" else SafetyLevel.FAULT
@@ -42,11 +41,11 @@ def tick(index: int, *intents: Intent, source: str = "mujoco") -> TickRecord:
     return TickRecord(index, TickInput(state, (SafetyStatus(level, source=source),), intents, remote), None, 0.0, False)
 
 
-def inputs(clock: Clock, entries: Sequence[TickRecord | Event], **options: bool) -> RecordedInputs:
+def inputs(clock, entries, **options):
     return RecordedInputs(iter(entries), PERIOD, clock, measured=("own",), **options)
 
 
-def test_every_tick_gets_its_own_intents_once(clock: Clock) -> None:
+def test_every_tick_gets_its_own_intents_once(clock):
     recorded = inputs(clock, [tick(0, Intent.DAMP), tick(1), tick(2, Intent.LOAD_A, Intent.DAMP)])
     polled = []
     for now in (0.0, 0.0, 0.1, 0.2, 0.3):
@@ -55,18 +54,18 @@ def test_every_tick_gets_its_own_intents_once(clock: Clock) -> None:
     assert polled == [(Intent.DAMP,), (), (), (Intent.LOAD_A, Intent.DAMP), ()]
 
 
-def test_a_clock_that_is_a_little_off_finds_the_same_tick(clock: Clock) -> None:
+def test_a_clock_that_is_a_little_off_finds_the_same_tick(clock):
     recorded = inputs(clock, [tick(0), tick(1)])
     for now, value in ((0.04, 0.0), (0.06, 1.0)):
         clock.now = now
         assert recorded.latest()[VELOCITY_COMMAND].value[0] == value
 
 
-def test_what_the_robot_reports_itself_is_left_to_it(clock: Clock) -> None:
+def test_what_the_robot_reports_itself_is_left_to_it(clock):
     assert list(inputs(clock, [tick(0)]).latest()) == [VELOCITY_COMMAND]
 
 
-def test_a_velocity_that_somebody_sets_takes_the_recorded_ones_place(clock: Clock) -> None:
+def test_a_velocity_that_somebody_sets_takes_the_recorded_ones_place(clock):
     recorded = inputs(clock, [tick(0)])
     recorded.velocity = VelocityCommand(np.zeros(3))
     assert VELOCITY_COMMAND in recorded.latest()
@@ -74,7 +73,7 @@ def test_a_velocity_that_somebody_sets_takes_the_recorded_ones_place(clock: Cloc
     assert recorded.latest() == {}
 
 
-def test_it_ends_where_the_run_was_about_to_end(clock: Clock) -> None:
+def test_it_ends_where_the_run_was_about_to_end(clock):
     recorded = inputs(clock, [tick(0), tick(1), Event(0.1, "ending", EventKind.ENDING), tick(2), tick(3)])
     ends = []
     for now in (0.0, 0.1):
@@ -85,14 +84,14 @@ def test_it_ends_where_the_run_was_about_to_end(clock: Clock) -> None:
 
 
 @pytest.mark.parametrize("end", [(), (Event(0.1, "reactivated", EventKind.FRESH_START), tick(2))])
-def test_it_ends_with_the_recording_and_where_a_run_began_afresh(clock: Clock, end: Sequence[TickRecord]) -> None:
+def test_it_ends_with_the_recording_and_where_a_run_began_afresh(clock, end):
     recorded = inputs(clock, list(chain([tick(0), tick(1)], end)))
     clock.now = 0.1
     recorded.poll(0.1, None)
     assert recorded.finished
 
 
-def test_an_operator_ends_the_intents_but_not_the_data(clock: Clock) -> None:
+def test_an_operator_ends_the_intents_but_not_the_data(clock):
     recorded = inputs(clock, [tick(0, Intent.LOAD_A), tick(1, Intent.START_LOCOMOTION)])
     recorded.cancel()
     clock.now = 0.1
@@ -100,7 +99,7 @@ def test_an_operator_ends_the_intents_but_not_the_data(clock: Clock) -> None:
     assert recorded.latest()[VELOCITY_COMMAND].value[0] == 1.0
 
 
-def test_remote_commands_are_the_recorded_ones_until_another_arrives(clock: Clock) -> None:
+def test_remote_commands_are_the_recorded_ones_until_another_arrives(clock):
     inbox = RemoteInbox(("a",), clock)
     source = inputs(clock, [tick(0), tick(1)]).remote(inbox)
     clock.now = 0.1
@@ -109,7 +108,7 @@ def test_remote_commands_are_the_recorded_ones_until_another_arrives(clock: Cloc
     assert source.latest().arrival_time == 0.07
 
 
-def test_safety_of_other_sources_is_repeated_while_it_lasts(clock: Clock) -> None:
+def test_safety_of_other_sources_is_repeated_while_it_lasts(clock):
     own = (SafetyStatus(source="mujoco"),)
     entries = [tick(0, source="injected")]
     recorded = inputs(clock, entries)

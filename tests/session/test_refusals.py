@@ -2,15 +2,13 @@
 
 import os
 
-from local_session import LocalSession
-
 from humanoid_sim.session.data_socket import Producer, Refusals
 
 ONE, OTHER = Producer("one", 1), Producer("other", 2)
 
 
-def test_each_reason_is_told_once_and_a_producer_at_most_once_a_second() -> None:
-    told: list[tuple[float, str]] = []
+def test_each_reason_is_told_once_and_a_producer_at_most_once_a_second():
+    told = []
     time = 0.0
     refusals = Refusals(lambda line: told.append((time, line)))
     for tick in range(1000):  # ten seconds at 100 Hz
@@ -35,8 +33,8 @@ def test_each_reason_is_told_once_and_a_producer_at_most_once_a_second() -> None
     assert told[-1][1] == "refused of other (2): always the same"
 
 
-def test_what_came_too_fast_is_told_later_whoever_owns_meanwhile() -> None:
-    told: list[str] = []
+def test_what_came_too_fast_is_told_later_whoever_owns_meanwhile():
+    told = []
     refusals = Refusals(told.append)
     for reason in "abc":
         refusals.add(ONE, reason)
@@ -49,8 +47,8 @@ def test_what_came_too_fast_is_told_later_whoever_owns_meanwhile() -> None:
     assert told == ["refused of one (1): a", "refused of one (1): b", "refused of one (1): c"]
 
 
-def test_a_reason_is_one_line_that_steers_no_terminal() -> None:
-    told: list[str] = []
+def test_a_reason_is_one_line_that_steers_no_terminal():
+    told = []
     refusals = Refusals(told.append)
     refusals.add(ONE, "joint_names are \x1b[2J\nerror: \x07" + "x" * 100_000)
     refusals.flush(0.0)
@@ -58,7 +56,7 @@ def test_a_reason_is_one_line_that_steers_no_terminal() -> None:
     assert len(told[0]) < 1100
 
 
-def test_no_flood_of_reasons_is_remembered() -> None:
+def test_no_flood_of_reasons_is_remembered():
     refusals = Refusals(lambda _: None)
     for number in range(10_000):
         refusals.add(Producer("one", number), f"{number}")
@@ -68,7 +66,7 @@ def test_no_flood_of_reasons_is_remembered() -> None:
     assert len(refusals.lines) == 256
 
 
-def test_a_producer_reports_what_it_has_refused_itself(local: LocalSession) -> None:
+def test_a_producer_reports_what_it_has_refused_itself(local):
     intake = local.intake("dds")
     intake.refused("/command: position has 3 values\n, expected 14", 3)
     local.tick()

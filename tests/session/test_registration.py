@@ -31,11 +31,11 @@ feed.close()
 
 
 @pytest.fixture
-def folder(runtime: Path) -> Path:
+def folder(runtime):
     return runtime / f"humanoid_sim-{os.getuid()}"
 
 
-def test_a_session_says_what_it_is_while_it_runs(local: LocalSession, folder: Path) -> None:
+def test_a_session_says_what_it_is_while_it_runs(local, folder):
     (info,) = running_sessions()
     assert (info.process, info.robot, info.policy, info.folder) == (os.getpid(), "three", "p.onnx", os.getcwd())
     assert str(info) == f"session {os.getpid()} (three, policy p.onnx, started in {os.getcwd()})"
@@ -49,7 +49,7 @@ def test_a_session_says_what_it_is_while_it_runs(local: LocalSession, folder: Pa
     assert not Path(info.feed).exists()
 
 
-def test_what_a_killed_session_left_is_no_session_and_the_next_one_removes_it(folder: Path) -> None:
+def test_what_a_killed_session_left_is_no_session_and_the_next_one_removes_it(folder):
     out = subprocess.run([sys.executable, "-c", KILLED, "kill"], stdout=subprocess.PIPE, text=True, check=False).stdout
     process, _ = out.split()
     assert (folder / f"{process}.session").exists()
@@ -65,7 +65,7 @@ def test_what_a_killed_session_left_is_no_session_and_the_next_one_removes_it(fo
     assert Path("/etc/passwd").exists()
 
 
-def test_with_several_sessions_one_must_be_named(local: LocalSession) -> None:
+def test_with_several_sessions_one_must_be_named(local):
     with subprocess.Popen(
         [sys.executable, "-c", KILLED, "stay"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:
@@ -80,19 +80,19 @@ def test_with_several_sessions_one_must_be_named(local: LocalSession) -> None:
         find_session(other.pid)
 
 
-def test_a_process_has_one_session(local: LocalSession) -> None:
+def test_a_process_has_one_session(local):
     with pytest.raises(InputError, match="another session has this process id"):
         Registration()
 
 
-def test_a_file_of_another_version_is_passed_over(local: LocalSession) -> None:
+def test_a_file_of_another_version_is_passed_over(local):
     path = local.registration.path
     told = json.loads(path.read_text())
     path.write_text(json.dumps({**told, "process": "x"}))
     assert running_sessions() == []
 
 
-def test_a_folder_that_others_may_enter_is_refused(folder: Path) -> None:
+def test_a_folder_that_others_may_enter_is_refused(folder):
     folder.mkdir(mode=0o755)
     folder.chmod(0o755)
     with pytest.raises(InputError, match="only its user can enter"):
@@ -101,7 +101,7 @@ def test_a_folder_that_others_may_enter_is_refused(folder: Path) -> None:
         running_sessions()
 
 
-def test_a_runtime_folder_that_is_not_there_is_no_obstacle(monkeypatch: pytest.MonkeyPatch, runtime: Path) -> None:
+def test_a_runtime_folder_that_is_not_there_is_no_obstacle(monkeypatch, runtime):
     monkeypatch.setattr("tempfile.tempdir", str(runtime))
     for value in (str(runtime / "gone"), "relative", ""):
         monkeypatch.setenv("XDG_RUNTIME_DIR", value)
@@ -109,9 +109,7 @@ def test_a_runtime_folder_that_is_not_there_is_no_obstacle(monkeypatch: pytest.M
     assert (runtime / f"humanoid_sim-{os.getuid()}").is_dir()
 
 
-def test_no_session_starts_whose_folder_leaves_no_room_for_a_clients_socket(
-    monkeypatch: pytest.MonkeyPatch, runtime: Path
-) -> None:
+def test_no_session_starts_whose_folder_leaves_no_room_for_a_clients_socket(monkeypatch, runtime):
     name = f"humanoid_sim-{os.getuid()}"
     fits = runtime / ("x" * (88 - len(f"{runtime}//{name}")))
     longer = fits.with_name(f"{fits.name}x")
@@ -127,7 +125,7 @@ def test_no_session_starts_whose_folder_leaves_no_room_for_a_clients_socket(
         assert local.tick().output.control_mode.mode is Mode.DAMPING
 
 
-def test_a_folder_that_cannot_be_made_is_one_line(runtime: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_one_line(runtime):
     (runtime / f"humanoid_sim-{os.getuid()}").touch()
     with pytest.raises(InputError, match="is not a folder that only its user can enter"):
         Registration()

@@ -3,23 +3,23 @@ import pytest
 import rig
 from fakes import BrokenError, FakeRobot, is_damping, is_zero
 
-from humanoid_sim.mit import MITCommand, MITState
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
 
 CONTROLLERS = rig.supervisor().controllers
 
 
-def moving(velocity: float) -> MITState:
+def moving(velocity):
     return rig.state(joint_velocity=np.array([0.0, velocity, 0.0]))
 
 
 @pytest.mark.parametrize(("period", "needed"), [(0.005, 101), (0.02, 26), (1.0, 2)])
-def test_rest_is_half_a_second_without_motion(period: float, needed: int) -> None:
+def test_rest_is_half_a_second_without_motion(period, needed):
     rest = RestDetector(period)
     assert [rest.update(moving(0.019)) for _ in range(needed)] == [False] * (needed - 1) + [True]
 
 
-def test_motion_of_either_sign_starts_the_half_second_again() -> None:
+def test_motion_of_either_sign_starts_the_half_second_again():
     for velocity in (0.021, -0.021, 3.0):
         rest = RestDetector(0.02)
         for _ in range(25):
@@ -29,69 +29,69 @@ def test_motion_of_either_sign_starts_the_half_second_again() -> None:
         assert rest.update(moving(0.0))
 
 
-def test_velocities_that_nobody_knows_are_no_rest() -> None:
+def test_velocities_that_nobody_knows_are_no_rest():
     rest = RestDetector(1.0)
     unknown = rig.state(joint_velocity=np.full(3, np.nan))
     assert not any(rest.update(unknown) for _ in range(10))
 
 
 @pytest.mark.parametrize("age", [0.21, 3.0, np.inf, np.nan])
-def test_a_joint_that_fell_silent_while_it_was_slow_is_no_rest(age: float) -> None:
+def test_a_joint_that_fell_silent_while_it_was_slow_is_no_rest(age):
     rest = RestDetector(1.0)
     silent = rig.state(joint_age=np.array([0.0, age, 0.0]))
     assert not any(rest.update(silent) for _ in range(10))
     assert [rest.update(moving(0.0)) for _ in range(2)] == [False, True]
 
 
-def damp(robot: FakeRobot, longest: float = 1.0, **options: object) -> MITState:
+def damp(robot, longest=1.0, **options):
     start = rig.state(position=rig.KNOWN)
     settings = {"period": rig.PERIOD, "longest": longest, "pause": None, **options}
-    return damp_without_supervisor(robot, CONTROLLERS, start, **settings)  # type: ignore[arg-type]
+    return damp_without_supervisor(robot, CONTROLLERS, start, **settings)
 
 
-def test_keeps_the_pace_of_the_loop() -> None:
-    pauses: list[float] = []
+def test_keeps_the_pace_of_the_loop():
+    pauses = []
     damp(FakeRobot(velocity=1.0), longest=0.1, pause=pauses.append)
     assert pauses == [rig.PERIOD] * 6
 
 
-def fail(count: int) -> None:
+def fail(count):
     raise BrokenError
 
 
-def test_a_state_that_cannot_be_read_is_the_last_one() -> None:
+def test_a_state_that_cannot_be_read_is_the_last_one():
     robot = FakeRobot(on_read=fail)
     damp(robot, longest=0.1)
     assert {tuple(command.position) for command in robot.commands} == {rig.KNOWN}
 
 
-def test_without_a_controller_that_works_the_command_is_zero_torque() -> None:
+def test_without_a_controller_that_works_the_command_is_zero_torque():
     class Raises:
-        def activate(self, tick_input: object) -> object:
+        def activate(self, tick_input):
             raise BrokenError
 
     for controllers in ({}, {"damping_controller": Raises()}):
         robot = FakeRobot()
-        damp_without_supervisor(robot, controllers, rig.state(), period=rig.PERIOD, longest=0.1, pause=None)  # type: ignore[arg-type]
+        damp_without_supervisor(robot, controllers, rig.state(), period=rig.PERIOD, longest=0.1, pause=None)
         assert [is_zero(command) for command in robot.commands] == [True] * 6
 
 
-def test_a_damping_command_that_cannot_be_sent_is_zero_torque() -> None:
+def test_a_damping_command_that_cannot_be_sent_is_zero_torque():
     class NotFinite:
-        def activate(self, tick_input: object) -> object:
+        def activate(self, tick_input):
             return self
 
-        def update(self, memory: object, tick_input: object) -> object:
+        def update(self, memory, tick_input):
             return memory, MITCommand(*[np.full(3, np.nan)] * 5)
 
     robot = FakeRobot()
     controllers = {"damping_controller": NotFinite()}
-    damp_without_supervisor(robot, controllers, rig.state(), period=rig.PERIOD, longest=0.1, pause=None)  # type: ignore[arg-type]
+    damp_without_supervisor(robot, controllers, rig.state(), period=rig.PERIOD, longest=0.1, pause=None)
     assert [is_zero(command) for command in robot.commands] == [True] * 6
 
 
-def test_an_impatient_interrupt_is_heard_when_the_robot_is_damped() -> None:
-    def interrupt(count: int) -> None:
+def test_an_impatient_interrupt_is_heard_when_the_robot_is_damped():
+    def interrupt(count):
         if count == 1:
             raise KeyboardInterrupt
 

@@ -12,7 +12,6 @@ from humanoid_sim.messages import (
     SafetyLevel,
     SafetyStatus,
     TickOutput,
-    TickRecord,
 )
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.session.script import OverriddenScript, Script, ScriptStep, parse_script
@@ -30,7 +29,7 @@ BAD_SCRIPTS = {
 }  # fmt: skip
 
 
-def test_the_grammar() -> None:
+def test_the_grammar():
     steps = parse_script("damp; LOAD_B ;wait;start_remote; hold 5;; motion; hold 0; load_a; start_locomotion; quit;")
     assert steps == (
         ScriptStep("intent", Intent.DAMP),
@@ -47,7 +46,7 @@ def test_the_grammar() -> None:
 
 
 @pytest.mark.parametrize("text", BAD_SCRIPTS)
-def test_a_bad_script_is_refused_with_its_step_and_the_grammar(text: str) -> None:
+def test_a_bad_script_is_refused_with_its_step_and_the_grammar(text):
     with pytest.raises(InputError) as caught:
         parse_script(text)
     message = str(caught.value)
@@ -56,7 +55,7 @@ def test_a_bad_script_is_refused_with_its_step_and_the_grammar(text: str) -> Non
     assert "hold" in message
 
 
-def play(text: str, frames: int = 0, faults: tuple[float, ...] = ()) -> tuple[Script, list[TickRecord]]:
+def play(text, frames=0, faults=()):
     """Run a script on the rig; `faults` are the times of one-tick safety faults."""
     script, sink = Script(parse_script(text), frames), FakeSink()
     run = session(
@@ -75,9 +74,9 @@ def play(text: str, frames: int = 0, faults: tuple[float, ...] = ()) -> tuple[Sc
     return script, sink.records
 
 
-def starts(records: list[TickRecord]) -> list[tuple[str, float]]:
+def starts(records):
     """Where each mode begins, s."""
-    found: list[tuple[str, float]] = []
+    found = []
     for record in records:
         name = record.output.control_mode.mode.name
         if not found or found[-1][0] != name:
@@ -85,7 +84,7 @@ def starts(records: list[TickRecord]) -> list[tuple[str, float]]:
     return found
 
 
-def test_steps_are_played_in_order_one_intent_per_tick() -> None:
+def test_steps_are_played_in_order_one_intent_per_tick():
     _, records = play("damp; load_a; wait; hold 0.1; start_locomotion; motion; damp; hold 0.2; quit", frames=4)
     assert max(len(record.input.intents) for record in records) == 1
     assert [name for name, _ in starts(records)] == ["ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "DAMPING"][1:]
@@ -100,13 +99,13 @@ def test_steps_are_played_in_order_one_intent_per_tick() -> None:
     assert len(damped) >= 0.2 / rig.PERIOD
 
 
-def test_hold_takes_its_time_on_the_robots_clock() -> None:
+def test_hold_takes_its_time_on_the_robots_clock():
     _, records = play("hold 0.3; damp")
     # It begins in the second tick; the intent leaves in the tick after it is over.
     assert starts(records)[1] == ("DAMPING", pytest.approx(0.02 + 0.3 + 0.02))
 
 
-def test_wait_and_motion_do_not_wait_for_what_was_refused() -> None:
+def test_wait_and_motion_do_not_wait_for_what_was_refused():
     _, records = play("load_a; wait; start_locomotion; motion; hold 0.1")
     assert starts(records) == [("ZERO_TORQUE", 0.0)]
     assert [text for record in records for text in record.output.refusals] == [
@@ -123,7 +122,7 @@ def test_wait_and_motion_do_not_wait_for_what_was_refused() -> None:
         ("damp; load_a; wait; start_locomotion; motion; load_a; hold 10", "LOCOMOTION"),
     ],
 )
-def test_nothing_that_was_planned_before_a_fault_moves_the_robot_after_it(text: str, mode: str) -> None:
+def test_nothing_that_was_planned_before_a_fault_moves_the_robot_after_it(text, mode):
     script, records = play(text, frames=1000, faults=(0.5,))
     assert [name for name, _ in starts(records)][-2:] == [mode, "DAMPING"]
     assert starts(records)[-1][1] == 0.5
@@ -131,12 +130,12 @@ def test_nothing_that_was_planned_before_a_fault_moves_the_robot_after_it(text: 
     assert not any(record.input.intents for record in records[-20:-1])
 
 
-def test_a_fault_in_damping_drops_nothing() -> None:
+def test_a_fault_in_damping_drops_nothing():
     _, records = play("damp; hold 0.5; load_a; wait", faults=(0.2,))
     assert [name for name, _ in starts(records)] == ["DAMPING", "STANDBY", "DAMPING"]
 
 
-def test_an_operator_takes_the_scripts_place_for_good() -> None:
+def test_an_operator_takes_the_scripts_place_for_good():
     script = Script(parse_script("damp; hold 0.1; load_a; wait; start_locomotion; hold 1"))
     operator = FakeSource({10: (Intent.DAMP,)})
     overridden, sink = OverriddenScript(script, [FakeSource(), operator]), FakeSink()
@@ -146,12 +145,12 @@ def test_an_operator_takes_the_scripts_place_for_good() -> None:
     assert script.remaining == 0
 
 
-def test_an_overridden_script_that_nobody_overrides_plays_and_finishes() -> None:
+def test_an_overridden_script_that_nobody_overrides_plays_and_finishes():
     script = OverriddenScript(Script(parse_script("damp; hold 0.1")), [FakeSource()])
     assert session(FakeRobot(), intents=[script]).run().reason == "script finished"
 
 
-def test_a_safety_status_drops_the_rest() -> None:
+def test_a_safety_status_drops_the_rest():
     script = Script(parse_script("damp; hold 1; load_a"))
     script.note_safety((SafetyStatus(),))
     assert script.remaining == 3
@@ -160,7 +159,7 @@ def test_a_safety_status_drops_the_rest() -> None:
     assert script.poll(0.0, None) == ()
 
 
-def test_a_fault_that_moves_nothing_drops_the_rest() -> None:
+def test_a_fault_that_moves_nothing_drops_the_rest():
     """LOAD_A that fails to start leaves the robot in DAMPING: no fall, but what was planned is off."""
     script = Script(parse_script("damp; load_a; hold 1; load_b"))
     damping = ControlMode(Mode.DAMPING, "damping_controller")

@@ -1,6 +1,3 @@
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 import rig
@@ -20,11 +17,10 @@ import humanoid_sim.session.session as loop
 from humanoid_sim.controllers.live_inputs import LiveInputs
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController
-from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
-from humanoid_sim.mit import Extern, MITState
+from humanoid_sim.mit import Extern
 from humanoid_sim.session import pace
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.session import Session
@@ -39,8 +35,8 @@ TO_LOCOMOTION = {**TO_STANDBY, 6: (Intent.START_LOCOMOTION,)}
 # Order.
 
 
-def test_one_tick_reads_collects_steps_writes_and_hands_out() -> None:
-    log: list[str] = []
+def test_one_tick_reads_collects_steps_writes_and_hands_out():
+    log = []
     stack = LoggingSupervisor(rig.JOINTS, rig.supervisor().controllers, log)
     robot, source, sink = FakeRobot(log), FakeSource(finish_at=2, log=log), FakeSink(log)
     session(robot, supervisor=stack, intents=[source], remote=FakeRemote(log), sinks=[sink]).run()
@@ -49,7 +45,7 @@ def test_one_tick_reads_collects_steps_writes_and_hands_out() -> None:
     assert log == ["start sink", "activate", *tick, *tick, *tick, *last, "close robot", "close sink"]
 
 
-def test_sources_see_the_time_of_this_tick_and_the_output_of_the_one_before() -> None:
+def test_sources_see_the_time_of_this_tick_and_the_output_of_the_one_before():
     source, sink = FakeSource(finish_at=3), FakeSink()
     session(FakeRobot(), intents=[source], sinks=[sink]).run()
     assert [time for time, _ in source.seen] == [0.0, 0.02, 0.04, 0.06]
@@ -58,11 +54,11 @@ def test_sources_see_the_time_of_this_tick_and_the_output_of_the_one_before() ->
         assert source.seen[k][1] is sink.records[k - 1].output
 
 
-def test_a_tick_takes_all_sources_and_live_terms_beside_the_robots_own() -> None:
+def test_a_tick_takes_all_sources_and_live_terms_beside_the_robots_own():
     own, live = Extern(np.ones(2), 0.0), Extern(np.zeros(3), 0.0)
 
     class Live:
-        def latest(self) -> dict[str, Extern]:
+        def latest(self):
             return {"velocity": live}
 
     robot, sink = FakeRobot(extern={"key_pressed": own}), FakeSink()
@@ -73,7 +69,7 @@ def test_a_tick_takes_all_sources_and_live_terms_beside_the_robots_own() -> None
     assert dict(first.state.extern) == {"key_pressed": own, "velocity": live}
 
 
-def live_supervisor() -> Supervisor:
+def live_supervisor():
     """The rig's, with a policy that observes the joints and two values that only a program knows."""
     wiring = rig.contract(
         task_type="locomotion", body_names=(), observation=(Term("foot_contact", width=2), "joint_pos")
@@ -84,13 +80,13 @@ def live_supervisor() -> Supervisor:
     return rig.supervisor(rl_policy_controller=policy)
 
 
-def live_inputs(source: Callable[[MITState], Any]) -> LiveInputs:
+def live_inputs(source):
     controller = live_supervisor().controllers["rl_policy_controller"]
     assert isinstance(controller, RLPolicyController)
     return LiveInputs(controller.contract, {"foot_contact": source})
 
 
-def test_a_callable_feeds_a_live_input_and_its_values_are_in_the_ticks() -> None:
+def test_a_callable_feeds_a_live_input_and_its_values_are_in_the_ticks():
     sink, live = FakeSink(), live_inputs(lambda state: [state.time, 0.5])
     session(
         FakeRobot(),
@@ -123,7 +119,7 @@ def test_a_callable_feeds_a_live_input_and_its_values_are_in_the_ticks() -> None
     ],
     ids=["not finite", "another shape"],
 )
-def test_a_live_input_that_is_wrong_is_a_fault_and_never_zeros(live: Callable[[MITState], Any], reason: str) -> None:
+def test_a_live_input_that_is_wrong_is_a_fault_and_never_zeros(live, reason):
     sink = FakeSink()
     session(
         FakeRobot(),
@@ -138,7 +134,7 @@ def test_a_live_input_that_is_wrong_is_a_fault_and_never_zeros(live: Callable[[M
     assert any(mode.mode is Mode.DAMPING and reason in mode.status_message for mode in modes)
 
 
-def test_without_its_live_input_the_policy_does_not_start() -> None:
+def test_without_its_live_input_the_policy_does_not_start():
     sink = FakeSink()
     intents = [FakeSource(TO_LOCOMOTION)]
     session(FakeRobot(), supervisor=live_supervisor(), duration=0.4, intents=intents, sinks=[sink]).run()
@@ -148,7 +144,7 @@ def test_without_its_live_input_the_policy_does_not_start() -> None:
     assert not any(record.output.faults for record in sink.records)
 
 
-def test_the_safety_filter_decides_what_the_supervisor_sees() -> None:
+def test_the_safety_filter_decides_what_the_supervisor_sees():
     fault = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.BUS_OFF, "can0")
     sink = FakeSink()
     run = session(
@@ -163,7 +159,7 @@ def test_the_safety_filter_decides_what_the_supervisor_sees() -> None:
 # Ends.
 
 
-def ended_damped(robot: FakeRobot) -> int:
+def ended_damped(robot):
     """Check that the run ended in DAMPING, then closed; the number of DAMPING's commands at its end."""
     assert robot.is_closed
     assert robot.log[-1] == "close robot"
@@ -176,7 +172,7 @@ def ended_damped(robot: FakeRobot) -> int:
     return count
 
 
-def test_a_run_ends_after_its_duration_through_damping() -> None:
+def test_a_run_ends_after_its_duration_through_damping():
     robot, sink = FakeRobot(), FakeSink()
     result = session(robot, duration=0.5, intents=[FakeSource(TO_STANDBY)], sinks=[sink]).run()
     assert result.reason == "duration of 0.5 s reached"
@@ -190,14 +186,14 @@ def test_a_run_ends_after_its_duration_through_damping() -> None:
     assert (result.skipped, result.failures) == (0, ())
 
 
-def test_a_run_ends_when_a_source_wants_it() -> None:
+def test_a_run_ends_when_a_source_wants_it():
     robot = FakeRobot()
     result = session(robot, intents=[FakeSource(), FakeSource(TO_STANDBY, finish_at=7)]).run()
     assert result.reason == "script finished"
     assert ended_damped(robot) == REST_TICKS + 2
 
 
-def test_quit_in_damping_stays_there_until_the_joints_rest() -> None:
+def test_quit_in_damping_stays_there_until_the_joints_rest():
     """The arms may still be falling when QUIT comes right after DAMP."""
     robot = FakeRobot()
     result = session(robot, intents=[FakeSource({0: (Intent.DAMP,), 3: (Intent.QUIT,)})]).run()
@@ -205,13 +201,13 @@ def test_quit_in_damping_stays_there_until_the_joints_rest() -> None:
     assert ended_damped(robot) == 4 + REST_TICKS + 2
 
 
-def test_quit_without_torque_ends_at_once() -> None:
+def test_quit_without_torque_ends_at_once():
     robot = FakeRobot()
     result = session(robot, intents=[FakeSource({3: (Intent.QUIT,)})]).run()
     assert (result.reason, result.ticks) == ("QUIT", 5)
 
 
-def test_quit_is_refused_in_motion_and_the_run_goes_on() -> None:
+def test_quit_is_refused_in_motion_and_the_run_goes_on():
     sink = FakeSink()
     result = session(
         FakeRobot(), duration=0.2, intents=[FakeSource({**TO_STANDBY, 3: (Intent.QUIT,)})], sinks=[sink]
@@ -220,7 +216,7 @@ def test_quit_is_refused_in_motion_and_the_run_goes_on() -> None:
     assert sink.records[3].output.refusals == ("QUIT refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY",)
 
 
-def test_a_run_without_torque_ends_without() -> None:
+def test_a_run_without_torque_ends_without():
     robot = FakeRobot()
     result = session(robot, duration=0.1).run()
     assert all(is_zero(command) for command in robot.commands)
@@ -228,8 +224,8 @@ def test_a_run_without_torque_ends_without() -> None:
     assert robot.is_closed
 
 
-def test_arms_that_were_held_still_are_not_at_rest_when_damping_begins() -> None:
-    def falling(count: int) -> None:  # held still until DAMPING, then falling for 0.4 s
+def test_arms_that_were_held_still_are_not_at_rest_when_damping_begins():
+    def falling(count):  # held still until DAMPING, then falling for 0.4 s
         robot.velocity = 0.5 if 20 < robot.writes < 40 else 0.0
 
     robot = FakeRobot(on_read=falling)
@@ -237,7 +233,7 @@ def test_arms_that_were_held_still_are_not_at_rest_when_damping_begins() -> None
     assert robot.writes > 40 + REST_TICKS
 
 
-def test_joints_that_never_rest_do_not_keep_a_run_from_ending() -> None:
+def test_joints_that_never_rest_do_not_keep_a_run_from_ending():
     robot = FakeRobot(velocity=1.0)
     source = FakeSource(TO_STANDBY)
     result = session(robot, duration=0.2, damping_time=1.0, intents=[source]).run()
@@ -245,13 +241,13 @@ def test_joints_that_never_rest_do_not_keep_a_run_from_ending() -> None:
     assert source.polls == result.ticks - 2  # whoever asks meanwhile is answered
 
 
-def test_a_velocity_that_is_unknown_is_no_motion() -> None:
+def test_a_velocity_that_is_unknown_is_no_motion():
     robot = FakeRobot(velocity=np.nan)
     session(robot, duration=0.2, intents=[FakeSource(TO_STANDBY)]).run()
     assert ended_damped(robot) == REST_TICKS + 2
 
 
-def test_a_request_to_stop_ends_through_damping() -> None:
+def test_a_request_to_stop_ends_through_damping():
     robot, sink = FakeRobot(), FakeSink()
     run = session(robot, intents=[FakeSource(TO_LOCOMOTION)], sinks=[sink])
     sink.on_tick = lambda record: run.request_stop("SIGTERM") if record.index == 10 else None
@@ -261,7 +257,7 @@ def test_a_request_to_stop_ends_through_damping() -> None:
     assert ended_damped(robot) == REST_TICKS + 2
 
 
-def test_a_second_request_to_stop_does_not_wait_for_rest_but_damps() -> None:
+def test_a_second_request_to_stop_does_not_wait_for_rest_but_damps():
     robot, sink = FakeRobot(velocity=1.0), FakeSink()
     run = session(robot, intents=[FakeSource(TO_LOCOMOTION)], sinks=[sink])
     sink.on_tick = lambda record: run.request_stop(f"at {record.index}") if record.index in (10, 15) else None
@@ -270,7 +266,7 @@ def test_a_second_request_to_stop_does_not_wait_for_rest_but_damps() -> None:
     assert ended_damped(robot) == 6  # ticks 11 to 16, the last of them QUIT
 
 
-def test_a_request_before_the_first_tick_closes_the_robot_untouched() -> None:
+def test_a_request_before_the_first_tick_closes_the_robot_untouched():
     robot = FakeRobot()
     run = session(robot)
     run.request_stop("early")
@@ -278,7 +274,7 @@ def test_a_request_before_the_first_tick_closes_the_robot_untouched() -> None:
     assert robot.log == ["activate", "close robot"]
 
 
-def test_a_robot_that_cannot_be_activated_is_closed() -> None:
+def test_a_robot_that_cannot_be_activated_is_closed():
     robot, sink = FakeRobot(activation_error=RobotError("joint 3 is silent")), FakeSink()
     with pytest.raises(RobotError, match="joint 3"):
         session(robot, sinks=[sink]).run()
@@ -286,36 +282,36 @@ def test_a_robot_that_cannot_be_activated_is_closed() -> None:
     assert sink.log == ["start sink", "close sink"]
 
 
-def test_a_sink_that_cannot_start_keeps_the_robot_from_being_activated() -> None:
+def test_a_sink_that_cannot_start_keeps_the_robot_from_being_activated():
     class Unwritable(FakeSink):
-        def start(self, header: SessionHeader) -> None:
+        def start(self, header):
             raise InputError("run.mcap: cannot be written")
 
-    log: list[str] = []
+    log = []
     with pytest.raises(InputError, match=r"run\.mcap"):
         session(FakeRobot(log), sinks=[FakeSink(log, name="first"), Unwritable(log)]).run()
     assert log == ["start first", "close robot", "close first"]
 
 
-def raise_broken(*_: Any) -> Any:
+def raise_broken(*_):
     raise BrokenError("deliberate")
 
 
-def broken_at(count: int) -> Callable[[int], None]:
+def broken_at(count):
     return lambda i: raise_broken() if i == count else None
 
 
-def broken_from(count: int) -> Callable[[int], None]:
+def broken_from(count):
     return lambda i: raise_broken() if i >= count else None
 
 
-def _source_that_breaks(robot: FakeRobot) -> dict[str, Any]:
+def _source_that_breaks(robot):
     source = FakeSource(TO_STANDBY)
     source.poll = lambda time, output: raise_broken() if source.polls > 8 else FakeSource.poll(source, time, output)
     return {"intents": [source]}
 
 
-def _supervisor_that_breaks(robot: FakeRobot) -> dict[str, Any]:
+def _supervisor_that_breaks(robot):
     stack = rig.supervisor()
     broken = LoggingSupervisor(
         rig.JOINTS, stack.controllers, on_step=lambda tick: raise_broken() if tick.state.time > 0.15 else None
@@ -323,7 +319,7 @@ def _supervisor_that_breaks(robot: FakeRobot) -> dict[str, Any]:
     return {"supervisor": broken, "intents": [FakeSource(TO_STANDBY)]}
 
 
-BREAKAGES: dict[str, Callable[[FakeRobot], dict[str, Any]]] = {
+BREAKAGES = {
     "read once": lambda robot: setattr(robot, "on_read", broken_at(8)) or {},
     "read for good": lambda robot: setattr(robot, "on_read", broken_from(8)) or {},
     "write once": lambda robot: setattr(robot, "on_write", broken_at(8)) or {},
@@ -335,7 +331,7 @@ BREAKAGES: dict[str, Callable[[FakeRobot], dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("name", BREAKAGES)
-def test_an_exception_in_motion_comes_out_after_damping(name: str) -> None:
+def test_an_exception_in_motion_comes_out_after_damping(name):
     robot, sink = FakeRobot(), FakeSink()
     options = {"intents": [FakeSource(TO_STANDBY)], **BREAKAGES[name](robot)}
     with pytest.raises(BrokenError, match="deliberate"):
@@ -345,7 +341,7 @@ def test_an_exception_in_motion_comes_out_after_damping(name: str) -> None:
     assert sink.log[-1] == "close sink"
 
 
-def test_a_robot_that_takes_no_command_any_more_is_still_asked_to_damp_and_closed() -> None:
+def test_a_robot_that_takes_no_command_any_more_is_still_asked_to_damp_and_closed():
     robot = FakeRobot(velocity=1.0, on_write=broken_from(8))
     with pytest.raises(BrokenError):
         session(robot, damping_time=1.0, intents=[FakeSource(TO_STANDBY)]).run()
@@ -353,7 +349,7 @@ def test_a_robot_that_takes_no_command_any_more_is_still_asked_to_damp_and_close
     assert robot.is_closed
 
 
-def test_an_exception_without_torque_does_not_bring_any() -> None:
+def test_an_exception_without_torque_does_not_bring_any():
     robot = FakeRobot(on_read=broken_at(3))
     with pytest.raises(BrokenError):
         session(robot).run()
@@ -362,32 +358,32 @@ def test_an_exception_without_torque_does_not_bring_any() -> None:
     assert robot.is_closed
 
 
-def test_an_exception_before_any_state_is_known_makes_no_torque() -> None:
+def test_an_exception_before_any_state_is_known_makes_no_torque():
     robot = FakeRobot(on_read=broken_from(0))
     with pytest.raises(BrokenError):
         session(robot).run()
     assert [is_zero(command) for command in robot.commands] == [True]
 
 
-def test_an_exception_while_ending_damps_too() -> None:
+def test_an_exception_while_ending_damps_too():
     robot = FakeRobot(on_write=broken_at(15))
     with pytest.raises(BrokenError):
         session(robot, duration=0.2, intents=[FakeSource(TO_STANDBY)]).run()
     assert ended_damped(robot) > REST_TICKS
 
 
-def test_every_sink_is_closed_whatever_raises() -> None:
+def test_every_sink_is_closed_whatever_raises():
     class Unclosable(FakeSink):
-        def close(self) -> None:
+        def close(self):
             super().close()
             raise BrokenError("close")
 
     class UnclosableRobot(FakeRobot):
-        def close(self) -> None:
+        def close(self):
             super().close()
             raise BrokenError("robot")
 
-    log: list[str] = []
+    log = []
     sinks = [FakeSink(log, name="a"), Unclosable(log, name="b"), FakeSink(log, name="c")]
     with pytest.raises(BrokenError):
         session(UnclosableRobot(log), duration=0.1, sinks=sinks).run()
@@ -397,7 +393,7 @@ def test_every_sink_is_closed_whatever_raises() -> None:
 # Sinks.
 
 
-def test_a_sink_that_raises_is_left_out_and_the_run_goes_on() -> None:
+def test_a_sink_that_raises_is_left_out_and_the_run_goes_on():
     broken, sink = FakeSink(), FakeSink()
     broken.on_tick = lambda record: raise_broken() if record.index == 3 else None
     result = session(FakeRobot(), duration=0.2, sinks=[broken, sink]).run()
@@ -408,9 +404,9 @@ def test_a_sink_that_raises_is_left_out_and_the_run_goes_on() -> None:
     assert broken.log[-1] == "close sink"
 
 
-def test_a_sink_that_raises_at_an_event_is_left_out_too() -> None:
+def test_a_sink_that_raises_at_an_event_is_left_out_too():
     broken, sink = FakeSink(), FakeSink()
-    broken.event = raise_broken  # type: ignore[method-assign]
+    broken.event = raise_broken
     result = session(FakeRobot(), duration=0.1, sinks=[broken, sink]).run()
     assert result.failures == ("FakeSink: BrokenError: deliberate",)
     assert sink.events == [
@@ -425,27 +421,27 @@ def test_a_sink_that_raises_at_an_event_is_left_out_too() -> None:
 class FakeClock:
     """Time passes when somebody sleeps, and a little with every look at the clock."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, monkeypatch):
         self.now = 100.0
-        self.slept: list[float] = []
+        self.slept = []
         for module in (loop, pace):
             monkeypatch.setattr(module, "perf_counter", self.look)
             monkeypatch.setattr(module, "sleep", self.sleep)
 
-    def look(self) -> float:
+    def look(self):
         self.now += 1e-6
         return self.now
 
-    def sleep(self, seconds: float) -> None:
+    def sleep(self, seconds):
         self.slept.append(seconds)
         self.now += seconds
 
 
-def test_a_missed_deadline_is_skipped_never_caught_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missed_deadline_is_skipped_never_caught_up(monkeypatch):
     clock = FakeClock(monkeypatch)
-    starts: list[float] = []
+    starts = []
 
-    def stall(count: int) -> None:
+    def stall(count):
         if count == 3:
             clock.now += 0.05  # two and a half periods
 
@@ -458,9 +454,9 @@ def test_a_missed_deadline_is_skipped_never_caught_up(monkeypatch: pytest.Monkey
     assert [record.index for record in sink.records] == list(range(8))
 
 
-def test_a_slow_sink_makes_the_loop_skip_but_not_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_slow_sink_makes_the_loop_skip_but_not_stop(monkeypatch):
     clock = FakeClock(monkeypatch)
-    starts: list[float] = []
+    starts = []
     sink = FakeSink(on_tick=lambda record: clock.sleep(0.03 if record.index == 1 else 0.0))
     robot = FakeRobot(on_read=lambda _: starts.append(clock.now - 100.0))
     result = session(robot, realtime=True, duration=0.1, sinks=[sink]).run()
@@ -469,7 +465,7 @@ def test_a_slow_sink_makes_the_loop_skip_but_not_stop(monkeypatch: pytest.Monkey
     assert result.ticks == 7
 
 
-def test_ticks_driven_by_hand_have_no_deadline_in_the_past(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ticks_driven_by_hand_have_no_deadline_in_the_past(monkeypatch):
     FakeClock(monkeypatch)
     sink = FakeSink()
     run = session(FakeRobot(), realtime=True, sinks=[sink])
@@ -478,10 +474,10 @@ def test_ticks_driven_by_hand_have_no_deadline_in_the_past(monkeypatch: pytest.M
     assert [record.overrun for record in sink.records] == [False, False, False]
 
 
-def test_without_real_time_a_slow_tick_counts_but_nothing_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_real_time_a_slow_tick_counts_but_nothing_is_waited_for(monkeypatch):
     clock = FakeClock(monkeypatch)
 
-    def stall(count: int) -> None:
+    def stall(count):
         if count == 2:
             clock.now += 0.05
 
@@ -489,7 +485,7 @@ def test_without_real_time_a_slow_tick_counts_but_nothing_is_waited_for(monkeypa
     assert (result.overruns, result.skipped, clock.slept) == (1, 0, [])
 
 
-def test_only_a_run_without_deadlines_waits_for_a_sink_that_lags(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_a_run_without_deadlines_waits_for_a_sink_that_lags(monkeypatch):
     clock = FakeClock(monkeypatch)
     sink = FakeSink()
     sink.waiting = [5000, 4000, 2001, 2000]
@@ -501,13 +497,13 @@ def test_only_a_run_without_deadlines_waits_for_a_sink_that_lags(monkeypatch: py
     assert sink.questions == 0
 
 
-def test_a_sink_that_never_catches_up_does_not_keep_a_run_from_being_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sink_that_never_catches_up_does_not_keep_a_run_from_being_stopped(monkeypatch):
     sink = FakeSink()
     sink.waiting = [5000] * 10**6
     run = session(FakeRobot(), sinks=[sink])
     waits = []
 
-    def sleep(seconds: float) -> None:
+    def sleep(seconds):
         waits.append(seconds)
         if len(waits) == 5:
             run.request_stop("SIGINT")
@@ -516,10 +512,10 @@ def test_a_sink_that_never_catches_up_does_not_keep_a_run_from_being_stopped(mon
     assert run.run().reason == "SIGINT"
 
 
-def test_the_duration_of_a_tick_leaves_out_the_physics_of_a_simulated_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_duration_of_a_tick_leaves_out_the_physics_of_a_simulated_robot(monkeypatch):
     clock = FakeClock(monkeypatch)
 
-    def physics(count: int) -> None:
+    def physics(count):
         clock.now += 0.003
 
     for simulated, expected in ((True, 0.0), (False, 0.003)):

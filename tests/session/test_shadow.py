@@ -1,9 +1,7 @@
 """A shadow policy sees what LOCOMOTION would see and says what it would command; no tick differs because of it."""
 
 import threading
-from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +9,8 @@ import rig
 from fakes import FakeRobot, FakeSink, FakeSource, session
 
 from humanoid_sim.controllers.rl_policy import RLPolicyController
-from humanoid_sim.messages import Event, Intent, Mode, TickRecord
+from humanoid_sim.messages import Intent, Mode
 from humanoid_sim.recording.codec import TickEncoder
-from humanoid_sim.recording.shadow import ShadowStep
 from humanoid_sim.session import sinks
 from humanoid_sim.session.shadow import ShadowSink
 
@@ -23,7 +20,7 @@ TICKS = 16
 LIMIT = np.array([10.0, 10.0, 10.0])
 
 
-def controller(policy: Callable[..., Any] = rig.good_answer) -> RLPolicyController:
+def controller(policy=rig.good_answer):
     """An inference every two ticks."""
     return RLPolicyController(
         rig.JOINTS, rig.contract(), rig.reference(), policy, control_period=rig.PERIOD, extern={"velocity": 3}
@@ -33,9 +30,9 @@ def controller(policy: Callable[..., Any] = rig.good_answer) -> RLPolicyControll
 class Shadowed:
     """A run with a shadow policy, and what came of it."""
 
-    def __init__(self, policy: Callable[..., Any] | None = None, *, realtime: bool = False) -> None:
-        self.steps: list[ShadowStep] = []
-        self.told: list[Event] = []
+    def __init__(self, policy=None, *, realtime=False):
+        self.steps = []
+        self.told = []
         self.shadow = ShadowSink(
             controller(policy or rig.good_answer),
             "p.onnx",
@@ -45,11 +42,11 @@ class Shadowed:
             tell=self.told.append,
         )
 
-    def run(self) -> list[TickRecord]:
+    def run(self):
         return run(self.shadow)
 
 
-def run(*others: Any, intents: dict[int, Sequence[Intent]] | None = None, policy: Any = None) -> list[TickRecord]:
+def run(*others, intents=None, policy=None):
     """The ticks of a session whose control stack has no policy, unless it is given one."""
     sink = FakeSink()
     stack = rig.supervisor(rl_policy_controller=policy, remote_policy_controller=None)
@@ -58,13 +55,13 @@ def run(*others: Any, intents: dict[int, Sequence[Intent]] | None = None, policy
     return sink.records
 
 
-def control_log(records: Sequence[TickRecord]) -> list[bytes]:
+def control_log(records):
     """Everything in the ticks but how long they took."""
     encoder = TickEncoder(len(rig.JOINTS))
     return [encoder.encode(replace(record, duration=0.0, overrun=False)) for record in records]
 
 
-def test_it_runs_in_damping_and_standby_and_begins_afresh_where_locomotion_would() -> None:
+def test_it_runs_in_damping_and_standby_and_begins_afresh_where_locomotion_would():
     shadowed = Shadowed()
     records = shadowed.run()
     modes = [record.output.control_mode.mode for record in records[:TICKS]]
@@ -79,7 +76,7 @@ def test_it_runs_in_damping_and_standby_and_begins_afresh_where_locomotion_would
     assert [event.text for event in shadowed.told] == ["shadow policy p.onnx: nothing of it reaches a motor"]
 
 
-def test_it_says_what_locomotion_would_command() -> None:
+def test_it_says_what_locomotion_would_command():
     shadowed = Shadowed()
     shadowed.run()
     drives = run(intents={**INTENTS, 8: (Intent.START_LOCOMOTION,)}, policy=controller())
@@ -96,7 +93,7 @@ def test_it_says_what_locomotion_would_command() -> None:
 
 
 @pytest.mark.parametrize("name", rig.BAD_ANSWERS)
-def test_a_policy_that_misbehaves_changes_no_tick_and_is_told(name: str) -> None:
+def test_a_policy_that_misbehaves_changes_no_tick_and_is_told(name):
     plain = control_log(run())
     shadowed = Shadowed(rig.BAD_ANSWERS[name])
     assert control_log(shadowed.run()) == plain
@@ -109,8 +106,8 @@ def test_a_policy_that_misbehaves_changes_no_tick_and_is_told(name: str) -> None
     assert [event.text.startswith("shadow policy: failed: ") for event in shadowed.told] == [False, True]
 
 
-def test_a_policy_that_ends_its_thread_changes_no_tick() -> None:
-    def leaving(*_: Any) -> Any:
+def test_a_policy_that_ends_its_thread_changes_no_tick():
+    def leaving(*_):
         raise SystemExit(3)
 
     shadowed = Shadowed(leaving)
@@ -118,11 +115,11 @@ def test_a_policy_that_ends_its_thread_changes_no_tick() -> None:
     assert isinstance(shadowed.shadow.error, SystemExit)
 
 
-def test_a_policy_that_does_not_answer_holds_nobody_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_policy_that_does_not_answer_holds_nobody_up(monkeypatch):
     monkeypatch.setattr(sinks, "_STUCK_AFTER", 0.05)
     answer = threading.Event()
 
-    def silent(observation: Any, frame: int) -> Any:
+    def silent(observation, frame):
         answer.wait()
         return rig.good_answer(observation, frame)
 
@@ -135,7 +132,7 @@ def test_a_policy_that_does_not_answer_holds_nobody_up(monkeypatch: pytest.Monke
         shadowed.shadow._thread.join()
 
 
-def test_what_it_would_see_too_late_is_left_out_and_told() -> None:
+def test_what_it_would_see_too_late_is_left_out_and_told():
     records, shadowed = run(), Shadowed(realtime=True)
     for record in 4 * records[:TICKS]:
         shadowed.shadow.tick(record)
@@ -149,7 +146,7 @@ def test_what_it_would_see_too_late_is_left_out_and_told() -> None:
     assert late.shadow.figures()["behind"] == pytest.approx(0.1)
 
 
-def test_without_a_policy_in_the_stack_no_intent_leaves_damping_and_standby() -> None:
+def test_without_a_policy_in_the_stack_no_intent_leaves_damping_and_standby():
     shadowed = Shadowed()
     asked = {8: (Intent.START_LOCOMOTION,), 10: (Intent.START_REMOTE,)}
     records = run(shadowed.shadow, intents={**INTENTS, **asked})

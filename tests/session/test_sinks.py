@@ -1,14 +1,12 @@
 import threading
 import time
-from collections.abc import Iterator
-from typing import Any
 
 import pytest
 import rig
 from fakes import HEADER, BrokenError, FakeRobot, FakeSink, session
 from waiting import until
 
-from humanoid_sim.messages import Event, SessionHeader, TickRecord
+from humanoid_sim.messages import Event
 from humanoid_sim.session import sinks
 from humanoid_sim.session.sinks import SinkGroup, WorkerSink
 
@@ -16,42 +14,42 @@ from humanoid_sim.session.sinks import SinkGroup, WorkerSink
 class Kept(WorkerSink):
     """Writes down what it is called with, on which thread."""
 
-    def __init__(self, fail_at: str = "", period: float = 0.001) -> None:
+    def __init__(self, fail_at="", period=0.001):
         super().__init__("kept", period)
-        self.calls: list[Any] = []
-        self.threads: set[str] = set()
+        self.calls = []
+        self.threads = set()
         self._fail_at = fail_at
 
-    def _note(self, what: Any) -> None:
+    def _note(self, what):
         self.calls.append(what)
         if str(what) == self._fail_at:
             raise BrokenError(f"at {what}")
 
-    def handle_start(self, header: SessionHeader) -> None:
+    def handle_start(self, header):
         self._note("start")
 
-    def handle_tick(self, record: TickRecord) -> None:
+    def handle_tick(self, record):
         self.threads.add(threading.current_thread().name)
         self._note(record.index)
 
-    def handle_event(self, event: Event) -> None:
+    def handle_event(self, event):
         self._note((event.time, event.text))
 
-    def handle_pause(self) -> None:
+    def handle_pause(self):
         if self._fail_at == "pause":
             raise BrokenError("at pause")
 
-    def handle_close(self) -> None:
+    def handle_close(self):
         self._note("close")
 
 
-def records(count: int) -> list[TickRecord]:
+def records(count):
     sink = FakeSink()
     session(FakeRobot(), duration=count * rig.PERIOD, sinks=[sink]).run()
     return sink.records[:count]
 
 
-def test_ticks_and_events_are_dealt_with_in_order_on_its_own_thread() -> None:
+def test_ticks_and_events_are_dealt_with_in_order_on_its_own_thread():
     sink = Kept()
     sink.start(HEADER)
     ticks = records(3)
@@ -66,7 +64,7 @@ def test_ticks_and_events_are_dealt_with_in_order_on_its_own_thread() -> None:
     assert sink.error is None
 
 
-def test_closing_deals_with_what_is_left() -> None:
+def test_closing_deals_with_what_is_left():
     sink = Kept(period=60.0)
     sink.start(HEADER)
     for record in records(50):
@@ -77,14 +75,14 @@ def test_closing_deals_with_what_is_left() -> None:
     assert sink.backlog == 0
 
 
-def test_one_that_was_never_started_can_be_closed() -> None:
+def test_one_that_was_never_started_can_be_closed():
     sink = Kept()
     sink.close()
     assert sink.calls == ["close"]
 
 
 @pytest.mark.parametrize("where", ["1", "(0.5, 'half')", "pause"])
-def test_one_that_raises_keeps_the_exception_and_takes_no_more(where: str) -> None:
+def test_one_that_raises_keeps_the_exception_and_takes_no_more(where):
     sink = Kept(fail_at=where)
     sink.start(HEADER)
     ticks = records(3)
@@ -103,9 +101,9 @@ def test_one_that_raises_keeps_the_exception_and_takes_no_more(where: str) -> No
     assert 2 not in sink.calls
 
 
-def test_one_whose_library_wants_to_exit_is_one_that_raises() -> None:
+def test_one_whose_library_wants_to_exit_is_one_that_raises():
     class Exits(Kept):
-        def handle_tick(self, record: TickRecord) -> None:
+        def handle_tick(self, record):
             raise SystemExit(1)  # what rich does where the reader of its output has left
 
     sink = Exits()
@@ -114,14 +112,14 @@ def test_one_whose_library_wants_to_exit_is_one_that_raises() -> None:
     assert sink.backlog == 0
 
 
-def test_an_exception_in_closing_is_kept_unless_there_was_one_before() -> None:
+def test_an_exception_in_closing_is_kept_unless_there_was_one_before():
     sink = Kept(fail_at="close")
     sink.start(HEADER)
     sink.close()
     assert str(sink.error) == "at close"
 
 
-def test_the_loop_goes_on_without_a_worker_that_raises() -> None:
+def test_the_loop_goes_on_without_a_worker_that_raises():
     sink, other = Kept(fail_at="3"), FakeSink()
     result = session(FakeRobot(), duration=1.0, sinks=[sink, other]).run()
     assert str(sink.error) == "at 3"
@@ -129,14 +127,14 @@ def test_the_loop_goes_on_without_a_worker_that_raises() -> None:
     assert len(other.records) == result.ticks > 50
 
 
-def test_a_slow_worker_does_not_slow_the_loop() -> None:
+def test_a_slow_worker_does_not_slow_the_loop():
     class Slow(Kept):
-        def handle_tick(self, record: TickRecord) -> None:
+        def handle_tick(self, record):
             time.sleep(0.02)
             super().handle_tick(record)
 
     sink = Slow()
-    ended: list[float] = []
+    ended = []
     robot = FakeRobot(on_write=lambda _: ended.append(time.monotonic()))
     begin = time.monotonic()
     result = session(robot, duration=0.4, sinks=[sink]).run()
@@ -148,18 +146,18 @@ def test_a_slow_worker_does_not_slow_the_loop() -> None:
 class Stuck(Kept):
     """Does not come back from its first tick until it is let go: a console whose pipe nobody reads."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.entered, self.let_go = threading.Event(), threading.Event()
 
-    def handle_tick(self, record: TickRecord) -> None:
+    def handle_tick(self, record):
         self.entered.set()
         self.let_go.wait(30.0)
         super().handle_tick(record)
 
 
 @pytest.fixture
-def stuck(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stuck]:
+def stuck(monkeypatch):
     """A sink that is stuck from its first tick on; let go in the end."""
     monkeypatch.setattr(sinks, "_STUCK_AFTER", 0.2)
     sink = Stuck()
@@ -168,7 +166,7 @@ def stuck(monkeypatch: pytest.MonkeyPatch) -> Iterator[Stuck]:
     sink._thread.join(5.0)
 
 
-def test_a_stuck_worker_does_not_keep_a_run_from_ending(stuck: Stuck) -> None:
+def test_a_stuck_worker_does_not_keep_a_run_from_ending(stuck):
     other = FakeSink()
     begin = time.monotonic()
     result = session(FakeRobot(), duration=60.0, sinks=[stuck, other]).run()  # longer than the backlog of a run
@@ -180,7 +178,7 @@ def test_a_stuck_worker_does_not_keep_a_run_from_ending(stuck: Stuck) -> None:
     assert stuck.calls == ["start"]
 
 
-def test_what_a_stuck_worker_keeps_is_bounded_and_the_rest_is_counted(stuck: Stuck) -> None:
+def test_what_a_stuck_worker_keeps_is_bounded_and_the_rest_is_counted(stuck):
     stuck.start(HEADER)
     tick = records(1)[0]
     stuck.tick(tick)
@@ -198,14 +196,14 @@ def test_what_a_stuck_worker_keeps_is_bounded_and_the_rest_is_counted(stuck: Stu
     assert stuck.calls[-1] == "close"
 
 
-def broken(*_: Any) -> None:
+def broken(*_):
     raise BrokenError("deliberate")
 
 
-def test_sinks_that_fail_at_the_news_of_a_failure_are_left_out_as_well() -> None:
+def test_sinks_that_fail_at_the_news_of_a_failure_are_left_out_as_well():
     sinks = [FakeSink() for _ in range(3)]
     for sink in sinks:
-        sink.event = broken  # type: ignore[method-assign]
+        sink.event = broken
     group = SinkGroup(sinks, lambda: 0.0)
     group.event("news")
     assert len(group.failures) == 3
@@ -213,7 +211,7 @@ def test_sinks_that_fail_at_the_news_of_a_failure_are_left_out_as_well() -> None
     assert len(group.failures) == 3
 
 
-def test_the_slowest_sink_decides_how_far_they_lag() -> None:
+def test_the_slowest_sink_decides_how_far_they_lag():
     quick, slow = FakeSink(), FakeSink()
     slow.waiting = [2001, 2000]
     group = SinkGroup([quick, slow], lambda: 0.0)

@@ -12,7 +12,7 @@ from humanoid_sim.mit import VELOCITY_COMMAND
 from humanoid_sim.session.sources import VELOCITY_KEYS, IntentQueue, RemoteInbox, VelocityCommand, parse_velocity
 
 
-def test_an_intent_queue_gives_everything_once_and_in_order() -> None:
+def test_an_intent_queue_gives_everything_once_and_in_order():
     queue = IntentQueue()
     assert list(queue.poll(0.0, None)) == []
     for intent in (Intent.LOAD_A, Intent.DAMP, Intent.DAMP):
@@ -22,8 +22,8 @@ def test_an_intent_queue_gives_everything_once_and_in_order() -> None:
     assert not queue.finished
 
 
-def test_an_intent_that_waited_for_the_loop_too_long_is_left_out_unless_it_damps() -> None:
-    told: list[str] = []
+def test_an_intent_that_waited_for_the_loop_too_long_is_left_out_unless_it_damps():
+    told = []
     queue = IntentQueue(told.append)
     long_ago = monotonic_ns() - 600_000_000
     for intent in (Intent.LOAD_A, Intent.DAMP, Intent.QUIT):
@@ -35,12 +35,12 @@ def test_an_intent_that_waited_for_the_loop_too_long_is_left_out_unless_it_damps
     assert "is in the future" in told[2]
 
 
-def test_an_intent_queue_loses_nothing_between_threads() -> None:
+def test_an_intent_queue_loses_nothing_between_threads():
     queue = IntentQueue()
     count, kinds = 5000, list(Intent)[:4]
-    got: list[Intent] = []
+    got = []
 
-    def send(intent: Intent) -> None:
+    def send(intent):
         for _ in range(count):
             queue.put(intent)
 
@@ -55,11 +55,11 @@ def test_an_intent_queue_loses_nothing_between_threads() -> None:
     assert {intent: got.count(intent) for intent in kinds} == dict.fromkeys(kinds, count)
 
 
-def inbox(time: list[float]) -> RemoteInbox:
+def inbox(time):
     return RemoteInbox(rig.JOINTS, lambda: time[0])
 
 
-def test_a_command_is_stamped_with_the_robots_clock_at_its_arrival() -> None:
+def test_a_command_is_stamped_with_the_robots_clock_at_its_arrival():
     time = [3.0]
     box = inbox(time)
     assert box.latest() is None
@@ -71,8 +71,8 @@ def test_a_command_is_stamped_with_the_robots_clock_at_its_arrival() -> None:
     assert latest.arrival_time == 3.0
     newer = rig.command(0.1)
     box.put(list(rig.JOINTS), newer)
-    assert box.latest().command is newer  # type: ignore[union-attr]
-    assert box.latest().arrival_time == 9.0  # type: ignore[union-attr]
+    assert box.latest().command is newer
+    assert box.latest().arrival_time == 9.0
     assert (box.accepted, box.rejected) == (2, 0)
 
 
@@ -93,37 +93,37 @@ def test_a_command_is_stamped_with_the_robots_clock_at_its_arrival() -> None:
         (rig.JOINTS, rig.command(stiffness=np.array([0.0, 0.0, -1.0])), "stiffness of wrist is -1"),
     ],
 )
-def test_a_command_that_does_not_fit_is_refused_and_the_last_one_stays(names, command, message) -> None:
+def test_a_command_that_does_not_fit_is_refused_and_the_last_one_stays(names, command, message):
     box = inbox([1.0])
     good = rig.command()
     box.put(rig.JOINTS, good)
     with pytest.raises(FieldError, match=message):
         box.put(names, command)
-    assert box.latest().command is good  # type: ignore[union-attr]
+    assert box.latest().command is good
     assert (box.accepted, box.rejected) == (1, 1)
 
 
 RANGES = np.array([[-0.5, 1.0], [-0.5, 0.5], [-1.0, 1.0]])
 
 
-def test_three_numbers() -> None:
+def test_three_numbers():
     assert parse_velocity(" 0.5, -0.25,1", RANGES).tolist() == [0.5, -0.25, 1.0]
 
 
 @pytest.mark.parametrize("text", ["", "1", "1,2", "1,2,3,4", "a,b,c", "nan,0,0", "0,inf,0"])
-def test_anything_else_is_refused(text: str) -> None:
+def test_anything_else_is_refused(text):
     with pytest.raises(InputError, match=f"^--command: is '{text}', expected vx,vy,wz"):
         parse_velocity(text, None)
 
 
 @pytest.mark.parametrize(("text", "name"), [("1.1,0,0", "vx"), ("0,-0.6,0", "vy"), ("0,0,2", "wz")])
-def test_beyond_the_ranges_is_refused(text: str, name: str) -> None:
+def test_beyond_the_ranges_is_refused(text, name):
     with pytest.raises(InputError, match=f"^--command: {name} is "):
         parse_velocity(text, RANGES)
 
 
-def test_every_direction_has_its_keys() -> None:
-    keys: dict[tuple[float, ...], list[str]] = {}
+def test_every_direction_has_its_keys():
+    keys = {}
     for key, change in VELOCITY_KEYS.items():
         keys.setdefault(change, []).append(key)
     assert keys == {
@@ -137,7 +137,7 @@ def test_every_direction_has_its_keys() -> None:
     }
 
 
-def test_the_command_does_not_grow_old() -> None:
+def test_the_command_does_not_grow_old():
     live = VelocityCommand(np.array([0.5, 0.0, 0.0])).latest()[VELOCITY_COMMAND]
     assert live.at(1e6).tolist() == [0.5, 0.0, 0.0]
 

@@ -6,11 +6,9 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -26,18 +24,18 @@ class Played:
     """XDG_RUNTIME_DIR."""
 
     @property
-    def authority(self) -> str:
+    def authority(self):
         return self.control.split("/")[2]
 
     @property
-    def children(self) -> list[int]:
+    def children(self):
         """Process ids: the console, the only one."""
         tasks = Path(f"/proc/{self.process.pid}/task").iterdir()
         return [int(name) for task in tasks for name in (task / "children").read_text().split()]
 
 
 @pytest.fixture(scope="module")
-def start_play(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Played]]:
+def start_play(tmp_path_factory):
     """Starts `play` with a console and further options; all end with the module."""
     for package in ("viser", "mjviser", "plotly", "websockets"):
         pytest.importorskip(package)
@@ -46,12 +44,12 @@ def start_play(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..
 
 
 @pytest.fixture(scope="module")
-def played(start_play: Callable[..., Played]) -> Any:
+def played(start_play):
     return start_play()
 
 
 @pytest.fixture(scope="module")
-def start_browser() -> Iterator[Callable[[], Any]]:
+def start_browser():
     """Starts Chromium, which draws 3D in software."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     chromium = shutil.which("chromium")
@@ -63,14 +61,14 @@ def start_browser() -> Iterator[Callable[[], Any]]:
 
 
 @pytest.fixture(scope="module")
-def browser(start_browser: Callable[[], Any]) -> Iterator[Any]:
+def browser(start_browser):
     browser = start_browser()
     yield browser
     browser.close()
 
 
 @contextmanager
-def _playing(folder: Path, options: Sequence[str]) -> Iterator[Played]:
+def _playing(folder, options):
     command = [sys.executable, "-m", "humanoid_sim.play", "--manual", "--console", "--pace", "realtime", *options]
     nothing = ["--viewer", "none", "--video", "none", "--record", "run.mcap"]
     runtime = tempfile.TemporaryDirectory(prefix="hs-")
@@ -88,7 +86,6 @@ def _playing(folder: Path, options: Sequence[str]) -> Iterator[Played]:
         ) as process,
     ):
         try:
-            assert process.stdout is not None
             addresses = []
             for line in process.stdout:
                 addresses += re.findall(r"console: .* (http://\S+)", line)

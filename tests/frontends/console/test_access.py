@@ -8,7 +8,7 @@ ORIGIN = f"http://{HOST}"
 GATE = Gate("127.0.0.1", 4000, {Access.CONTROL: "secret", Access.READ_ONLY: "look"})
 
 
-def test_a_token_says_what_its_address_allows() -> None:
+def test_a_token_says_what_its_address_allows():
     assert GATE.address(Access.CONTROL) == "http://127.0.0.1:4000/secret/"
     assert GATE.admit("/secret/", [HOST], [], is_socket=False) == (Access.CONTROL, "")
     assert GATE.admit("/look/page.js?x=1", [HOST], [ORIGIN], is_socket=False) == (Access.READ_ONLY, "page.js")
@@ -16,7 +16,7 @@ def test_a_token_says_what_its_address_allows() -> None:
 
 
 @pytest.mark.parametrize("path", ["/", "", "/secre/", "/secrets/", "//secret/", "/../secret/", "/?token=secret", "/é/"])
-def test_without_a_token_nothing_is_served(path: str) -> None:
+def test_without_a_token_nothing_is_served(path):
     with pytest.raises(RefusedError, match="not found"):
         GATE.admit(path, [HOST], [ORIGIN], is_socket=False)
 
@@ -36,35 +36,35 @@ def test_without_a_token_nothing_is_served(path: str) -> None:
         ([HOST], [ORIGIN, "http://evil.example"]),
     ],
 )
-def test_another_host_or_origin_is_refused(hosts: list[str], origins: list[str], is_socket: bool) -> None:
+def test_another_host_or_origin_is_refused(hosts, origins, is_socket):
     with pytest.raises(RefusedError, match="is not the printed address"):
         GATE.admit("/secret/", hosts, origins, is_socket=is_socket)
 
 
-def test_a_socket_needs_an_origin() -> None:
+def test_a_socket_needs_an_origin():
     with pytest.raises(RefusedError, match="Origin is not the printed address"):
         GATE.admit("/secret/console", [HOST], [], is_socket=True)
 
 
-def test_tokens_are_long_and_new_each_time() -> None:
+def test_tokens_are_long_and_new_each_time():
     tokens = {token for _ in range(10) for token in Gate("127.0.0.1", 1).tokens.values()}
     assert len(tokens) == 20
     assert all(len(token) == 32 for token in tokens)
 
 
-def test_addresses_are_spelled_as_browsers_do() -> None:
+def test_addresses_are_spelled_as_browsers_do():
     assert Gate("::1", 4000).origin == "http://[::1]:4000"
     assert Gate("10.0.0.2", 80).authority == "10.0.0.2"
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "224.0.0.1", "robot.local", ""])
-def test_a_host_that_is_no_one_address_is_refused(host: str) -> None:
+def test_a_host_that_is_no_one_address_is_refused(host):
     with pytest.raises(InputError, match="--host: is "):
         checked_host(host)
     assert checked_host("192.168.1.20") == "192.168.1.20"
 
 
-def test_a_rate_is_bounded_and_recovers() -> None:
+def test_a_rate_is_bounded_and_recovers():
     limit = RateLimit(5.0, 10)
     assert [limit.admits(100.0) for _ in range(12)] == [True] * 10 + [False] * 2
     assert [limit.admits(100.4) for _ in range(3)] == [True, True, False]

@@ -2,8 +2,6 @@
 
 import os
 import signal
-from collections.abc import Iterator
-from typing import Any
 
 import pytest
 from page_buttons import in_mode, press
@@ -12,7 +10,7 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def page(browser: Any, played: Any) -> Iterator[Any]:
+def page(browser, played):
     page = browser.new_page(viewport={"width": 1000, "height": 700})
     page.errors = []
     page.on("pageerror", lambda error: page.errors.append(str(error)))
@@ -22,7 +20,7 @@ def page(browser: Any, played: Any) -> Iterator[Any]:
     page.close()
 
 
-def test_an_operator_clicks_through_the_modes(page: Any, browser: Any, played: Any) -> None:
+def test_an_operator_clicks_through_the_modes(page, browser, played):
     watching = browser.new_page(viewport={"width": 390, "height": 800})  # a phone
     watching.route("**/viser/", lambda route: route.fulfill(body=""))  # two views are drawn too slowly in software
     watching.goto(played.read_only)
@@ -57,7 +55,7 @@ def test_an_operator_clicks_through_the_modes(page: Any, browser: Any, played: A
     assert page.errors == []
 
 
-def test_the_space_bar_damps_wherever_the_focus_is(page: Any) -> None:
+def test_the_space_bar_damps_wherever_the_focus_is(page):
     page.keyboard.press("Space")
     in_mode(page, "DAMPING")
     view = page.frame_locator("#view")
@@ -74,7 +72,7 @@ def test_the_space_bar_damps_wherever_the_focus_is(page: Any) -> None:
         in_mode(page, "DAMPING")
 
 
-def test_another_origin_reaches_neither_page_nor_socket(page: Any, browser: Any, played: Any) -> None:
+def test_another_origin_reaches_neither_page_nor_socket(page, browser, played):
     stranger = browser.new_page()
     stranger.goto("data:text/html,stranger")
     opened = stranger.evaluate(
@@ -89,7 +87,7 @@ def test_another_origin_reaches_neither_page_nor_socket(page: Any, browser: Any,
     stranger.close()
 
 
-def test_what_is_not_the_present_is_covered(page: Any, played: Any) -> None:
+def test_what_is_not_the_present_is_covered(page, played):
     """A console that stands still, and one that is gone."""
     (console,) = played.children
     os.kill(console, signal.SIGSTOP)

@@ -1,9 +1,5 @@
 """A piano's keys on the page, in a real Chromium, played on an emulated MIDI keyboard."""
 
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import pytest
 from lost_keyboard import piano_options, plugged_in
 from page_buttons import in_mode, press
@@ -12,18 +8,16 @@ from play_fixtures import quick_robot
 pytestmark = pytest.mark.slow
 
 
-def lit(page: Any, key: int, state: str) -> None:
+def lit(page, key, state):
     page.wait_for_selector(f'#keys-row [data-key="{key}"][data-state="{state}"]', timeout=20_000)
 
 
-def test_keys_are_lit_as_they_are_pressed_beside_what_the_song_asks_for(
-    browser: Any, start_play: Callable[..., Any], tmp_path: Path
-) -> None:
+def test_keys_are_lit_as_they_are_pressed_beside_what_the_song_asks_for(browser, start_play, tmp_path):
     with plugged_in(tmp_path) as keyboard:
         options = (*piano_options(tmp_path)[:-1], keyboard.path, "--robot", quick_robot(tmp_path))
         played = start_play(*options)
         page = browser.new_page(viewport={"width": 1280, "height": 800})
-        errors: list[str] = []
+        errors = []
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.route("**/viser/", lambda route: route.fulfill(body=""))
         page.goto(played.control)

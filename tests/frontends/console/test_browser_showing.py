@@ -2,9 +2,7 @@
 
 import io
 import re
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +21,7 @@ DRAWN = """(name) => {
 
 
 @contextmanager
-def opened(browser: Any, address: str, size: dict[str, int] | None = None) -> Iterator[Any]:
+def opened(browser, address, size=None):
     """A page without its 3D view, which software draws slowly."""
     page = browser.new_page(viewport=size or {"width": 1280, "height": 800})
     page.errors = []
@@ -36,7 +34,7 @@ def opened(browser: Any, address: str, size: dict[str, int] | None = None) -> It
     page.close()
 
 
-def test_plots_are_drawn_go_on_after_a_reconnection_and_are_kept_by_the_tab(browser: Any, played: Any) -> None:
+def test_plots_are_drawn_go_on_after_a_reconnection_and_are_kept_by_the_tab(browser, played):
     with opened(browser, played.read_only) as page:
         page.select_option("#add-plot", ELBOW)
         page.select_option("#add-plot", "loop: tick time")
@@ -55,7 +53,7 @@ def test_plots_are_drawn_go_on_after_a_reconnection_and_are_kept_by_the_tab(brow
         assert page.locator("#charts figure").count() == 1
 
 
-def test_a_page_that_reconnects_shows_the_present_and_each_event_once(browser: Any, played: Any) -> None:
+def test_a_page_that_reconnects_shows_the_present_and_each_event_once(browser, played):
     with opened(browser, played.control) as page, opened(browser, played.control) as other:
         page.click("#damp")
         in_mode(page, "DAMPING")
@@ -74,7 +72,7 @@ def test_a_page_that_reconnects_shows_the_present_and_each_event_once(browser: A
         in_mode(page, "DAMPING")
 
 
-def test_reactivate_is_confirmed_and_a_double_click_is_not(browser: Any, played: Any) -> None:
+def test_reactivate_is_confirmed_and_a_double_click_is_not(browser, played):
     with opened(browser, played.control) as page:
         page.click("#damp")
         in_mode(page, "DAMPING")
@@ -87,7 +85,7 @@ def test_reactivate_is_confirmed_and_a_double_click_is_not(browser: Any, played:
         in_mode(page, "ZERO_TORQUE")
 
 
-def test_figures_are_switched_for_all_pages(browser: Any, played: Any) -> None:
+def test_figures_are_switched_for_all_pages(browser, played):
     with opened(browser, played.control) as page, opened(browser, played.read_only) as watching:
         box = '#figures [data-figure="command"] input'
         watching.wait_for_selector(box)
@@ -102,7 +100,7 @@ def test_figures_are_switched_for_all_pages(browser: Any, played: Any) -> None:
         watching.wait_for_selector('[data-figure="command"][data-on="false"]')
 
 
-def test_a_phone_shows_everything_in_its_width_and_damp_always(browser: Any, played: Any) -> None:
+def test_a_phone_shows_everything_in_its_width_and_damp_always(browser, played):
     with opened(browser, played.control, PHONE) as page:
         page.select_option("#add-plot", ELBOW)
         page.wait_for_selector("#joints tbody tr:nth-child(14)")
@@ -129,14 +127,14 @@ def test_a_phone_shows_everything_in_its_width_and_damp_always(browser: Any, pla
         in_mode(page, "DAMPING")
 
 
-def orange(page: Any) -> int:
+def orange(page):
     """Pixels of the view that are, as the commanded pose is, and some of the robot itself."""
     picture = Image.open(io.BytesIO(page.locator("#scene").screenshot())).convert("RGB")
     red, _, blue = np.moveaxis(np.asarray(picture, dtype=int), -1, 0)
     return int((red - blue > 40).sum())
 
 
-def test_the_commanded_pose_is_seen_over_the_robot(browser: Any, played: Any) -> None:
+def test_the_commanded_pose_is_seen_over_the_robot(browser, played):
     page = browser.new_page(viewport={"width": 900, "height": 500})
     page.set_default_timeout(120_000)
     page.goto(played.control)
@@ -156,7 +154,7 @@ def test_the_commanded_pose_is_seen_over_the_robot(browser: Any, played: Any) ->
     page.close()
 
 
-def test_on_hardware_motors_and_buses_are_listed(browser: Any, start_play: Callable[..., Any]) -> None:
+def test_on_hardware_motors_and_buses_are_listed(browser, start_play):
     """Emulated motors: they warm up from 25 °C, and answer."""
     played = start_play("--hardware", "virtual:console")
     with opened(browser, played.control) as page:

@@ -1,7 +1,6 @@
 """What pages command, tick by tick, on a session without a loop; the clock is the test's own."""
 
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import msgspec
@@ -24,7 +23,7 @@ NAME = f"console ({os.getpid()})"
 N = len(rig.JOINTS)
 
 
-def robot() -> str:
+def robot():
     """The rig's three joints as a robot, made of the Lite's first three."""
     lite = load_robot("lite")
     replace = msgspec.structs.replace
@@ -52,9 +51,7 @@ class Desk:
     """ns, CLOCK_MONOTONIC."""
     record: TickRecord
 
-    def turn(
-        self, seconds: float = rig.PERIOD, *, page: int | None = 1, goals: Goals | None = None, seen: float = 0.0
-    ) -> None:
+    def turn(self, seconds=rig.PERIOD, *, page=1, goals=None, seen=0.0):
         """The page beats, the console sends, the session ticks; what the page shows is `seen` s old."""
         for _ in range(round(seconds / rig.PERIOD)):
             self.time[0] += int(1e9 * rig.PERIOD)
@@ -65,32 +62,32 @@ class Desk:
             self.commanding.step()
             self.tick()
 
-    def tick(self, *intents: Intent) -> None:
+    def tick(self, *intents):
         self.record = self.local.tick(*intents)
         self.commanding.look(self.record)
         self.local.feed.status(self.local.data.status())
 
     @property
-    def stiffness(self) -> list[float]:
+    def stiffness(self):
         return [round(value, 3) for value in self.record.output.command.stiffness.tolist()]
 
     @property
-    def is_passive(self) -> bool:
+    def is_passive(self):
         """Damped, and nothing else: by REMOTE itself, or by the console's last command."""
         command = self.record.output.command
         return not command.stiffness.any() and not command.effort.any() and min(command.damping.tolist()) >= 5.0
 
     @property
-    def text(self) -> str:
+    def text(self):
         return str(self.commanding.told(self.record)["let_go"])
 
     @property
-    def moves(self) -> bool:
+    def moves(self):
         return self.commanding.told(self.record)["sliders"] is not None
 
 
 @pytest.fixture
-def desk(local: LocalSession, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]:
+def desk(local, monkeypatch):
     time = [10**12]
     for module in ("client", "session.feed", "session.data_socket"):
         monkeypatch.setattr(f"humanoid_sim.{module}.monotonic_ns", lambda: time[0])
@@ -110,13 +107,13 @@ def desk(local: LocalSession, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]
 
 
 @pytest.fixture
-def remote(desk: Desk) -> Desk:
+def remote(desk):
     desk.local.enter_remote()
     desk.tick()
     return desk
 
 
-def test_it_takes_over_and_moves_the_joint(remote: Desk) -> None:
+def test_it_takes_over_and_moves_the_joint(remote):
     assert remote.is_passive
     remote.commanding.hear(1, Take("elbow"))
     remote.turn()
@@ -134,20 +131,20 @@ def test_it_takes_over_and_moves_the_joint(remote: Desk) -> None:
     assert told["goals"] == {"position": 0.7, "velocity": 0.5, "effort": 1.0, "stiffness": 40.0, "damping": 2.0}
 
 
-def test_it_needs_remote(desk: Desk) -> None:
+def test_it_needs_remote(desk):
     desk.tick(Intent.DAMP)
     with pytest.raises(FieldError, match="sliders: require REMOTE; mode is DAMPING"):
         desk.commanding.hear(1, Take("elbow"))
 
 
-def test_an_unknown_joint_is_refused(remote: Desk) -> None:
+def test_an_unknown_joint_is_refused(remote):
     with pytest.raises(FieldError, match="unknown joint 'nose'"):
         remote.commanding.hear(1, Take("nose"))
     assert not remote.moves
 
 
 @pytest.mark.parametrize("silence", [0.48, 0.54])
-def test_without_the_pages_heart_it_lets_go_after_half_a_second(remote: Desk, silence: float) -> None:
+def test_without_the_pages_heart_it_lets_go_after_half_a_second(remote, silence):
     remote.commanding.hear(1, Take("elbow"))
     remote.turn(1.0)
     remote.turn(silence, page=None)
@@ -159,14 +156,14 @@ def test_without_the_pages_heart_it_lets_go_after_half_a_second(remote: Desk, si
         assert remote.is_passive
 
 
-def test_another_pages_heart_keeps_nothing_alive(remote: Desk) -> None:
+def test_another_pages_heart_keeps_nothing_alive(remote):
     remote.commanding.hear(1, Take("elbow"))
     remote.turn(0.6, page=2)
     assert remote.is_passive
     assert remote.text == "sliders let go: page 1 was not heard for 0.5 s"
 
 
-def test_a_page_that_shows_the_past_keeps_nothing_alive(remote: Desk) -> None:
+def test_a_page_that_shows_the_past_keeps_nothing_alive(remote):
     """Its heart is heard all the time, but it answers what was sent long ago: so would a page that is gone."""
     remote.commanding.hear(1, Take("elbow"))
     remote.turn(2.0, seen=0.9)
@@ -176,7 +173,7 @@ def test_a_page_that_shows_the_past_keeps_nothing_alive(remote: Desk) -> None:
     assert remote.text == "sliders let go: page 1 shows what is older than 1 s"
 
 
-def test_a_page_that_closes_or_lets_go_ends_it_in_the_next_tick(remote: Desk) -> None:
+def test_a_page_that_closes_or_lets_go_ends_it_in_the_next_tick(remote):
     for leaves in (lambda: remote.commanding.leave(1), lambda: remote.commanding.hear(1, LetGo())):
         remote.commanding.hear(1, Take("elbow"))
         remote.turn(1.0)
@@ -189,7 +186,7 @@ def test_a_page_that_closes_or_lets_go_ends_it_in_the_next_tick(remote: Desk) ->
         assert remote.record.output.command.damping.tolist() == rig.PASSIVE_KD  # REMOTE's own hold
 
 
-def test_a_second_page_is_told_who_moves_what(remote: Desk) -> None:
+def test_a_second_page_is_told_who_moves_what(remote):
     remote.commanding.hear(1, Take("elbow"))
     remote.turn()
     with pytest.raises(FieldError, match="sliders: page 1 moves elbow"):
@@ -206,7 +203,7 @@ def test_a_second_page_is_told_who_moves_what(remote: Desk) -> None:
     assert remote.commanding.told(remote.record)["sliders"]["page"] == 2
 
 
-def test_goals_from_before_another_joint_was_chosen_do_not_count(remote: Desk) -> None:
+def test_goals_from_before_another_joint_was_chosen_do_not_count(remote):
     remote.commanding.hear(1, Take("elbow"))
     remote.turn(1.0)
     told = remote.commanding.told(remote.record)
@@ -219,7 +216,7 @@ def test_goals_from_before_another_joint_was_chosen_do_not_count(remote: Desk) -
     assert remote.commanding.told(remote.record)["sliders"]["goals"]["position"] == 0.6
 
 
-def test_damp_ends_it(remote: Desk) -> None:
+def test_damp_ends_it(remote):
     remote.commanding.hear(1, Take("elbow"))
     remote.turn(1.0)
     remote.tick(Intent.DAMP)
@@ -233,7 +230,7 @@ def test_damp_ends_it(remote: Desk) -> None:
     assert remote.is_passive
 
 
-def test_another_producers_remote_is_not_taken(remote: Desk) -> None:
+def test_another_producers_remote_is_not_taken(remote):
     other = remote.local.intake("gravity")
     other.remote(rig.JOINTS, *([0.0] * N for _ in range(5)))
     remote.tick()
@@ -241,7 +238,7 @@ def test_another_producers_remote_is_not_taken(remote: Desk) -> None:
         remote.commanding.hear(1, Take("elbow"))
 
 
-def test_who_was_first_keeps_remote_and_the_page_is_told(remote: Desk) -> None:
+def test_who_was_first_keeps_remote_and_the_page_is_told(remote):
     """The other one came in the moment between the status and the first command."""
     other = remote.local.intake("gravity")
     other.remote(rig.JOINTS, *([0.0] * N for _ in range(5)))
@@ -255,7 +252,7 @@ def test_who_was_first_keeps_remote_and_the_page_is_told(remote: Desk) -> None:
     assert any(f"refused of {NAME}: REMOTE: belongs to gravity" in line for line in remote.local.told)
 
 
-def test_after_a_gap_the_gains_come_in_again(remote: Desk) -> None:
+def test_after_a_gap_the_gains_come_in_again(remote):
     remote.commanding.hear(1, Take("elbow"))
     remote.turn(2.0, goals=Goals(0.5, stiffness=40.0))
     for _ in range(8):  # the console is held up, its page is not
@@ -268,7 +265,7 @@ def test_after_a_gap_the_gains_come_in_again(remote: Desk) -> None:
     assert remote.stiffness == [50.0, 40.0, 50.0]
 
 
-def test_a_console_that_was_held_up_for_long_lets_go(remote: Desk) -> None:
+def test_a_console_that_was_held_up_for_long_lets_go(remote):
     remote.commanding.hear(1, Take("elbow"))
     remote.turn(1.0)
     for _ in range(30):
@@ -280,7 +277,7 @@ def test_a_console_that_was_held_up_for_long_lets_go(remote: Desk) -> None:
     assert remote.is_passive
 
 
-def test_a_session_that_stands_still_ends_it(remote: Desk) -> None:
+def test_a_session_that_stands_still_ends_it(remote):
     remote.commanding.hear(1, Take("elbow"))
     remote.turn(1.0)
     remote.time[0] += int(0.6e9)
@@ -289,7 +286,7 @@ def test_a_session_that_stands_still_ends_it(remote: Desk) -> None:
     assert remote.text == "sliders let go: the session stands still"
 
 
-def test_who_moves_what_is_in_the_recording(remote: Desk) -> None:
+def test_who_moves_what_is_in_the_recording(remote):
     remote.commanding.hear(1, Take("elbow"))
     remote.turn(0.1)
     remote.commanding.leave(1)
@@ -301,7 +298,7 @@ def test_who_moves_what_is_in_the_recording(remote: Desk) -> None:
     ]
 
 
-def test_close_ends_with_a_damped_command(remote: Desk) -> None:
+def test_close_ends_with_a_damped_command(remote):
     remote.commanding.start()
     remote.commanding.hear(1, Take("elbow"))
     remote.commanding.close()
@@ -309,14 +306,14 @@ def test_close_ends_with_a_damped_command(remote: Desk) -> None:
     assert remote.stiffness == [0.0] * N
 
 
-def test_a_policy_without_a_velocity_command_takes_none(desk: Desk) -> None:
+def test_a_policy_without_a_velocity_command_takes_none(desk):
     assert desk.commanding.known(3) == {"page": 3, "no_sliders": "", "velocity": None}
     with pytest.raises(FieldError, match="velocity: the policy takes no command"):
         desk.commanding.hear(1, Press("w"))
 
 
 @pytest.fixture
-def walking(desk: Desk) -> Desk:
+def walking(desk):
     """In LOCOMOTION, of a policy that takes a velocity command."""
     import numpy as np  # noqa: PLC0415
 
@@ -331,12 +328,11 @@ def walking(desk: Desk) -> Desk:
     return desk
 
 
-def present(desk: Desk) -> list[float]:
-    velocity: list[float] = desk.commanding.told(desk.record)["steering"]["present"]
-    return velocity
+def present(desk):
+    return desk.commanding.told(desk.record)["steering"]["present"]
 
 
-def test_a_velocity_reaches_the_session_and_ends_with_the_page(walking: Desk) -> None:
+def test_a_velocity_reaches_the_session_and_ends_with_the_page(walking):
     walking.commanding.hear(1, Steer(0, 0.5))
     walking.turn(1.0)
     assert present(walking) == [0.5, 0.0, 0.0]
@@ -352,7 +348,7 @@ def test_a_velocity_reaches_the_session_and_ends_with_the_page(walking: Desk) ->
     assert walking.local.data.owners["velocity"] == ""
 
 
-def test_a_page_at_rest_claims_no_velocity(walking: Desk) -> None:
+def test_a_page_at_rest_claims_no_velocity(walking):
     other = walking.local.intake("gamepad")
     for _ in range(50):
         other.velocity(0.3, 0.0, 0.0, deliberate=True)
@@ -361,7 +357,7 @@ def test_a_page_at_rest_claims_no_velocity(walking: Desk) -> None:
     assert walking.local.data.owners["velocity"] == f"gamepad ({os.getpid()})"
 
 
-def test_a_key_steps_from_anothers_command_and_a_stop_stops_it(walking: Desk) -> None:
+def test_a_key_steps_from_anothers_command_and_a_stop_stops_it(walking):
     other = walking.local.intake("gamepad")
     other.velocity(0.3, 0.0, 0.0, deliberate=True)
     walking.turn()
@@ -375,7 +371,7 @@ def test_a_key_steps_from_anothers_command_and_a_stop_stops_it(walking: Desk) ->
     assert present(walking) == [0.0, 0.0, 0.0]
 
 
-def test_who_took_the_velocity_keeps_it(walking: Desk) -> None:
+def test_who_took_the_velocity_keeps_it(walking):
     walking.commanding.hear(1, Steer(0, 0.5))
     walking.turn(0.4)
     other = walking.local.intake("gamepad")
@@ -390,7 +386,7 @@ def test_who_took_the_velocity_keeps_it(walking: Desk) -> None:
     assert walking.text == f"velocity let go: gamepad ({os.getpid()}) controls it now"
 
 
-def test_damp_ends_a_velocity(walking: Desk) -> None:
+def test_damp_ends_a_velocity(walking):
     walking.commanding.hear(1, Steer(0, 0.5))
     walking.turn(0.4)
     walking.tick(Intent.DAMP)

@@ -5,10 +5,8 @@ import re
 import shutil
 import signal
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import Any
 
 import numpy as np
 import onnx
@@ -33,23 +31,23 @@ HIDE = """() => {
 class Session:
     """What the session itself says, beside all pages."""
 
-    def __init__(self, feed: Feed) -> None:
+    def __init__(self, feed):
         self._feed = feed
 
-    def tick(self) -> dict[str, Any]:
+    def tick(self):
         sample = self._feed.latest()
         assert sample is not None
         return self._feed.decode(sample)
 
-    def position(self, joint: str) -> float:
+    def position(self, joint):
         return float(self.tick()["joint_position"][self._feed.joint_names.index(joint)])
 
     @property
-    def is_passive(self) -> bool:
+    def is_passive(self):
         tick = self.tick()
         return not tick["command_stiffness"].any() and not tick["command_effort"].any()
 
-    def until(self, is_it: Callable[[], object], what: str) -> None:
+    def until(self, is_it, what):
         deadline = time.monotonic() + PATIENCE
         while not is_it():
             assert time.monotonic() < deadline, what
@@ -57,14 +55,14 @@ class Session:
 
 
 @contextmanager
-def session_of(played: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
+def session_of(played, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(played.runtime))
     with Feed(find_session(played.process.pid)) as feed:
         yield Session(feed)
 
 
 @pytest.fixture(scope="module")
-def walked(start_play: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Any:
+def walked(start_play, tmp_path_factory):
     """Of the Lite's legs, with a policy that takes a velocity command, and does nothing about it."""
     folder = tmp_path_factory.mktemp("legs")
     terms, actions = 3 + 3 + 3 + 3 * 14 + 2, 14
@@ -81,7 +79,7 @@ def walked(start_play: Callable[..., Any], tmp_path_factory: pytest.TempPathFact
 
 
 @pytest.fixture
-def another_browser(start_browser: Callable[[], Any]) -> Iterator[Any]:
+def another_browser(start_browser):
     """For a test that ends it."""
     browser = start_browser()
     yield browser
@@ -89,12 +87,12 @@ def another_browser(start_browser: Callable[[], Any]) -> Iterator[Any]:
 
 
 @pytest.fixture
-def session(played: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Session]:
+def session(played, monkeypatch):
     with session_of(played, monkeypatch) as session:
         yield session
 
 
-def opened(browser: Any, address: str) -> Any:
+def opened(browser, address):
     """A page without the 3D view: drawing that in software takes a whole core."""
     page = browser.new_page(viewport={"width": 1280, "height": 800})
     page.set_default_timeout(1000.0 * PATIENCE)
@@ -104,7 +102,7 @@ def opened(browser: Any, address: str) -> Any:
     return page
 
 
-def to_remote(page: Any) -> None:
+def to_remote(page):
     if page.get_attribute("#mode", "data-mode") == "REMOTE":
         return
     page.keyboard.press("Space")
@@ -113,7 +111,7 @@ def to_remote(page: Any) -> None:
     press(page, "start_remote", "REMOTE")
 
 
-def take(page: Any, session: Session, joint: str = "left_elbow_pitch") -> None:
+def take(page, session, joint="left_elbow_pitch"):
     """Until its gains are in. A busy machine may let go meanwhile, which is not a failure of these tests."""
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
@@ -126,11 +124,11 @@ def take(page: Any, session: Session, joint: str = "left_elbow_pitch") -> None:
     raise AssertionError(page.inner_text("#sliders-text"))
 
 
-def owns(page: Any) -> bool:
+def owns(page):
     return bool(page.evaluate("turn !== null && turn.page === page"))
 
 
-def moved(page: Any, session: Session, is_it: Callable[[], object], **goals: float) -> None:
+def moved(page, session, is_it, **goals):
     """Type goals into the number fields until the session shows it; take over again where a busy machine let go."""
     deadline = time.monotonic() + PATIENCE
     while not is_it():
@@ -144,14 +142,14 @@ def moved(page: Any, session: Session, is_it: Callable[[], object], **goals: flo
         time.sleep(0.05)
 
 
-def slide(page: Any, slider: str, value: float) -> None:
+def slide(page, slider, value):
     page.locator(f"#{slider}").evaluate(
         "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input', { bubbles: true })); }",
         value,
     )
 
 
-def test_a_joint_is_moved_by_sliders(browser: Any, played: Any, session: Session) -> None:
+def test_a_joint_is_moved_by_sliders(browser, played, session):
     page = opened(browser, played.control)
     assert not page.is_visible("#sliders")
     to_remote(page)
@@ -183,7 +181,7 @@ def test_a_joint_is_moved_by_sliders(browser: Any, played: Any, session: Session
     page.close()
 
 
-def test_the_space_bar_damps_in_a_slider_and_in_a_number_field(browser: Any, played: Any, session: Session) -> None:
+def test_the_space_bar_damps_in_a_slider_and_in_a_number_field(browser, played, session):
     page = opened(browser, played.control)
     for focus in ("position", "position-number"):
         to_remote(page)
@@ -196,7 +194,7 @@ def test_the_space_bar_damps_in_a_slider_and_in_a_number_field(browser: Any, pla
     page.close()
 
 
-def test_a_second_page_is_shown_who_moves_what_and_cannot(browser: Any, played: Any, session: Session) -> None:
+def test_a_second_page_is_shown_who_moves_what_and_cannot(browser, played, session):
     page, second, watching = (opened(browser, address) for address in (played.control,) * 2 + (played.read_only,))
     to_remote(page)
     take(page, session)
@@ -215,7 +213,7 @@ def test_a_second_page_is_shown_who_moves_what_and_cannot(browser: Any, played: 
     session.until(lambda: session.is_passive, "passive: its page has closed")
 
 
-def test_a_page_that_is_hidden_or_frozen_moves_nothing(browser: Any, played: Any, session: Session) -> None:
+def test_a_page_that_is_hidden_or_frozen_moves_nothing(browser, played, session):
     page, second = opened(browser, played.control), opened(browser, played.control)
     to_remote(page)
     take(page, session)
@@ -235,14 +233,12 @@ def test_a_page_that_is_hidden_or_frozen_moves_nothing(browser: Any, played: Any
     second.close()
 
 
-def processes(browser: Any, kind: str) -> list[int]:
+def processes(browser, kind):
     told = browser.new_browser_cdp_session().send("SystemInfo.getProcessInfo")
     return [process["id"] for process in told["processInfo"] if process["type"] == kind]
 
 
-def test_a_page_whose_process_stands_still_or_is_killed_moves_nothing(
-    browser: Any, another_browser: Any, played: Any, session: Session
-) -> None:
+def test_a_page_whose_process_stands_still_or_is_killed_moves_nothing(browser, another_browser, played, session):
     watching = opened(browser, played.read_only)
     page = opened(another_browser, played.control)
     to_remote(page)
@@ -268,7 +264,7 @@ def test_a_page_whose_process_stands_still_or_is_killed_moves_nothing(
     watching.close()
 
 
-def test_a_console_that_stands_still_or_is_killed_moves_nothing(browser: Any, played: Any, session: Session) -> None:
+def test_a_console_that_stands_still_or_is_killed_moves_nothing(browser, played, session):
     """The last of this session's console."""
     page = opened(browser, played.control)
     to_remote(page)
@@ -290,7 +286,7 @@ def test_a_console_that_stands_still_or_is_killed_moves_nothing(browser: Any, pl
     page.close()
 
 
-def steered(page: Any, act: Callable[[], object], text: str) -> None:
+def steered(page, act, text):
     """Do it until the session's command reads so: on a busy machine one that is a quarter of a second old has ended."""
     deadline = time.monotonic() + PATIENCE
     while not re.search(text, page.inner_text("#velocity-text")):
@@ -299,7 +295,7 @@ def steered(page: Any, act: Callable[[], object], text: str) -> None:
         time.sleep(0.3)
 
 
-def test_sliders_and_keys_command_a_velocity(browser: Any, walked: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sliders_and_keys_command_a_velocity(browser, walked, monkeypatch):
     page = opened(browser, walked.control)
     assert not page.is_visible("#sliders")
     page.keyboard.press("Space")
@@ -336,9 +332,7 @@ def test_sliders_and_keys_command_a_velocity(browser: Any, walked: Any, monkeypa
     page.close()
 
 
-def test_a_slow_page_steers_on_and_one_that_is_frozen_stops_and_says_so(
-    browser: Any, walked: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_slow_page_steers_on_and_one_that_is_frozen_stops_and_says_so(browser, walked, monkeypatch):
     """Slow as where software draws 3D: its thread runs for a moment between two frames of 0.4 s."""
     page = opened(browser, walked.control)
     page.keyboard.press("Space")
@@ -347,7 +341,7 @@ def test_a_slow_page_steers_on_and_one_that_is_frozen_stops_and_says_so(
     press(page, "start_locomotion", "LOCOMOTION")
     with session_of(walked, monkeypatch) as session:
 
-        def speed() -> float:
+        def speed():
             return next(float(one["value"][0]) for one in session.tick()["extern"] if one["name"] == "velocity_command")
 
         steered(page, lambda: page.keyboard.press("w"), r"^forward 0\.\d0 m/s")

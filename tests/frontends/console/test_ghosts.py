@@ -1,9 +1,7 @@
 """The second figures, in viser itself."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,7 +10,7 @@ import pytest
 pytest.importorskip("mjviser", reason="viser and mjviser are not installed (extra 'console')")
 
 from humanoid_sim.frontends.console.scene import Scene
-from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.messages import Mode
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.robots.description import RobotDescription
@@ -23,12 +21,12 @@ RECORDING = Path(__file__).parents[2] / "data" / "recordings" / "simulated_locom
 
 
 @pytest.fixture(scope="module")
-def ticks() -> list[TickRecord]:
+def ticks():
     return list(open_recording(RECORDING).ticks())
 
 
 @pytest.fixture
-def scene(runtime: Path) -> Iterator[Scene]:
+def scene(runtime):
     header = open_recording(RECORDING).header
     description = RobotDescription.from_json(header.documents["robot"])
     loaded = recorded_policy(header, no_policy)
@@ -38,7 +36,7 @@ def scene(runtime: Path) -> Iterator[Scene]:
     scene.close()
 
 
-def play(scene: Scene, ticks: list[TickRecord], until: Mode) -> TickRecord:
+def play(scene, ticks, until):
     """To the tenth tick in a mode, so that what was commanded there is under way."""
     left = 10
     for record in ticks:
@@ -50,25 +48,25 @@ def play(scene: Scene, ticks: list[TickRecord], until: Mode) -> TickRecord:
     raise AssertionError(f"never in {until.name}")
 
 
-def hand(scene: Scene, figure: str) -> Any:
+def hand(scene, figure):
     """Where a figure's left hand is drawn, m; None while it is not drawn."""
     found = scene.ghosts.figures.get(figure)
     is_drawn = found is not None and found.root.visible
     return found.bodies[hand_of(scene)].position if found is not None and is_drawn else None
 
 
-def hand_of(scene: Scene) -> int:
+def hand_of(scene):
     return int(scene._model.jnt_bodyid[scene._model.joint("left_wrist_pitch").id])
 
 
-def hand_at(scene: Scene, qpos: Any) -> Any:
+def hand_at(scene, qpos):
     data = mujoco.MjData(scene._model)
     data.qpos[:] = qpos
     mujoco.mj_kinematics(scene._model, data)
     return data.xpos[hand_of(scene)]
 
 
-def test_the_reference_is_drawn_while_the_policy_drives(scene: Scene, ticks: list[TickRecord]) -> None:
+def test_the_reference_is_drawn_while_the_policy_drives(scene, ticks):
     play(scene, ticks, Mode.STANDBY)
     assert hand(scene, "reference") is None
     assert scene.ghosts.told()["reference"] == {"on": True, "why": "the policy does not drive the robot"}
@@ -81,7 +79,7 @@ def test_the_reference_is_drawn_while_the_policy_drives(scene: Scene, ticks: lis
     assert hand(scene, "reference") is None
 
 
-def test_the_commanded_pose_is_drawn_where_something_is_commanded(scene: Scene, ticks: list[TickRecord]) -> None:
+def test_the_commanded_pose_is_drawn_where_something_is_commanded(scene, ticks):
     assert hand(scene, "command") is None
     assert scene.ghosts.switch("command", on=True) == ""
     play(scene, ticks, Mode.DAMPING)
@@ -94,7 +92,7 @@ def test_the_commanded_pose_is_drawn_where_something_is_commanded(scene: Scene, 
     assert np.linalg.norm(hand(scene, "command") - hand_at(scene, record.qpos)) > 0.005
 
 
-def test_what_cannot_be_drawn_is_refused(scene: Scene, ticks: list[TickRecord]) -> None:
+def test_what_cannot_be_drawn_is_refused(scene, ticks):
     assert scene.ghosts.switch("halo", on=True) == "show: is 'halo', expected one of reference, command"
     scene.ghosts._reference = None
     assert scene.ghosts.switch("reference", on=True) == "show: the policy follows no motion that can be shown"

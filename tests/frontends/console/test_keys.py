@@ -2,30 +2,29 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from local_session import LocalSession
 
 from humanoid_sim.frontends.console import showing
 from humanoid_sim.frontends.console.showing import ShownKeys
-from humanoid_sim.messages import ControlMode, Mode, PolicyStep, SessionHeader, TickRecord
+from humanoid_sim.messages import ControlMode, Mode, PolicyStep, SessionHeader
 from humanoid_sim.mit import Extern
 
 
 class Loaded:
     """As much of a piano policy as is looked at: key 39 in frame 0, keys 39 and 43 in frame 1."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         goals = np.zeros((2, 88), dtype=np.float32)
         goals[:, 39] = goals[1, 43] = 1.0
         self.reference = type("Reference", (), {"terms": {"target_keys": goals}})
 
 
 @pytest.fixture
-def shown(monkeypatch: pytest.MonkeyPatch) -> ShownKeys:
+def shown(monkeypatch):
     monkeypatch.setattr(showing, "recorded_policy", lambda *_: Loaded())
     return ShownKeys(SessionHeader("three", ("a",), 0.005, 0, {}))
 
 
-def tick(local: LocalSession, keys: Extern | None, frame: int | None = None) -> TickRecord:
+def tick(local, keys, frame=None):
     """A tick in which those keys are heard, in LOCOMOTION if the policy takes a step."""
     record = local.tick()
     extern = {} if keys is None else {"key_pressed": keys}
@@ -36,14 +35,14 @@ def tick(local: LocalSession, keys: Extern | None, frame: int | None = None) -> 
     return replace(record, input=replace(record.input, state=state), output=output)
 
 
-def pressed(time: float, *keys: int) -> Extern:
+def pressed(time, *keys):
     values = np.zeros(88)
     values[list(keys)] = 1.0
     return Extern(values, time, 0.5)
 
 
-def test_what_is_down_and_wanted(local: LocalSession, shown: ShownKeys) -> None:
-    def told(keys: Extern | None, frame: int | None = None) -> object:
+def test_what_is_down_and_wanted(local, shown):
+    def told(keys, frame=None):
         record = tick(local, keys, frame)
         shown.look(record)
         return shown.told(record)
@@ -61,7 +60,7 @@ def test_what_is_down_and_wanted(local: LocalSession, shown: ShownKeys) -> None:
     assert told(heard) == {"down": None, "wanted": None}, "too old"
 
 
-def test_a_session_without_a_piano_shows_none(local: LocalSession) -> None:
+def test_a_session_without_a_piano_shows_none(local):
     shown = ShownKeys(SessionHeader("three", ("a",), 0.005, 0, {}))
     record = tick(local, None)
     shown.look(record)

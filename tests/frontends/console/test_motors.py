@@ -12,7 +12,7 @@ STATE = replace(MITState.unknown(14), joint_age=np.array([0.004] * 13 + [np.inf]
 RECORD = TickRecord(0, TickInput(STATE), TickOutput(MITCommand.zeros(14), ControlMode(Mode.DAMPING, "")), 1e-3, False)
 
 
-def test_of_each_motor_what_is_known() -> None:
+def test_of_each_motor_what_is_known():
     robot = {
         "temperature": {"left_elbow_pitch": 136.2, "left_wrist_yaw": 31.0},
         "faults": {"left_elbow_pitch": ["motor_overtemperature", "silent"]},
@@ -32,5 +32,5 @@ def test_of_each_motor_what_is_known() -> None:
     assert told["buses"] == [{"name": "can0", "load": 0.2}, {"name": "can1", "load": None}]
 
 
-def test_in_simulation_there_are_no_motors() -> None:
+def test_in_simulation_there_are_no_motors():
     assert motor_table(LITE, None, {}, RECORD) is None

@@ -1,13 +1,12 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from humanoid_sim.frontends.console.plots import MOST_CHARTS, History, Plots, Watch, bus_loads
-from humanoid_sim.messages import Mode, PolicyStep, TickRecord
+from humanoid_sim.messages import Mode, PolicyStep
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.shadow import ShadowStep
 from humanoid_sim.robots.description import RobotDescription
@@ -16,28 +15,28 @@ RECORDING = Path(__file__).parents[2] / "data" / "recordings" / "simulated_locom
 
 
 @pytest.fixture(scope="module")
-def ticks() -> list[TickRecord]:
+def ticks():
     return list(open_recording(RECORDING).ticks())
 
 
 @pytest.fixture
-def plots() -> Plots:
+def plots():
     header = open_recording(RECORDING).header
     return Plots(header, RobotDescription.from_json(header.documents["robot"]), ["can0"])
 
 
-def chart(plots: Plots, name: str) -> int:
+def chart(plots, name):
     (index,) = [i for i, chart in enumerate(plots.charts) if f"{chart.group}: {chart.name}" == name]
     return index
 
 
-def read(message: bytes) -> tuple[int, bool, Any]:
+def read(message):
     """As the page does: chart, whether it replaces what is there, and the table of times and series."""
     values = np.frombuffer(message, "<f8")
     return int(values[0]), bool(values[2]), values[3:].reshape(-1, int(values[1]))
 
 
-def test_every_joint_term_and_bus_has_a_chart(plots: Plots) -> None:
+def test_every_joint_term_and_bus_has_a_chart(plots):
     groups = {name: [c for c in plots.charts if c.group == name] for name in {c.group for c in plots.charts}}
     assert {name: len(charts) for name, charts in groups.items()} == {
         "position and command": 14,
@@ -56,7 +55,7 @@ def test_every_joint_term_and_bus_has_a_chart(plots: Plots) -> None:
     assert all(1 <= len(c.series) <= 20 for c in plots.charts)
 
 
-def test_a_joint_is_plotted_against_its_command(plots: Plots, ticks: list[TickRecord]) -> None:
+def test_a_joint_is_plotted_against_its_command(plots, ticks):
     for record in ticks[:100]:
         plots.add(record, {"can0": 0.25})
     index, is_whole, table = read(plots.message(chart(plots, "position and command: left_elbow_pitch"), 0))
@@ -72,7 +71,7 @@ def test_a_joint_is_plotted_against_its_command(plots: Plots, ticks: list[TickRe
     assert slowest[1].tolist() == pytest.approx([1e3 * record.duration for record in ticks[:100]])
 
 
-def test_what_the_policy_observes_and_misses_is_plotted_while_it_drives(plots: Plots, ticks: list[TickRecord]) -> None:
+def test_what_the_policy_observes_and_misses_is_plotted_while_it_drives(plots, ticks):
     for record in ticks:
         plots.add(record, {})
     driven = np.array([record.output.control_mode.mode is Mode.LOCOMOTION for record in ticks])
@@ -87,7 +86,7 @@ def test_what_the_policy_observes_and_misses_is_plotted_while_it_drives(plots: P
     assert 0.0 < errors.max() < 50.0  # mm
 
 
-def test_what_a_shadow_policy_would_command_is_plotted_beside_the_joint(ticks: list[TickRecord]) -> None:
+def test_what_a_shadow_policy_would_command_is_plotted_beside_the_joint(ticks):
     header = open_recording(RECORDING).header
     told = {"observation_terms": [["joint_pos", 14], ["rest", 2]], "observation": {"joint_pos": header.joint_names}}
     told["action"] = list(header.joint_names[:3])
@@ -126,7 +125,7 @@ def test_what_a_shadow_policy_would_command_is_plotted_beside_the_joint(ticks: l
     assert len(Plots(broken, RobotDescription.from_json(header.documents["robot"])).charts) == len(names) - 17
 
 
-def test_fast_ticks_are_thinned_and_the_slowest_of_them_shown(plots: Plots, ticks: list[TickRecord]) -> None:
+def test_fast_ticks_are_thinned_and_the_slowest_of_them_shown(plots, ticks):
     state = ticks[0].input.state
     for i in range(40):  # 200 Hz
         moved = replace(ticks[0].input, state=replace(state, time=0.005 * i))
@@ -137,7 +136,7 @@ def test_fast_ticks_are_thinned_and_the_slowest_of_them_shown(plots: Plots, tick
     assert read(plots.message(chart(plots, "loop: missed deadlines"), 0))[2][1].tolist() == [0, 0, *[1] * 8]
 
 
-def test_the_history_is_bounded_and_begins_again_with_the_clock() -> None:
+def test_the_history_is_bounded_and_begins_again_with_the_clock():
     history = History(2)
     assert history.since(0, slice(0, 2)).shape == (3, 0)
     for i in range(3500):
@@ -148,7 +147,7 @@ def test_the_history_is_bounded_and_begins_again_with_the_clock() -> None:
     assert history.since(0, slice(0, 2)).tolist() == [[0.0], [0.0], [0.0]]
 
 
-def test_a_page_is_told_each_row_once_and_after_a_gap_all_that_is_left(plots: Plots, ticks: list[TickRecord]) -> None:
+def test_a_page_is_told_each_row_once_and_after_a_gap_all_that_is_left(plots, ticks):
     watch = Watch(plots)
     elbow, wrist = chart(plots, "effort: left_elbow_pitch"), chart(plots, "effort: left_wrist_yaw")
     assert watch.choose([elbow]) == ""
@@ -169,13 +168,13 @@ def test_a_page_is_told_each_row_once_and_after_a_gap_all_that_is_left(plots: Pl
 
 
 @pytest.mark.parametrize("charts", [None, 3, "3", [1.0], [True], [-1], [10_000], [0] * 9, [[0]], {"0": 0}])
-def test_charts_that_are_not_there_are_refused(plots: Plots, charts: object) -> None:
+def test_charts_that_are_not_there_are_refused(plots, charts):
     watch = Watch(plots)
     assert watch.choose(charts) == f"plots not understood, expected at most {MOST_CHARTS} numbers from 0 to 52"
 
 
-def test_the_load_of_a_bus_is_that_between_two_statuses() -> None:
-    def status(frames: int, elapsed: float) -> dict[str, Any]:
+def test_the_load_of_a_bus_is_that_between_two_statuses():
+    def status(frames, elapsed):
         counters = {"sent": frames, "received": frames}
         return {"channels": [{"source": "can0", "counters": counters, "elapsed": elapsed}]}
 

@@ -8,9 +8,7 @@ import signal
 import socket as sockets
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +19,7 @@ from humanoid_sim.messages import Event
 from humanoid_sim.recording.reader import open_recording
 
 
-def get(played: Any, path: str, **headers: str) -> tuple[int, str]:
+def get(played, path, **headers):
     connection = http.client.HTTPConnection(played.authority, timeout=10)
     try:
         connection.request("GET", path, headers=headers)
@@ -31,11 +29,11 @@ def get(played: Any, path: str, **headers: str) -> tuple[int, str]:
         connection.close()
 
 
-def path_of(address: str) -> str:
+def path_of(address):
     return "/" + address.split("/", 3)[3]
 
 
-def socket(address: str, end: str = "console", *, origin: str | None = "", **options: Any) -> Any:
+def socket(address, end="console", *, origin="", **options):
     """As a page opens it; `origin` may be another one, or None."""
     from websockets.sync.client import connect  # noqa: PLC0415 - an optional package
 
@@ -43,25 +41,25 @@ def socket(address: str, end: str = "console", *, origin: str | None = "", **opt
     return connect(f"{address}{end}".replace("http", "ws", 1), origin=host if origin == "" else origin, **options)
 
 
-def until(page: Any, is_it: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
+def until(page, is_it):
     deadline = time.monotonic() + 10.0
     while time.monotonic() < deadline:
         message = page.recv(timeout=5.0)
         if isinstance(message, bytes):  # rows of a plot
             continue
-        told: dict[str, Any] = json.loads(message)
+        told = json.loads(message)
         if is_it(told):
             return told
     raise AssertionError("not told in time")
 
 
-def ask(page: Any, word: str) -> dict[str, Any]:
+def ask(page, word):
     page.send(json.dumps({"ask": word, "seen": time.monotonic()}))
-    answers: list[dict[str, Any]] = until(page, lambda told: told.get("answers"))["answers"]
+    answers = until(page, lambda told: told.get("answers"))["answers"]
     return answers[-1]
 
 
-def test_pages_need_the_token_and_the_printed_address(played: Any) -> None:
+def test_pages_need_the_token_and_the_printed_address(played):
     path = path_of(played.control)
     assert get(played, path)[0] == 200
     assert "DAMP" in get(played, path)[1]
@@ -80,7 +78,7 @@ def test_pages_need_the_token_and_the_printed_address(played: Any) -> None:
 
 
 @pytest.mark.parametrize("end", ["console", "viser"])
-def test_sockets_need_them_too(played: Any, end: str) -> None:
+def test_sockets_need_them_too(played, end):
     from websockets.exceptions import InvalidStatus  # noqa: PLC0415
 
     wrong = played.control[:-4] + "xxx/"
@@ -93,7 +91,7 @@ def test_sockets_need_them_too(played: Any, end: str) -> None:
             socket(address, end, origin=origin)
 
 
-def test_however_many_watch_an_operators_page_opens(played: Any) -> None:
+def test_however_many_watch_an_operators_page_opens(played):
     from websockets.exceptions import InvalidStatus  # noqa: PLC0415
 
     with contextlib.ExitStack() as stack:
@@ -105,7 +103,7 @@ def test_however_many_watch_an_operators_page_opens(played: Any) -> None:
             stack.enter_context(socket(played.control, end, close_timeout=0.1))
 
 
-def test_viser_is_not_reachable_beside_it(played: Any) -> None:
+def test_viser_is_not_reachable_beside_it(played):
     """No process of the run listens on any port but the printed one; viser's socket is this user's alone."""
     status = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
     status += [line.split() for line in Path("/proc/net/tcp6").read_text().splitlines()[1:]]
@@ -119,7 +117,7 @@ def test_viser_is_not_reachable_beside_it(played: Any) -> None:
     assert viser.parent.stat().st_mode & 0o077 == 0
 
 
-def open_sockets(process: int) -> list[str]:
+def open_sockets(process):
     found = []
     for entry in Path(f"/proc/{process}/fd").iterdir():
         try:
@@ -131,7 +129,7 @@ def open_sockets(process: int) -> list[str]:
     return found
 
 
-def test_a_view_cannot_have_the_scene_published(played: Any) -> None:
+def test_a_view_cannot_have_the_scene_published(played):
     """viser would reach out for a server on the internet; from this socket only cameras pass."""
     import msgspec  # noqa: PLC0415
 
@@ -144,7 +142,7 @@ def test_a_view_cannot_have_the_scene_published(played: Any) -> None:
     assert not may_pass("ViewerCameraMessage")
 
 
-def test_the_intents_of_a_page_are_granted_and_refused_by_the_session(played: Any) -> None:
+def test_the_intents_of_a_page_are_granted_and_refused_by_the_session(played):
     with socket(played.control) as page, socket(played.read_only) as other:
         assert until(page, lambda told: "session" in told)["access"] == "control"
         assert until(other, lambda told: "session" in told)["access"] == "read-only"
@@ -168,7 +166,7 @@ def test_the_intents_of_a_page_are_granted_and_refused_by_the_session(played: An
         until(other, lambda told: told.get("mode") == "DAMPING")
 
 
-def test_a_page_has_the_robot_enabled_afresh(played: Any) -> None:
+def test_a_page_has_the_robot_enabled_afresh(played):
     """As a relaunch would: the modes begin again at ZERO_TORQUE. A page for watching only cannot."""
     with socket(played.control) as page, socket(played.read_only) as other:
         ask(page, "damp")
@@ -180,7 +178,7 @@ def test_a_page_has_the_robot_enabled_afresh(played: Any) -> None:
         until(other, lambda told: told.get("mode") == "ZERO_TORQUE")
 
 
-def test_a_page_that_floods_is_bounded_and_its_damp_is_not(played: Any) -> None:
+def test_a_page_that_floods_is_bounded_and_its_damp_is_not(played):
     """Nor does what waited when the DAMP came move the robot after it."""
     with socket(played.control) as page:
         ask(page, "damp")
@@ -199,14 +197,14 @@ def test_a_page_that_floods_is_bounded_and_its_damp_is_not(played: Any) -> None:
         assert told["mode"] == "DAMPING"
 
 
-def held_bytes(played: Any) -> tuple[Any, Callable[[], None], Callable[[], None]]:
+def held_bytes(played):
     """A page behind a proxy that holds what it sends; what begins that and what ends it."""
     passing = threading.Event()
     passing.set()
     host, port = played.authority.split(":")
     listener = sockets.create_server(("127.0.0.1", 0))
 
-    def forward(source: Any, target: Any, gate: threading.Event | None) -> None:
+    def forward(source, target, gate):
         with contextlib.suppress(OSError), source:
             while data := source.recv(65536):
                 if gate is not None:
@@ -224,7 +222,7 @@ def held_bytes(played: Any) -> tuple[Any, Callable[[], None], Callable[[], None]
 
 
 @pytest.mark.parametrize("way", ["the console stands still", "the session stands still", "a proxy holds the bytes"])
-def test_a_press_that_comes_late_moves_nothing(played: Any, way: str) -> None:
+def test_a_press_that_comes_late_moves_nothing(played, way):
     if way.startswith("a proxy"):
         page, stop, go_on = held_bytes(played)
     else:
@@ -240,10 +238,10 @@ def test_a_press_that_comes_late_moves_nothing(played: Any, way: str) -> None:
             time.sleep(1.0)
         finally:
             go_on()
-        answers: list[dict[str, Any]] = []
-        events: list[str] = []
+        answers = []
+        events = []
 
-        def is_told(told: dict[str, Any]) -> bool:
+        def is_told(told):
             answers.extend(told.get("answers", ()))
             events.extend(event[2] for event in told.get("events", ()))
             return any(
@@ -256,7 +254,7 @@ def test_a_press_that_comes_late_moves_nothing(played: Any, way: str) -> None:
         assert answer["text"].startswith("LOAD_A refused: too late, it was meant for the robot of ")
 
 
-def test_a_page_that_does_not_say_what_it_saw_is_told_to_reload(played: Any) -> None:
+def test_a_page_that_does_not_say_what_it_saw_is_told_to_reload(played):
     with socket(played.control) as page:
         ask(page, "damp")
         for seen in ({}, {"seen": None}, {"seen": "now"}, {"seen": -1.0}, {"seen": True}):
@@ -265,7 +263,7 @@ def test_a_page_that_does_not_say_what_it_saw_is_told_to_reload(played: Any) -> 
 
 
 @pytest.mark.parametrize("message", ["", "{", "[]", '{"ask": 1}', '{"ask": "fly"}', "[" * 5000, b"\x00\x01"])
-def test_what_is_not_understood_is_answered(played: Any, message: str | bytes) -> None:
+def test_what_is_not_understood_is_answered(played, message):
     with socket(played.control) as page:
         page.send(message)
         (answer,) = until(page, lambda told: told.get("answers"))["answers"]
@@ -273,21 +271,21 @@ def test_what_is_not_understood_is_answered(played: Any, message: str | bytes) -
         assert answer["text"].startswith("not understood, expected one of damp, load_a")
 
 
-def test_a_new_page_is_told_what_happened_before(played: Any) -> None:
+def test_a_new_page_is_told_what_happened_before(played):
     with socket(played.read_only) as page:
         told = until(page, lambda told: told.get("events"))
     assert any("ZERO_TORQUE" in event[2] for event in told["events"])
     assert told["age"] < 0.5
 
 
-def answers_to(page: Any, message: str) -> str:
+def answers_to(page, message):
     page.send(message)
-    answers: list[dict[str, Any]] = until(page, lambda told: told.get("answers"))["answers"]
+    answers = until(page, lambda told: told.get("answers"))["answers"]
     assert answers[-1]["granted"] is False
     return str(answers[-1]["text"])
 
 
-def test_a_wish_is_refused_with_its_reason(played: Any) -> None:
+def test_a_wish_is_refused_with_its_reason(played):
     with socket(played.control) as page:
         known = until(page, lambda told: "session" in told)
         assert (known["no_sliders"], known["velocity"]) == ("", None)
@@ -301,13 +299,13 @@ def test_a_wish_is_refused_with_its_reason(played: Any) -> None:
         assert answers_to(page, '{"do": "beat", "seen": 1, "goals": {"position": "1"}}').startswith("not understood: ")
 
 
-def test_a_page_for_watching_only_moves_nothing(played: Any) -> None:
+def test_a_page_for_watching_only_moves_nothing(played):
     with socket(played.read_only) as page:
         for wish in ('{"do": "take", "joint": "left_elbow_pitch"}', '{"do": "press", "key": "0"}', '{"do": "let_go"}'):
             assert answers_to(page, wish) == "this address is for watching only"
 
 
-def test_a_page_that_floods_wishes_is_bounded_and_its_damp_is_not(played: Any) -> None:
+def test_a_page_that_floods_wishes_is_bounded_and_its_damp_is_not(played):
     with socket(played.control) as page:
         ask(page, "damp")
         assert ask(page, "load_a")["granted"] is True
@@ -322,7 +320,7 @@ def test_a_page_that_floods_wishes_is_bounded_and_its_damp_is_not(played: Any) -
         until(page, lambda told: any(answer["text"] == left_out for answer in told.get("answers", ())))
 
 
-def rows(page: Any) -> Any:
+def rows(page):
     """The next rows of a plot: number of the chart, and the table of times and series."""
     deadline = time.monotonic() + 10.0
     while time.monotonic() < deadline:
@@ -333,7 +331,7 @@ def rows(page: Any) -> Any:
     raise AssertionError("nothing to plot in time")
 
 
-def test_a_page_plots_what_it_chooses_whoever_opened_it(played: Any) -> None:
+def test_a_page_plots_what_it_chooses_whoever_opened_it(played):
     with socket(played.read_only) as page:
         charts = until(page, lambda told: "charts" in told)["charts"]
         assert charts[0] == ["position and command", "left_shoulder_pitch", "rad", ["position", "command"]]
@@ -347,7 +345,7 @@ def test_a_page_plots_what_it_chooses_whoever_opened_it(played: Any) -> None:
         assert answer["text"].startswith("plots not understood, expected at most 8 numbers from 0 to ")
 
 
-def test_a_page_that_does_not_read_slows_no_other(played: Any) -> None:
+def test_a_page_that_does_not_read_slows_no_other(played):
     """The console sends it what fits into its socket, and drops the rest in favour of what is newer."""
     with socket(played.control, max_queue=1, close_timeout=0.1) as stuck, socket(played.read_only) as page:
         stuck.send(json.dumps({"plot": [0, 14, 28, 42, 43, 46, 47, 48]}))
@@ -362,7 +360,7 @@ def test_a_page_that_does_not_read_slows_no_other(played: Any) -> None:
         assert rows(page)[1].shape[0] == 3
 
 
-def test_the_figures_in_the_view_are_switched_for_all_pages_by_an_operator_alone(played: Any) -> None:
+def test_the_figures_in_the_view_are_switched_for_all_pages_by_an_operator_alone(played):
     with socket(played.control) as page, socket(played.read_only) as other:
         figures = until(other, lambda told: "figures" in told)["figures"]
         assert (figures["reference"]["on"], figures["command"]["on"]) == (True, False)
@@ -379,7 +377,7 @@ def test_the_figures_in_the_view_are_switched_for_all_pages_by_an_operator_alone
         until(other, lambda told: told.get("figures", {"command": {"on": True}})["command"]["on"] is False)
 
 
-def test_a_page_loads_a_policy_and_every_page_begins_anew_with_it(played: Any) -> None:
+def test_a_page_loads_a_policy_and_every_page_begins_anew_with_it(played):
     """From here on the session has another motion."""
     with socket(played.control) as page, socket(played.read_only) as other:
         page.send(json.dumps({"load": {"policy": "nothing.onnx"}, "seen": time.monotonic()}))
@@ -397,7 +395,7 @@ def test_a_page_loads_a_policy_and_every_page_begins_anew_with_it(played: Any) -
         ask(page, "damp")
         chosen = {"policy": "lite_tracking", "motion": "circle", "command": ""}
         page.send(json.dumps({"load": chosen, "seen": time.monotonic()}))
-        told: dict[str, Any] = {}
+        told = {}
         deadline = time.monotonic() + 120.0
         while not told.get("answers") or "page" not in told:
             assert time.monotonic() < deadline
@@ -410,7 +408,7 @@ def test_a_page_loads_a_policy_and_every_page_begins_anew_with_it(played: Any) -
         assert until(other, lambda told: "page" in told)["policy"] == told["policy"]
 
 
-def test_a_marked_moment_is_an_event_of_the_recording_which_replays(played: Any) -> None:
+def test_a_marked_moment_is_an_event_of_the_recording_which_replays(played):
     """The last test of this run: it ends here."""
     with socket(played.control) as page:
         ask(page, "damp")

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 import rig
 from fakes import FakeRobot
-from local_session import LocalSession
 
 from humanoid_sim.controllers.fsm import MODES
 from humanoid_sim.frontends.console.state import FLAG_MEANINGS, Reasons, available_controllers, refusals, state
@@ -21,14 +20,14 @@ from humanoid_sim.frontends.console.server import encoded
 ALL = frozenset(MODES)
 
 
-def test_the_controllers_are_those_of_the_header() -> None:
+def test_the_controllers_are_those_of_the_header():
     documents = {"contract": "{}", "controllers": json.dumps({"remote": True, "guards": None})}
     assert available_controllers(SessionHeader("three", rig.JOINTS, 0.005, 0, documents)) == ALL
     none = available_controllers(SessionHeader("three", rig.JOINTS, 0.005, 0, {}))
     assert sorted(ALL - none) == ["remote_policy_controller", "rl_policy_controller"]
 
 
-def test_what_would_be_refused_says_what_it_requires(local: LocalSession) -> None:
+def test_what_would_be_refused_says_what_it_requires(local):
     damping = refusals(local.tick(Intent.DAMP), ALL)
     assert {intent for intent, text in damping.items() if not text} == {
         Intent.DAMP,
@@ -41,7 +40,7 @@ def test_what_would_be_refused_says_what_it_requires(local: LocalSession) -> Non
     assert "standby_controller_a has not finished" in standby[Intent.START_LOCOMOTION]
 
 
-def test_reactivate_is_offered_in_the_modes_in_which_the_session_grants_it(local: LocalSession) -> None:
+def test_reactivate_is_offered_in_the_modes_in_which_the_session_grants_it(local):
     for intent, mode, refusal in (
         (None, "ZERO_TORQUE", ""),
         (Intent.DAMP, "DAMPING", ""),
@@ -57,7 +56,7 @@ def test_reactivate_is_offered_in_the_modes_in_which_the_session_grants_it(local
         assert served.startswith("reactivated: ") if not refusal else served == refusal
 
 
-def test_it_foresees_what_the_session_then_decides(local: LocalSession) -> None:
+def test_it_foresees_what_the_session_then_decides(local):
     seen = set()
     record = local.tick()
     for asked in (Intent.LOAD_A, Intent.DAMP, Intent.START_REMOTE, Intent.LOAD_A, Intent.QUIT, *[None] * 8):
@@ -70,7 +69,7 @@ def test_it_foresees_what_the_session_then_decides(local: LocalSession) -> None:
     assert not refusals(record, ALL)[Intent.START_REMOTE]
 
 
-def test_safety_is_explained(local: LocalSession) -> None:
+def test_safety_is_explained(local):
     record = local.tick(Intent.DAMP)
     status = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT | SafetyFlag.BUS_OFF, "can0", "over-current")
     told = state(replace(record, input=replace(record.input, safety=(status,))), ALL)
@@ -91,10 +90,10 @@ def test_safety_is_explained(local: LocalSession) -> None:
     assert told["intents"]["damp"]["refusal"] == ""
 
 
-def test_a_refusal_does_not_hide_why_the_robot_is_damped(local: LocalSession) -> None:
+def test_a_refusal_does_not_hide_why_the_robot_is_damped(local):
     reasons = Reasons(None)
 
-    def told(*intents: Intent) -> str:
+    def told(*intents):
         record = local.tick(*intents)
         reasons.look(record)
         return reasons.told(record)["reason"]
@@ -109,7 +108,7 @@ def test_a_refusal_does_not_hide_why_the_robot_is_damped(local: LocalSession) ->
     assert told(Intent.LOAD_A) == "LOAD_A requested"
 
 
-def test_a_robot_on_the_floor_has_fallen_in_every_mode(local: LocalSession) -> None:
+def test_a_robot_on_the_floor_has_fallen_in_every_mode(local):
     biped = load_robot("lite_biped")
     model = build_model(biped)
     stands, lies = model.qpos0.copy(), model.qpos0.copy()
@@ -124,11 +123,11 @@ def test_a_robot_on_the_floor_has_fallen_in_every_mode(local: LocalSession) -> N
     assert told[1] == "fell: tilted by 90°"
 
 
-def test_every_flag_has_a_meaning() -> None:
+def test_every_flag_has_a_meaning():
     assert set(FLAG_MEANINGS) == set(SafetyFlag)
 
 
-def test_joints_are_told_in_the_robots_order(local: LocalSession) -> None:
+def test_joints_are_told_in_the_robots_order(local):
     record = local.tick(Intent.DAMP)
     joints = state(record, ALL)["joints"]
     assert joints["position"] == record.input.state.joint_position.tolist()

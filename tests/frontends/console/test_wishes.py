@@ -17,7 +17,7 @@ from humanoid_sim.frontends.console.wishes import Beat, LetGo, Press, Snap, Stee
         ('{"do": "press", "key": "w"}', Press("w")),
     ],
 )
-def test_what_pages_send(message: str, wish: object) -> None:
+def test_what_pages_send(message, wish):
     assert parse_wish(message) == wish
 
 
@@ -52,12 +52,12 @@ def test_what_pages_send(message: str, wish: object) -> None:
         '{"do": "snap", "x": "\\ud800"}',
     ],
 )
-def test_a_wish_with_a_field_that_is_wrong_is_refused(message: str | bytes) -> None:
+def test_a_wish_with_a_field_that_is_wrong_is_refused(message):
     with pytest.raises(FieldError, match=r"^not understood: "):
         parse_wish(message)
 
 
-def test_a_huge_whole_number_is_refused_or_a_number() -> None:
+def test_a_huge_whole_number_is_refused_or_a_number():
     """None of them ends as something that is not a number of a float's."""
     for digits in (30, 308, 400, 5000):
         try:

@@ -9,7 +9,7 @@ sys.path.append(str(Path(__file__).parent))
 
 
 @pytest.fixture
-def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+def domain(monkeypatch):
     """Also of the programs that the test starts."""
     from dds_bridge import free_domain  # noqa: PLC0415 - on the path as of here
 

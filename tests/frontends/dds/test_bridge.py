@@ -8,7 +8,6 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,6 @@ pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
 import rig
 import stranger
 from cyclonedds._clayer import ddspy_write
-from cyclonedds.pub import DataWriter
 from dds_bridge import bridge, free_domain
 from local_session import LocalSession, ticking
 from stranger import Client, client, command, newest, until
@@ -42,23 +40,23 @@ class Robot:
     bridge: int
     """Process id."""
 
-    def position(self) -> float | None:
+    def position(self):
         """Of the command in force; None where the joints are damped."""
         last = self.records[-1].output.command
         return float(last.position[0]) if last.stiffness.any() else None
 
-    def writer(self) -> DataWriter:
+    def writer(self):
         made = self.client.writer(COMMAND)
         until(made.get_matched_subscriptions, "the bridge's subscription")
         return made
 
-    def wait_until_passive(self) -> None:
+    def wait_until_passive(self):
         until(lambda: self.position() is None, "the passive hold")
         until(lambda: self.local.data.owners["REMOTE"] == "", "nobody's turn")
 
 
 @pytest.fixture(scope="module")
-def robot() -> Iterator[Robot]:
+def robot():
     with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory(prefix="hs-") as runtime:
         patch.setenv("XDG_RUNTIME_DIR", runtime)
         patch.setenv("ROS_DOMAIN_ID", str(free_domain()))
@@ -72,11 +70,11 @@ def robot() -> Iterator[Robot]:
 
 
 @contextmanager
-def streaming(writer: DataWriter, position: float) -> Iterator[None]:
+def streaming(writer, position):
     """Commands at 100 Hz, from a thread."""
     stop = threading.Event()
 
-    def stream() -> None:
+    def stream():
         while not stop.wait(0.01):
             writer.write(command(rig.JOINTS, position))
 
@@ -89,7 +87,7 @@ def streaming(writer: DataWriter, position: float) -> Iterator[None]:
         thread.join()
 
 
-def test_what_the_robot_does_is_seen(robot: Robot) -> None:
+def test_what_the_robot_does_is_seen(robot):
     joint_states = newest(robot.client.reader("rt/three/joint_states"))
     assert joint_states.name == ["shoulder", "elbow", "wrist"]
     assert (joint_states.position, len(joint_states.velocity), len(joint_states.effort)) == ([0.4, 0.5, 0.6], 3, 3)
@@ -104,7 +102,7 @@ def test_what_the_robot_does_is_seen(robot: Robot) -> None:
         assert (standby.is_finished, standby.current_segment, standby.total_segments) == (True, 1, 2)
 
 
-def test_commands_are_obeyed_and_end(robot: Robot) -> None:
+def test_commands_are_obeyed_and_end(robot):
     writer = robot.writer()
     with streaming(writer, 0.25):
         until(lambda: robot.position() == 0.25, "the command")
@@ -113,7 +111,7 @@ def test_commands_are_obeyed_and_end(robot: Robot) -> None:
     assert robot.records[-1].output.command.damping.tolist() == [6.5] * 3
 
 
-def test_remote_belongs_to_one_client(robot: Robot) -> None:
+def test_remote_belongs_to_one_client(robot):
     with streaming(robot.writer(), 0.1), streaming(robot.writer(), 0.9):
         refusal = re.compile(r"(dds \S+): REMOTE: belongs to (dds \S+)")
         found = until(lambda: refusal.fullmatch(robot.local.data.refusals.latest), "the refusal of one of them")
@@ -122,13 +120,13 @@ def test_remote_belongs_to_one_client(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("header", [0, 3600])
-def test_the_clients_clock_plays_no_part(robot: Robot, header: int) -> None:
+def test_the_clients_clock_plays_no_part(robot, header):
     writer = robot.writer()
     ahead = time.time_ns() + header * 1_000_000_000
     sample = command(rig.JOINTS, 0.3)
     sample.header.stamp.sec = ahead // 1_000_000_000
 
-    def is_obeyed() -> bool:
+    def is_obeyed():
         writer.write(sample, timestamp=ahead + time.monotonic_ns())
         return robot.position() == 0.3
 
@@ -136,7 +134,7 @@ def test_the_clients_clock_plays_no_part(robot: Robot, header: int) -> None:
     robot.wait_until_passive()  # no stamp keeps it in force
 
 
-def test_a_bridge_that_stood_still_brings_no_old_command(robot: Robot) -> None:
+def test_a_bridge_that_stood_still_brings_no_old_command(robot):
     writer = robot.writer()
     with streaming(writer, 0.4):
         until(lambda: robot.position() == 0.4, "the command")
@@ -156,7 +154,7 @@ def test_a_bridge_that_stood_still_brings_no_old_command(robot: Robot) -> None:
     robot.wait_until_passive()
 
 
-HOSTILE: tuple[Callable[[], stranger.MITCommand], ...] = (
+HOSTILE = (
     lambda: command(("shoulder", "wrist", "elbow"), 0.1),
     lambda: command(("shoulder", "elbow"), 0.1),
     lambda: command([f"joint{i}" for i in range(2000)], 0.1),
@@ -167,10 +165,10 @@ HOSTILE: tuple[Callable[[], stranger.MITCommand], ...] = (
 )
 
 
-def test_hostile_samples_are_refused_counted_and_told_and_no_honest_command_suffers(robot: Robot) -> None:
+def test_hostile_samples_are_refused_counted_and_told_and_no_honest_command_suffers(robot):
     honest, hostile = robot.writer(), robot.writer()
     control_mode = robot.client.reader("rt/control_mode", depth=1000)
-    told: set[str] = set()
+    told = set()
     with streaming(honest, 0.2):
         until(lambda: robot.position() == 0.2, "the honest command")
         start = len(robot.records)
@@ -178,7 +176,7 @@ def test_hostile_samples_are_refused_counted_and_told_and_no_honest_command_suff
             hostile.write(make())
         until(lambda: robot.local.data.refusals.counts.get(f"dds ({robot.bridge})") == len(HOSTILE), "every refusal")
 
-        def is_told() -> bool:
+        def is_told():
             told.update(sample.status_message for sample in control_mode.take(1000))
             return any(" samples refused, the last of dds (" in text for text in told)
 
@@ -188,7 +186,7 @@ def test_hostile_samples_are_refused_counted_and_told_and_no_honest_command_suff
     robot.wait_until_passive()
 
 
-def test_a_hundred_damaged_samples_change_nothing(robot: Robot) -> None:
+def test_a_hundred_damaged_samples_change_nothing(robot):
     sound, random = command(rig.JOINTS, 0.1).serialize(), np.random.default_rng(7)
     name = f"dds ({robot.bridge})"
     before = robot.local.data.refusals.counts.get(name, 0)
@@ -205,15 +203,15 @@ def test_a_hundred_damaged_samples_change_nothing(robot: Robot) -> None:
     robot.wait_until_passive()
 
 
-def test_every_source_of_a_safety_status_is_latched(robot: Robot) -> None:
+def test_every_source_of_a_safety_status_is_latched(robot):
     bad = SafetyStatus(SafetyLevel.WARNING, SafetyFlag.INVALID_FRAME, "can1", "frames of 3 bytes")
     robot.local.safety = (SafetyStatus(source="can0"), bad)
     until(lambda: len(robot.records[-1].input.safety) == 2, "the statuses")
     assert robot.records[-1].output.control_mode.mode is Mode.DAMPING
     reader = robot.client.reader("rt/safety_status", depth=10)
-    heard: dict[str, tuple[int, int, str]] = {}
+    heard = {}
 
-    def both() -> bool:
+    def both():
         heard.update({sample.source: (sample.level, sample.flags, sample.message) for sample in reader.take(10)})
         return len(heard) == 2
 
@@ -226,19 +224,19 @@ def test_every_source_of_a_safety_status_is_latched(robot: Robot) -> None:
 KEYS = "rt/piano/key_state"
 
 
-def test_keys_that_the_session_makes_itself_are_published_and_not_taken(robot: Robot) -> None:
+def test_keys_that_the_session_makes_itself_are_published_and_not_taken(robot):
     robot.writer()
     assert robot.client.writer(KEYS).get_matched_subscriptions() == []
     reader = robot.client.reader(KEYS, depth=1)
 
-    def pressed() -> list[float]:
+    def pressed():
         robot.local.makes["key_pressed"] = Extern(np.array([0.0, 1.0]), robot.local.time)
         return [one.data for one in reader.take(1)]
 
     assert until(pressed, "the keys") == [[0.0, 1.0]]
 
 
-def test_a_subscriber_that_stands_still_holds_nobody_up(robot: Robot) -> None:
+def test_a_subscriber_that_stands_still_holds_nobody_up(robot):
     domain = os.environ["ROS_DOMAIN_ID"]
     script = f"import stranger, time; c = stranger.Client({domain}); r = c.reader('rt/clock'); "
     script += "stranger.newest(r); print(flush=True); time.sleep(600)"
@@ -257,7 +255,7 @@ def test_a_subscriber_that_stands_still_holds_nobody_up(robot: Robot) -> None:
             other.kill()
 
 
-def test_another_domain_is_another_world(robot: Robot) -> None:
+def test_another_domain_is_another_world(robot):
     here = int(os.environ["ROS_DOMAIN_ID"])
     with client(here % 100 + 1) as elsewhere:
         outside, inside = elsewhere.reader("rt/clock"), robot.client.reader("rt/clock")

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from local_session import LocalSession
 
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.errors import FieldError
@@ -22,7 +21,7 @@ HOUR = 3_600_000 * MS
 ONE, OTHER = 1, 2
 
 
-def test_a_sample_came_after_the_look_before() -> None:
+def test_a_sample_came_after_the_look_before():
     clock = ArrivalClock(1000 * MS)
     clock.look(1005 * MS)
     assert clock.stamp(ONE, 7) == 1000 * MS
@@ -30,7 +29,7 @@ def test_a_sample_came_after_the_look_before() -> None:
     assert clock.stamp(ONE, 7 + HOUR) == 1005 * MS, "the writer's clock shows what it likes"
 
 
-def test_what_waited_while_the_process_stood_still_is_old_and_what_is_written_later_is_young() -> None:
+def test_what_waited_while_the_process_stood_still_is_old_and_what_is_written_later_is_young():
     clock = ArrivalClock(1000 * MS)
     clock.look(1005 * MS)
     written = -HOUR  # by a clock that is far behind
@@ -48,7 +47,7 @@ def test_what_waited_while_the_process_stood_still_is_old_and_what_is_written_la
     assert clock.stamp(OTHER, 10 * MS) == 2105 * MS, "all is as usual again"
 
 
-def test_a_clock_that_jumps_meanwhile_makes_nothing_younger_than_now_or_older_than_before() -> None:
+def test_a_clock_that_jumps_meanwhile_makes_nothing_younger_than_now_or_older_than_before():
     for jump in (-HOUR, HOUR):
         clock = ArrivalClock(0)
         clock.look(5 * MS)
@@ -57,7 +56,7 @@ def test_a_clock_that_jumps_meanwhile_makes_nothing_younger_than_now_or_older_th
         assert clock.stamp(ONE, jump) == (5 * MS if jump < 0 else 500 * MS)
 
 
-def test_standing_still_twice_counts_from_the_first_time_until_all_has_settled() -> None:
+def test_standing_still_twice_counts_from_the_first_time_until_all_has_settled():
     clock = ArrivalClock(0)
     clock.look(5 * MS)
     clock.stamp(ONE, 0)
@@ -72,7 +71,7 @@ JOINTS = ("shoulder", "elbow", "wrist")
 SOUND = dict(zip(COMMAND_FIELDS, ([0.1, 0.2, 0.3], [0.0] * 3, [1.0, -1.0, 0.0], [20.0] * 3, [1.0] * 3), strict=True))
 
 
-def message(names: tuple[str, ...] = JOINTS, **fields: list[float]) -> bytes:
+def message(names=JOINTS, **fields):
     """Of fields that need not fit."""
     writer = CdrWriter()
     writer.pack("iI", -5, 4_000_000_000)  # a stamp that no clock shows
@@ -83,7 +82,7 @@ def message(names: tuple[str, ...] = JOINTS, **fields: list[float]) -> bytes:
     return writer.message()
 
 
-def test_a_command_is_read() -> None:
+def test_a_command_is_read():
     command = read_command(message() + b"\0\0\0", JOINTS)  # some writers pad
     for name, values in SOUND.items():
         assert getattr(command, name).tolist() == values
@@ -111,7 +110,7 @@ def test_a_command_is_read() -> None:
         (message()[:24] + b"\xff\xff\xff\x7f" + message()[28:], "a sequence of 2147483647 elements"),
     ],
 )
-def test_what_is_no_command_is_refused_in_one_short_line(data: bytes, reason: str) -> None:
+def test_what_is_no_command_is_refused_in_one_short_line(data, reason):
     with pytest.raises(FieldError) as refused:
         read_command(data, JOINTS)
     assert reason in str(refused.value)
@@ -119,7 +118,7 @@ def test_what_is_no_command_is_refused_in_one_short_line(data: bytes, reason: st
     assert "\n" not in str(refused.value)
 
 
-def test_damaged_bytes_never_do_more_than_be_refused_or_read() -> None:
+def test_damaged_bytes_never_do_more_than_be_refused_or_read():
     sound, random = message(), np.random.default_rng(12)
     outcomes = {"read": 0, "refused": 0}
     for _ in range(3000):
@@ -138,14 +137,12 @@ def test_damaged_bytes_never_do_more_than_be_refused_or_read() -> None:
 
 @pytest.mark.skipif(find_spec("cyclonedds") is None, reason="cyclonedds is not installed (dds)")
 @pytest.mark.parametrize("flood", [message(position=[0.9] * 3), message(("somebody", "else"))])
-def test_one_writers_flood_pushes_no_other_writers_command_out(
-    flood: bytes, domain: int, local: LocalSession, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_writers_flood_pushes_no_other_writers_command_out(flood, domain, local, monkeypatch):
     kind = TOPICS[COMMAND_TOPIC]
     with Participant(domain) as joined:
         reader = CommandReader(local.info, JOINTS, joined, Reader(joined, COMMAND_TOPIC, kind, depth=DEPTH))
         honest, other = (Writer(joined, COMMAND_TOPIC, kind) for _ in range(2))
-        sent: list[float] = []
+        sent = []
         intake = SimpleNamespace(remote=lambda *given, **_: sent.append(given[1][0]))
         monkeypatch.setattr(reader, "_intake", lambda _: intake)
         for count in (0, 1000, 1000):  # between two looks

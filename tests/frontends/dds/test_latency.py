@@ -3,17 +3,15 @@
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
 
-import stranger
 from stranger import client, command, until
 
-from humanoid_sim.client import Feed, SessionError, SessionInfo, find_session, monotonic_ns
+from humanoid_sim.client import Feed, SessionError, find_session, monotonic_ns
 from humanoid_sim.messages import Mode
 from humanoid_sim.robots.description import load_robot
 
@@ -22,7 +20,7 @@ _COMMANDS = 1000
 
 
 @pytest.mark.slow
-def test_from_a_clients_write_to_the_motors(domain: int, runtime: Path) -> None:
+def test_from_a_clients_write_to_the_motors(domain, runtime):
     script = "damp; load_b; wait; start_remote; hold 600"
     options = ("--dds", "--pace", "realtime", "--viewer", "none", "--video", "none", "--record", "none")
     play = subprocess.Popen([sys.executable, "-m", "humanoid_sim.play", *options, "--script", script])
@@ -41,27 +39,27 @@ def test_from_a_clients_write_to_the_motors(domain: int, runtime: Path) -> None:
     assert milliseconds.min() > 0.0
 
 
-def _session() -> SessionInfo | None:
+def _session():
     try:
         return find_session()
     except SessionError:
         return None
 
 
-def _mode(feed: Feed) -> int | None:
+def _mode(feed):
     """None before the first tick."""
     sample = feed.latest()
     return None if sample is None else int(feed.decode(sample)["mode"])
 
 
-def _latencies(feed: Feed, joined: stranger.Client) -> list[int]:
+def _latencies(feed, joined):
     """Of each command that was seen at the motors, ns: each has an effort of its own."""
     joints = load_robot("lite").joint_names
     writer = joined.writer("rt/remote_policy_controller/command")
     until(writer.get_matched_subscriptions, "the bridge", 60.0)
     until(lambda: _mode(feed) == Mode.REMOTE, "REMOTE", 60.0)
-    sent: dict[int, int] = {}
-    seen: dict[int, int] = {}
+    sent = {}
+    seen = {}
     begun, number = monotonic_ns(), feed.newest()
     for count in range(1, _COMMANDS + 1):
         sample = command(joints, 0.0, effort=[1e-6 * count] + [0.0] * 13)

@@ -3,10 +3,7 @@
 import json
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
 
 import onnx
 import pytest
@@ -17,10 +14,10 @@ from cyclonedds.core import Policy, Qos
 from cyclonedds.pub import DataWriter
 from cyclonedds.topic import Topic
 from dds_bridge import bridge
-from fates import Played, playing, until
+from fates import playing, until
 from models import linear_model
 from play_fixtures import quick_robot
-from stranger import Client, Float32MultiArray, MultiArrayLayout, client, newest
+from stranger import Float32MultiArray, MultiArrayLayout, client, newest
 
 from humanoid_sim.client import Intake
 from humanoid_sim.messages import Mode
@@ -40,7 +37,7 @@ policy_dt: 0.02
 """
 
 
-def sensing(folder: Path, topic: str, timeout: str) -> tuple[str, ...]:
+def sensing(folder, topic, timeout):
     """Options of `play` for a Lite whose policy observes two values of a sensor."""
     lite = load_robot("lite")
     onnx.save(linear_model({}, inputs=lite.joint_count + 2, outputs=lite.joint_count), str(folder / "foot.onnx"))
@@ -50,35 +47,35 @@ def sensing(folder: Path, topic: str, timeout: str) -> tuple[str, ...]:
     return ("--robot", quick_robot(folder), "--policy", str(folder / "foot.onnx"))
 
 
-def message(*values: float) -> Float32MultiArray:
+def message(*values):
     return Float32MultiArray(MultiArrayLayout([], 0), list(values))
 
 
-def writer(at: Client, topic: str, quality: Qos) -> DataWriter:
+def writer(at, topic, quality):
     return DataWriter(at.participant, Topic(at.participant, f"rt{topic}", Float32MultiArray), quality)
 
 
-def now(play: Played) -> dict[str, Any]:
+def now(play):
     """The latest tick; a sample that is being overwritten is none."""
     return play.feed.decode(until(play.feed.latest))
 
 
-def stand_by(play: Played) -> None:
+def stand_by(play):
     for word in ("damp", "load_a"):
         assert play.operator.ask(word).granted, word
     until(lambda: [standby for standby in now(play)["standby"] if standby["is_finished"]])
 
 
-def start(play: Played) -> str:
+def start(play):
     return play.operator.ask("start_locomotion").text
 
 
 @contextmanager
-def repeated(sensor: DataWriter, *values: float) -> Iterator[None]:
+def repeated(sensor, *values):
     """A publisher that repeats its values 50 times a second."""
     stop = threading.Event()
 
-    def publish() -> None:
+    def publish():
         while not stop.wait(0.02):
             sensor.write(message(*values))
 
@@ -91,7 +88,7 @@ def repeated(sensor: DataWriter, *values: float) -> Iterator[None]:
         thread.join()
 
 
-def test_a_topic_of_its_own_feeds_the_policy_while_it_is_fresh(folder: Path) -> None:
+def test_a_topic_of_its_own_feeds_the_policy_while_it_is_fresh(folder):
     options = sensing(folder, "/feet/contact", "1.0")
     options += ("--script", "hold 600", "--dds", "--actuation", "affine")
     with playing(folder, *options) as play, client(play.domain) as ros:
@@ -106,7 +103,7 @@ def test_a_topic_of_its_own_feeds_the_policy_while_it_is_fresh(folder: Path) -> 
         until(sensor.get_matched_subscriptions)
         told = "/feet/contact: has 3 values, expected 2 for the live input 'foot_contact'"
 
-        def wrong() -> bool:
+        def wrong():
             sensor.write(message(1.0, 0.0, 1.0))
             return told in play.feed.status().get("refused_last", "")
 
@@ -139,9 +136,7 @@ def test_a_topic_of_its_own_feeds_the_policy_while_it_is_fresh(folder: Path) -> 
 
 
 @pytest.mark.slow
-def test_one_that_never_gets_stale_is_sent_once_before_the_bridge_is_there(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_that_never_gets_stale_is_sent_once_before_the_bridge_is_there(folder, monkeypatch):
     """On emulated motors, with a timeout of infinity, for publishers that publish on change."""
     options = sensing(folder, "/feet/contact", ".inf")
     hardware = ("--hardware", f"virtual:{folder.name}", "--yes")

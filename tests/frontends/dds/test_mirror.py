@@ -6,12 +6,9 @@ import subprocess
 import sys
 import time
 import urllib.request
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from enum import IntEnum
 from importlib.util import find_spec
-from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -28,7 +25,7 @@ from humanoid_sim.messages import ControlMode, Mode, SafetyLevel
 from humanoid_sim.mit import MITState
 from humanoid_sim.recording.body import RecordedBody
 from humanoid_sim.rerun import main as rerun
-from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.urdf import body_documents
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.dds.endpoints import Writer
@@ -49,7 +46,7 @@ POSE = (0.1, -0.2, 0.9, 0.6, 0.0, 0.8, 0.0)
 class Robot:
     """What a bridge would publish."""
 
-    def __init__(self, participant: Participant, description: RobotDescription) -> None:
+    def __init__(self, participant, description):
         self.names = description.joint_names
         self._urdf = body_documents(description)["urdf"]
         kinds = {**TOPICS, "/lite/joint_states": Topic(JOINT_STATE)}
@@ -57,10 +54,10 @@ class Robot:
         self._writers = {name: Writer(participant, name, kinds[name]) for name in names}
         self._frames = TransformEncoder([("world", "pelvis")])
 
-    def describe(self, urdf: str = "") -> None:
+    def describe(self, urdf=""):
         self._writers["/robot_description"].write(encode_string(urdf or self._urdf))
 
-    def state(self, value: float, seconds: float, names: tuple[str, ...] = ()) -> None:
+    def state(self, value, seconds, names=()):
         time_ns = START + round(1e9 * seconds)
         n = len(names or self.names)
         full = np.full(n, value)
@@ -75,12 +72,12 @@ class Robot:
 
 
 @pytest.fixture
-def participant(domain: int) -> Iterator[Participant]:
+def participant(domain):
     with Participant(domain) as joined:
         yield joined
 
 
-def test_ticks_are_what_the_topics_say(participant: Participant, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ticks_are_what_the_topics_say(participant, monkeypatch):
     description = load_robot("lite_biped")
     robot, mirror = Robot(participant, description), Mirror(participant, "lite")
     assert not mirror.is_there()
@@ -120,18 +117,16 @@ def test_ticks_are_what_the_topics_say(participant: Participant, monkeypatch: py
         writer.close()
 
 
-def test_its_model_stands_where_the_robot_s_does_and_is_no_session_to_others(
-    participant: Participant, monkeypatch: pytest.MonkeyPatch, runtime: Path
-) -> None:
+def test_its_model_stands_where_the_robot_s_does_and_is_no_session_to_others(participant, monkeypatch, runtime):
     description = load_robot("lite")
     robot = Robot(participant, description)
     robot.describe()
     robot.state(0.3, 0.0)
     monkeypatch.setattr("humanoid_sim.frontends.dds.mirror.Participant", lambda **_: _Kept(participant))
-    said: list[str] = []
+    said = []
     tries = iter(range(100))
 
-    def ended() -> bool:
+    def ended():
         robot.state(0.3, 0.0)  # the mirror subscribes late, and these are not latched
         return next(tries) > 50
 
@@ -154,7 +149,7 @@ def test_its_model_stands_where_the_robot_s_does_and_is_no_session_to_others(
     assert not attachment.feed.session.is_running()
 
 
-def own_position(description: RobotDescription) -> Any:
+def own_position(description):
     from humanoid_sim.robots.mjcf import bare_model  # noqa: PLC0415 - beside its one use
 
     model = bare_model(description)
@@ -168,13 +163,13 @@ def own_position(description: RobotDescription) -> Any:
 class _Kept:
     """A participant that somebody else closes."""
 
-    def __init__(self, participant: Participant) -> None:
+    def __init__(self, participant):
         self._participant = participant
 
-    def __enter__(self) -> Participant:
+    def __enter__(self):
         return self._participant
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_):
         pass
 
 
@@ -185,7 +180,7 @@ class _Kept:
         ('<robot name="lite"><link name="a"/></robot>', "has no hinge joint"),
     ],
 )
-def test_a_description_that_is_none_is_one_line(participant: Participant, urdf: str, why: str) -> None:
+def test_a_description_that_is_none_is_one_line(participant, urdf, why):
     robot, mirror = Robot(participant, load_robot("lite")), Mirror(participant, "lite")
     robot.describe(urdf)
     robot.state(0.0, 0.0)
@@ -203,15 +198,13 @@ def test_a_description_that_is_none_is_one_line(participant: Participant, urdf: 
     ],
 )
 @pytest.mark.parametrize("program", [console, rerun])
-def test_options_that_contradict_each_other(
-    program: Callable[[list[str]], int], arguments: list[str], why: str
-) -> None:
+def test_options_that_contradict_each_other(program, arguments, why):
     with pytest.raises(InputError, match=why):
         program(arguments)
 
 
 @pytest.mark.parametrize("name", ["lite", "lite_biped"])
-def test_its_header_describes_the_body_that_viewers_draw(participant: Participant, name: str) -> None:
+def test_its_header_describes_the_body_that_viewers_draw(participant, name):
     description = load_robot(name)
     robot, mirror = Robot(participant, description), Mirror(participant, "lite")
     robot.describe()
@@ -233,13 +226,13 @@ def test_its_header_describes_the_body_that_viewers_draw(participant: Participan
         writer.close()
 
 
-def at(body: RecordedBody, value: float) -> tuple[Any, Any]:
+def at(body, value):
     return body.hinged_poses(np.full(len(body.hinged), value))
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(find_spec("rerun") is None, reason="rerun-sdk is not installed (rerun)")
-def test_rerun_shows_it_on_a_page_until_a_signal_ends_it(participant: Participant, domain: int) -> None:
+def test_rerun_shows_it_on_a_page_until_a_signal_ends_it(participant, domain):
     robot = Robot(participant, load_robot("lite_biped"))
     robot.describe()
     program = [sys.executable, "-m", "humanoid_sim.rerun", "--dds", "--interface", "lo", "--web"]

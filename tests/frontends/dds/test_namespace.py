@@ -3,7 +3,6 @@
 import os
 import signal
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,9 +24,7 @@ from humanoid_sim.ros2.topics import COMMAND_TOPIC, SAFETY_TOPIC, TOPICS, Topic
 JOINTS = {"/lite/joint_states": Topic(JOINT_STATE)}
 
 
-def test_neither_of_two_hears_the_other_and_a_dead_bridge_is_started_again(
-    domain: int, runtime: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_neither_of_two_hears_the_other_and_a_dead_bridge_is_started_again(domain, runtime, monkeypatch):
     monkeypatch.setattr(fates, "free_domain", lambda: domain)
     folders = [runtime / name for name in ("left", "right")]
     for folder in folders:
@@ -62,7 +59,7 @@ def test_neither_of_two_hears_the_other_and_a_dead_bridge_is_started_again(
         assert other.reach(Mode.DAMPING)
         assert one.mode() is Mode.REMOTE
 
-        def shown() -> float:
+        def shown():
             return float(one.feed.decode(until(one.feed.latest))["command_stiffness"].max())
 
         until(lambda: client.command(command) and shown() == 5.0)

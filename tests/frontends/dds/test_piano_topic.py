@@ -1,7 +1,5 @@
 """A key that a simulated finger presses, as a client that knows nothing of this project hears of it."""
 
-from pathlib import Path
-
 import pytest
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
@@ -16,7 +14,7 @@ from humanoid_sim.messages import Mode
 
 
 @pytest.mark.slow
-def test_pressed_keys_are_on_dds(folder: Path) -> None:
+def test_pressed_keys_are_on_dds(folder):
     robot = quick_robot(folder, "lite_piano", change=press_in_standby)
     fast = ("--pace", "realtime", "--actuation", "affine")
     script = "hold 0.3; damp; hold 0.1; load_a; wait; hold 20; damp; hold 0.1"

@@ -3,7 +3,6 @@
 import os
 import tempfile
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
@@ -15,10 +14,10 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.topic import Topic
 from dds_bridge import bridge, free_domain
 from local_session import LocalSession, ticking
-from stranger import Client, Header, SafetyStatus, Time, client, until
+from stranger import Header, SafetyStatus, Time, client, until
 
-from humanoid_sim.client import Answer, Intake
-from humanoid_sim.messages import Mode, TickRecord
+from humanoid_sim.client import Intake
+from humanoid_sim.messages import Mode
 from humanoid_sim.messages import SafetyStatus as OwnStatus
 
 RELIABLE, ANY = Policy.Reliability.Reliable(100_000_000), Policy.Reliability.BestEffort
@@ -29,34 +28,34 @@ QUALITIES = {
 }
 
 
-def status(level: int, source: str = "lidar", message: str = "") -> SafetyStatus:
+def status(level, source="lidar", message=""):
     return SafetyStatus(Header(Time(1, 2), ""), level, source, 0, message)
 
 
 class Robot:
     """A session with a bridge, and a monitor in its domain."""
 
-    def __init__(self, local: LocalSession, records: list[TickRecord], monitor: Client) -> None:
+    def __init__(self, local, records, monitor):
         self.local, self.records, self.monitor = local, records, monitor
 
     @property
-    def mode(self) -> Mode:
+    def mode(self):
         return self.records[-1].output.control_mode.mode
 
-    def stand_by(self) -> None:
+    def stand_by(self):
         with Intake(self.local.info, "test") as intake:
             for word in ("damp", "load_a"):
                 assert intake.ask(word).granted, word
         until(lambda: self.mode is Mode.STANDBY, "STANDBY")
 
-    def ask(self, word: str) -> Answer:
+    def ask(self, word):
         with Intake(self.local.info, "test") as intake:
             return intake.ask(word)
 
-    def levels(self) -> dict[str, int]:
+    def levels(self):
         return {one.source: int(one.level) for one in self.records[-1].input.safety}
 
-    def writer(self, quality: Qos) -> DataWriter:
+    def writer(self, quality):
         topic = Topic(self.monitor.participant, "rt/safety_status", SafetyStatus)
         made = DataWriter(self.monitor.participant, topic, quality)
         until(made.get_matched_subscriptions, "the bridge's subscription")
@@ -64,7 +63,7 @@ class Robot:
 
 
 @contextmanager
-def running(early: SafetyStatus | None = None) -> Iterator[Robot]:
+def running(early=None):
     """A session and its bridge; `early` is latched before the bridge is there."""
     with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory(prefix="hs-") as runtime:
         patch.setenv("XDG_RUNTIME_DIR", runtime)
@@ -80,13 +79,13 @@ def running(early: SafetyStatus | None = None) -> Iterator[Robot]:
 
 
 @pytest.fixture(scope="module")
-def robot() -> Iterator[Robot]:
+def robot():
     with running() as robot:
         yield robot
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_a_fault_damps_whatever_its_quality_of_service_and_ok_clears_it(robot: Robot, quality: str) -> None:
+def test_a_fault_damps_whatever_its_quality_of_service_and_ok_clears_it(robot, quality):
     writer = robot.writer(QUALITIES[quality])
     robot.stand_by()
     writer.write(status(2, message="blind"))
@@ -99,7 +98,7 @@ def test_a_fault_damps_whatever_its_quality_of_service_and_ok_clears_it(robot: R
     assert robot.mode is Mode.DAMPING, "nothing recovers by itself"
 
 
-def test_a_fault_that_lasts_for_a_moment_damps(robot: Robot) -> None:
+def test_a_fault_that_lasts_for_a_moment_damps(robot):
     writer = robot.writer(QUALITIES["rclpy's default"])
     robot.stand_by()
     writer.write(status(1, "glitch"))
@@ -108,7 +107,7 @@ def test_a_fault_that_lasts_for_a_moment_damps(robot: Robot) -> None:
     until(lambda: robot.levels().get("glitch") == 0, "its OK")
 
 
-def test_what_the_session_publishes_does_not_come_back(robot: Robot) -> None:
+def test_what_the_session_publishes_does_not_come_back(robot):
     reader = robot.monitor.reader("rt/safety_status", depth=100)
     robot.local.safety = (OwnStatus(2, 0, "can0", "down"),)
     until(lambda: [one for one in reader.take(100) if (one.source, one.level) == ("can0", 2)], "the robot's fault")
@@ -118,7 +117,7 @@ def test_what_the_session_publishes_does_not_come_back(robot: Robot) -> None:
     assert {name: level for name, level in robot.levels().items() if name.startswith("can0")} == {"can0": 0}
 
 
-def test_a_flood_keeps_no_damp_waiting_and_ends_as_its_last_word(robot: Robot) -> None:
+def test_a_flood_keeps_no_damp_waiting_and_ends_as_its_last_word(robot):
     writer = robot.writer(QUALITIES["rclpy's default"])
     for number in range(4000):
         writer.write(status(number % 2, f"source {number % 40}"))
@@ -130,6 +129,6 @@ def test_a_flood_keeps_no_damp_waiting_and_ends_as_its_last_word(robot: Robot) -
     assert len(robot.levels()) <= 40
 
 
-def test_a_latched_fault_from_before_the_bridge_counts() -> None:
+def test_a_latched_fault_from_before_the_bridge_counts():
     with running(status(3, "early", "since yesterday")) as robot:
         until(lambda: robot.levels().get("early") == 3, "the latched fault")

@@ -1,11 +1,8 @@
 """What a bridge that comes later says of the Lite on a CAN bus, and keys that it takes from outside."""
 
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import count
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -14,7 +11,7 @@ pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
 import rig
 from dds_bridge import bridge
 from local_session import LocalSession, ticking
-from stranger import Client, Float32MultiArray, MultiArrayLayout, client, newest, until
+from stranger import Float32MultiArray, MultiArrayLayout, client, newest, until
 
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand
@@ -26,12 +23,12 @@ from humanoid_sim.testing import healthy_state
 
 
 @pytest.fixture
-def cyclone(domain: int) -> Iterator[Client]:
+def cyclone(domain):
     with client(domain) as joined:
         yield joined
 
 
-def test_a_lite_on_a_bus_shows_its_body_under_the_lites_prefix(local: LocalSession, cyclone: Client) -> None:
+def test_a_lite_on_a_bus_shows_its_body_under_the_lites_prefix(local, cyclone):
     neck = load_robot("lite_neck")
     local.feed.close()
     local.registration.close()
@@ -54,10 +51,10 @@ def test_a_lite_on_a_bus_shows_its_body_under_the_lites_prefix(local: LocalSessi
             until(reader.get_matched_publications, f"the publication of {reader.topic.name}")
         index = count(1)
 
-        def brought(reader: Any) -> Any:
+        def brought(reader):
             """By one of many ticks: what is sent with best effort may be lost."""
 
-            def tick() -> Any:
+            def tick():
                 i = next(index)
                 later = replace(state, time=state.time + 0.1 * i)
                 local.feed.tick(TickRecord(i, TickInput(later), output, 0.0, False))
@@ -73,7 +70,7 @@ def test_a_lite_on_a_bus_shows_its_body_under_the_lites_prefix(local: LocalSessi
         assert clock.get_matched_publications() == [], "the clock of a real robot is the world's"
 
 
-def test_keys_from_outside_reach_the_session_where_it_takes_them(domain: int, runtime: Path) -> None:
+def test_keys_from_outside_reach_the_session_where_it_takes_them(domain, runtime):
     local = LocalSession(takes={"key_pressed": 3})
     with local.stack, client(domain) as cyclone, bridge(), ticking(local, rig.PERIOD) as records:
         reader = cyclone.reader("rt/piano/key_state")
@@ -83,11 +80,11 @@ def test_keys_from_outside_reach_the_session_where_it_takes_them(domain: int, ru
         until(lambda: len(writer.get_matched_subscriptions()) == 3, "the bridge's subscriptions beside our own")
         keys = Float32MultiArray(MultiArrayLayout([], 0), [1.0, 0.0, 1.0])
 
-        def pressed() -> list[float]:
+        def pressed():
             state = records[-1].input.state
             return state.extern["key_pressed"].at(state.time).tolist() if "key_pressed" in state.extern else []
 
-        def play() -> list[float]:
+        def play():
             writer.write(keys)
             return pressed()
 

@@ -5,27 +5,24 @@ import os
 import sys
 import types
 from collections import deque
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import ClassVar
 
 import pytest
-from emulated_keyboard import EmulatedKeyboard, on_fifo, on_terminal
+from emulated_keyboard import on_fifo, on_terminal
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends.midi.device import ByteDevice, Port, port_names
 
-Plugged = Callable[[], AbstractContextManager[EmulatedKeyboard]]
 EVERY_BYTE = bytes(range(256))
 
 
 @pytest.fixture(params=["fifo", "terminal"])
-def plugged(request: pytest.FixtureRequest, tmp_path: Path) -> Plugged:
+def plugged(request, tmp_path):
     return on_terminal if request.param == "terminal" else lambda: on_fifo(tmp_path / "keys")
 
 
-def everything(device: ByteDevice) -> bytes | None:
+def everything(device):
     """What has come; None if the keyboard is gone."""
     found = b""
     while data := device.read(0.2):
@@ -33,7 +30,7 @@ def everything(device: ByteDevice) -> bytes | None:
     return None if data is None else found
 
 
-def test_every_byte_arrives_as_it_was_sent(plugged: Plugged) -> None:
+def test_every_byte_arrives_as_it_was_sent(plugged):
     with plugged() as keyboard:
         device = ByteDevice(keyboard.path, 31250)
         assert device.read(0.0) == b""
@@ -42,7 +39,7 @@ def test_every_byte_arrives_as_it_was_sent(plugged: Plugged) -> None:
         device.close()
 
 
-def test_one_that_is_unplugged_is_gone_and_what_it_said_before_is_heard(plugged: Plugged) -> None:
+def test_one_that_is_unplugged_is_gone_and_what_it_said_before_is_heard(plugged):
     with plugged() as keyboard:
         device = ByteDevice(keyboard.path, 31250)
         assert device.read(0.0) == b""
@@ -53,7 +50,7 @@ def test_one_that_is_unplugged_is_gone_and_what_it_said_before_is_heard(plugged:
         ByteDevice(keyboard.path, 31250)
 
 
-def test_what_was_sent_before_a_fifo_was_opened_counts(tmp_path: Path) -> None:
+def test_what_was_sent_before_a_fifo_was_opened_counts(tmp_path):
     with on_fifo(tmp_path / "keys") as keyboard:
         keyboard.press(60)
         device = ByteDevice(keyboard.path, 31250)
@@ -62,7 +59,7 @@ def test_what_was_sent_before_a_fifo_was_opened_counts(tmp_path: Path) -> None:
         device.close()
 
 
-def test_standard_input_is_read_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_standard_input_is_read_and_ends(monkeypatch):
     reading, writing = os.pipe()
     with open(reading, encoding="ascii") as stream:
         monkeypatch.setattr(sys, "stdin", stream)
@@ -76,7 +73,7 @@ def test_standard_input_is_read_and_ends(monkeypatch: pytest.MonkeyPatch) -> Non
         os.fstat(reading)  # it is not ours to close
 
 
-def test_what_is_no_keyboard_is_refused_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_no_keyboard_is_refused_in_a_line(tmp_path, monkeypatch):
     (tmp_path / "notes.bin").write_bytes(b"\x90\x3c\x40")
     accepted = "is a file or folder, expected a MIDI device, a serial line or a FIFO"
     for path in (tmp_path / "notes.bin", tmp_path):
@@ -97,28 +94,28 @@ class FakeInput:
     messages: ClassVar[deque[tuple[list[int], float]]] = deque()
     open_inputs = 0
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name):
         FakeInput.open_inputs += 1
 
-    def get_ports(self) -> list[str]:
+    def get_ports(self):
         return list(self.ports)
 
-    def ignore_types(self, *, sysex: bool, timing: bool, active_sense: bool) -> None:
+    def ignore_types(self, *, sysex, timing, active_sense):
         assert (sysex, timing, active_sense) == (True, True, False)
 
-    def open_port(self, number: int, name: str) -> None:
+    def open_port(self, number, name):
         self.opened = self.ports[number]
 
-    def get_message(self) -> tuple[list[int], float] | None:
+    def get_message(self):
         return self.messages.popleft() if self.messages else None
 
-    def close_port(self) -> None: ...
+    def close_port(self): ...
 
-    def delete(self) -> None:
+    def delete(self):
         FakeInput.open_inputs -= 1
 
 
-def test_a_port_is_chosen_by_a_part_of_its_name_and_missed_when_it_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_is_chosen_by_a_part_of_its_name_and_missed_when_it_goes(monkeypatch):
     monkeypatch.setitem(sys.modules, "rtmidi", types.SimpleNamespace(MidiIn=FakeInput))
     monkeypatch.setattr(FakeInput, "ports", ["Midi Through:0 14:0", "Pads:0 20:0", "Keystation 88:0 24:0"])
     monkeypatch.setattr(FakeInput, "messages", deque([([0x90, 60, 64], 0.0), ([0xFE], 0.1)]))
@@ -137,7 +134,7 @@ def test_a_port_is_chosen_by_a_part_of_its_name_and_missed_when_it_goes(monkeypa
     assert FakeInput.open_inputs == 0
 
 
-def test_without_a_sequencer_it_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+def test_without_a_sequencer_it_is_one_line(capfd):
     pytest.importorskip("rtmidi", reason="python-rtmidi is not installed (midi)")
     if Path("/dev/snd/seq").exists():
         pytest.skip("this machine has a MIDI sequencer")
@@ -150,7 +147,7 @@ def test_without_a_sequencer_it_is_one_line(capfd: pytest.CaptureFixture[str]) -
     assert capfd.readouterr().err == "", "ALSA's own complaint"
 
 
-def test_a_virtual_port_plays_and_goes() -> None:
+def test_a_virtual_port_plays_and_goes():
     rtmidi = pytest.importorskip("rtmidi", reason="python-rtmidi is not installed (midi)")
     if not Path("/dev/snd/seq").exists():
         pytest.skip("there is no MIDI sequencer here (/dev/snd/seq)")

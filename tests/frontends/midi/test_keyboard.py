@@ -12,11 +12,11 @@ from humanoid_sim.frontends.midi.keyboard import Keyboard
 class Scripted(Source):
     """A keyboard in a time of its own: bytes by the second in which they come; None for being unplugged."""
 
-    def __init__(self, *script: tuple[float, bytes | None], name: str = "Keystation") -> None:
+    def __init__(self, *script, name="Keystation"):
         self.name, self.now, self.is_open = name, 0.0, True
         self._script = deque(script)
 
-    def read(self, seconds: float) -> bytes | None:
+    def read(self, seconds):
         assert self.is_open
         end = self.now + seconds
         if self._script and self._script[0][0] <= end:
@@ -26,18 +26,18 @@ class Scripted(Source):
         self.now = end
         return b""
 
-    def close(self) -> None:
+    def close(self):
         self.is_open = False
 
 
-def down(keyboard: Keyboard) -> list[int]:
+def down(keyboard):
     return [int(key) for key in keyboard.pressed.nonzero()[0]]
 
 
 PRESS, OTHER, SENSING = bytes((0x90, 60, 64)), bytes((0x90, 64, 64)), b"\xfe"
 
 
-def test_a_look_takes_all_that_comes_in_its_time() -> None:
+def test_a_look_takes_all_that_comes_in_its_time():
     source = Scripted((0.001, PRESS[:2]), (0.004, PRESS[2:]), (0.01, OTHER), (0.02, b"\x80\x3c\x00"))
     keyboard = Keyboard(source, clock=lambda: source.now)
     before = monotonic_ns()
@@ -49,7 +49,7 @@ def test_a_look_takes_all_that_comes_in_its_time() -> None:
 
 
 @pytest.mark.parametrize("silent_for", [0.25, 0.29])
-def test_active_sensing_keeps_keys_down(silent_for: float) -> None:
+def test_active_sensing_keeps_keys_down(silent_for):
     source = Scripted(*((silent_for * i, SENSING) for i in range(20)), (0.1, PRESS))
     source._script = deque(sorted(source._script))
     keyboard = Keyboard(source, clock=lambda: source.now)
@@ -58,7 +58,7 @@ def test_active_sensing_keeps_keys_down(silent_for: float) -> None:
     assert down(keyboard) == [39]
 
 
-def test_a_keyboard_that_sends_it_and_falls_silent_is_lost() -> None:
+def test_a_keyboard_that_sends_it_and_falls_silent_is_lost():
     source = Scripted((0.0, PRESS + SENSING), (0.205, b"\xf8"), (1.005, OTHER + SENSING), (1.205, SENSING))
     keyboard = Keyboard(source, clock=lambda: source.now)
     found = {}
@@ -69,7 +69,7 @@ def test_a_keyboard_that_sends_it_and_falls_silent_is_lost() -> None:
     assert found == {0.51: (lost, [], False), 1.01: ("Keystation is heard again", [43], True), 1.51: (lost, [], False)}
 
 
-def test_one_that_never_sends_it_may_be_silent() -> None:
+def test_one_that_never_sends_it_may_be_silent():
     source = Scripted((0.0, PRESS))
     keyboard = Keyboard(source, clock=lambda: source.now)
     while source.now < 5.0:
@@ -77,10 +77,10 @@ def test_one_that_never_sends_it_may_be_silent() -> None:
     assert (down(keyboard), keyboard.is_known) == ([39], True)
 
 
-def test_one_that_is_unplugged_releases_its_keys_and_may_come_back() -> None:
+def test_one_that_is_unplugged_releases_its_keys_and_may_come_back():
     first, second = Scripted((0.0, PRESS), (0.02, None)), Scripted((9.0, OTHER), name="Keystation 2")
     second.now = 9.0
-    answers: deque[Source | None] = deque([None, second])
+    answers = deque([None, second])
     now = [0.0]
     keyboard = Keyboard(first, answers.popleft, clock=lambda: max(first.now, now[0]))
     assert keyboard.look(0.01) == []
@@ -102,11 +102,11 @@ def test_one_that_is_unplugged_releases_its_keys_and_may_come_back() -> None:
     assert not second.is_open
 
 
-def test_a_flood_is_never_the_present() -> None:
+def test_a_flood_is_never_the_present():
     """What waits behind it may have released every key."""
 
     class Flood(Scripted):
-        def read(self, seconds: float) -> bytes | None:
+        def read(self, seconds):
             self.now += 0.0001
             return PRESS * 80
 

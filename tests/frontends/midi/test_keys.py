@@ -4,7 +4,7 @@ from humanoid_sim.frontends.midi.keyboard import PressedKeys
 from humanoid_sim.frontends.midi.stream import MidiStream
 
 
-def heard(data: str, transpose: int = 0) -> tuple[list[int], list[str]]:
+def heard(data, transpose=0):
     """Keys that are down after these bytes, and what was told."""
     keys, stream = PressedKeys(transpose), MidiStream()
     told = [line for message in stream.feed(bytes.fromhex(data)) if (line := keys.hear(message))]
@@ -35,17 +35,17 @@ def heard(data: str, transpose: int = 0) -> tuple[list[int], list[str]]:
         ("90 3c 40 a0 3c 7f d0 00 e0 00 00 c0 05", [39]),  # pressure, bend, program
     ],
 )
-def test_the_keys_that_are_down(data: str, down: list[int]) -> None:
+def test_the_keys_that_are_down(data, down):
     assert heard(data) == (down, [])
 
 
-def test_notes_beyond_the_piano_are_told_once() -> None:
+def test_notes_beyond_the_piano_are_told_once():
     keys, told = heard("90 14 40 80 14 40 90 14 40 90 6d 40 90 15 40")
     assert keys == [0]
     assert told == ["note 20 is beyond the piano's keys, 21 to 108", "note 109 is beyond the piano's keys, 21 to 108"]
 
 
-def test_notes_are_shifted() -> None:
+def test_notes_are_shifted():
     assert heard("90 30 40 90 3c 40", 12) == ([39, 51], [])
     assert heard("90 61 40 90 60 40 80 60 00", 12) == (
         [],
@@ -53,5 +53,5 @@ def test_notes_are_shifted() -> None:
     )
 
 
-def test_drums_are_no_keys() -> None:
+def test_drums_are_no_keys():
     assert heard("99 3c 40 99 3e 40 90 40 40") == ([43], ["channel 10 is for drums: its notes count as no keys"])

@@ -1,9 +1,7 @@
 """A MIDI keyboard that is lost in each mode of a simulated run, by a policy that hears it."""
 
-from pathlib import Path
-
 import pytest
-from fates import ROWS, Log, playing, script, skip_unless
+from fates import ROWS, playing, script, skip_unless
 from lost_keyboard import LOSSES, check_loss, down, piano_options, play_and_lose, plugged_in
 from play_fixtures import quick_robot
 
@@ -16,7 +14,7 @@ PERIOD = 0.005
 ATTEMPTS = 4
 
 
-def lost(folder: Path, mode: Mode, loss: str) -> Log:
+def lost(folder, mode, loss):
     """A run that was in that mode when the keyboard was lost."""
     options = (*piano_options(folder), "--robot", quick_robot(folder), "--script", script(mode), "--pace", "realtime")
     for _ in range(ATTEMPTS):
@@ -34,8 +32,8 @@ def lost(folder: Path, mode: Mode, loss: str) -> Log:
 @pytest.mark.parametrize("loss", LOSSES)
 @pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
 def test_a_keyboard_that_is_lost_stops_the_policy_that_hears_it_and_changes_nothing_else(
-    mode: Mode, loss: str, folder: Path, rows: list[tuple[str, ...]], request: pytest.FixtureRequest
-) -> None:
+    mode, loss, folder, rows, request
+):
     skip_unless((mode, loss) == (Mode.LOCOMOTION, "unplugged"), request)
     assert ROWS["midi"].feeds
     log = lost(folder, mode, loss)

@@ -3,12 +3,10 @@
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
-from emulated_keyboard import EmulatedKeyboard, on_fifo
+from emulated_keyboard import on_fifo
 from local_session import LocalSession, ticking
 from waiting import until
 
@@ -16,7 +14,6 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.frontends.midi.device import ByteDevice
 from humanoid_sim.frontends.midi.keyboard import Keyboard
-from humanoid_sim.messages import TickRecord
 from humanoid_sim.midi import Teller, main
 
 PATIENCE = 60.0
@@ -24,7 +21,7 @@ PATIENCE = 60.0
 
 
 @pytest.fixture
-def session(runtime: Path) -> Iterator[LocalSession]:
+def session(runtime):
     """That takes a piano's keys."""
     local = LocalSession(takes={"key_pressed": 88})
     with local.stack:
@@ -32,21 +29,19 @@ def session(runtime: Path) -> Iterator[LocalSession]:
 
 
 @pytest.fixture
-def keyboard(tmp_path: Path) -> Iterator[EmulatedKeyboard]:
+def keyboard(tmp_path):
     with on_fifo(tmp_path / "keys") as plugged:
         yield plugged
 
 
-def down(record: TickRecord) -> list[int]:
+def down(record):
     """Keys that are down, as a policy observes them."""
     state = record.input.state
     keys = state.extern.get("key_pressed")
     return [] if keys is None else [int(key) for key in keys.at(state.time).nonzero()[0]]
 
 
-def test_each_period_tells_which_keys_are_down_and_when_that_was_known(
-    session: LocalSession, keyboard: EmulatedKeyboard
-) -> None:
+def test_each_period_tells_which_keys_are_down_and_when_that_was_known(session, keyboard):
     listener = Keyboard(ByteDevice(keyboard.path, 31250))
     teller = Teller(session.intake("midi"), listener)
     assert teller.step(0.0) == []
@@ -76,7 +71,7 @@ def test_each_period_tells_which_keys_are_down_and_when_that_was_known(
 
 
 @contextmanager
-def running(session: LocalSession, *options: str, **streams: int) -> Iterator[subprocess.Popen[str]]:
+def running(session, *options, **streams):
     """The program, once it listens."""
     command = [sys.executable, "-u", "-m", "humanoid_sim.midi", "--session", str(session.info.process), *options]
     outputs = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, **streams}
@@ -89,11 +84,8 @@ def running(session: LocalSession, *options: str, **streams: int) -> Iterator[su
             process.kill()
 
 
-def test_the_program_plays_stops_loses_and_finds_the_keyboard(
-    session: LocalSession, keyboard: EmulatedKeyboard, tmp_path: Path
-) -> None:
+def test_the_program_plays_stops_loses_and_finds_the_keyboard(session, keyboard, tmp_path):
     with running(session, "--device", keyboard.path, "--transpose", "12") as process:
-        assert process.stdout is not None
         with ticking(session) as records:
             keyboard.press(48, 52)
             until(lambda: down(records[-1]) == [39, 43])
@@ -116,7 +108,7 @@ def test_the_program_plays_stops_loses_and_finds_the_keyboard(
         assert process.wait(PATIENCE) == 0, "it ends with the session"
 
 
-def test_standard_input_ends_it(session: LocalSession) -> None:
+def test_standard_input_ends_it(session):
     with ticking(session) as records, running(session, "--device", "-", stdin=subprocess.PIPE) as process:
         process.stdin.buffer.write(bytes((0x90, 60, 64)))
         process.stdin.flush()
@@ -136,14 +128,12 @@ def test_standard_input_ends_it(session: LocalSession) -> None:
         (("--device", "/nowhere"), "--device: /nowhere cannot be opened: No such file or directory"),
     ],
 )
-def test_what_cannot_work_is_one_line(
-    options: tuple[str, ...], problem: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_work_is_one_line(options, problem, capsys):
     assert run_program(main, list(options)) == 2
     assert capsys.readouterr().err == f"error: {problem}\n"
 
 
-def test_a_keyboard_that_nobody_plays_on_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_keyboard_that_nobody_plays_on_is_one_line(tmp_path, capsys):
     with on_fifo(tmp_path / "keys") as keyboard:
         keyboard.unplug()
         assert run_program(main, ["--device", keyboard.path]) == 2
@@ -159,13 +149,13 @@ def test_a_keyboard_that_nobody_plays_on_is_one_line(tmp_path: Path, capsys: pyt
     ],
 )
 def test_a_session_without_such_keys_is_refused(
-    takes: dict[str, int],
-    problem: str,
-    monkeypatch: pytest.MonkeyPatch,
-    keyboard: EmulatedKeyboard,
-    capsys: pytest.CaptureFixture[str],
-    runtime: Path,
-) -> None:
+    takes,
+    problem,
+    monkeypatch,
+    keyboard,
+    capsys,
+    runtime,
+):
     local = LocalSession(takes=takes)
     with local.stack:
         monkeypatch.setattr("humanoid_sim.frontends.attach.os.nice", lambda _: 0)

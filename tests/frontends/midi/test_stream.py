@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from humanoid_sim.frontends.midi.stream import Message, MidiStream
 
 
-def parsed(data: str, pieces: int = 1000) -> list[str]:
+def parsed(data, pieces=1000):
     """The messages of bytes given in hexadecimal, fed in pieces, in hexadecimal."""
     stream, raw = MidiStream(), bytes.fromhex(data)
     messages = [message for i in range(0, len(raw), pieces) for message in stream.feed(raw[i : i + pieces])]
@@ -34,12 +34,12 @@ def parsed(data: str, pieces: int = 1000) -> list[str]:
         ("ff f9 fd", ["ff", "f9", "fd"]),
     ],
 )
-def test_bytes_become_messages_however_they_are_cut(data: str, messages: list[str], pieces: int) -> None:
+def test_bytes_become_messages_however_they_are_cut(data, messages, pieces):
     assert parsed(data, pieces) == messages
 
 
 @given(st.binary(max_size=60), st.integers(1, 60))
-def test_any_bytes_make_whole_messages_in_any_pieces(data: bytes, pieces: int) -> None:
+def test_any_bytes_make_whole_messages_in_any_pieces(data, pieces):
     whole = parsed(data.hex())
     assert parsed(data.hex(), pieces) == whole
     for text in whole:
@@ -48,7 +48,7 @@ def test_any_bytes_make_whole_messages_in_any_pieces(data: bytes, pieces: int) -
         assert status >= 0x80 > max(rest, default=0)
 
 
-def test_a_message_knows_kind_and_channel() -> None:
+def test_a_message_knows_kind_and_channel():
     message = Message(0x9B, (60, 1))
     assert (message.kind, message.channel) == (0x90, 11)
     assert Message(0xFE).kind == 0xFE
