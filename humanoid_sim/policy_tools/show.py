@@ -304,7 +304,7 @@ def _model_document(model: OnnxModel) -> dict[str, Any]:
 
 
 _VALUES = {"names": "[NAME, NAME]", "text": "TEXT", "flag": "true", "structure": "{}", "axes": "{}"}
-"""Placeholders of fields' values, by the kind of the form; for any other a number."""
+"""Placeholders of fields' values, by the kind of the form; any other is a number, or one for each joint."""
 
 
 def _skeleton(checkpoint: Path, missing: Sequence[str], tensors: Sequence[str]) -> Iterator[str]:
@@ -331,4 +331,4 @@ def _skeleton(checkpoint: Path, missing: Sequence[str], tensors: Sequence[str]) 
             yield f"#phase: {{{part or 'period'}: 0.8}}"
         else:
             form = FORMS[field]
-            yield f"#{field}: {'|'.join(form.choices) or _VALUES.get(form.kind, '0.0')}"
+            yield f"#{field}: {'|'.join(form.choices) or _VALUES.get(form.kind, 'NUMBER')}"

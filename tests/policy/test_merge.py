@@ -143,7 +143,7 @@ def test_everything_that_is_missing_is_named_with_what_was_read():
     lacking = source(WHOLE, "metadata", "policy_dt", "action_scale")
     assert refusal(lacking, *yaml(action_clip=10)) == (
         "the contract lacks action_scale, policy_dt; read: metadata (joint_names, joint_stiffness, joint_damping, "
-        "default_joint_pos, observation); contract.yaml (action_clip); give what is missing in x.contract.yaml"
+        "default_joint_pos, observation); contract.yaml (action_clip); give what is missing in policy.contract.yaml"
     )
 
 

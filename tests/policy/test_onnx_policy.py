@@ -191,7 +191,7 @@ MODELS = {
     "no metadata": (
         lambda: models.linear_model({}),
         "the contract lacks joint_names, joint_stiffness, joint_damping, default_joint_pos, observation, action_scale, "
-        "policy_dt; read: no source; give what is missing in x.contract.yaml",
+        "policy_dt; read: no source; give what is missing in policy.contract.yaml",
     ),
     "fails when it runs": (fails_when_it_runs, "the model fails on an observation of zeros: "),
 }

@@ -226,11 +226,11 @@ def test_a_skeleton_states_nothing_until_it_is_filled_in(cli, tmp_path, walker):
     assert f"missing: {', '.join(missing)}; fill it in, in {file}" in out
     text = file.read_text()
     assert "# inputs: obs [1, 32]\n" in text
-    assert "# Shape (n,), N·m/rad.\n#joint_stiffness: 0.0\n" in text
+    assert "# Shape (n,), N·m/rad.\n#joint_stiffness: NUMBER\n" in text
     assert re.findall("^#([a-z_]+):", text, flags=re.M) == missing
     assert json.loads(cli("show", bare, "--json")[1])["missing"] == missing
     filled = re.sub("^#([a-z])", r"\1", text, flags=re.M).replace("[TERM, TERM]", "[joint_pos]")
-    file.write_text(filled.replace("[NAME, NAME]", "[a, b]").replace("policy_dt: 0.0", "policy_dt: 0.02"))
+    file.write_text(filled.replace("[NAME, NAME]", "[a, b]").replace("NUMBER", "0.02"))
     wide = "the model's output is 3 wide, expected 2, one for each of action_joint_names"  # nothing is missing
     assert cli("show", bare) == (2, "", f"error: {bare}: {wide}\n")
 

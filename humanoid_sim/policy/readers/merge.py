@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract, TensorNames
@@ -43,7 +44,7 @@ def merge(
         read = "; ".join(f"{partial.source} ({', '.join(partial.fields)})" for partial in partials if partial.fields)
         raise IncompleteContractError(
             f"{where}: the contract lacks {', '.join(missing)}; read: {read or 'no source'}; "
-            "give what is missing in x.contract.yaml",
+            f"give what is missing in {Path(where).stem}.contract.yaml",
             tuple(missing),
             known,
             terms,
