@@ -46,7 +46,7 @@ class ExaminedPolicy:
     """Function that returns True if the trainer's samples in the checkpoint, which agree with the present contract, do
     not agree with another; None if there are no samples, or if they do not agree with the present one."""
     problem: str = ""
-    """What those samples say against the present contract."""
+    """Difference between those samples and the present contract; empty if there is none."""
 
     @property
     def motion_seconds(self) -> float:

@@ -96,7 +96,7 @@ class Examination:
     is_interrupted: bool = False
     """Ctrl-C ended it."""
     samples_problem: str = ""
-    """What the trainer's samples in the checkpoint say against the contract."""
+    """Difference between the trainer's samples in the checkpoint and the contract; empty if there is none."""
 
     def print(self, console: Console, rows: int) -> None:
         """Print the best of every cause, the conclusion, and what the first would have you write."""

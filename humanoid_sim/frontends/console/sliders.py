@@ -224,9 +224,9 @@ class Sliders:
         rates[:, j] = self._rates[:, j]
         most = rates * min(max(elapsed, 0.0), _LONGEST_STEP)
         fields = state.fields + np.clip(wanted - state.fields, -most, most)
-        away = _FURTHEST
-        if fields[_STIFFNESS, j] > 0.0:
-            away = min(away, _SPRING_SHARE * self._robot.joints[j].effort_limit / fields[_STIFFNESS, j])
+        away, most_effort = _FURTHEST, _SPRING_SHARE * self._robot.joints[j].effort_limit
+        if fields[_STIFFNESS, j] * away > most_effort:
+            away = most_effort / fields[_STIFFNESS, j]
         fields[_POSITION, j] = np.clip(fields[_POSITION, j], position[j] - away, position[j] + away)
         sent = fields.copy()
         sent[:, j] = _restrained(fields[:, j], state.bounds, float(position[j]), float(np.nan_to_num(velocity[j])))
