@@ -135,7 +135,7 @@ def orange(page):
 
 
 def test_the_commanded_pose_is_seen_over_the_robot(browser, played):
-    page = browser.new_page(viewport={"width": 900, "height": 500})
+    page = browser.new_page(viewport={"width": 900, "height": 720})
     page.set_default_timeout(120_000)
     page.goto(played.control)
     page.wait_for_selector("#cover", state="hidden")
