@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -300,10 +300,12 @@ def test_a_signal_after_the_robot_is_closed_ends_the_process(folder, quick):
     with unread(folder, "--robot", quick, "--script", f"{CHATTER}; hold 60", *OPTIONS) as process:
         time.sleep(5.0)
         process.send_signal(signal.SIGINT)
-        time.sleep(4.0)  # for the arms to rest; then nothing but the console is left to close
-        begin = time.monotonic()
-        process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=30.0)
-    assert time.monotonic() - begin < 3.0
+        time.sleep(3.0)  # for the arms to rest, or longer; then nothing but the console is left to close
+        for _ in range(100):
+            process.send_signal(signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                _, err = process.communicate(timeout=0.5)
+                break
     assert process.returncode == 130
+    assert "did not finish" not in err
     assert "Traceback" not in err
