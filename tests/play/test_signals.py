@@ -306,6 +306,6 @@ def test_a_signal_after_the_robot_is_closed_ends_the_process(folder, quick):
             with suppress(subprocess.TimeoutExpired):
                 _, err = process.communicate(timeout=0.5)
                 break
-    assert process.returncode == 130
+    assert process.returncode in (130, -signal.SIGINT)  # by itself, or by one signal more as Python ends
     assert "did not finish" not in err
     assert "Traceback" not in err
