@@ -146,7 +146,8 @@ def run_program(program: Callable[[Sequence[str] | None], int], arguments: Seque
         if error.errno in _UNWRITABLE and error.filename is None:  # it failed while printing
             status, problem = ExitStatus.FAILED, error
         else:
-            complain(f"error: {'' if error.filename is None else f'{error.filename}: '}{error.strerror or error}")
+            place = "" if error.filename is None else f"{error.filename}: "
+            complain(f"error: {place}{error.strerror or error}")
             status = ExitStatus.BAD_INPUT
     except MemoryError as error:
         complain(f"error: the memory of this machine does not suffice ({reason_of(error)})")

@@ -132,8 +132,8 @@ class Run:
             sources.insert(0, self.interruption)
         if is_hardware and needs_gamepad(config):
             sources.insert(0, DeviceWatch("gamepad", lambda: self.data.heartbeats, self._note))
-        # The last one is closed first: what monitor and shadow find in the last ticks still reaches the others. Those
-        # behind the front ends are told when the run begins: after these have been waited for.
+        # The last one is closed first: what monitor and shadow find in the last ticks still reaches the others. The
+        # front ends wait in `start` until they work, and then set the header's time: those behind them get that header.
         shows = (self.feed, shown, self.front_ends, self.recorder, self.video, self.monitor, self.shadow)
         sinks = (*shows, intents, self.data, loading)
         self.session = plan.clock.session = Session(

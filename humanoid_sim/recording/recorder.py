@@ -161,7 +161,7 @@ class McapRecorder:
         self._put(_Beside(time, messages))
 
     def _put(self, item: Event | _Beside) -> None:
-        is_open = self._thread is not None or not self._is_created  # what is told before the run begins is kept too
+        is_open = self._thread is not None or not self._is_created  # events from before the run begins are kept as well
         if self._error is None and is_open and self._queue.qsize() < 2 * QUEUE_LIMIT:
             self._queue.put(item)
 

@@ -152,20 +152,24 @@ def speed_limit(robot: RobotDescription) -> FloatArray:
     What follows is the whole range in the crossing time, but no more than the motor turns without load. What a motor
     can report has an end of its scale, where nobody knows how fast it is.
     """
-    motors = [None if joint.motor is None else MOTORS.get(joint.motor.model) for joint in robot.joints]
-    readable = _OF_SCALE * np.array([np.inf if model is None else model.velocity for model in motors])
-    fastest = np.array([np.inf if model is None else model.no_load_velocity for model in motors])
+    told, fastest = _motor_speeds(robot)
     given = robot.guards.speed.limit if robot.guards.speed is not None else ()
-    limit: FloatArray = np.minimum(given or np.minimum(_crossing_speed(robot), fastest), readable)
+    limit: FloatArray = np.minimum(given or np.minimum(_crossing_speed(robot), fastest), _OF_SCALE * told)
     return limit
 
 
 def rated_speed(robot: RobotDescription) -> FloatArray:
     """Shape (n,), rad/s: as fast as the motor turns without load and can be told; without one the guard's, or inf."""
     given = robot.guards.speed.limit if robot.guards.speed is not None else ()
-    motors = [None if joint.motor is None else MOTORS.get(joint.motor.model) for joint in robot.joints]
-    known = [np.inf if model is None else min(model.no_load_velocity, model.velocity) for model in motors]
+    known = np.minimum(*_motor_speeds(robot))
     return np.where(np.isfinite(known), known, given or np.inf)
+
+
+def _motor_speeds(robot: RobotDescription) -> tuple[FloatArray, FloatArray]:
+    """Shape (n,) each, rad/s: the largest speed that the motor can report, and that without load; inf without a motor."""
+    motors = [None if joint.motor is None else MOTORS.get(joint.motor.model) for joint in robot.joints]
+    told = [np.inf if motor is None else motor.velocity for motor in motors]
+    return np.array(told), np.array([np.inf if motor is None else motor.no_load_velocity for motor in motors])
 
 
 def _crossing_speed(robot: RobotDescription) -> FloatArray:

@@ -33,7 +33,7 @@ FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
 _AFRESH = "checks and enables the motors afresh; starts at ZERO_TORQUE"
 """Note on the page's button REACTIVATE, which is not an intent's."""
 _ANEW = "puts the simulated robot back to its start, in ZERO_TORQUE"
-"""The same in a simulation."""
+"""Note on the same button in a simulation."""
 
 
 class Reasons:

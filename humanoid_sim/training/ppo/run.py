@@ -118,7 +118,7 @@ def _show(line: str) -> None:
 def _learn(
     config: TrainConfig, subject: Subject, folder: RunFolder, kind: type[Learner], limit: float
 ) -> tuple[Learner, bool]:
-    """Train to the end, until `limit`, s, is up, or until Ctrl-C, which is told."""
+    """Train to the end, for `limit` s, or until Ctrl-C. Returns the learner, and whether Ctrl-C ended it."""
     _show(f"making {config.robots} robots {subject.scenario.description.name} for the task {subject.task} …")
     envs = subject.environments(config.robots)
     meter = EpisodeMeter(envs)
@@ -140,7 +140,7 @@ def _learn(
                 journal.record(update)
                 if not np.isfinite(update.spread):
                     raise InputError(
-                        f"the network is no longer finite after {update.steps} steps; the checkpoint before still is"
+                        f"the network is no longer finite after {update.steps} steps; the last checkpoint is sound"
                     )
                 has_more = update.steps < config.steps and journal.seconds < limit and not interruption.is_set()
                 if not has_more or time.monotonic() - saved >= config.checkpoint_seconds:
