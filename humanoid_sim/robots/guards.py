@@ -166,7 +166,7 @@ def rated_speed(robot: RobotDescription) -> FloatArray:
 
 
 def _motor_speeds(robot: RobotDescription) -> tuple[FloatArray, FloatArray]:
-    """Shape (n,) each, rad/s: the largest speed that the motor can report, and that without load; inf without a motor."""
+    """Shape (n,) each, rad/s: the largest speed that a motor can report, and that without load; inf for no motor."""
     motors = [None if joint.motor is None else MOTORS.get(joint.motor.model) for joint in robot.joints]
     told = [np.inf if motor is None else motor.velocity for motor in motors]
     return np.array(told), np.array([np.inf if motor is None else motor.no_load_velocity for motor in motors])
