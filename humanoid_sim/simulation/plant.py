@@ -23,7 +23,7 @@ import numpy as np
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray, MITCommand, affine_law, mit_torque
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.silence import mujoco_silenced
+from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.terrain import Terrain
 

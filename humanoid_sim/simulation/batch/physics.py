@@ -14,7 +14,7 @@ import numpy.typing as npt
 from mujoco import rollout
 
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.robots.silence import mujoco_silenced
+from humanoid_sim.robots.mjcf import mujoco_silenced
 
 BoolArray = npt.NDArray[np.bool_]
 IndexArray = npt.NDArray[np.intp]

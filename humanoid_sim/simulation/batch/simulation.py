@@ -14,8 +14,8 @@ from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.robots.silence import mujoco_silenced
 from humanoid_sim.simulation.batch.draws import FULL, Draws
 from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
 from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool, usable_processors
