@@ -33,7 +33,7 @@ from humanoid_sim.prepare.motion_fit import (
 from humanoid_sim.prepare.skeleton import Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order
 from humanoid_sim.prepare.velocities import RateCheck, VelocityCheck, check_rate, check_velocities, refuse_velocities
-from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
+from humanoid_sim.simulation.kinematics import InverseKinematics
 
 FORWARD = "forward kinematics"
 INVERSE = "inverse kinematics"

@@ -15,7 +15,7 @@ from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITCommand
 from humanoid_sim.policy.motion import body_poses
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
+from humanoid_sim.simulation.kinematics import InverseKinematics
 from humanoid_sim.simulation.model import JointAddresses, joint_addresses
 
 

@@ -14,7 +14,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT, PIANOS, Key
-from humanoid_sim.simulation.inverse_kinematics import damped_step
+from humanoid_sim.simulation.kinematics import damped_step
 from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
 
 HANDS = ("left", "right")

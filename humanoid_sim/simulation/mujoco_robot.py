@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Literal, get_args
+from typing import Generic, Literal, TypeVar, get_args
 
 import mujoco
 import numpy as np
@@ -15,8 +15,7 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import SafetyLevel, SafetyStatus
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.simulation.delay import DelayLine, delay_steps
+from humanoid_sim.robots.rates import delay_steps, steps_per_period
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, FloatingBase, move_support
 from humanoid_sim.simulation.keys import PianoKeys, Touch, hardest_touch
 from humanoid_sim.simulation.model import build_model
@@ -26,6 +25,7 @@ from humanoid_sim.simulation.sensors import BodySample, BodySensors
 from humanoid_sim.simulation.stability import DampingStability
 from humanoid_sim.simulation.terrain import Terrain
 
+T = TypeVar("T")
 StateSampling = Literal["now", "on_command"]
 
 _SOURCE = "mujoco"
@@ -33,6 +33,30 @@ _OK = SafetyStatus(source=_SOURCE)
 
 _JointSample = tuple[FloatArray, FloatArray, FloatArray]
 """Position, velocity and effort."""
+
+
+class _DelayLine(Generic[T]):
+    """Delayed view of a stream of samples that take `delay` steps to reach the observer."""
+
+    def __init__(self, delay: int) -> None:
+        self._delay = delay
+        self._samples: deque[tuple[int, T]] = deque()
+
+    def restart(self, step: int, value: T) -> None:
+        """Forget everything; `value` is seen at once."""
+        self._samples.clear()
+        self._samples.append((step, value))
+
+    def push(self, step: int, value: T) -> None:
+        """Add a sample taken at `step`, which is not before the previous one's."""
+        self._samples.append((step, value))
+
+    def at(self, step: int) -> tuple[int, T]:
+        """Return the latest sample that has arrived at `step`, and when it was taken. `step` must not go back."""
+        samples = self._samples
+        while len(samples) > 1 and samples[1][0] + self._delay <= step:
+            samples.popleft()
+        return samples[0]
 
 
 class MujocoRobot:
@@ -155,8 +179,8 @@ class MujocoRobot:
         self._sample_offset = steps - state_steps % steps
         self._samples_now = state_sampling == "now"
         self._pending: deque[MITCommand] = deque()
-        self._joint_line: DelayLine[_JointSample] = DelayLine(state_steps)
-        self._body_line: DelayLine[BodySample] = DelayLine(state_steps)
+        self._joint_line: _DelayLine[_JointSample] = _DelayLine(state_steps)
+        self._body_line: _DelayLine[BodySample] = _DelayLine(state_steps)
         self._step = 0
         self._fault = ""
         self._is_closed = False

@@ -25,8 +25,7 @@ from humanoid_sim.mit import (
 )
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch.draws import Draws
-from humanoid_sim.simulation.batch.physics import BatchPhysics, PhysicalStates
-from humanoid_sim.simulation.batch.variation import gravity_turns
+from humanoid_sim.simulation.batch.physics import BatchPhysics, PhysicalStates, gravity_turns
 from humanoid_sim.simulation.floating_base import BaseState
 from humanoid_sim.simulation.height_scan import HeightScanner
 from humanoid_sim.simulation.keys import PianoKeys

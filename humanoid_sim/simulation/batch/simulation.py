@@ -15,14 +15,12 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import mujoco_silenced
-from humanoid_sim.robots.rates import steps_per_period
+from humanoid_sim.robots.rates import delay_steps, steps_per_period
 from humanoid_sim.simulation.batch.draws import FULL, Draws
 from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
-from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool, usable_processors
+from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool, usable_processors, vary_models
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.batch.sensors import BatchSensors
-from humanoid_sim.simulation.batch.variation import vary_models
-from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose, base_addresses
 from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
