@@ -72,8 +72,7 @@ class VelocityCheck:
 def check_rate(position: FloatArray, velocity: FloatArray, fps: float) -> RateCheck | None:
     """Compare joint velocities (F, n), rad/s, with the derivatives of positions (F, n), rad.
 
-    Returns:
-        None for motions of less than twelve frames and for those that hardly move.
+    None for motions of less than twelve frames and for those that hardly move.
     """
     if len(position) < _LEAST_FRAMES:
         return None
@@ -91,8 +90,7 @@ def check_velocities(
 ) -> tuple[VelocityCheck, ...]:
     """Compare the velocities of each joint, (F, n), rad/s, with the derivative of its positions, (F, n), rad.
 
-    Returns:
-        Empty for motions of less than twelve frames; else the joints that move, and those that only seem to.
+    Empty for motions of less than twelve frames; else the joints that move, and those that only seem to.
     """
     if len(position) < _LEAST_FRAMES:
         return ()

@@ -235,12 +235,8 @@ def _open(path: Path) -> IO[bytes]:
 def recorded_settings(path: str | Path, header: SessionHeader) -> dict[str, Any]:
     """Return the settings of a run; empty if its header says nothing.
 
-    Args:
-        path: of the recording, for messages.
-        header: of the recording.
-
     Raises:
-        InputError: what it says is not a JSON object.
+        InputError: what it says is not a JSON object; the message names the path.
     """
     try:
         settings = parse_json(header.documents.get("settings", "{}"))

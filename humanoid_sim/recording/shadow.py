@@ -145,8 +145,7 @@ class ShadowTopics:
 def read_shadow_steps(path: str | Path) -> Iterator[ShadowStep]:
     """Yield the steps of the shadow policy in a recording, in their order; none where none ran.
 
-    Raises:
-        InputError: if the file cannot be read, or a message is damaged.
+    Raises `InputError` if the file cannot be read, or a message is damaged.
     """
     for data in messages_of(path, SHADOW_TOPIC):
         try:

@@ -67,8 +67,7 @@ def start_document(memory: SupervisorMemory) -> str:
 def start_memory(header: SessionHeader) -> SupervisorMemory | None:
     """Return the memory with which a recorded run began; None if with the control stack's own.
 
-    Raises:
-        InputError: it is damaged.
+    Raises `InputError` if it is damaged.
     """
     text = header.documents.get(START_DOCUMENT)
     if text is None:

@@ -138,13 +138,7 @@ class PolicyTopics:
     """Turns the steps of one policy into messages: arrays, or under the names of their values where there are any."""
 
     def __init__(self, prefix: str, terms: tuple[tuple[str, int], ...], labels: Labels) -> None:
-        """Prepare.
-
-        Args:
-            prefix: of the topics' names.
-            terms: name and width of each observation term.
-            labels: the names of their values.
-        """
+        """Prepare for the terms of an observation, by name and width, with topics under `prefix`."""
         self._terms = tuple(
             (f"{prefix}/observation/{name}", width, labels.observation.get(name)) for name, width in terms
         )
@@ -175,12 +169,7 @@ class ViewerTopics:
     """Turns the ticks of one run into messages. Keeps what it last said, for the topics that change rarely."""
 
     def __init__(self, header: SessionHeader, *, every_state: bool = False) -> None:
-        """Prepare for a run.
-
-        Args:
-            header: what it is.
-            every_state: joint states and IMU of every tick, for those who control by them, instead of 50 a second.
-        """
+        """Prepare for a run; `every_state` is for those who control by joint states and IMU, otherwise 50 a second."""
         self._joints = header.joint_names
         self._joint_topic = joint_states_topic(topic_prefix(header))
         self._every_state = every_state

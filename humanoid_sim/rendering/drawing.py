@@ -223,11 +223,9 @@ class KeyLights:
     """
 
     def __init__(self, model: mujoco.MjModel, goals: npt.NDArray[np.bool_] | None = None) -> None:
-        """Find the keys, and note their own colours.
+        """Find the keys of a model to be drawn, whose `geom_rgba` is written, and note their own colours.
 
-        Args:
-            model: to be drawn; its `geom_rgba` is written.
-            goals: shape (F, 88), whether a key should be down in a frame; None without a song.
+        `goals`, shape (F, 88), say whether a key should be down in a frame; None without a song.
         """
         self._model, self._goals = model, goals
         joints = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in key_joint_names()]

@@ -285,12 +285,7 @@ class _OpenGLRenderer:
 
 
 def animated_webp(frames: Sequence[Image.Image], durations: Sequence[int]) -> bytes:
-    """Return the file of an animated picture that repeats for ever.
-
-    Args:
-        frames: one or more pictures of one size.
-        durations: ms for which each is shown.
-    """
+    """Return the file of an animated picture that repeats for ever; each frame is shown for so many ms."""
     file = BytesIO()
     first, *rest = frames
     first.save(file, "WEBP", save_all=True, append_images=rest, duration=list(durations), loop=0, quality=60, method=4)

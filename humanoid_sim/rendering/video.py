@@ -304,10 +304,9 @@ _LINE_EVERY = 10.0
 
 
 def finish_video(video: VideoSink, console: Console, hint: str = "") -> VideoReport:
-    """Wait until a video is drawn, and show how far it is. An output that cannot be written spoils no video.
+    """Wait until a video is drawn, and show how far it is; the hint says what Ctrl-C does.
 
-    Args:
-        hint: what Ctrl-C does, for the reader.
+    An output that cannot be written spoils no video.
     """
     with _shown(video, console, hint) as progress:
         return video.finish(progress)

@@ -129,11 +129,7 @@ _MJCF, _URDF = "_mj_description", "_description"
 
 
 def public_robots() -> tuple[str, ...]:
-    """Return names of the robots whose MJCF that package knows.
-
-    Raises:
-        MissingPackageError: it is not installed.
-    """
+    """Return names of the robots whose MJCF that package knows. Raises `MissingPackageError` without it."""
     return tuple(sorted(name.removesuffix(_MJCF) for name in _modules() if name.endswith(_MJCF)))
 
 
@@ -246,8 +242,7 @@ _CHECK_SPEED, _SHORTEST, _DWELL = 0.4, 1.0, 0.6
 def with_check_poses(description: RobotDescription) -> RobotDescription:
     """Return the description whose STANDBY, arrived at its pose, walks slowly through the check poses and back.
 
-    Raises:
-        InputError: it has none.
+    Raises `InputError` where it has none.
     """
     if not description.check_poses:
         raise InputError(f"--check-poses: '{description.name}' has none, expected check_poses in its YAML file")
@@ -319,10 +314,7 @@ def _is_partial(document: Mapping[str, Any]) -> bool:
 
 
 def _completed(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the whole document of a robot file that gives only what differs from its MJCF.
-
-    Args:
-        folder: that its MJCF is relative to.
+    """Return the whole document of a robot file that gives only what differs from its MJCF, relative to `folder`.
 
     Raises:
         InputError: without the file's name: the MJCF cannot be read, or a joint is not in it.

@@ -133,11 +133,7 @@ def _common_prefix(spec: mujoco.MjSpec, path: Path) -> str:
 
 
 def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
-    """Compile; `path` is what to call it in messages.
-
-    Raises:
-        InputError: the model does not compile.
-    """
+    """Compile; `path` is what to call it in messages. Raises `InputError` where that fails."""
     try:
         with mujoco_silenced:
             model = spec.compile()
@@ -231,11 +227,7 @@ def bare_model(description: RobotDescription) -> mujoco.MjModel:
 
 
 def own_joint_damping(model: mujoco.MjModel, description: RobotDescription) -> Mapping[str, float]:
-    """Return damping in N·m·s/rad that the MJCF itself gives the joints, by name; those without any are left out.
-
-    Args:
-        model: from `bare_model`.
-    """
+    """Return damping in N·m·s/rad that a `bare_model` itself gives the joints, by name, where it gives any."""
     damping = {name: float(model.dof_damping[model.joint(name).dofadr[0]]) for name in description.joint_names}
     return {name: value for name, value in damping.items() if value}
 

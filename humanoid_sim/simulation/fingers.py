@@ -120,12 +120,7 @@ class Fingers:
         return np.flatnonzero(np.isin(owners, chain))
 
     def strike_point(self, key: Key, pressed: float = 0.0) -> FloatArray:
-        """Return where on a key's surface its finger strikes: shape (3,), m, world frame.
-
-        Args:
-            key: of `keys`.
-            pressed: share of the key's travel.
-        """
+        """Return where on a key's surface its finger strikes, pressed by a share of its travel: (3,), m, world."""
         x = key.box.position[0] + key.box.size[0] - _FROM_EDGE[key.is_white]
         drop = (x - key.hinge) * math.tan(pressed * key.upper)
         place: FloatArray = self._origin + self._axes @ [x, key.box.position[1], key.top - drop]
@@ -148,7 +143,6 @@ class Fingers:
         """Return the arm's pose, shape (7,), rad, that brings the middle of the tip as near to a place as it gets.
 
         Args:
-            hand: of `HANDS`.
             tip: shape (3,), m, world frame.
             start: shape (7,), rad, of the same arm, to begin near the solution; None for the ready pose.
         """

@@ -58,13 +58,9 @@ class ForwardKinematics(_Posed):
         self._base_position, self._base_rotation = self._base_pose(description)
 
     def __call__(self, joint_position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions and rotation matrices of the bodies, in the order of `bodies`.
+        """Positions (..., B, 3), m, and rotation matrices (..., B, 3, 3) of the bodies in the base frame; new arrays.
 
-        Args:
-            joint_position: shape (..., n), rad, joint frame.
-
-        Returns:
-            Shape (..., B, 3), m, and (..., B, 3, 3), both in the base frame; new arrays.
+        `joint_position` is of shape (..., n), rad.
         """
         q = np.asarray(joint_position, dtype=np.float64)
         flat = q.reshape(-1, q.shape[-1])

@@ -272,11 +272,7 @@ class MujocoRobot:
 
     @property
     def pressed_keys(self) -> FloatArray:
-        """Shape (88,), 1 for each key of its piano that sounds now, else 0.
-
-        Raises:
-            RobotError: it has no piano.
-        """
+        """Shape (88,), 1 for each key of its piano that sounds now, else 0. Raises `RobotError` without a piano."""
         if self._keys is None:
             raise RobotError(f"{self._description.name}: has no piano, whose keys could be pressed")
         return self._keys.pressed(self._plant.data.qpos)
@@ -293,11 +289,7 @@ class MujocoRobot:
         return qpos
 
     def activate(self) -> None:
-        """Put the joints to rest in the initial position, forget commands under way, clear a fault.
-
-        Raises:
-            RobotError: the robot is closed.
-        """
+        """Put the joints to rest in the initial position, forget commands, clear a fault. Raises `RobotError`."""
         if self._is_closed:
             raise RobotError(f"{self._description.name}: the simulated robot is closed")
         self._plant.reset()
@@ -331,16 +323,11 @@ class MujocoRobot:
     def begin_at(
         self, time: float, joint_position: FloatArray, joint_velocity: FloatArray, imu_quaternion: FloatArray
     ) -> None:
-        """Activate, and go on from where a robot was measured.
+        """Activate, and go on from where a robot was measured, at `time`, s, to the nearest physics step.
 
-        A floating base is tilted and turned as the IMU was, with the lowest part of the robot on the floor, at rest:
-        where it was, and how it moved, nobody measures.
-
-        Args:
-            time: s, of the robot's clock, to the nearest physics step.
-            joint_position: shape (n,), rad, joint frame.
-            joint_velocity: shape (n,), rad/s, joint frame.
-            imu_quaternion: shape (4,), w x y z, IMU frame in the world frame.
+        Joints are of shape (n,), rad and rad/s; the quaternion (4,), w x y z, is the IMU's in the world. A floating
+        base is tilted and turned as the IMU was, with the lowest part of the robot on the floor, at rest: where it was,
+        and how it moved, nobody measures.
         """
         self.activate()
         data, addresses = self._plant.data, self._plant.addresses
@@ -422,9 +409,7 @@ class MujocoRobot:
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Let the support take a floating base where it now is, or let the base go; from the next write on.
 
-        Args:
-            held: whether it holds the base.
-            lifts: whether it then raises the base, slowly, to the height of its start; never without a `drop`.
+        If it `lifts`, it then raises the base, slowly, to the height of its start; never without a `drop`.
 
         Raises:
             RobotError: the base is fixed.

@@ -250,11 +250,7 @@ class ImplicitPlant(AffinePlant):
 
 
 def check_actuation(value: object, accepted: Sequence[str] = get_args(Actuation)) -> None:
-    """Refuse what is not a form of the plant.
-
-    Raises:
-        InputError: naming the value and what is accepted.
-    """
+    """Refuse what is not a form of the plant. Raises `InputError` naming the value and what is accepted."""
     if value not in accepted:
         raise InputError(f"actuation: is {value!r}, expected {' or '.join([', '.join(accepted[:-1]), accepted[-1]])}")
 

@@ -32,11 +32,7 @@ class Push:
 
 
 def parse_pushes(texts: Sequence[str]) -> tuple[Push, ...]:
-    """Parse `VX,VY@SECONDS` items.
-
-    Raises:
-        InputError: naming the item and what is accepted.
-    """
+    """Parse `VX,VY@SECONDS` items. Raises `InputError` naming the item and what is accepted."""
     pushes = []
     for text in texts:
         velocity, _, seconds = text.partition("@")
@@ -70,16 +66,7 @@ class Pushes:
     """Applies pushes to the floating base of a robot, control period by control period."""
 
     def __init__(self, pushes: Sequence[Push], model: mujoco.MjModel, description: RobotDescription) -> None:
-        """Find the base.
-
-        Args:
-            pushes: to be applied.
-            model: of the robot.
-            description: of the robot.
-
-        Raises:
-            InputError: there are pushes, and the base is fixed.
-        """
+        """Find the base. Raises `InputError` if there are pushes and the base is fixed."""
         if pushes and not description.is_floating:
             raise InputError(f"push: '{description.name}' has a fixed base, which no push moves")
         self._pushes = tuple(pushes)

@@ -95,9 +95,7 @@ def vary_models(pool: ModelPool, indices: IndexArray, draws: Draws, dof: IndexAr
     """Make models those of their environments' episodes, in place, if any differ; nothing is compiled anew.
 
     Args:
-        pool: of all environments.
         indices: shape (k,), the environments, whose models may have been varied before.
-        draws: of all environments.
         dof: shape (n,), the joints' indices into `qvel`; the actuators are in their order.
         carriers: shape (c,), ids of the bodies that carry payload.
     """
@@ -187,10 +185,7 @@ class BatchPhysics:
         """Allocate.
 
         Args:
-            pool: the N models.
-            count: N.
             steps: physics steps at a time.
-            threads: that step.
             push_body: id of the body that wrenches act on.
             longest_delay: physics steps by which `past` looks back at most.
         """
@@ -347,17 +342,13 @@ class BatchPhysics:
         control: FloatArray,
         control_spec: int = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED),
     ) -> FloatArray:
-        """Return what another model's sensors measure.
+        """Return what the sensors of any model measure: shape (N, nsensordata), a new array.
 
         Args:
-            model: any.
             data: of that model, one per thread.
             states: shape (N, …), full physics states of that model.
             control: shape (N, …), user inputs of that model.
             control_spec: which they are; generalised forces that act on it, unless it says otherwise.
-
-        Returns:
-            Shape (N, nsensordata), a new array.
         """
         sensordata = np.empty((len(control), 1, model.nsensordata))
         with mujoco_silenced:

@@ -254,12 +254,7 @@ class BatchSimulation:
         self.reset(where)
 
     def redraw(self, indices: npt.ArrayLike | None = None, amounts: Mapping[str, float] = FULL) -> None:
-        """Draw the differences of some environments for their next episode; they are to be reset then.
-
-        Args:
-            indices: shape (k,), which; None for all.
-            amounts: as `reseed` takes them.
-        """
+        """Draw the differences of some environments for their next episode, as `reseed`; they are to be reset then."""
         where = np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
         self._draws.next_episode(where, amounts)
         self._draw_differences(where)
@@ -416,10 +411,7 @@ class BatchSimulation:
         return replace(self._sensors.read(then, measured, effort, base), time=self._physics.time, joint_age=age)
 
     def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Return where the bodies truly are.
-
-        Args:
-            in_base: in the frame of the robot's base instead of the world's.
+        """Return where the bodies truly are, in the frame of the robot's base or in the world's.
 
         Returns:
             Positions (N, b, 3), m, and quaternions (N, b, 4), w x y z; new arrays.
@@ -456,13 +448,7 @@ class RandomPushes:
     """One push of `PUSH_DURATION` in each stretch of `push_interval`, at a moment and in a direction that are drawn."""
 
     def __init__(self, draws: Draws, mass: float, control_period: float) -> None:
-        """Set up.
-
-        Args:
-            draws: of the N environments; their randomisation has pushes.
-            mass: kg, of the robot as its model is.
-            control_period: s.
-        """
+        """Set up; the draws are of a randomisation with pushes, the mass, kg, is of the robot as its model is."""
         self._draws, self._mass, self._period = draws, mass, control_period
         self._interval = max(round(draws.randomisation.push_interval / control_period), 1)
         self._duration = min(max(round(PUSH_DURATION / control_period), 1), self._interval)
@@ -470,8 +456,7 @@ class RandomPushes:
     def wrench(self, step: npt.NDArray[np.int64]) -> FloatArray:
         """Force and torque in the control periods that begin now, shape (N, 6), N and N·m, world frame.
 
-        Args:
-            step: shape (N,), control periods since each environment's start.
+        `step`, shape (N,), counts control periods since each environment's start.
         """
         draws = self._draws
         stretch, since = np.divmod(step, self._interval)
@@ -495,19 +480,14 @@ class _BatchTouches:
     """Works out anew the contacts of the steps in which a key is down, which `mujoco.rollout` does not tell."""
 
     def __init__(self, pool: ModelPool, physics: BatchPhysics) -> None:
-        """For robots with a piano.
-
-        Raises:
-            InputError: they have none.
-        """
+        """Find the keys. Raises `InputError` where the robots have no piano."""
         self._pool, self._physics = pool, physics
         self._keys = PianoKeys(pool.nominal)
 
     def hardest(self) -> FloatArray:
-        """With which force the key of each robot that was touched hardest was, in the latest control period.
+        """Shape (N,), N, with which each robot touched a key hardest in the latest control period.
 
-        Returns:
-            Shape (N,), N, normal to the surfaces; 0 where none was touched, and where a robot stood still.
+        Normal to the surfaces; 0 where none was touched, and where a robot stood still.
         """
         found = np.zeros(len(self._physics.qpos))
         data = self._pool.room
