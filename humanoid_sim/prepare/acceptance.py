@@ -61,8 +61,7 @@ class Findings:
 def accept(source: SourceMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance) -> Findings:
     """Check a motion against the robot.
 
-    Raises:
-        InputError: naming the body, the joint or the rate that does not fit, and what would.
+    Raises `InputError` naming the body, the joint or the rate that does not fit, and what would.
     """
     motion = interpret(source, conventions, skeleton)
     rate, velocities = _check_velocities(motion, skeleton)

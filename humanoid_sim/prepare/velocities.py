@@ -124,8 +124,7 @@ def refuse_velocities(
 ) -> None:
     """Refuse velocities that are not those of the positions; `count` is the number of the robot's joints.
 
-    Raises:
-        InputError: with the frame rate that they fit, or what is wrong with which joints.
+    Raises `InputError` with the frame rate that they fit, or what is wrong with which joints.
     """
     faults = [check for check in checks if check.fault]
     ratios = [check.ratio for check in checks if check.correlation >= _CLEAR]

@@ -62,11 +62,7 @@ class TickEncoder:
         self._encoded_texts = b""
 
     def encode(self, record: TickRecord) -> bytes:
-        """Return the message of one tick.
-
-        Raises:
-            ValueError: if the record is a batch, or one of another robot.
-        """
+        """Return the message of one tick. Raises `ValueError` if it is of a batch, or of another robot."""
         tick_input, output = record.input, record.output
         state, command, qpos = tick_input.state, output.command, record.qpos
         if state.joint_position.shape != self._shape or command.position.shape != self._shape:

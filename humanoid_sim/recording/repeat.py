@@ -266,8 +266,6 @@ def repeat_run(
     loaded, it goes on with that one.
 
     Args:
-        recording: the run.
-        build: makes its control stack.
         infer: called for every policy step that is reached.
         entries: the recording's, read past damage, if the caller wants to see them pass; read from it otherwise.
 

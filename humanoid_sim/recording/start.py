@@ -56,11 +56,7 @@ _TYPES: Mapping[str, type[Any]] = MappingProxyType(
 
 
 def start_document(memory: SupervisorMemory) -> str:
-    """Return the memory as JSON.
-
-    Raises:
-        TypeError: it holds something of a controller that is not this package's.
-    """
+    """Return the memory as JSON. Raises `TypeError` where it holds something of a foreign controller."""
     return json.dumps(_plain(memory))
 
 

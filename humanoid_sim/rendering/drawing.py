@@ -93,11 +93,8 @@ class Moment:
 def draw_video(job: Job, moments: Iterator[Moment], progress: Callable[[int], None]) -> tuple[str, bool]:
     """Write an MP4 (H.264) with a picture of every moment, shown at its time, and with the sound (AAC) of a piano.
 
-    Returns:
-        What drew it, and whether the sound is in a file of its own.
-
-    Raises:
-        av.FFmpegError: the file cannot be written.
+    Returns what drew it, and whether the sound is in a file of its own. Raises `av.FFmpegError` if it cannot be
+    written.
     """
     first = next(moments)
     codec = next(name for name in _H264 if name in av.codecs_available)

@@ -71,14 +71,7 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
 
 
 def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
-    """Return the robot of a file's document.
-
-    Args:
-        label: what to call the file in messages.
-
-    Raises:
-        InputError: as `load_robot`.
-    """
+    """Return the robot of a file's document, which messages call `label`. Raises as `load_robot`."""
     if document is None:
         raise InputError(f"{label}: is empty, expected a robot description")
     if not isinstance(document, dict):

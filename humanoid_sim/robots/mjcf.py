@@ -86,10 +86,8 @@ mujoco_silenced = _Silence()
 def read_spec(path: Path) -> mujoco.MjSpec:
     """Read the editable model of an MJCF file, its includes resolved, its names without a prefix common to all.
 
-    mjlab's `export_scene` begins every name with `robot/`; its policies name the joints without it.
-
-    Raises:
-        InputError: there is no such file, or it is not an MJCF.
+    mjlab's `export_scene` begins every name with `robot/`; its policies name the joints without it. Raises `InputError`
+    where there is no such file, or it is not an MJCF.
     """
     spec = _read(path)
     prefix = _common_prefix(spec, path)
@@ -150,9 +148,7 @@ def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
 
 
 def describe_mjcf(path: Path) -> RobotDescription:
-    """Describe the robot in an MJCF file.
-
-    The IMU is what `find_imu` finds.
+    """Describe the robot in an MJCF file; its IMU is what `find_imu` finds.
 
     Raises:
         InputError: not an MJCF, one without hinge joints, or without the names by which joints and base are found.
@@ -210,8 +206,7 @@ def describe_mjcf(path: Path) -> RobotDescription:
 def bare_model(description: RobotDescription) -> mujoco.MjModel:
     """Return the robot's MJCF as it is, compiled.
 
-    Raises:
-        InputError: it cannot be read, or lacks a joint, or the IMU, of the description.
+    Raises `InputError` if it cannot be read, or lacks a joint, or the IMU, of the description.
     """
     path = description.mjcf_path
     model = compile_spec(read_spec(path), path)

@@ -65,11 +65,7 @@ class Fingers:
     """
 
     def __init__(self, description: RobotDescription) -> None:
-        """Build the model.
-
-        Raises:
-            InputError: the robot has no piano.
-        """
+        """Build the model. Raises `InputError` for a robot without a piano."""
         if description.piano is None:
             raise InputError(f"{description.name}: has no piano, expected a robot with one, such as lite_piano")
         self.description = description

@@ -373,8 +373,7 @@ class MujocoRobot:
     def write(self, command: MITCommand) -> None:
         """Apply a command, shape (n,), and advance physics by one control period.
 
-        Raises:
-            RobotError: the command is for another number of joints, or the robot is closed.
+        Raises `RobotError` if the command is for another number of joints, or the robot is closed.
         """
         if command.position.shape != (len(self._joints),):
             raise RobotError(

@@ -52,9 +52,7 @@ def parse_pushes(texts: Sequence[str]) -> tuple[Push, ...]:
 def push_wrench(velocity: npt.ArrayLike, mass: float) -> FloatArray:
     """Return what acts on the base meanwhile, shape (..., 6), N and N·m, at its centre of mass, world frame.
 
-    Args:
-        velocity: shape (..., 2), m/s, world frame, by which the push speeds the whole robot up.
-        mass: kg, of the whole robot.
+    `velocity`, shape (..., 2), m/s, world frame, is by how much the push speeds the whole robot, of `mass` kg, up.
     """
     sped = np.asarray(velocity, dtype=np.float64)
     wrench = np.zeros((*sped.shape[:-1], 6))

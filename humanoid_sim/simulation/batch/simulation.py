@@ -354,11 +354,8 @@ class BatchSimulation:
     def speed_up(self, velocity: FloatArray) -> None:
         """Change the velocity of whole robots at once, without a force: a push as legged_gym and Isaac Lab mean it.
 
-        Args:
-            velocity: shape (N, 3), m/s, world frame, by which all bodies of each robot move faster.
-
-        Raises:
-            RobotError: the base is fixed, or the simulation is closed.
+        `velocity`, shape (N, 3), m/s, world frame, is by how much all bodies of each robot move faster. Raises
+        `RobotError` if the base is fixed, or the simulation is closed.
         """
         self._check_open()
         if not self.description.is_floating:
