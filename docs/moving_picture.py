@@ -26,7 +26,7 @@ from humanoid_sim.files import whole_file
 from humanoid_sim.policy.random_songs import named_song
 from humanoid_sim.policy.song import goals
 from humanoid_sim.recording.reader import open_recording
-from humanoid_sim.rendering.animation import animated_webp
+from humanoid_sim.rendering.offscreen import animated_webp
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model

@@ -18,7 +18,7 @@ from humanoid_sim.policy.motion import body_poses
 from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import base_addresses
-from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
+from humanoid_sim.simulation.kinematics import InverseKinematics
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.stance import clearance
 

@@ -156,8 +156,11 @@ def _print(robot: RobotDescription, model: mujoco.MjModel) -> None:
     from rich.table import Table  # noqa: PLC0415
 
     from humanoid_sim.policy_tools.show import make_console  # noqa: PLC0415
-    from humanoid_sim.robots.imu import imu_line  # noqa: PLC0415
-    from humanoid_sim.robots.mjcf import own_joint_damping, prefix_line  # noqa: PLC0415
+    from humanoid_sim.robots.mjcf import (  # noqa: PLC0415
+        imu_line,
+        own_joint_damping,
+        prefix_line,
+    )
 
     console, settings = make_console(), robot.simulation
     table = Table(title=f"joints of '{escape(robot.name)}'", title_justify="left")
@@ -197,7 +200,7 @@ def _print(robot: RobotDescription, model: mujoco.MjModel) -> None:
 
 def _write(robot: RobotDescription, model: mujoco.MjModel, mjcf: Path, output: Path) -> None:
     from humanoid_sim.files import whole_file  # noqa: PLC0415
-    from humanoid_sim.robots.imu import imu_line  # noqa: PLC0415
+    from humanoid_sim.robots.mjcf import imu_line  # noqa: PLC0415
 
     settings = robot.simulation
     text = f"""\

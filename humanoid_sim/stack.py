@@ -37,8 +37,8 @@ from humanoid_sim.policy.contract_json import decode, encode
 from humanoid_sim.policy.labels import observation_labels
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
-from humanoid_sim.recording.labels import LABELS_DOCUMENT, labels_document
 from humanoid_sim.recording.start import START_DOCUMENT, start_document
+from humanoid_sim.recording.topics import LABELS_DOCUMENT, labels_document
 from humanoid_sim.robots.description import RobotDescription, with_joint_limits
 from humanoid_sim.robots.guards import GuardRecord, guards_of
 from humanoid_sim.robots.schema import StandbySettings

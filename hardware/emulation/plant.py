@@ -11,8 +11,8 @@ from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.robots.schema import JointDescription
-from humanoid_sim.robots.silence import mujoco_silenced
 from humanoid_sim.simulation import DROP
 from humanoid_sim.simulation.floating_base import FloatingBase, move_support
 from humanoid_sim.simulation.plant import make_plant

@@ -19,10 +19,9 @@ from humanoid_sim.policy.robot_check import effort_findings, model_damping_findi
 from humanoid_sim.policy.song import key_name
 from humanoid_sim.policy.suspicious import suspicious_findings
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.imu import imu_line
-from humanoid_sim.robots.mjcf import bare_model, own_joint_damping, prefix_line
+from humanoid_sim.robots.mjcf import bare_model, imu_line, own_joint_damping, prefix_line
+from humanoid_sim.robots.rates import delay_steps
 from humanoid_sim.robots.robot import Robot
-from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode
 from humanoid_sim.simulation.gravity import GravityLevers
 from humanoid_sim.simulation.keys import Touch

@@ -49,8 +49,7 @@ from humanoid_sim.robots.description import (
     with_imu,
 )
 from humanoid_sim.robots.guards import describe_unwatched
-from humanoid_sim.robots.imu import imu_line
-from humanoid_sim.robots.mjcf import bare_model, own_joint_damping, prefix_line
+from humanoid_sim.robots.mjcf import bare_model, imu_line, own_joint_damping, prefix_line
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.stability import REFUSED_ABOVE, WARNED_ABOVE, DampingStability
 

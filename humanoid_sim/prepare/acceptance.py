@@ -33,7 +33,7 @@ from humanoid_sim.prepare.motion_fit import (
 from humanoid_sim.prepare.skeleton import Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order
 from humanoid_sim.prepare.velocities import RateCheck, VelocityCheck, check_rate, check_velocities, refuse_velocities
-from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
+from humanoid_sim.simulation.kinematics import InverseKinematics
 
 FORWARD = "forward kinematics"
 INVERSE = "inverse kinematics"
@@ -61,8 +61,7 @@ class Findings:
 def accept(source: SourceMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance) -> Findings:
     """Check a motion against the robot.
 
-    Raises:
-        InputError: naming the body, the joint or the rate that does not fit, and what would.
+    Raises `InputError` naming the body, the joint or the rate that does not fit, and what would.
     """
     motion = interpret(source, conventions, skeleton)
     rate, velocities = _check_velocities(motion, skeleton)

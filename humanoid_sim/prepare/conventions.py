@@ -50,8 +50,7 @@ class Conventions:
 def choose_conventions(source: SourceMotion, skeleton: Skeleton, options: PrepareOptions) -> Conventions:
     """Return what the source says, else what the options say, else what the format is known to do.
 
-    Raises:
-        InputError: if an option contradicts the names in the source, or a number of columns fits no order.
+    Raises `InputError` if an option contradicts names in the source, or a number of columns fits no order.
     """
     joints, joints_by = _joints(source, skeleton.joint_orders, options.joint_order)
     bodies, bodies_by = _bodies(source, skeleton.body_orders, options.body_order)

@@ -75,12 +75,9 @@ def layout_of(contract: PolicyContract) -> MotionLayout:
 
 
 def convert(motion: SourceMotion, contract: PolicyContract, skeleton: Skeleton) -> tuple[Motion, str]:
-    """Return the motion file's content, and whether its body poses are the source's or forward kinematics.
+    """Return the content of a file for a motion at the policy's rate, and whose its body poses are.
 
-    The motion is at the policy's rate.
-
-    Raises:
-        InputError: if the motion does not hold what the layout needs.
+    Raises `InputError` if the motion does not hold what the layout needs.
     """
     layout = layout_of(contract)
     bodies = contract.body_names or ((contract.anchor_body,) if contract.anchor_body else ())

@@ -86,10 +86,8 @@ class LimitExcess:
 def check_bodies(motion: SourceMotion, skeleton: Skeleton, tolerance: Tolerance) -> tuple[BodyCheck, ...]:
     """Errors per body, in the motion's order; empty where the motion lacks joints or bodies to compare.
 
-    The tolerance decides which frame is the worst.
-
-    Raises:
-        InputError: if the world frame cannot be related to the robot's base.
+    The tolerance decides which frame is the worst. Raises `InputError` if the world cannot be related to the robot's
+    base.
     """
     if motion.joint_position is None or motion.body_position is None:
         return ()

@@ -36,11 +36,7 @@ from humanoid_sim.robots.description import load_robot
 
 
 def prepare(options: PrepareOptions) -> int:
-    """Run, and return the exit status.
-
-    Raises:
-        InputError: before any file is written.
-    """
+    """Run, and return the exit status. Raises `InputError` before any file is written."""
     _refuse_conflicts(options)
     console = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
     outputs = OutputFolder(Path(options.output), options.overwrite)

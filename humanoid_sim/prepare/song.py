@@ -36,11 +36,7 @@ _LONGEST_LEAD_IN = 60.0
 
 
 def prepare_song(options: PrepareOptions, policy_dt: float, console: Console) -> dict[str, Content]:
-    """Return the files of a song: its goals, a report, and a piano roll.
-
-    Args:
-        policy_dt: s between two rows of goals.
-    """
+    """Return the files of a song: its goals, `policy_dt` s apart, a report, and a piano roll."""
     assert options.song is not None
     path = song_path(options.song)
     if not 0.0 <= options.lead_in <= _LONGEST_LEAD_IN:

@@ -72,8 +72,7 @@ class VelocityCheck:
 def check_rate(position: FloatArray, velocity: FloatArray, fps: float) -> RateCheck | None:
     """Compare joint velocities (F, n), rad/s, with the derivatives of positions (F, n), rad.
 
-    Returns:
-        None for motions of less than twelve frames and for those that hardly move.
+    None for motions of less than twelve frames and for those that hardly move.
     """
     if len(position) < _LEAST_FRAMES:
         return None
@@ -91,8 +90,7 @@ def check_velocities(
 ) -> tuple[VelocityCheck, ...]:
     """Compare the velocities of each joint, (F, n), rad/s, with the derivative of its positions, (F, n), rad.
 
-    Returns:
-        Empty for motions of less than twelve frames; else the joints that move, and those that only seem to.
+    Empty for motions of less than twelve frames; else the joints that move, and those that only seem to.
     """
     if len(position) < _LEAST_FRAMES:
         return ()
@@ -126,8 +124,7 @@ def refuse_velocities(
 ) -> None:
     """Refuse velocities that are not those of the positions; `count` is the number of the robot's joints.
 
-    Raises:
-        InputError: with the frame rate that they fit, or what is wrong with which joints.
+    Raises `InputError` with the frame rate that they fit, or what is wrong with which joints.
     """
     faults = [check for check in checks if check.fault]
     ratios = [check.ratio for check in checks if check.correlation >= _CLEAR]

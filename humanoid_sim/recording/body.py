@@ -50,16 +50,12 @@ class RecordedBody:
     """The links of one robot. Keeps the last position of joints that fall silent; one instance per run."""
 
     def __init__(self, header: SessionHeader, urdf: str, addresses: Mapping[str, int], imu: str = "") -> None:
-        """Read a URDF.
+        """Read a URDF. Raises `BodyError` if it is none.
 
         Args:
             header: names the joints of the state.
-            urdf: the text.
             addresses: by joint, where its value begins in `qpos`.
             imu: the link that is the IMU; empty for none.
-
-        Raises:
-            BodyError: it is none.
         """
         self.urdf = urdf
         joints = _joints(urdf, addresses)
@@ -87,11 +83,7 @@ class RecordedBody:
 
     @classmethod
     def of(cls, header: SessionHeader, documents: Mapping[str, str] | None = None) -> Self | None:
-        """Return the body that a header describes; None if it describes none.
-
-        Args:
-            header: of the recording.
-            documents: to look into; None: the header's.
+        """Return the body that a header, or these of its documents, describe; None if they describe none.
 
         Raises:
             BodyError: what it says is damaged.

@@ -52,11 +52,7 @@ class TickEncoder:
     """Encodes the ticks of one robot. Keeps the last tick's texts, so use one per recording, from one thread."""
 
     def __init__(self, joint_count: int) -> None:
-        """Prepare for a robot of `joint_count` joints, at least one.
-
-        Raises:
-            ValueError: if there are none.
-        """
+        """Prepare for a robot of `joint_count` joints. Raises `ValueError` if there are none."""
         if joint_count < 1:
             raise ValueError(f"joint_count is {joint_count}, expected at least 1")
         self._shape = (joint_count,)
@@ -66,11 +62,7 @@ class TickEncoder:
         self._encoded_texts = b""
 
     def encode(self, record: TickRecord) -> bytes:
-        """Return the message of one tick.
-
-        Raises:
-            ValueError: if the record is a batch, or one of another robot.
-        """
+        """Return the message of one tick. Raises `ValueError` if it is of a batch, or of another robot."""
         tick_input, output = record.input, record.output
         state, command, qpos = tick_input.state, output.command, record.qpos
         if state.joint_position.shape != self._shape or command.position.shape != self._shape:

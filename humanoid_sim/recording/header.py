@@ -55,11 +55,7 @@ def header_metadata(header: SessionHeader) -> tuple[dict[str, str], dict[str, st
 def parse_header(
     session: Mapping[str, str], documents: Mapping[str, str], attachments: Mapping[str, bytes]
 ) -> SessionHeader:
-    """Return the header from its parts.
-
-    Raises:
-        HeaderError: if a part is missing or damaged, or the format is unknown.
-    """
+    """Return the header from its parts. Raises `HeaderError` if one is missing or damaged, or the format is unknown."""
     if session.get("format") != _FORMAT:
         raise HeaderError(f"header has format '{session.get('format')}', expected '{_FORMAT}'")
     fields = {key: value for key, value in session.items() if key != "digest"}

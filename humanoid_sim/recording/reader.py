@@ -162,11 +162,7 @@ _DECODERS: dict[str, _Decoder] = {TICK_TOPIC: decode_tick, EVENT_TOPIC: decode_e
 
 
 def open_recording(path: str | os.PathLike[str]) -> Recording:
-    """Open a recording and read its header.
-
-    Raises:
-        InputError: one line with the file and what is wrong with it.
-    """
+    """Open a recording and read its header. Raises `InputError` naming the file and what is wrong with it."""
     path = Path(path)
     parts = _HeaderParts()
     with _open(path) as file:
@@ -211,10 +207,9 @@ class _HeaderParts:
 
 
 def messages_of(path: str | os.PathLike[str], topic: str) -> Iterator[bytes]:
-    """Yield the encoded messages of one topic in file order, to the first chunk that is not whole; none of another's.
+    """Yield the encoded messages of one topic in file order, to the first chunk that is not whole.
 
-    Raises:
-        InputError: the file cannot be read.
+    Raises `InputError` if the file cannot be read.
     """
     channels: set[int] = set()
     with _open(Path(path)) as file:
@@ -235,12 +230,8 @@ def _open(path: Path) -> IO[bytes]:
 def recorded_settings(path: str | Path, header: SessionHeader) -> dict[str, Any]:
     """Return the settings of a run; empty if its header says nothing.
 
-    Args:
-        path: of the recording, for messages.
-        header: of the recording.
-
     Raises:
-        InputError: what it says is not a JSON object.
+        InputError: what it says is not a JSON object; the message names the path.
     """
     try:
         settings = parse_json(header.documents.get("settings", "{}"))

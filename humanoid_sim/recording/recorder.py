@@ -124,8 +124,7 @@ class McapRecorder:
     def start(self, header: SessionHeader) -> None:
         """Create the file and write the header.
 
-        Raises:
-            InputError: if the file cannot be written, or another session writes it.
+        Raises `InputError` if the file cannot be written, or another session writes it.
         """
         file = _UnbufferedFile(self.path, overwrite=self._overwrite)
         try:

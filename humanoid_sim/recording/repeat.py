@@ -169,11 +169,7 @@ class RecordedPolicy:
         self._output = output
 
     def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
-        """Return the recorded action.
-
-        Raises:
-            RuntimeError: if the policy gave none in this tick; with the recorded reason.
-        """
+        """Return the recorded action. Raises `RuntimeError`, with the recorded reason, if there was none."""
         if self._output is not None:
             if self._output.policy_step is not None:
                 return self._output.policy_step.action
@@ -270,8 +266,6 @@ def repeat_run(
     loaded, it goes on with that one.
 
     Args:
-        recording: the run.
-        build: makes its control stack.
         infer: called for every policy step that is reached.
         entries: the recording's, read past damage, if the caller wants to see them pass; read from it otherwise.
 

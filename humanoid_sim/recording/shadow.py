@@ -19,9 +19,8 @@ from humanoid_sim.mit import MITCommand
 from humanoid_sim.policy.contract_json import encode
 from humanoid_sim.policy.labels import observation_labels
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
-from humanoid_sim.recording.labels import Labels
 from humanoid_sim.recording.reader import messages_of
-from humanoid_sim.recording.topics import PolicyTopics, TopicMessage
+from humanoid_sim.recording.topics import Labels, PolicyTopics, TopicMessage
 from humanoid_sim.ros2.cdr import CdrError, CdrReader, CdrWriter
 from humanoid_sim.ros2.definitions import MIT_COMMAND, SHADOW_STEP
 from humanoid_sim.ros2.messages import encode_mit_command
@@ -146,8 +145,7 @@ class ShadowTopics:
 def read_shadow_steps(path: str | Path) -> Iterator[ShadowStep]:
     """Yield the steps of the shadow policy in a recording, in their order; none where none ran.
 
-    Raises:
-        InputError: if the file cannot be read, or a message is damaged.
+    Raises `InputError` if the file cannot be read, or a message is damaged.
     """
     for data in messages_of(path, SHADOW_TOPIC):
         try:

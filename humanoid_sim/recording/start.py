@@ -56,19 +56,14 @@ _TYPES: Mapping[str, type[Any]] = MappingProxyType(
 
 
 def start_document(memory: SupervisorMemory) -> str:
-    """Return the memory as JSON.
-
-    Raises:
-        TypeError: it holds something of a controller that is not this package's.
-    """
+    """Return the memory as JSON. Raises `TypeError` where it holds something of a foreign controller."""
     return json.dumps(_plain(memory))
 
 
 def start_memory(header: SessionHeader) -> SupervisorMemory | None:
     """Return the memory with which a recorded run began; None if with the control stack's own.
 
-    Raises:
-        InputError: it is damaged.
+    Raises `InputError` if it is damaged.
     """
     text = header.documents.get(START_DOCUMENT)
     if text is None:

@@ -114,11 +114,7 @@ class Summary:
 
 
 def summarize(recording: Recording) -> Summary:
-    """Read a recording to its end.
-
-    Raises:
-        InputError: if it cannot be read.
-    """
+    """Read a recording to its end. Raises as `Recording.entries` does."""
     summary = Summary(recording, joints=_joints(recording))
     safety: dict[str, SafetyStatus] = {}
     for entry in recording.entries(past_damage=True):

@@ -5,7 +5,9 @@ Replay does not need them; everything exact is in the tick messages.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +26,6 @@ from humanoid_sim.messages import (
 )
 from humanoid_sim.mit import Extern, MITState
 from humanoid_sim.recording.body import RecordedBody
-from humanoid_sim.recording.labels import Labels, read_labels
 from humanoid_sim.ros2.definitions import (
     CONTROL_MODE,
     FLOAT32_MULTI_ARRAY,
@@ -63,10 +64,40 @@ from humanoid_sim.ros2.topics import (
 )
 from humanoid_sim.strict_json import parse_json
 
-__all__ = ["PolicyTopics", "TopicMessage", "ViewerTopics", "topic_prefix"]
-
 VIEWER_PERIOD = 0.02
 """s between two messages of a topic that has something new in every tick."""
+
+
+LABELS_DOCUMENT = "labels"
+
+
+@dataclass(frozen=True, slots=True)
+class Labels:
+    """Names of the values of each observation term and of the action; without any where the header has none."""
+
+    observation: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    action: tuple[str, ...] = ()
+
+
+def labels_document(observation: Mapping[str, tuple[str, ...]], action: tuple[str, ...]) -> str:
+    """Return the names as a document of a header."""
+    return json.dumps({"observation": observation, "action": action})
+
+
+def read_labels(header: SessionHeader) -> Labels:
+    """Return the names in a header; names that are damaged or missing are none: plots go without."""
+    try:
+        document = parse_json(header.documents.get(LABELS_DOCUMENT, "{}"))
+        observation = {str(term): _texts(names) for term, names in document.get("observation", {}).items()}
+        return Labels(observation, _texts(document.get("action", [])))
+    except (ValueError, TypeError, AttributeError):
+        return Labels()
+
+
+def _texts(values: object) -> tuple[str, ...]:
+    if not isinstance(values, list):
+        raise TypeError
+    return tuple(str(value) for value in values)
 
 
 class TopicMessage(NamedTuple):
@@ -107,13 +138,7 @@ class PolicyTopics:
     """Turns the steps of one policy into messages: arrays, or under the names of their values where there are any."""
 
     def __init__(self, prefix: str, terms: tuple[tuple[str, int], ...], labels: Labels) -> None:
-        """Prepare.
-
-        Args:
-            prefix: of the topics' names.
-            terms: name and width of each observation term.
-            labels: the names of their values.
-        """
+        """Prepare for the terms of an observation, by name and width, with topics under `prefix`."""
         self._terms = tuple(
             (f"{prefix}/observation/{name}", width, labels.observation.get(name)) for name, width in terms
         )
@@ -144,12 +169,7 @@ class ViewerTopics:
     """Turns the ticks of one run into messages. Keeps what it last said, for the topics that change rarely."""
 
     def __init__(self, header: SessionHeader, *, every_state: bool = False) -> None:
-        """Prepare for a run.
-
-        Args:
-            header: what it is.
-            every_state: joint states and IMU of every tick, for those who control by them, instead of 50 a second.
-        """
+        """Prepare for a run; `every_state` is for those who control by joint states and IMU, otherwise 50 a second."""
         self._joints = header.joint_names
         self._joint_topic = joint_states_topic(topic_prefix(header))
         self._every_state = every_state

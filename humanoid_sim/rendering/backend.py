@@ -53,8 +53,7 @@ def has_display(environ: Mapping[str, str] | None = None, platform: str = sys.pl
 def check_environment(environ: Mapping[str, str] | None = None) -> str:
     """Return what `MUJOCO_GL` asks for, in lower case; empty if it asks for nothing.
 
-    Raises:
-        InputError: if it has a value that MuJoCo does not know; it would fail at import.
+    Raises `InputError` for a value that MuJoCo does not know; it would fail at import.
     """
     request = (os.environ if environ is None else environ).get("MUJOCO_GL", "").lower().strip()
     if request not in _REQUESTS and request not in _NO_REQUEST:

@@ -93,11 +93,8 @@ class Moment:
 def draw_video(job: Job, moments: Iterator[Moment], progress: Callable[[int], None]) -> tuple[str, bool]:
     """Write an MP4 (H.264) with a picture of every moment, shown at its time, and with the sound (AAC) of a piano.
 
-    Returns:
-        What drew it, and whether the sound is in a file of its own.
-
-    Raises:
-        av.FFmpegError: the file cannot be written.
+    Returns what drew it, and whether the sound is in a file of its own. Raises `av.FFmpegError` if it cannot be
+    written.
     """
     first = next(moments)
     codec = next(name for name in _H264 if name in av.codecs_available)
@@ -223,11 +220,9 @@ class KeyLights:
     """
 
     def __init__(self, model: mujoco.MjModel, goals: npt.NDArray[np.bool_] | None = None) -> None:
-        """Find the keys, and note their own colours.
+        """Find the keys of a model to be drawn, whose `geom_rgba` is written, and note their own colours.
 
-        Args:
-            model: to be drawn; its `geom_rgba` is written.
-            goals: shape (F, 88), whether a key should be down in a frame; None without a song.
+        `goals`, shape (F, 88), say whether a key should be down in a frame; None without a song.
         """
         self._model, self._goals = model, goals
         joints = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in key_joint_names()]

@@ -15,7 +15,7 @@ from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITCommand
 from humanoid_sim.policy.motion import body_poses
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
+from humanoid_sim.simulation.kinematics import InverseKinematics
 from humanoid_sim.simulation.model import JointAddresses, joint_addresses
 
 
@@ -90,11 +90,7 @@ class ReferenceGhost:
         return not self.is_aligned or "anchor_pos" not in self.reference.terms or self._alignment is not None
 
     def pose(self, model: mujoco.MjModel, qpos: FloatArray, frame: int) -> FloatArray:
-        """Return the ghost at a frame, shape (nq,).
-
-        Args:
-            qpos: shape (nq,), the robot's own pose, for whatever the motion does not say.
-        """
+        """Return the ghost at a frame, shape (nq,): what the motion does not say is the robot's own pose, `qpos`."""
         ghost = qpos.copy()
         addresses = joint_addresses(model, self.description.joint_names)
         ghost[addresses.qpos] = self._joints(qpos[addresses.qpos], frame)

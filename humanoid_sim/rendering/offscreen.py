@@ -1,6 +1,7 @@
 """Pictures without a window: OpenGL where it works on this machine, the software painter everywhere else.
 
-With the camera that looks at the robot, here and in the window.
+With the camera that looks at the robot, here and in the window; and animated pictures (WebP), which browsers and
+notebooks play by themselves.
 """
 
 from __future__ import annotations
@@ -9,12 +10,14 @@ import importlib
 import math
 import textwrap
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from io import BytesIO
 from time import perf_counter
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
@@ -279,3 +282,24 @@ class _OpenGLRenderer:
             self._context.free()
             self._window.free()
             self._context = None
+
+
+def animated_webp(frames: Sequence[Image.Image], durations: Sequence[int]) -> bytes:
+    """Return the file of an animated picture that repeats for ever; each frame is shown for so many ms."""
+    file = BytesIO()
+    first, *rest = frames
+    first.save(file, "WEBP", save_all=True, append_images=rest, duration=list(durations), loop=0, quality=60, method=4)
+    return file.getvalue()
+
+
+def animated_poses(model: mujoco.MjModel, poses: Iterable[FloatArray], *, rate: float, width: int = 480) -> bytes:
+    """Draw a model in each of the poses, shape (nq,), for 1 / `rate` s each; the picture is 16 : 9.
+
+    The model's visual settings are adapted. The result is the file of an animated picture.
+    """
+    pictures = PoseRenderer(lambda: model, width, width * 9 // 16)
+    try:
+        frames = [Image.fromarray(pictures.draw(qpos)) for qpos in poses]
+    finally:
+        pictures.close()
+    return animated_webp(frames, [round(1e3 / rate)] * len(frames))

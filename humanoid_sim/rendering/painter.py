@@ -57,11 +57,7 @@ class Painter:
         *,
         outlined: bool = False,
     ) -> None:
-        """Prepare.
-
-        Args:
-            outlined: whether geoms are set off from each other by a dark line.
-        """
+        """Prepare; geoms that are `outlined` are set off from each other by a dark line."""
         self._model, self._camera = model, camera
         self._width, self._height = width * _SUPERSAMPLING, height * _SUPERSAMPLING
         self._option = mujoco.MjvOption()

@@ -106,11 +106,7 @@ _FREE = {True: "#ffffff", False: "#2b2f36"}
 
 
 def draw_reach(keys: Sequence[Key], hands: Sequence[Collection[int]], title: str = "") -> Image.Image:
-    """Draw which hand reaches which key.
-
-    Args:
-        hands: the keys of the left hand, and those of the right one.
-    """
+    """Draw which hand reaches which key; `hands` are the keys of the left hand, and those of the right one."""
     left = min(key.box.position[1] - key.box.size[1] for key in keys)
     scale = (_WIDTH - 2 * _MARGIN) / (-2.0 * left)
     length = max(key.box.position[0] + key.box.size[0] for key in keys)

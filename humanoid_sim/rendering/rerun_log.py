@@ -37,12 +37,7 @@ class RerunLog:
         *,
         period: float = 0.02,
     ) -> None:
-        """Write what does not change.
-
-        Args:
-            action: the joints that its policy drives.
-            period: s of the robot's time between two poses.
-        """
+        """Write what does not change; its policy drives the joints of `action`, and poses are `period` s apart."""
         self._library, self._stream, self._body = library, stream, body
         self._period, self._due = period, -math.inf
         self.count = 0

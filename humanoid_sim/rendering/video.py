@@ -11,7 +11,7 @@ import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -22,8 +22,9 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import TimeRemainingColumn
 
+from humanoid_sim.command_line.progress import BarOrLines
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.messages import TickRecord
@@ -299,37 +300,28 @@ def save_snapshot(
     return pictures.backend
 
 
-_LINE_EVERY = 10.0
-"""s between two lines where no terminal shows a bar."""
+class _VideoProgress(BarOrLines):
+    """A context that is called with how many frames are drawn. A line that cannot be written spoils no video."""
+
+    def __init__(self, video: VideoSink, console: Console, hint: str) -> None:
+        note = f" ({hint})" if hint else ""
+        super().__init__(console, f"drawing the video{note}", None, TimeRemainingColumn())
+        self._begin = monotonic()
+        if not console.is_terminal:
+            self._line(0.0, f"drawing the rest of {video.frame_count} frames of video{note} ...")
+
+    def __call__(self, done: int, total: int) -> None:
+        self.update(self._task, completed=done, total=total)
+        elapsed = monotonic() - self._begin
+        if self.is_due(elapsed):
+            self._line(elapsed, f"{done} of {total} frames drawn")
+
+    def _line(self, elapsed: float, text: str) -> None:
+        with contextlib.suppress(OSError):
+            self.say(elapsed, text)
 
 
 def finish_video(video: VideoSink, console: Console, hint: str = "") -> VideoReport:
-    """Wait until a video is drawn, and show how far it is. An output that cannot be written spoils no video.
-
-    Args:
-        hint: what Ctrl-C does, for the reader.
-    """
-    with _shown(video, console, hint) as progress:
+    """Wait until a video is drawn, and show how far it is; the hint says what Ctrl-C does."""
+    with _VideoProgress(video, console, hint) as progress:
         return video.finish(progress)
-
-
-@contextlib.contextmanager
-def _shown(video: VideoSink, console: Console, hint: str) -> Iterator[Callable[[int, int], None]]:
-    note = f" ({hint})" if hint else ""
-    if console.is_terminal:
-        with Progress(console=console, transient=True) as progress:
-            task = progress.add_task(f"drawing the video{note}", total=None)
-            yield lambda done, total: progress.update(task, completed=done, total=total)
-        return
-    with contextlib.suppress(OSError):
-        console.print(f"drawing the rest of {video.frame_count} frames of video{note} ...", markup=False)
-    told = monotonic()
-
-    def tell(done: int, total: int) -> None:
-        nonlocal told
-        if monotonic() - told >= _LINE_EVERY:
-            told = monotonic()
-            with contextlib.suppress(OSError):
-                console.print(f"{done} of {total} frames drawn", markup=False)
-
-    yield tell

@@ -71,14 +71,7 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
 
 
 def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
-    """Return the robot of a file's document.
-
-    Args:
-        label: what to call the file in messages.
-
-    Raises:
-        InputError: as `load_robot`.
-    """
+    """Return the robot of a file's document, which messages call `label`. Raises as `load_robot`."""
     if document is None:
         raise InputError(f"{label}: is empty, expected a robot description")
     if not isinstance(document, dict):
@@ -129,11 +122,7 @@ _MJCF, _URDF = "_mj_description", "_description"
 
 
 def public_robots() -> tuple[str, ...]:
-    """Return names of the robots whose MJCF that package knows.
-
-    Raises:
-        MissingPackageError: it is not installed.
-    """
+    """Return names of the robots whose MJCF that package knows. Raises `MissingPackageError` without it."""
     return tuple(sorted(name.removesuffix(_MJCF) for name in _modules() if name.endswith(_MJCF)))
 
 
@@ -246,8 +235,7 @@ _CHECK_SPEED, _SHORTEST, _DWELL = 0.4, 1.0, 0.6
 def with_check_poses(description: RobotDescription) -> RobotDescription:
     """Return the description whose STANDBY, arrived at its pose, walks slowly through the check poses and back.
 
-    Raises:
-        InputError: it has none.
+    Raises `InputError` where it has none.
     """
     if not description.check_poses:
         raise InputError(f"--check-poses: '{description.name}' has none, expected check_poses in its YAML file")
@@ -319,10 +307,7 @@ def _is_partial(document: Mapping[str, Any]) -> bool:
 
 
 def _completed(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the whole document of a robot file that gives only what differs from its MJCF.
-
-    Args:
-        folder: that its MJCF is relative to.
+    """Return the whole document of a robot file that gives only what differs from its MJCF, relative to `folder`.
 
     Raises:
         InputError: without the file's name: the MJCF cannot be read, or a joint is not in it.

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from threading import Lock
 
 import mujoco
 import numpy as np
 
 from humanoid_sim.errors import InputError, known_names, reason_of
 from humanoid_sim.files import regular_file
-from humanoid_sim.robots.imu import find_imu
 from humanoid_sim.robots.mjcf_bounds import check_mjcf_bounds, kind_of_model
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.robots.schema import (
@@ -28,7 +28,6 @@ from humanoid_sim.robots.schema import (
     SimulationSettings,
     StandbySettings,
 )
-from humanoid_sim.robots.silence import mujoco_silenced
 
 _UNNAMED = "MuJoCo Model"
 """The name that MuJoCo gives to a model that has none."""
@@ -49,13 +48,46 @@ _ATTRIBUTE = re.compile(r"""(\s(?!class\b|childclass\b|file\b)\w+=["'])([^"']*)"
 _OWNER = {"body": "body", "geom": "geom", "site": "site", "jnt": "joint"}
 
 
+class _Silence:
+    """`with mujoco_silenced:` nothing is written to stderr, and no file MUJOCO_LOG.TXT; `MjData.warning` still counts.
+
+    MuJoCo has one handler of warnings for the whole process, and several simulations may be stepped at the same time:
+    who enters takes it, the last to leave puts back what there was. A handler that somebody else set meanwhile counts
+    as what there was: it is put back, and does not hear of what is simulated here.
+    """
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._users = 0
+        self._handler: object = None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            present = mujoco.get_mju_user_warning()
+            if present is not _ignore:
+                self._handler = present
+                mujoco.set_mju_user_warning(_ignore)
+            self._users += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._users -= 1
+            if self._users == 0 and mujoco.get_mju_user_warning() is _ignore:
+                mujoco.set_mju_user_warning(self._handler)
+
+
+def _ignore(message: str) -> None:
+    del message
+
+
+mujoco_silenced = _Silence()
+
+
 def read_spec(path: Path) -> mujoco.MjSpec:
     """Read the editable model of an MJCF file, its includes resolved, its names without a prefix common to all.
 
-    mjlab's `export_scene` begins every name with `robot/`; its policies name the joints without it.
-
-    Raises:
-        InputError: there is no such file, or it is not an MJCF.
+    mjlab's `export_scene` begins every name with `robot/`; its policies name the joints without it. Raises `InputError`
+    where there is no such file, or it is not an MJCF.
     """
     spec = _read(path)
     prefix = _common_prefix(spec, path)
@@ -99,11 +131,7 @@ def _common_prefix(spec: mujoco.MjSpec, path: Path) -> str:
 
 
 def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
-    """Compile; `path` is what to call it in messages.
-
-    Raises:
-        InputError: the model does not compile.
-    """
+    """Compile; `path` is what to call it in messages. Raises `InputError` where that fails."""
     try:
         with mujoco_silenced:
             model = spec.compile()
@@ -120,9 +148,7 @@ def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
 
 
 def describe_mjcf(path: Path) -> RobotDescription:
-    """Describe the robot in an MJCF file.
-
-    The IMU is what `humanoid_sim.robots.imu.find_imu` finds.
+    """Describe the robot in an MJCF file; its IMU is what `find_imu` finds.
 
     Raises:
         InputError: not an MJCF, one without hinge joints, or without the names by which joints and base are found.
@@ -180,8 +206,7 @@ def describe_mjcf(path: Path) -> RobotDescription:
 def bare_model(description: RobotDescription) -> mujoco.MjModel:
     """Return the robot's MJCF as it is, compiled.
 
-    Raises:
-        InputError: it cannot be read, or lacks a joint, or the IMU, of the description.
+    Raises `InputError` if it cannot be read, or lacks a joint, or the IMU, of the description.
     """
     path = description.mjcf_path
     model = compile_spec(read_spec(path), path)
@@ -197,11 +222,7 @@ def bare_model(description: RobotDescription) -> mujoco.MjModel:
 
 
 def own_joint_damping(model: mujoco.MjModel, description: RobotDescription) -> Mapping[str, float]:
-    """Return damping in N·m·s/rad that the MJCF itself gives the joints, by name; those without any are left out.
-
-    Args:
-        model: from `bare_model`.
-    """
+    """Return damping in N·m·s/rad that a `bare_model` itself gives the joints, by name, where it gives any."""
     damping = {name: float(model.dof_damping[model.joint(name).dofadr[0]]) for name in description.joint_names}
     return {name: value for name, value in damping.items() if value}
 
@@ -272,3 +293,72 @@ def _simulation(model: mujoco.MjModel, is_floating: bool) -> SimulationSettings:
     except InputError:
         own = longest
     return SimulationSettings(physics_timestep=min(own, longest))
+
+
+_GYRO = (mujoco.mjtSensor.mjSENS_GYRO,)
+_FRAME = (
+    mujoco.mjtSensor.mjSENS_ACCELEROMETER,
+    mujoco.mjtSensor.mjSENS_VELOCIMETER,
+    mujoco.mjtSensor.mjSENS_FRAMEQUAT,
+    mujoco.mjtSensor.mjSENS_FRAMEXAXIS,
+    mujoco.mjtSensor.mjSENS_FRAMEYAXIS,
+    mujoco.mjtSensor.mjSENS_FRAMEZAXIS,
+    mujoco.mjtSensor.mjSENS_FRAMEANGVEL,
+    mujoco.mjtSensor.mjSENS_FRAMELINACC,
+)
+"""Sensors of an orientation, or of how it moves; those of positions alone are often a foot's."""
+
+
+def find_imu(model: mujoco.MjModel, base: int) -> tuple[str, str]:
+    """Return the site or body that is the IMU of the robot with this base, and why.
+
+    In this order: the site of a gyro on the base, or of the only gyro on the robot; a site of the base named like an
+    IMU; the only site on the robot with a sensor of an orientation; the base itself.
+    """
+    gyros, frames = _sites(model, base, _GYRO), _sites(model, base, _FRAME)
+    named = [
+        i
+        for i in range(model.nsite)
+        if model.body_rootid[model.site_bodyid[i]] == base and "imu" in model.site(i).name.lower()
+    ]
+    for sites, what in ((_on(model, base, gyros), "a gyro"), (gyros if len(gyros) == 1 else [], "the only gyro")):
+        if sites:
+            return model.site(sites[0]).name, f"the site of {what}"
+    if _on(model, base, named):
+        return model.site(_on(model, base, named)[0]).name, "a site of the base named like an IMU"
+    if len(frames) == 1:
+        return model.site(frames[0]).name, "the only site with a sensor of its orientation"
+    others = list(dict.fromkeys(model.site(i).name for i in (*gyros, *frames, *named)))
+    elsewhere = f"; other sites could be it: {', '.join(others)}" if others else ""
+    return model.body(base).name, f"no site of the model is clearly the IMU{elsewhere}"
+
+
+def _sites(model: mujoco.MjModel, base: int, kinds: Sequence[mujoco.mjtSensor]) -> list[int]:
+    """Named sites of the robot that have such a sensor, once each."""
+    found = []
+    for i in range(model.nsensor):
+        if mujoco.mjtSensor(int(model.sensor_type[i])) in kinds and model.sensor_objtype[i] == mujoco.mjtObj.mjOBJ_SITE:
+            site = int(model.sensor_objid[i])
+            is_ours = model.body_rootid[model.site_bodyid[site]] == base
+            if is_ours and model.site(site).name and site not in found:
+                found.append(site)
+    return found
+
+
+def _on(model: mujoco.MjModel, base: int, sites: list[int]) -> list[int]:
+    return [site for site in sites if model.site_bodyid[site] == base]
+
+
+def imu_line(model: mujoco.MjModel, description: RobotDescription) -> str:
+    """Give which frame of a robot's model is its IMU, on which body, and why that one; the model has what it names."""
+    base = int(model.body_rootid[model.jnt_bodyid[model.joint(description.joints[0].name).id]])
+    name, (found, why) = description.imu, find_imu(model, base)
+    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+    body = int(model.site_bodyid[site]) if site >= 0 else mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
+    owner, root = model.body(body).name, model.body(base).name
+    reason = why if name == found else "as it was given"
+    if site < 0:
+        where = f"the base '{owner}' itself" if body == base else f"body '{owner}', not the base '{root}'"
+    else:
+        where = f"site '{name}' on " + (f"the base '{owner}'" if body == base else f"'{owner}', not the base '{root}'")
+    return f"{where} ({reason})"

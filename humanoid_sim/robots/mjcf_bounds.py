@@ -56,8 +56,7 @@ class NamedFiles:
     def check(self, path: Path) -> None:
         """Refuse files that are larger than any robot's, or no files.
 
-        Raises:
-            InputError: one line with the file, its size and what is accepted.
+        Raises `InputError` with the file, its size and what is accepted.
         """
         if len(self._names) * len(self._folders) * len(self._bases) > MJCF_ELEMENTS:
             raise InputError(f"{path}: names {len(self._names)} files in {len(self._folders) - 1} folders, too many")
@@ -129,8 +128,7 @@ def kind_of_model(path: Path) -> str:
 def check_mjcf_bounds(path: Path) -> None:
     """Refuse an MJCF that asks for more than any robot needs; whatever else is wrong with it MuJoCo finds.
 
-    Raises:
-        InputError: one line with the file, the element, its size and what is accepted.
+    Raises `InputError` with the file, the element, its size and what is accepted.
     """
     elements = _Elements(path)
     elements.add(path)

@@ -168,11 +168,7 @@ def id_problem(family: MotorFamily, motor_id: int, families: Collection[str]) ->
 
 
 def motor_model(name: str) -> MotorModel:
-    """Return the model of a name.
-
-    Raises:
-        InputError: there is none; the message lists those that exist.
-    """
+    """Return the model of a name. Raises `InputError` listing those that exist."""
     try:
         return MOTORS[name]
     except KeyError:

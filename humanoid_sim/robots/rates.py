@@ -1,4 +1,4 @@
-"""Periods that must divide one another: physics step, control period, policy period."""
+"""Periods and delays in whole steps: physics step, control period, policy period."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from humanoid_sim.errors import InputError
 
 MOST_STEPS = 10_000
 """Steps of one period that are accepted: beyond it a period would take seconds to compute, or never end."""
+
+LONGEST_DELAY = 10.0
+"""s; far more than any bus, and few enough steps to keep."""
 
 
 def steps_per_period(period: float, step: float, *, step_name: str = "physics timestep") -> int:
@@ -34,3 +37,21 @@ def steps_per_period(period: float, step: float, *, step_name: str = "physics ti
             f"{period / nearest:g} s ({nearest} per period)"
         )
     return count
+
+
+def delay_steps(name: str, delay: float, physics_timestep: float) -> int:
+    """Return a delay in physics steps; both times in s.
+
+    Raises:
+        InputError: negative, longer than `LONGEST_DELAY`, or not a multiple of the physics step; the message names the
+            nearest that is.
+    """
+    if not 0.0 <= delay <= LONGEST_DELAY:
+        raise InputError(f"{name}: is {delay:g} s, expected 0 to {LONGEST_DELAY:g} s")
+    steps = round(delay / physics_timestep)
+    if abs(delay - steps * physics_timestep) > 1e-9:
+        raise InputError(
+            f"{name}: {delay:g} s is not a multiple of the physics step of {physics_timestep:g} s; the nearest is "
+            f"{steps * physics_timestep:g} s"
+        )
+    return steps

@@ -350,8 +350,7 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     def from_json(cls, text: str, folder: str = "") -> Self:
         """Read a description from `to_json`'s text; `folder` has its MJCF, empty for the shipped robots' folder.
 
-        Raises:
-            InputError: the text is not such a document.
+        Raises `InputError` for any other text.
         """
         try:
             document = msgspec.json.decode(text)

@@ -14,7 +14,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT, PIANOS, Key
-from humanoid_sim.simulation.inverse_kinematics import damped_step
+from humanoid_sim.simulation.kinematics import damped_step
 from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
 
 HANDS = ("left", "right")
@@ -65,11 +65,7 @@ class Fingers:
     """
 
     def __init__(self, description: RobotDescription) -> None:
-        """Build the model.
-
-        Raises:
-            InputError: the robot has no piano.
-        """
+        """Build the model. Raises `InputError` for a robot without a piano."""
         if description.piano is None:
             raise InputError(f"{description.name}: has no piano, expected a robot with one, such as lite_piano")
         self.description = description
@@ -120,12 +116,7 @@ class Fingers:
         return np.flatnonzero(np.isin(owners, chain))
 
     def strike_point(self, key: Key, pressed: float = 0.0) -> FloatArray:
-        """Return where on a key's surface its finger strikes: shape (3,), m, world frame.
-
-        Args:
-            key: of `keys`.
-            pressed: share of the key's travel.
-        """
+        """Return where on a key's surface its finger strikes, pressed by a share of its travel: (3,), m, world."""
         x = key.box.position[0] + key.box.size[0] - _FROM_EDGE[key.is_white]
         drop = (x - key.hinge) * math.tan(pressed * key.upper)
         place: FloatArray = self._origin + self._axes @ [x, key.box.position[1], key.top - drop]
@@ -148,7 +139,6 @@ class Fingers:
         """Return the arm's pose, shape (7,), rad, that brings the middle of the tip as near to a place as it gets.
 
         Args:
-            hand: of `HANDS`.
             tip: shape (3,), m, world frame.
             start: shape (7,), rad, of the same arm, to begin near the solution; None for the ready pose.
         """

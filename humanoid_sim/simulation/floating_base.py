@@ -137,12 +137,9 @@ class BaseObserver:
         return CentreOfMass(self._model, self._body)
 
     def at(self, qpos: FloatArray, qvel: FloatArray, centre_of_mass: FloatArray | None = None) -> BaseState:
-        """As MuJoCo's generalised position and velocity say; the values are copies.
+        """As MuJoCo's generalised position (..., nq) and velocity (..., nv) say; the values are copies.
 
-        Args:
-            qpos: shape (..., nq).
-            qvel: shape (..., nv).
-            centre_of_mass: shape (..., 3), m, world frame; None: computed, for one robot.
+        `centre_of_mass`, shape (..., 3), m, world frame, is computed where it is None, for one robot.
         """
         return self.moving(qpos, qvel[..., self._linear].copy(), qvel[..., self._angular].copy(), centre_of_mass)
 
@@ -238,12 +235,7 @@ class FloatingBase:
         data.qvel[self._angular] = 0.0
 
     def stand(self, data: mujoco.MjData, turn: FloatArray) -> None:
-        """Turn the base, and put it on the floor.
-
-        Args:
-            data: of the simulation; a support that holds the base holds it there.
-            turn: shape (4,), w x y z, by which it is turned in the world frame.
-        """
+        """Turn the base by (4,), w x y z, world frame, and put it on the floor; a support that holds it goes along."""
         held = self.is_held(data)
         data.qpos[self._quaternion] = multiply(turn, data.qpos[self._quaternion])
         data.qpos[self._position][2] -= clearance(self._model, data.qpos)
@@ -301,9 +293,7 @@ class Supported(Protocol):
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Let the support take the base where it now is, or let the base go.
 
-        Args:
-            held: whether it holds the base.
-            lifts: whether it then raises the base, slowly, to the height of its start.
+        If it `lifts`, it then raises the base, slowly, to the height of its start.
         """
 
 

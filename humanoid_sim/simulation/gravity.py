@@ -29,11 +29,7 @@ class GravityLevers:
     """Computes them. Keeps its own `MjData`; not thread-safe."""
 
     def __init__(self, description: RobotDescription, settings: SignSettings) -> None:
-        """Find the joints in the robot's model.
-
-        Args:
-            description: the robot.
-            settings: by how much a sound robot may differ from its model.
+        """Find the joints; `settings` say by how much a sound robot may differ from its model.
 
         Raises:
             InputError: the MJCF does not fit the description, or couples joints by equality constraints.
@@ -116,13 +112,7 @@ class LeverSamples:
     """The levers as a live input of a session, ten times a second while STANDBY holds the robot."""
 
     def __init__(self, levers: GravityLevers, control_period: float, held: Callable[[], MITState | None]) -> None:
-        """Prepare.
-
-        Args:
-            levers: of the robot.
-            control_period: s
-            held: the state of this tick; None while the robot is not in STANDBY.
-        """
+        """Prepare; `held` gives the state of this tick, None while the robot is not in STANDBY; the period is in s."""
         self._levers, self._period, self._held = levers, control_period, held
 
     def latest(self) -> Mapping[str, Extern]:

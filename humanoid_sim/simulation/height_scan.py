@@ -25,16 +25,7 @@ class HeightScanner:
     """Scanner of everything that stands still and can be touched, except the robot. Not thread-safe."""
 
     def __init__(self, model: mujoco.MjModel, description: RobotDescription, scan: HeightScan) -> None:
-        """Build the model of the ground.
-
-        Args:
-            model: of the robot and its ground.
-            description: the robot.
-            scan: the grid, and how values follow from distances.
-
-        Raises:
-            InputError: the model lacks the frame in the middle of the grid.
-        """
+        """Build the model of the ground. Raises `InputError` if the model lacks the frame in the grid's middle."""
         base, name = base_body(model, description), description.imu if scan.at == IMU else scan.at
         is_base = scan.at == BASE
         self.frame = (mujoco.mjtObj.mjOBJ_XBODY, base) if is_base else named_frame(model, name, "height scan")
@@ -45,14 +36,7 @@ class HeightScanner:
         self._data = mujoco.MjData(self.model)
 
     def read(self, pose: FloatArray) -> FloatArray:
-        """Scan around one pose.
-
-        Args:
-            pose: shape (7,), x y z in m and w x y z of the frame, world frame.
-
-        Returns:
-            Shape (rays,), m.
-        """
+        """Scan around one pose (7,), m and w x y z, of the frame in the world: shape (rays,), m."""
         self._data.mocap_pos[0], self._data.mocap_quat[0] = np.split(self.place(pose), [3])
         mujoco.mj_forward(self.model, self._data)
         return self.heights(self._data.sensordata)

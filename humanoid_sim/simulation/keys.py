@@ -31,15 +31,7 @@ class PianoKeys:
     """The 88 keys of a model, the lowest first. Keeps nothing of a simulation: any thread may ask."""
 
     def __init__(self, model: mujoco.MjModel, fingers: Sequence[str] = ()) -> None:
-        """Find the keys.
-
-        Args:
-            model: of a robot with a piano.
-            fingers: MJCF sites of the tips that may touch keys, as `PianoSettings` has them.
-
-        Raises:
-            InputError: the model is of a robot without a piano.
-        """
+        """Find the keys; `fingers` are the sites of tips that may touch them. Raises `InputError` without a piano."""
         try:
             addresses = joint_addresses(model, key_joint_names())
         except InputError as error:
@@ -58,27 +50,15 @@ class PianoKeys:
         self._part_of_geom[self._key_of_geom >= 0] = _KEY
 
     def pressed(self, qpos: FloatArray) -> FloatArray:
-        """Return which keys sound: 1 where one is beyond 0.70 of its travel, strictly, else 0.
+        """Return which keys sound, shape (..., 88): 1 where one is beyond 0.70 of its travel, strictly, else 0.
 
-        Args:
-            qpos: shape (..., nq), MuJoCo's generalised position.
-
-        Returns:
-            Shape (..., 88).
+        `qpos`, shape (..., nq), is MuJoCo's generalised position.
         """
         pressed: FloatArray = (qpos[..., self.qpos] > self._trigger).astype(np.float64)
         return pressed
 
     def force(self, model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
-        """With which force each key is touched, of the latest physics step.
-
-        Args:
-            model: that was given.
-            data: of the model, after a physics step.
-
-        Returns:
-            Shape (88,), N, normal to the surfaces, summed over a key's contacts.
-        """
+        """Shape (88,), N, normal to the surfaces, with which each key is touched in the step that `data` has taken."""
         force = np.zeros(len(self.qpos))
         if data.ncon:
             touched = self._key_of_geom[data.contact.geom].max(axis=1)
@@ -89,12 +69,7 @@ class PianoKeys:
         return force
 
     def other_contacts(self, model: mujoco.MjModel, data: mujoco.MjData) -> frozenset[tuple[int, int]]:
-        """Say what touches in the latest physics step, beside hands with keys: pairs of the bodies' ids, smaller first.
-
-        Args:
-            model: that was given.
-            data: of the model, after a physics step.
-        """
+        """Return what touches in the step that `data` has taken, beside hands with keys: bodies' ids, smaller first."""
         if not data.ncon:
             return frozenset()
         geoms = data.contact.geom
@@ -111,15 +86,7 @@ _OTHER, _KEY, _HAND = 0, 1, 4
 def hardest_touch(
     keys: PianoKeys, model: mujoco.MjModel, data: mujoco.MjData, time: float, before: Touch | None
 ) -> Touch | None:
-    """Return the hardest touch of the latest physics step, or the one before if that was as hard; None for none so far.
-
-    Args:
-        keys: of the model.
-        model: as `PianoKeys.force` takes it.
-        data: likewise.
-        time: s, of that step.
-        before: the hardest so far.
-    """
+    """Return the hardest touch of the latest physics step, or the one before if that was as hard; None for none."""
     if not data.ncon:
         return before
     force = keys.force(model, data)

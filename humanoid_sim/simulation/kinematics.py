@@ -1,4 +1,7 @@
-"""Quantities that follow from joint positions alone, by a separate model: poses of bodies, torques that hold them."""
+"""Quantities that follow from joint positions alone, by a separate model: poses of bodies, torques that hold them.
+
+And back: joint positions that bring bodies to given poses, by damped least squares (Wampler 1986).
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,35 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
 
+_LENGTH = 0.3
+"""m per rad: how an orientation error is weighed against a position error; about the length of a forearm with hand."""
+_LARGEST_STEP = 0.3
+"""rad per iteration and joint, so that a far target does not throw the arm across a singularity."""
 
-class ForwardKinematics:
-    """Poses of named bodies relative to the base: the body that holds the arms, the chest of the Lite.
 
-    Keeps one model and its buffers; one instance per thread.
-    """
+class _Posed:
+    """A robot without a room, to be put into any pose. Keeps a model and its buffers; one instance per thread."""
+
+    def __init__(self, description: RobotDescription, model: mujoco.MjModel | None = None) -> None:
+        """Build the model, or take one of the robot that nobody else uses; raises as `build_model` does."""
+        self._model = build_model(description, scene=False) if model is None else model
+        self._data = mujoco.MjData(self._model)
+        self._addresses = joint_addresses(self._model, description.joint_names)
+
+    def _pose(self, joint_position: FloatArray) -> None:
+        self._data.qpos[self._addresses.qpos] = joint_position
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+
+    def _base_pose(self, description: RobotDescription) -> tuple[FloatArray, FloatArray]:
+        """Return position (3,), m, and rotation (3, 3) of the base in the world; the joints do not move it."""
+        mujoco.mj_kinematics(self._model, self._data)
+        base = base_body(self._model, description)
+        return self._data.xpos[base].copy(), self._data.xmat[base].reshape(3, 3).copy()
+
+
+class ForwardKinematics(_Posed):
+    """Poses of named bodies relative to the base: the body that holds the arms, the chest of the Lite."""
 
     def __init__(self, description: RobotDescription, bodies: tuple[str, ...] | None = None) -> None:
         """Build the model; `bodies` None stands for the description's hands.
@@ -23,28 +49,18 @@ class ForwardKinematics:
         Raises:
             InputError: a body is not in the model; the message lists those that are.
         """
-        self._model = build_model(description, scene=False)
-        self._data = mujoco.MjData(self._model)
-        self._addresses = joint_addresses(self._model, description.joint_names)
+        super().__init__(description)
         self.bodies = description.hands if bodies is None else tuple(bodies)
         try:
             self._ids = list(body_ids(self._model, self.bodies))
         except InputError as error:
             raise InputError(f"{description.name}: {error}") from None
-        mujoco.mj_kinematics(self._model, self._data)
-        base = base_body(self._model, description)
-        # The joints do not move the base, so its pose is taken once.
-        self._base_position = self._data.xpos[base].copy()
-        self._base_rotation = self._data.xmat[base].reshape(3, 3).copy()
+        self._base_position, self._base_rotation = self._base_pose(description)
 
     def __call__(self, joint_position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions and rotation matrices of the bodies, in the order of `bodies`.
+        """Positions (..., B, 3), m, and rotation matrices (..., B, 3, 3) of the bodies in the base frame; new arrays.
 
-        Args:
-            joint_position: shape (..., n), rad, joint frame.
-
-        Returns:
-            Shape (..., B, 3), m, and (..., B, 3, 3), both in the base frame; new arrays.
+        `joint_position` is of shape (..., n), rad.
         """
         q = np.asarray(joint_position, dtype=np.float64)
         flat = q.reshape(-1, q.shape[-1])
@@ -62,18 +78,12 @@ class ForwardKinematics:
         return position.reshape(*batch, -1, 3), matrices.reshape(*batch, -1, 3, 3)
 
 
-class GravityTorque:
-    """Gravity compensation: `effort = clip(qfrc_bias, ±effort_limit)` at zero velocity. One instance per thread."""
+class GravityTorque(_Posed):
+    """Gravity compensation: `effort = clip(qfrc_bias, ±effort_limit)` at zero velocity."""
 
     def __init__(self, description: RobotDescription, model: mujoco.MjModel | None = None) -> None:
-        """Build the model, or take one of the robot that nobody else uses.
-
-        Raises:
-            InputError: see `build_model`.
-        """
-        self._model = build_model(description, scene=False) if model is None else model
-        self._data = mujoco.MjData(self._model)
-        self._addresses = joint_addresses(self._model, description.joint_names)
+        """See `_Posed`."""
+        super().__init__(description, model)
         self._limit = description.effort_limit
         self._bias = np.empty(self._model.nv)
 
@@ -82,34 +92,105 @@ class GravityTorque:
 
         Friction is not included; it only helps to hold.
         """
-        model, data = self._model, self._data
-        data.qpos[self._addresses.qpos] = joint_position
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_rne(model, data, 0, self._bias)  # qvel stays zero: no Coriolis terms
+        self._pose(joint_position)
+        mujoco.mj_rne(self._model, self._data, 0, self._bias)  # qvel stays zero: no Coriolis terms
         return np.clip(self._bias[self._addresses.dof], -self._limit, self._limit)
 
 
-class MassMatrix:
-    """The joints' inertia, motors included. One instance per thread."""
-
-    def __init__(self, description: RobotDescription) -> None:
-        """Build the model.
-
-        Raises:
-            InputError: see `build_model`.
-        """
-        self._model = build_model(description, scene=False)
-        self._data = mujoco.MjData(self._model)
-        self._addresses = joint_addresses(self._model, description.joint_names)
-        self._whole = np.empty((self._model.nv, self._model.nv))
+class MassMatrix(_Posed):
+    """The joints' inertia, motors included."""
 
     def __call__(self, joint_position: FloatArray) -> FloatArray:
         """Shape (n,), rad, joint frame → shape (n, n), kg·m²; a new array."""
+        self._pose(joint_position)
+        whole = np.empty((self._model.nv, self._model.nv))
+        mujoco.mj_makeM(self._model, self._data)
+        mujoco.mj_fullM(self._model, self._data, whole)
+        return whole[np.ix_(self._addresses.dof, self._addresses.dof)]
+
+
+def damped_step(jacobian: FloatArray, error: FloatArray, damping: float, pull: FloatArray | None = None) -> FloatArray:
+    """One step of damped least squares, shape (n,), rad.
+
+    Args:
+        jacobian: shape (m, n), of the error.
+        error: shape (m,), that the step should take away.
+        damping: in the jacobian's unit; larger is steadier near singular poses.
+        pull: shape (n,), rad, that is followed in the directions in which it changes no error; None for none.
+    """
+    normal = jacobian.T @ jacobian + damping**2 * np.eye(jacobian.shape[1])
+    step = np.linalg.solve(normal, jacobian.T @ error)
+    if pull is not None:
+        # What the damped inverse leaves of the pull lies (almost) in the null space.
+        step += pull - np.linalg.solve(normal, jacobian.T @ (jacobian @ pull))
+    bounded: FloatArray = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+    return bounded
+
+
+class InverseKinematics(_Posed):
+    """Joint positions that bring bodies to given poses in the base frame, within the joints' limits."""
+
+    def __init__(self, description: RobotDescription, bodies: tuple[str, ...], *, damping: float = 0.01) -> None:
+        """Build the model of the B bodies; `damping`, m/rad, is steadier near singular poses and slower if larger."""
+        super().__init__(description)
+        self._ids = [self._model.body(name).id for name in bodies]
+        self._lower, self._upper = description.lower, description.upper
+        self._damping = damping
+        self._base_position, self._base_rotation = self._base_pose(description)
+
+    def solve(
+        self,
+        position: FloatArray,
+        rotation: FloatArray,
+        start: FloatArray,
+        *,
+        posture: FloatArray | None = None,
+        iterations: int = 20,
+    ) -> FloatArray:
+        """One pose.
+
+        Args:
+            position: shape (B, 3), m, base frame.
+            rotation: shape (B, 3, 3), base frame.
+            start: shape (n,), rad, where the search begins.
+            posture: shape (n,), rad, where the joints drift in the directions that move no body; None for nowhere.
+            iterations: at most this many; the search ends when a step is below a microradian.
+
+        Returns:
+            Shape (n,), rad.
+        """
+        world_position = self._base_position + position @ self._base_rotation.T
+        world_rotation = self._base_rotation @ rotation
+        q = np.clip(start, self._lower, self._upper)
+        for _ in range(iterations):
+            error, jacobian = self._linearise(q, world_position, world_rotation)
+            step = damped_step(jacobian, error, self._damping, None if posture is None else 0.2 * (posture - q))
+            q = np.clip(q + step, self._lower, self._upper)
+            if np.abs(step).max() < 1e-6:
+                break
+        return q
+
+    def solve_path(
+        self, position: FloatArray, rotation: FloatArray, start: FloatArray, *, posture: FloatArray | None = None
+    ) -> FloatArray:
+        """Solve poses (F, B, 3) and (F, B, 3, 3), each search beginning at the solution before: (F, n), rad."""
+        path = np.empty((len(position), len(start)))
+        q = start
+        for k, (p, r) in enumerate(zip(position, rotation, strict=True)):
+            q = path[k] = self.solve(p, r, q, posture=posture, iterations=100 if k == 0 else 20)
+        return path
+
+    def _linearise(self, q: FloatArray, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Stacked pose errors (6 B,) and their Jacobian (6 B, n), world frame; rotations scaled to metres."""
         model, data = self._model, self._data
-        data.qpos[self._addresses.qpos] = joint_position
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_makeM(model, data)
-        mujoco.mj_fullM(model, data, self._whole)
-        return self._whole[np.ix_(self._addresses.dof, self._addresses.dof)]
+        self._pose(q)
+        rows, errors = [], []
+        jac_position, jac_rotation = np.empty((3, model.nv)), np.empty((3, model.nv))
+        quaternion, turn = np.empty(4), np.empty(3)  # rad, axis times angle
+        for i, body in enumerate(self._ids):
+            mujoco.mj_jacBody(model, data, jac_position, jac_rotation, body)
+            rows += [jac_position[:, self._addresses.dof], _LENGTH * jac_rotation[:, self._addresses.dof]]
+            mujoco.mju_mat2Quat(quaternion, (rotation[i] @ data.xmat[body].reshape(3, 3).T).ravel())
+            mujoco.mju_quat2Vel(turn, quaternion, 1.0)
+            errors += [position[i] - data.xpos[body], _LENGTH * turn]
+        return np.concatenate(errors), np.concatenate(rows)

@@ -99,11 +99,7 @@ def model_bytes(model: mujoco.MjModel) -> bytes:
 
 
 def joint_addresses(model: mujoco.MjModel, names: tuple[str, ...]) -> JointAddresses:
-    """Addresses of hinge and slide joints by name.
-
-    Raises:
-        InputError: a name is not a joint of the model; the message lists those that are.
-    """
+    """Addresses of hinge and slide joints by name. Raises `InputError` for others, listing those that there are."""
     known = [
         model.joint(i).name for i in range(model.njnt) if mujoco.mjtJoint(int(model.jnt_type[i])) in _SCALAR_JOINTS
     ]
@@ -145,11 +141,7 @@ def joints_of(model: mujoco.MjModel, bodies: Iterable[int], names: tuple[str, ..
 
 
 def body_ids(model: mujoco.MjModel, names: Sequence[str]) -> tuple[int, ...]:
-    """Ids of bodies by name.
-
-    Raises:
-        InputError: a name is not a body of the model; the message lists those that are.
-    """
+    """Ids of bodies by name. Raises `InputError` for others, listing those that there are."""
     known = [model.body(i).name for i in range(1, model.nbody)]
     for name in names:
         if name not in known:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Literal, get_args
+from typing import Generic, Literal, TypeVar, get_args
 
 import mujoco
 import numpy as np
@@ -15,8 +15,7 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import SafetyLevel, SafetyStatus
 from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.simulation.delay import DelayLine, delay_steps
+from humanoid_sim.robots.rates import delay_steps, steps_per_period
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, FloatingBase, move_support
 from humanoid_sim.simulation.keys import PianoKeys, Touch, hardest_touch
 from humanoid_sim.simulation.model import build_model
@@ -26,6 +25,7 @@ from humanoid_sim.simulation.sensors import BodySample, BodySensors
 from humanoid_sim.simulation.stability import DampingStability
 from humanoid_sim.simulation.terrain import Terrain
 
+T = TypeVar("T")
 StateSampling = Literal["now", "on_command"]
 
 _SOURCE = "mujoco"
@@ -33,6 +33,30 @@ _OK = SafetyStatus(source=_SOURCE)
 
 _JointSample = tuple[FloatArray, FloatArray, FloatArray]
 """Position, velocity and effort."""
+
+
+class _DelayLine(Generic[T]):
+    """Delayed view of a stream of samples that take `delay` steps to reach the observer."""
+
+    def __init__(self, delay: int) -> None:
+        self._delay = delay
+        self._samples: deque[tuple[int, T]] = deque()
+
+    def restart(self, step: int, value: T) -> None:
+        """Forget everything; `value` is seen at once."""
+        self._samples.clear()
+        self._samples.append((step, value))
+
+    def push(self, step: int, value: T) -> None:
+        """Add a sample taken at `step`, which is not before the previous one's."""
+        self._samples.append((step, value))
+
+    def at(self, step: int) -> tuple[int, T]:
+        """Return the latest sample that has arrived at `step`, and when it was taken. `step` must not go back."""
+        samples = self._samples
+        while len(samples) > 1 and samples[1][0] + self._delay <= step:
+            samples.popleft()
+        return samples[0]
 
 
 class MujocoRobot:
@@ -155,8 +179,8 @@ class MujocoRobot:
         self._sample_offset = steps - state_steps % steps
         self._samples_now = state_sampling == "now"
         self._pending: deque[MITCommand] = deque()
-        self._joint_line: DelayLine[_JointSample] = DelayLine(state_steps)
-        self._body_line: DelayLine[BodySample] = DelayLine(state_steps)
+        self._joint_line: _DelayLine[_JointSample] = _DelayLine(state_steps)
+        self._body_line: _DelayLine[BodySample] = _DelayLine(state_steps)
         self._step = 0
         self._fault = ""
         self._is_closed = False
@@ -248,11 +272,7 @@ class MujocoRobot:
 
     @property
     def pressed_keys(self) -> FloatArray:
-        """Shape (88,), 1 for each key of its piano that sounds now, else 0.
-
-        Raises:
-            RobotError: it has no piano.
-        """
+        """Shape (88,), 1 for each key of its piano that sounds now, else 0. Raises `RobotError` without a piano."""
         if self._keys is None:
             raise RobotError(f"{self._description.name}: has no piano, whose keys could be pressed")
         return self._keys.pressed(self._plant.data.qpos)
@@ -269,11 +289,7 @@ class MujocoRobot:
         return qpos
 
     def activate(self) -> None:
-        """Put the joints to rest in the initial position, forget commands under way, clear a fault.
-
-        Raises:
-            RobotError: the robot is closed.
-        """
+        """Put the joints to rest in the initial position, forget commands, clear a fault. Raises `RobotError`."""
         if self._is_closed:
             raise RobotError(f"{self._description.name}: the simulated robot is closed")
         self._plant.reset()
@@ -307,16 +323,11 @@ class MujocoRobot:
     def begin_at(
         self, time: float, joint_position: FloatArray, joint_velocity: FloatArray, imu_quaternion: FloatArray
     ) -> None:
-        """Activate, and go on from where a robot was measured.
+        """Activate, and go on from where a robot was measured, at `time`, s, to the nearest physics step.
 
-        A floating base is tilted and turned as the IMU was, with the lowest part of the robot on the floor, at rest:
-        where it was, and how it moved, nobody measures.
-
-        Args:
-            time: s, of the robot's clock, to the nearest physics step.
-            joint_position: shape (n,), rad, joint frame.
-            joint_velocity: shape (n,), rad/s, joint frame.
-            imu_quaternion: shape (4,), w x y z, IMU frame in the world frame.
+        Joints are of shape (n,), rad and rad/s; the quaternion (4,), w x y z, is the IMU's in the world. A floating
+        base is tilted and turned as the IMU was, with the lowest part of the robot on the floor, at rest: where it was,
+        and how it moved, nobody measures.
         """
         self.activate()
         data, addresses = self._plant.data, self._plant.addresses
@@ -362,8 +373,7 @@ class MujocoRobot:
     def write(self, command: MITCommand) -> None:
         """Apply a command, shape (n,), and advance physics by one control period.
 
-        Raises:
-            RobotError: the command is for another number of joints, or the robot is closed.
+        Raises `RobotError` if the command is for another number of joints, or the robot is closed.
         """
         if command.position.shape != (len(self._joints),):
             raise RobotError(
@@ -398,9 +408,7 @@ class MujocoRobot:
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Let the support take a floating base where it now is, or let the base go; from the next write on.
 
-        Args:
-            held: whether it holds the base.
-            lifts: whether it then raises the base, slowly, to the height of its start; never without a `drop`.
+        If it `lifts`, it then raises the base, slowly, to the height of its start; never without a `drop`.
 
         Raises:
             RobotError: the base is fixed.

@@ -23,7 +23,7 @@ import numpy as np
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray, MITCommand, affine_law, mit_torque
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.silence import mujoco_silenced
+from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.terrain import Terrain
 
@@ -250,11 +250,7 @@ class ImplicitPlant(AffinePlant):
 
 
 def check_actuation(value: object, accepted: Sequence[str] = get_args(Actuation)) -> None:
-    """Refuse what is not a form of the plant.
-
-    Raises:
-        InputError: naming the value and what is accepted.
-    """
+    """Refuse what is not a form of the plant. Raises `InputError` naming the value and what is accepted."""
     if value not in accepted:
         raise InputError(f"actuation: is {value!r}, expected {' or '.join([', '.join(accepted[:-1]), accepted[-1]])}")
 

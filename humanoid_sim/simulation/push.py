@@ -32,11 +32,7 @@ class Push:
 
 
 def parse_pushes(texts: Sequence[str]) -> tuple[Push, ...]:
-    """Parse `VX,VY@SECONDS` items.
-
-    Raises:
-        InputError: naming the item and what is accepted.
-    """
+    """Parse `VX,VY@SECONDS` items. Raises `InputError` naming the item and what is accepted."""
     pushes = []
     for text in texts:
         velocity, _, seconds = text.partition("@")
@@ -56,9 +52,7 @@ def parse_pushes(texts: Sequence[str]) -> tuple[Push, ...]:
 def push_wrench(velocity: npt.ArrayLike, mass: float) -> FloatArray:
     """Return what acts on the base meanwhile, shape (..., 6), N and N·m, at its centre of mass, world frame.
 
-    Args:
-        velocity: shape (..., 2), m/s, world frame, by which the push speeds the whole robot up.
-        mass: kg, of the whole robot.
+    `velocity`, shape (..., 2), m/s, world frame, is by how much the push speeds the whole robot, of `mass` kg, up.
     """
     sped = np.asarray(velocity, dtype=np.float64)
     wrench = np.zeros((*sped.shape[:-1], 6))
@@ -70,16 +64,7 @@ class Pushes:
     """Applies pushes to the floating base of a robot, control period by control period."""
 
     def __init__(self, pushes: Sequence[Push], model: mujoco.MjModel, description: RobotDescription) -> None:
-        """Find the base.
-
-        Args:
-            pushes: to be applied.
-            model: of the robot.
-            description: of the robot.
-
-        Raises:
-            InputError: there are pushes, and the base is fixed.
-        """
+        """Find the base. Raises `InputError` if there are pushes and the base is fixed."""
         if pushes and not description.is_floating:
             raise InputError(f"push: '{description.name}' has a fixed base, which no push moves")
         self._pushes = tuple(pushes)

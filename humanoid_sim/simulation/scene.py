@@ -35,11 +35,7 @@ def add_scene(
 ) -> None:
     """Add the room to a robot's spec. What the robot's own MJCF brings (a floor, lights, cameras) is kept, not doubled.
 
-    Args:
-        spec: changed in place.
-        bare: the same compiled, without a room.
-        description: the robot. Cameras go along with a floating base, without turning with it.
-        terrain: instead of a level floor; None for that.
+    `bare` is the same compiled, without a room. Cameras go along with a floating base, without turning with it.
     """
     center: FloatArray = bare.stat.center.copy()
     extent = float(bare.stat.extent)
@@ -126,16 +122,10 @@ def add_floor(
     material: str = "",
     terrain: Terrain | None = None,
 ) -> None:
-    """Add a floor to a robot that brings none, the only part of a room that dynamics know.
+    """Add a floor, or a terrain, to a robot that brings none, the only part of a room that dynamics know.
 
-    Whatever can collide at all collides with it, whichever bits its contact masks use.
-
-    Args:
-        spec: changed in place.
-        bare: the same compiled, without a room.
-        description: the robot, and how high its floor lies.
-        material: of the spec; empty for plain grey.
-        terrain: instead of a level floor; None for that.
+    Whatever can collide at all collides with it, whichever bits its contact masks use. `bare` is the spec compiled;
+    without a material the floor is grey.
 
     Raises:
         InputError: there is to be a terrain, and the robot brings a ground of its own.

@@ -49,11 +49,7 @@ class Imu:
     """An ideal IMU at a site or body of the model. Keeps its own `MjData`; not thread-safe."""
 
     def __init__(self, model: mujoco.MjModel, name: str) -> None:
-        """Find the frame `name`.
-
-        Raises:
-            InputError: the model has neither a site nor a body of that name.
-        """
+        """Find the frame. Raises `InputError` if the model has neither a site nor a body of that name."""
         self._model = model
         self._data = mujoco.MjData(model)
         self._object, self._id = named_frame(model, name, "imu")
@@ -69,10 +65,8 @@ class Imu:
     def read(self, data: mujoco.MjData, acceleration: FloatArray | None = None) -> ImuSample:
         """Return the reading at the data's present `qpos` and `qvel`.
 
-        Args:
-            data: of the model.
-            acceleration: shape (nv,), of the latest physics step, as `Plant.acceleration`; None for `qacc`, which is
-                the same where no joint of the model has damping of its own.
+        `acceleration`, shape (nv,), is of the latest physics step, as `Plant.acceleration`; None for `qacc`, which is
+        the same where no joint of the model has damping of its own.
         """
         return self.constant or self._compute(data.qpos, data.qvel, data.qacc if acceleration is None else acceleration)
 
@@ -113,11 +107,9 @@ def live_inputs(
     velocity_at: Sequence[str] = (),
     height_scan: HeightScan | None = None,
 ) -> Mapping[str, int]:
-    """Names and widths of the live inputs that a simulated robot's state carries.
+    """Names and widths of the live inputs that a simulated robot's state carries; only a floating base has velocities.
 
     Args:
-        model: of the robot.
-        description: of the robot; only a floating base has velocities.
         anchor_body: MJCF body whose pose is asked for; empty for none.
         velocity_at: `imu`, or sites, whose velocity is asked for.
         height_scan: of the ground, if it is asked for.
@@ -167,14 +159,7 @@ class BodySensors:
         velocity_at: Sequence[str] = (),
         height_scan: HeightScan | None = None,
     ) -> None:
-        """Find the frames.
-
-        Args:
-            model: of the robot.
-            description: says where the IMU is.
-            anchor_body: MJCF body whose pose is asked for; empty for none.
-            velocity_at: `imu`, or sites, whose velocity is asked for.
-            height_scan: of the ground, if it is asked for.
+        """Find the frames; arguments as of `live_inputs`.
 
         Raises:
             InputError: the IMU, the anchor body, a site or the middle of the scan is not in the model.

@@ -192,11 +192,7 @@ class DampingStability:
         )
 
     def check_description(self) -> tuple[str, ...]:
-        """Return the warnings about all the description's own gains.
-
-        Raises:
-            InputError: as `check`.
-        """
+        """Return the warnings about all the description's own gains. Raises as `check`."""
         robot = self._description
         a, b = robot.standby_controller_a, robot.standby_controller_b
         owners: dict[tuple[tuple[float, ...], tuple[float, ...]], list[str]] = {}

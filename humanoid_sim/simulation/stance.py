@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.robots.silence import mujoco_silenced
+from humanoid_sim.robots.mjcf import mujoco_silenced
 
 _FLAT = 1e-9
 """m, and 1: planes that differ by less in level and direction are one floor."""

@@ -58,11 +58,7 @@ class Terrain:
     """m from one step to the next."""
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InputError: naming the field, its value and what is accepted.
-        """
+        """Check every field. Raises `InputError` naming the field, its value and what is accepted."""
         kinds = get_args(TerrainKind)
         if self.kind not in kinds:
             raise InputError(f"terrain: {known_names('kind', str(self.kind), ('flat', *kinds))}")
@@ -91,8 +87,7 @@ class Terrain:
     def of(cls, value: Terrain | Mapping[str, Any] | str | None) -> Terrain | None:
         """Return the terrain itself, one with these fields, or of that kind; None for flat ground.
 
-        Raises:
-            InputError: there is no such kind or field, or it is not what it should be.
+        Raises `InputError` where there is no such kind or field, or it is not what it should be.
         """
         if value is None or value == "flat" or isinstance(value, Terrain):
             return value if isinstance(value, Terrain) else None
@@ -146,9 +141,8 @@ class Terrain:
     def spawn(self, numbers: FloatArray, hardness: float = 1.0) -> FloatArray:
         """Middles of platforms, shape (..., 3), m, world frame, from the robot's floor at the origin.
 
-        Args:
-            numbers: shape (..., 2), uniform in [0, 1).
-            hardness: in [0, 1]: 0 for the easiest tiles alone, 1 for all.
+        `numbers`, shape (..., 2), are uniform in [0, 1); hardness is in [0, 1]: 0 for the easiest tiles alone, 1 for
+        all.
         """
         level = np.floor(numbers[..., 0] * (1.0 + hardness * (self.levels - 1))).astype(np.intp)
         variant = np.floor(numbers[..., 1] * self.variants).astype(np.intp)
@@ -177,13 +171,7 @@ def _heights(terrain: Terrain) -> FloatArray:
 
 
 def add_terrain(spec: mujoco.MjSpec, terrain: Terrain, **of_a_floor: Any) -> None:
-    """Add the field, and flat ground around it.
-
-    Args:
-        spec: changed in place.
-        terrain: what to add.
-        of_a_floor: attributes of a floor's geom: contact masks, position, material.
-    """
+    """Add the field, and flat ground around it; the rest are attributes of a floor's geom."""
     heights = terrain.heights()
     lowest, highest = float(heights.min()), float(heights.max())
     spread = max(highest - lowest, 1e-6)

@@ -70,84 +70,95 @@ def test_the_report(tmp_path):
     assert report["rate"]["fps"] == pytest.approx(50.0, rel=1e-3)
 
 
-def arrays(**changes):
-    return changes
-
-
 SAMPLE = state_of(joint_path())
 LEAD = np.roll(np.arange(14), 1)
+SKELETON = Skeleton(lite())
+JOINTS = [SKELETON.joints.index(name) for name in SKELETON.joint_orders["breadth_first"]]
+BODIES_BY_LEVEL = [SKELETON.bodies.index(name) for name in SKELETON.body_orders["breadth_first"]]
+BREADTH_JOINTS = {name: SAMPLE[name][:, JOINTS] for name in ("joint_pos", "joint_vel")}
+BREADTH_BODIES = {name: SAMPLE[name][:, BODIES_BY_LEVEL] for name in ("body_pos_w", "body_quat_w")}
 
 WRONG = {
     "joints": (
-        arrays(joint_pos=SAMPLE["joint_pos"][:, LEAD], joint_vel=SAMPLE["joint_vel"][:, LEAD]),
+        {"joint_pos": SAMPLE["joint_pos"][:, LEAD], "joint_vel": SAMPLE["joint_vel"][:, LEAD]},
         "no other order of joints, bodies or quaternions that was tried fits",
     ),
-    "quaternions": (arrays(body_quat_w=np.roll(SAMPLE["body_quat_w"], -1, -1)), "it would fit with --quaternions xyzw"),
+    "breadth-first joints": (BREADTH_JOINTS, "it would fit with --joint-order breadth_first\n"),
+    "breadth-first bodies": (BREADTH_BODIES, "it would fit with --body-order breadth_first\n"),
+    "breadth first": (
+        BREADTH_JOINTS | BREADTH_BODIES,
+        "it would fit with --joint-order breadth_first --body-order breadth_first\n",
+    ),
+    "breadth first, quaternions": (
+        BREADTH_JOINTS | BREADTH_BODIES | {"body_quat_w": np.roll(BREADTH_BODIES["body_quat_w"], -1, -1)},
+        "it would fit with --joint-order breadth_first --body-order breadth_first --quaternions xyzw\n",
+    ),
+    "quaternions": ({"body_quat_w": np.roll(SAMPLE["body_quat_w"], -1, -1)}, "it would fit with --quaternions xyzw"),
     "conjugate quaternions": (
-        arrays(body_quat_w=SAMPLE["body_quat_w"] * [1.0, -1.0, -1.0, -1.0]),
+        {"body_quat_w": SAMPLE["body_quat_w"] * [1.0, -1.0, -1.0, -1.0]},
         "it would fit with --conjugate\n",
     ),
     "degrees": (
-        arrays(joint_pos=np.degrees(SAMPLE["joint_pos"]), joint_vel=np.degrees(SAMPLE["joint_vel"])),
+        {"joint_pos": np.degrees(SAMPLE["joint_pos"]), "joint_vel": np.degrees(SAMPLE["joint_vel"])},
         "it would fit with --angle-unit deg\n",
     ),
     "degrees and radians": (
-        arrays(joint_pos=np.degrees(SAMPLE["joint_pos"])),
+        {"joint_pos": np.degrees(SAMPLE["joint_pos"])},
         "all 14 joints: velocities are in radians per second, and the positions in degrees",
     ),
-    "centimetres": (arrays(body_pos_w=100.0 * SAMPLE["body_pos_w"]), "it would fit with --length-unit cm\n"),
+    "centimetres": ({"body_pos_w": 100.0 * SAMPLE["body_pos_w"]}, "it would fit with --length-unit cm\n"),
     "inches and degrees": (
-        arrays(
-            body_pos_w=SAMPLE["body_pos_w"] / 0.0254,
-            joint_pos=np.degrees(SAMPLE["joint_pos"]),
-            joint_vel=np.degrees(SAMPLE["joint_vel"]),
-        ),
+        {
+            "body_pos_w": SAMPLE["body_pos_w"] / 0.0254,
+            "joint_pos": np.degrees(SAMPLE["joint_pos"]),
+            "joint_vel": np.degrees(SAMPLE["joint_vel"]),
+        },
         "it would fit with --angle-unit deg --length-unit in\n",
     ),
     "all of them": (
-        arrays(
-            body_pos_w=1000.0 * SAMPLE["body_pos_w"],
-            body_quat_w=np.roll(SAMPLE["body_quat_w"] * [1.0, -1.0, -1.0, -1.0], -1, -1),
-            joint_pos=np.degrees(SAMPLE["joint_pos"]),
-            joint_vel=np.degrees(SAMPLE["joint_vel"]),
-        ),
+        {
+            "body_pos_w": 1000.0 * SAMPLE["body_pos_w"],
+            "body_quat_w": np.roll(SAMPLE["body_quat_w"] * [1.0, -1.0, -1.0, -1.0], -1, -1),
+            "joint_pos": np.degrees(SAMPLE["joint_pos"]),
+            "joint_vel": np.degrees(SAMPLE["joint_vel"]),
+        },
         "it would fit with --quaternions xyzw --conjugate --angle-unit deg --length-unit mm\n",
     ),
     "conjugate, and a body": (
-        arrays(
-            body_quat_w=SAMPLE["body_quat_w"] * [1.0, -1.0, -1.0, -1.0],
-            body_pos_w=SAMPLE["body_pos_w"] + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02],
-        ),
+        {
+            "body_quat_w": SAMPLE["body_quat_w"] * [1.0, -1.0, -1.0, -1.0],
+            "body_pos_w": SAMPLE["body_pos_w"] + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02],
+        },
         "times nearer with --conjugate, but not within the tolerance",
     ),
     "a body": (
-        arrays(body_pos_w=SAMPLE["body_pos_w"] + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02]),
+        {"body_pos_w": SAMPLE["body_pos_w"] + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02]},
         "body 'left_hand' is up to 2.0 cm and 0.0° from where the robot's forward kinematics puts it",
     ),
-    "rate": (arrays(fps=np.array([30])), "fps is 30, but its joint velocities match 50.0 frames per second"),
+    "rate": ({"fps": np.array([30])}, "fps is 30, but its joint velocities match 50.0 frames per second"),
     "velocities": (
-        arrays(joint_vel=SAMPLE["joint_vel"][:, ::-1]),
+        {"joint_vel": SAMPLE["joint_vel"][:, ::-1]},
         "its joint velocities do not match its joint positions",
     ),
     "a joint's velocities": (
-        arrays(joint_vel=SAMPLE["joint_vel"] * np.where(np.arange(14) == 3, 0.5, 1.0)),
+        {"joint_vel": SAMPLE["joint_vel"] * np.where(np.arange(14) == 3, 0.5, 1.0)},
         "left_elbow_pitch: velocities are 0.5 times the derivative of the positions; correct them, or let --velocities "
         "positions compute them",
     ),
-    "no velocities": (arrays(joint_vel=0.0 * SAMPLE["joint_vel"]), "all 14 joints: velocities are all zero"),
+    "no velocities": ({"joint_vel": 0.0 * SAMPLE["joint_vel"]}, "all 14 joints: velocities are all zero"),
     "late velocities": (
-        arrays(joint_vel=np.roll(SAMPLE["joint_vel"], 10, axis=0)),
+        {"joint_vel": np.roll(SAMPLE["joint_vel"], 10, axis=0)},
         "velocities are unlike the derivative of the positions",
     ),
-    "not a number": (arrays(body_pos_w=np.full((40, 18, 3), np.nan)), "body_position is nan at frame 0"),
-    "frames": (arrays(body_quat_w=SAMPLE["body_quat_w"][:-1]), "body_quaternion has 39 frames, joint_position has 40"),
-    "no key": (arrays(joint_vel=None), "has no joint_vel"),
+    "not a number": ({"body_pos_w": np.full((40, 18, 3), np.nan)}, "body_position is nan at frame 0"),
+    "frames": ({"body_quat_w": SAMPLE["body_quat_w"][:-1]}, "body_quaternion has 39 frames, joint_position has 40"),
+    "no key": ({"joint_vel": None}, "has no joint_vel"),
     "joint count": (
-        arrays(joint_pos=SAMPLE["joint_pos"][:, :13], joint_vel=SAMPLE["joint_vel"][:, :13]),
+        {"joint_pos": SAMPLE["joint_pos"][:, :13], "joint_vel": SAMPLE["joint_vel"][:, :13]},
         "has 13 joints per frame, and the order 'contract' has 14",
     ),
     "body count": (
-        arrays(body_pos_w=SAMPLE["body_pos_w"][:, :9], body_quat_w=SAMPLE["body_quat_w"][:, :9]),
+        {"body_pos_w": SAMPLE["body_pos_w"][:, :9], "body_quat_w": SAMPLE["body_quat_w"][:, :9]},
         "has 9 bodies per frame; the contract has 4, the robot 18; say which they are with --body-order",
     ),
 }

@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from recorded_run import PERIOD, Wobble, run
+from recording_samples import write_recording
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.recording.episodes import read_episodes
 from humanoid_sim.recording.reader import open_recording
-from humanoid_sim.recording.recorder import McapRecorder
 
 BOTH = frozenset((Mode.LOCOMOTION, Mode.REMOTE))
 
@@ -16,12 +16,7 @@ BOTH = frozenset((Mode.LOCOMOTION, Mode.REMOTE))
 @pytest.fixture
 def record(tmp_path):
     def record(ticks):
-        recorder = McapRecorder(tmp_path / "run.mcap")
-        recorder.start(run(Wobble())[0])
-        for tick in ticks:
-            recorder.tick(tick)
-        recorder.close()
-        assert not recorder.error
+        write_recording(tmp_path / "run.mcap", ticks, run(Wobble())[0])
         return open_recording(tmp_path / "run.mcap")
 
     return record

@@ -221,21 +221,6 @@ def test_equal_digits_show_their_bits(sample, recorded, capsys):
     assert f"command.effort of {header.joint_names[2]}: recorded -0.0, replayed 0.0" in out
 
 
-def test_a_cut_recording_is_repeated_to_its_end(sample, recorded, capsys):
-    path = recorded(*sample)
-    path.write_bytes(path.read_bytes()[:-100])
-    assert replay([str(path)]) == 0
-    out = capsys.readouterr().out
-    assert "ticks, bit for bit identical" in out
-    assert "the recording is not complete: cut" in out
-
-
-def test_missing_ticks_are_reported(sample, recorded, capsys):
-    header, ticks = sample
-    assert replay([str(recorded(header, ticks[:100] + ticks[130:]))]) == 1
-    assert "100 ticks identical; then 30 ticks are missing from the recording" in capsys.readouterr().out
-
-
 def test_a_bad_file_is_one_line_and_status_2(tmp_path, capsys):
     path = tmp_path / "run.mcap"
     assert replay([str(path)]) == 2

@@ -1,4 +1,4 @@
-"""Keys light up in the colours of the piano roll, and go out again."""
+"""Keys light up in the colours of the piano roll, and go out again; which hand reaches which is drawn."""
 
 import mujoco
 import numpy as np
@@ -7,8 +7,10 @@ import pytest
 from humanoid_sim.rendering.appearance import keyboard_box
 from humanoid_sim.rendering.drawing import KeyLights
 from humanoid_sim.rendering.offscreen import make_camera
+from humanoid_sim.rendering.piano_roll import draw_reach
 from humanoid_sim.rendering.piano_sound import Stroke
 from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.piano import PIANOS
 from humanoid_sim.simulation.model import build_model
 
 GREEN, YELLOW, RED = (0.227, 0.616, 0.365), (0.949, 0.694, 0.204), (0.820, 0.286, 0.357)
@@ -57,3 +59,18 @@ def test_the_keys_are_seen_from_above(piano):
     camera = make_camera(piano, None, 16 / 9)
     assert camera.elevation == -46.0
     assert np.abs(camera.lookat - middle).max() < 0.15
+
+
+def test_keys_have_the_colours_of_the_hands_that_reach_them():
+    image = draw_reach(PIANOS["dep20"].keys, ([0, 2], [2, 87]), "reach")
+    # The lower half of the first, second and third white key, of the last one, and of middle C.
+    scale = (1280 - 24) / 1.195
+    places = {n: round(12 + (0.011 + n * 0.023) * scale) for n in (0, 1, 2, 51, 23)}
+    row = 34 + round(0.13 * scale)
+    assert {n: image.getpixel((x, row)) for n, x in places.items()} == {
+        0: (76, 120, 168),
+        1: (58, 157, 93),
+        2: (255, 255, 255),
+        51: (242, 177, 52),
+        23: (255, 255, 255),
+    }

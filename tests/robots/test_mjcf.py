@@ -1,4 +1,4 @@
-"""Robots described by nothing but their MJCF."""
+"""Robots described by nothing but their MJCF, their IMU among them, and MuJoCo's one handler of warnings."""
 
 import math
 
@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.robots.mjcf import bare_model, own_joint_damping, prefix_line
+from humanoid_sim.robots.description import RobotDescription, load_robot, with_imu
+from humanoid_sim.robots.mjcf import bare_model, imu_line, mujoco_silenced, own_joint_damping, prefix_line
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
@@ -220,3 +220,126 @@ def test_names_with_a_prefix_in_an_included_file_stay(prefixed, tmp_path):
     outer.write_text('<mujoco><include file="scene.xml"/></mujoco>')
     assert load_robot(outer).joint_names == ("r2/hip",)
     assert prefix_line(outer) == ""
+
+
+MJCF = """
+<mujoco>
+  <worldbody>
+    <site name="camera"/>
+    <body name="pelvis">
+      <freejoint/><geom size="0.1"/>{pelvis}
+      <body name="torso"><joint name="waist"/><geom size="0.1"/>{torso}
+        <body name="mount"><geom size="0.1"/>{mount}</body>
+      </body>
+    </body>
+  </worldbody>
+  <sensor>{sensors}</sensor>
+</mujoco>
+"""
+QUAT = '<framequat objtype="site" objname="{}"/>'
+
+
+def robot_file(folder, *, pelvis="", torso="", mount="", sensors=""):
+    sites = {"pelvis": pelvis, "torso": torso, "mount": mount}
+    bodies = {body: "".join(f'<site name="{name}"/>' for name in names.split()) for body, names in sites.items()}
+    path = folder / "robot.xml"
+    path.write_text(MJCF.format(sensors=sensors, **bodies))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("sites", "sensors", "line"),
+    [
+        ({"pelvis": "a imu"}, '<gyro site="a"/>', "site 'a' on the base 'pelvis' (the site of a gyro)"),
+        (
+            {"pelvis": "a", "torso": "b"},
+            '<gyro site="b"/><gyro site="a"/>',
+            "site 'a' on the base 'pelvis' (the site of a gyro)",
+        ),
+        (
+            {"pelvis": "imu", "torso": "b"},
+            '<gyro site="b"/><gyro site="camera"/>',
+            "site 'b' on 'torso', not the base 'pelvis' (the site of the only gyro)",
+        ),
+        (
+            {"pelvis": "imu", "torso": "b"},
+            QUAT.format("b"),
+            "site 'imu' on the base 'pelvis' (a site of the base named like an IMU)",
+        ),
+        (
+            {"mount": "b", "torso": "foot"},
+            QUAT.format("b") + '<framepos objtype="site" objname="foot"/><accelerometer site="b"/>',
+            "site 'b' on 'mount', not the base 'pelvis' (the only site with a sensor of its orientation)",
+        ),
+        (
+            {"mount": "b", "torso": "c the_imu"},
+            '<gyro site="b"/><gyro site="c"/>',
+            "the base 'pelvis' itself (no site of the model is clearly the IMU; other sites could be it: "
+            "b, c, the_imu)",
+        ),
+        ({}, "", "the base 'pelvis' itself (no site of the model is clearly the IMU)"),
+    ],
+)
+def test_the_frame_that_is_taken(tmp_path, sites, sensors, line):
+    robot = load_robot(robot_file(tmp_path, **sites, sensors=sensors))
+    assert imu_line(bare_model(robot), robot) == line
+
+
+def test_another_one_is_chosen(tmp_path):
+    robot = load_robot(robot_file(tmp_path, pelvis="imu", torso="b"))
+    chosen = with_imu(robot, "b")
+    assert imu_line(bare_model(chosen), chosen) == "site 'b' on 'torso', not the base 'pelvis' (as it was given)"
+    chosen = with_imu(robot, "torso")
+    assert imu_line(bare_model(chosen), chosen) == "body 'torso', not the base 'pelvis' (as it was given)"
+    assert with_imu(robot, None) is robot
+    with pytest.raises(InputError, match=r"robot.xml: imu of 'robot': unknown site or body 'head'; known: "):
+        bare_model(with_imu(robot, "head"))
+
+
+def step_into_trouble():
+    """A position that is not a number; returns how often MuJoCo has warned of it."""
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    data.qpos[0] = float("nan")
+    mujoco.mj_step(model, data)
+    return int(data.warning[mujoco.mjtWarning.mjWARN_BADQPOS].number)
+
+
+def test_nothing_is_written_and_warnings_still_count(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    with mujoco_silenced:
+        assert step_into_trouble() == 1
+    assert capfd.readouterr() == ("", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def heard():
+    """What MuJoCo warns of, by a handler that stands as long as the test."""
+    messages = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(messages.append)
+    yield messages
+    mujoco.set_mju_user_warning(before)
+
+
+def test_the_last_to_leave_puts_back_the_handler(heard):
+    with mujoco_silenced:
+        with mujoco_silenced:
+            step_into_trouble()
+        step_into_trouble()
+    assert heard == []
+    step_into_trouble()
+    assert len(heard) == 1
+
+
+def test_a_handler_set_while_another_simulation_steps_neither_hears_nor_is_lost(heard):
+    with mujoco_silenced:  # the other simulation: a thread of emulated motors, say
+        mujoco.set_mju_user_warning(heard.append)
+        with mujoco_silenced:
+            step_into_trouble()
+        assert heard == []
+    step_into_trouble()
+    assert len(heard) == 1

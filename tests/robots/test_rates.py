@@ -3,7 +3,7 @@ import math
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
+from humanoid_sim.robots.rates import MOST_STEPS, delay_steps, steps_per_period
 
 
 @pytest.mark.parametrize(
@@ -39,3 +39,22 @@ def test_refuses_more_steps_than_anybody_would_wait_for(period, step):
 
 def test_takes_as_many_steps_as_it_names():
     assert steps_per_period(0.005, 5e-7) == MOST_STEPS
+
+
+@pytest.mark.parametrize(("delay", "steps"), [(0.0, 0), (0.0005, 1), (0.0015, 3), (0.1, 200)])
+def test_delays_in_steps(delay, steps):
+    assert delay_steps("state_delay", delay, 0.0005) == steps
+
+
+@pytest.mark.parametrize("delay", [-0.001, math.nan, math.inf, 1e308])
+def test_refuses_what_is_no_delay(delay):
+    with pytest.raises(InputError, match=r"^state_delay: is .* s, expected 0 to 10 s$"):
+        delay_steps("state_delay", delay, 0.0005)
+
+
+def test_names_the_nearest_multiple():
+    with pytest.raises(InputError) as caught:
+        delay_steps("command_delay", 0.0012, 0.0005)
+    assert str(caught.value) == (
+        "command_delay: 0.0012 s is not a multiple of the physics step of 0.0005 s; the nearest is 0.001 s"
+    )

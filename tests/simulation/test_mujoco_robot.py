@@ -99,20 +99,6 @@ def test_delays_and_sampling_are_exact(small_robot, command_steps, state_steps, 
         assert state.joint_age == pytest.approx(tick * 0.005 - sampled * 0.001, abs=1e-12)
 
 
-def test_a_motor_that_answers_commands_is_one_period_behind(small_robot):
-    """The plain case spelt out: on a bus without latency, tick k reads the answer to the command of tick k - 1."""
-    description = small_robot()
-    ideal, bus = MujocoRobot(description), MujocoRobot(description, state_sampling="on_command")
-    earlier = values(ideal.read()[0])
-    for command in commands(10):
-        ideal.write(command)
-        bus.write(command)
-        state = bus.read()[0]
-        assert values(state) == earlier
-        assert state.joint_age.tolist() == [0.005, 0.005]
-        earlier = values(ideal.read()[0])
-
-
 def test_reading_twice_gives_the_same_state(small_robot):
     robot = MujocoRobot(small_robot())
     robot.write(commands(1)[0])

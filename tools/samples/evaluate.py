@@ -34,7 +34,7 @@ from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.sinks import Sink
-from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
+from humanoid_sim.simulation.kinematics import InverseKinematics
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.stack import build_supervisor
 from tools.samples import EvaluateConfig

@@ -15,8 +15,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.motion import Motion, body_frames, write_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.simulation.inverse_kinematics import InverseKinematics
-from humanoid_sim.simulation.kinematics import ForwardKinematics
+from humanoid_sim.simulation.kinematics import ForwardKinematics, InverseKinematics
 from tools.samples.arm import JOINT_SIGN
 
 __all__ = [

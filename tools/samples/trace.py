@@ -18,7 +18,7 @@ from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.policy.onnx_policy import onnx_runtime
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.robots.silence import mujoco_silenced
+from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from tools.samples import scales
 from tools.samples.motions import POLICY_DT, pose_a

@@ -15,8 +15,8 @@ from humanoid_sim.evaluation.tracking import errors_of_run
 from humanoid_sim.hardware.bus.frame import bus_load
 from humanoid_sim.messages import Mode, SessionHeader, TickRecord
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.recording.labels import Labels, read_labels
 from humanoid_sim.recording.shadow import ShadowStep, shadow_values
+from humanoid_sim.recording.topics import Labels, read_labels
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.stack import no_policy, recorded_motion, recorded_policy
 

@@ -141,15 +141,7 @@ class Draws:
     def __init__(
         self, randomisation: Randomisation, count: int, *, joints: int = 0, bodies: int = 0, carriers: int = 0
     ) -> None:
-        """Set up N environments, which are to be seeded.
-
-        Args:
-            randomisation: the ranges.
-            count: N.
-            joints: n.
-            bodies: of the model.
-            carriers: bodies that carry payload.
-        """
+        """Set up `count` environments, which are to be seeded; `carriers` is how many bodies carry payload."""
         self.randomisation = randomisation
         """The ranges."""
         self._keys = seed_keys(np.zeros(count, dtype=np.uint64))
@@ -178,10 +170,8 @@ class Draws:
     def next_episode(self, indices: IndexArray, amounts: Mapping[str, float] = FULL) -> None:
         """Begin the next episode of these environments.
 
-        Args:
-            indices: shape (k,).
-            amounts: by field, in [0, 1], how much of its extent is drawn from; 1 where it is not given. At 0 nothing
-                differs.
+        `amounts` says by field, in [0, 1], how much of its extent is drawn from; 1 where it is not given, and at 0
+        nothing differs.
         """
         self._episode[indices] += 1
         self._begin(indices, amounts)

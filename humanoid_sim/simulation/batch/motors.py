@@ -88,10 +88,8 @@ class BatchMotors:
         """Set up the line of commands under way.
 
         Args:
-            pool: the N models.
             steps: physics steps per command.
             differences: of the N robots; their arrays may change at any time.
-            draws: of the jitter.
             longest_delay: physics steps, beyond which no delay will ever be.
             jitter: physics steps, the greatest further delay.
         """
@@ -118,10 +116,9 @@ class BatchMotors:
         self._arrival[:, indices] = _LONG_AGO
 
     def send(self, command: MITCommand, step: IntArray, chosen: IndexArray | None) -> FloatArray:
-        """Take a command and give the controls of the physics steps until the next.
+        """Take a command, shape (N, n), finite, and give the controls of the physics steps until the next.
 
         Args:
-            command: shape (N, n), finite.
             step: shape (N,), commands since each environment's start.
             chosen: shape (k,), the environments for which time goes on; None for all.
 

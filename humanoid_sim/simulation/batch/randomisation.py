@@ -86,11 +86,7 @@ class Randomisation:
     """s: there is one push in each such stretch of time, at a moment that is drawn."""
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InputError: naming the field, its value and what is accepted.
-        """
+        """Check every field. Raises `InputError` naming the field, its value and what is accepted."""
         for field in fields(self):
             value, is_range = getattr(self, field.name), isinstance(field.default, tuple)
             bounds = value if is_range and isinstance(value, Sequence) else (value,)
@@ -120,8 +116,7 @@ class Randomisation:
     def of(cls, values: Randomisation | Mapping[str, Any] | None) -> Randomisation:
         """Return the randomisation itself, one with these fields, or one without any differences for None.
 
-        Raises:
-            InputError: there is no such field, or it is not what it should be.
+        Raises `InputError` where there is no such field, or it is not what it should be.
         """
         if isinstance(values, Randomisation):
             return values

@@ -25,8 +25,7 @@ from humanoid_sim.mit import (
 )
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch.draws import Draws
-from humanoid_sim.simulation.batch.physics import BatchPhysics, PhysicalStates
-from humanoid_sim.simulation.batch.variation import gravity_turns
+from humanoid_sim.simulation.batch.physics import BatchPhysics, PhysicalStates, gravity_turns
 from humanoid_sim.simulation.floating_base import BaseState
 from humanoid_sim.simulation.height_scan import HeightScanner
 from humanoid_sim.simulation.keys import PianoKeys
@@ -96,17 +95,7 @@ class BatchSensors:
         height_scan: HeightScan | None = None,
         bodies: Sequence[str],
     ) -> None:
-        """Build the model that measures.
-
-        Args:
-            physics: of the N robots.
-            description: the robot.
-            addresses: of its joints.
-            draws: of differences and noise.
-            anchor_body: MJCF body whose pose the state reports; empty for none.
-            velocity_at: `imu`, or MJCF sites, whose velocity the state reports.
-            height_scan: of the ground, which the state reports; None for none.
-            bodies: MJCF bodies whose poses can be asked for.
+        """Build the model that measures, of `bodies` the poses; the rest as `live_inputs` takes it.
 
         Raises:
             InputError: a body is not in the model.
@@ -149,11 +138,9 @@ class BatchSensors:
     def read(
         self, states: PhysicalStates, measured: FloatArray, effort: FloatArray, base: BaseState | None
     ) -> MITState:
-        """Return the true state of N robots at these states.
+        """Return the true state of N robots at these states, of which `measured` is what `measure` gave.
 
         Args:
-            states: of the robots.
-            measured: from `measure` of them.
             effort: shape (N, n), N·m.
             base: pose and motion of floating bases then.
         """
@@ -209,12 +196,7 @@ class BatchSensors:
         return measured[:, 10:13].copy()
 
     def disturb(self, state: MITState, step: npt.NDArray[np.int64]) -> MITState:
-        """Return what the sensors make of the true state.
-
-        Args:
-            state: from `read`.
-            step: shape (N,), which report since the environment's start this is.
-        """
+        """Return what the sensors make of the true state; `step`, shape (N,), counts reports since each start."""
         own, noise = self.differences, self._draws.randomisation
         if noise.is_biased:
             state = replace(

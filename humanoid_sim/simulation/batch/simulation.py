@@ -14,15 +14,13 @@ from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.rates import steps_per_period
-from humanoid_sim.robots.silence import mujoco_silenced
+from humanoid_sim.robots.mjcf import mujoco_silenced
+from humanoid_sim.robots.rates import delay_steps, steps_per_period
 from humanoid_sim.simulation.batch.draws import FULL, Draws
 from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
-from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool, usable_processors
+from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool, usable_processors, vary_models
 from humanoid_sim.simulation.batch.randomisation import Randomisation
 from humanoid_sim.simulation.batch.sensors import BatchSensors
-from humanoid_sim.simulation.batch.variation import vary_models
-from humanoid_sim.simulation.delay import delay_steps
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose, base_addresses
 from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
@@ -256,12 +254,7 @@ class BatchSimulation:
         self.reset(where)
 
     def redraw(self, indices: npt.ArrayLike | None = None, amounts: Mapping[str, float] = FULL) -> None:
-        """Draw the differences of some environments for their next episode; they are to be reset then.
-
-        Args:
-            indices: shape (k,), which; None for all.
-            amounts: as `reseed` takes them.
-        """
+        """Draw the differences of some environments for their next episode, as `reseed`; they are to be reset then."""
         where = np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
         self._draws.next_episode(where, amounts)
         self._draw_differences(where)
@@ -361,11 +354,8 @@ class BatchSimulation:
     def speed_up(self, velocity: FloatArray) -> None:
         """Change the velocity of whole robots at once, without a force: a push as legged_gym and Isaac Lab mean it.
 
-        Args:
-            velocity: shape (N, 3), m/s, world frame, by which all bodies of each robot move faster.
-
-        Raises:
-            RobotError: the base is fixed, or the simulation is closed.
+        `velocity`, shape (N, 3), m/s, world frame, is by how much all bodies of each robot move faster. Raises
+        `RobotError` if the base is fixed, or the simulation is closed.
         """
         self._check_open()
         if not self.description.is_floating:
@@ -418,10 +408,7 @@ class BatchSimulation:
         return replace(self._sensors.read(then, measured, effort, base), time=self._physics.time, joint_age=age)
 
     def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Return where the bodies truly are.
-
-        Args:
-            in_base: in the frame of the robot's base instead of the world's.
+        """Return where the bodies truly are, in the frame of the robot's base or in the world's.
 
         Returns:
             Positions (N, b, 3), m, and quaternions (N, b, 4), w x y z; new arrays.
@@ -458,13 +445,7 @@ class RandomPushes:
     """One push of `PUSH_DURATION` in each stretch of `push_interval`, at a moment and in a direction that are drawn."""
 
     def __init__(self, draws: Draws, mass: float, control_period: float) -> None:
-        """Set up.
-
-        Args:
-            draws: of the N environments; their randomisation has pushes.
-            mass: kg, of the robot as its model is.
-            control_period: s.
-        """
+        """Set up; the draws are of a randomisation with pushes, the mass, kg, is of the robot as its model is."""
         self._draws, self._mass, self._period = draws, mass, control_period
         self._interval = max(round(draws.randomisation.push_interval / control_period), 1)
         self._duration = min(max(round(PUSH_DURATION / control_period), 1), self._interval)
@@ -472,8 +453,7 @@ class RandomPushes:
     def wrench(self, step: npt.NDArray[np.int64]) -> FloatArray:
         """Force and torque in the control periods that begin now, shape (N, 6), N and N·m, world frame.
 
-        Args:
-            step: shape (N,), control periods since each environment's start.
+        `step`, shape (N,), counts control periods since each environment's start.
         """
         draws = self._draws
         stretch, since = np.divmod(step, self._interval)
@@ -497,19 +477,14 @@ class _BatchTouches:
     """Works out anew the contacts of the steps in which a key is down, which `mujoco.rollout` does not tell."""
 
     def __init__(self, pool: ModelPool, physics: BatchPhysics) -> None:
-        """For robots with a piano.
-
-        Raises:
-            InputError: they have none.
-        """
+        """Find the keys. Raises `InputError` where the robots have no piano."""
         self._pool, self._physics = pool, physics
         self._keys = PianoKeys(pool.nominal)
 
     def hardest(self) -> FloatArray:
-        """With which force the key of each robot that was touched hardest was, in the latest control period.
+        """Shape (N,), N, with which each robot touched a key hardest in the latest control period.
 
-        Returns:
-            Shape (N,), N, normal to the surfaces; 0 where none was touched, and where a robot stood still.
+        Normal to the surfaces; 0 where none was touched, and where a robot stood still.
         """
         found = np.zeros(len(self._physics.qpos))
         data = self._pool.room

@@ -32,6 +32,14 @@ def commands(robot, count, spread, seed=0):
     )
 
 
+def batch_of(robot, count, **options):
+    return BatchSimulation(robot, count, control_period=PERIOD, threads=1, **options)
+
+
+def alone(robot, **options):
+    return MujocoRobot(robot, control_period=PERIOD, actuation="affine", support=False, **options)
+
+
 def row(command, i):
     return MITCommand(*(getattr(command, name)[i] for name in COMMAND_FIELDS))
 
@@ -62,10 +70,7 @@ def test_each_robot_moves_as_it_would_alone(name, anchor, spread, threads):
     robot = load_robot(name)
     count = 3
     batch = BatchSimulation(robot, count, control_period=PERIOD, anchor_body=anchor, threads=threads)
-    singles = [
-        MujocoRobot(robot, control_period=PERIOD, actuation="affine", support=False, anchor_body=anchor)
-        for _ in range(count)
-    ]
+    singles = [alone(robot, anchor_body=anchor) for _ in range(count)]
     assert batch.extern == singles[0].extern
     for step in range(12):
         command = commands(robot, count, spread, seed=step)
@@ -87,9 +92,9 @@ def test_passive_damping_is_no_obstacle(tmp_path):
     damped = style.read_text().replace('frictionloss="0.1"/>', 'frictionloss="0.1" damping="0.5"/>')
     style.write_text(damped)
     robot = load_robot(tmp_path / "robots" / "lite_biped.yaml")
-    batch = BatchSimulation(robot, 1, control_period=PERIOD, threads=1)
+    batch = batch_of(robot, 1)
     assert batch.model(0).dof_damping.max() == 0.5
-    single = MujocoRobot(robot, control_period=PERIOD, actuation="affine", support=False)
+    single = alone(robot)
     for step in range(15):
         command = commands(robot, 1, 0.3, seed=step)
         batch.step(command)
@@ -99,8 +104,8 @@ def test_passive_damping_is_no_obstacle(tmp_path):
 
 def test_gains_may_differ_between_robots_and_change():
     robot = load_robot("lite")
-    batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1)
-    singles = [MujocoRobot(robot, control_period=PERIOD, actuation="affine") for _ in range(2)]
+    batch = batch_of(robot, 2)
+    singles = [alone(robot) for _ in range(2)]
     for step, factors in enumerate([(1.0, 1.0), (0.5, 0.8), (0.5, 0.2), (1.0, 1.0)]):
         plain = commands(robot, 2, 0.5, seed=step)
         stiffness = plain.stiffness * np.array(factors)[:, None]
@@ -114,10 +119,8 @@ def test_gains_may_differ_between_robots_and_change():
 @pytest.mark.parametrize("delay", [0.0005, 0.013, 0.02, 0.0475])
 def test_a_late_command_is_as_late_as_on_one_robot(delay):
     robot = load_robot("lite")
-    batch = BatchSimulation(
-        robot, 2, control_period=PERIOD, threads=1, randomisation=Randomisation(command_delay=(delay, delay))
-    )
-    single = MujocoRobot(robot, control_period=PERIOD, actuation="affine", command_delay=delay)
+    batch = batch_of(robot, 2, randomisation=Randomisation(command_delay=(delay, delay)))
+    single = alone(robot, command_delay=delay)
     # Gains do not arrive late in the batch, and one robot has none before its first command: effort alone shows when
     # a command takes effect.
     none = np.zeros((2, robot.joint_count))
@@ -132,10 +135,8 @@ def test_a_late_command_is_as_late_as_on_one_robot(delay):
 def test_a_late_report_is_as_late_as_on_one_robot(name, delay):
     robot, late = load_robot(name), Randomisation(state_delay=(delay, delay))
     anchor = "pelvis" if name == "lite_biped" else ""
-    batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1, randomisation=late, anchor_body=anchor)
-    single = MujocoRobot(
-        robot, control_period=PERIOD, actuation="affine", support=False, state_delay=delay, anchor_body=anchor
-    )
+    batch = batch_of(robot, 2, randomisation=late, anchor_body=anchor)
+    single = alone(robot, state_delay=delay, anchor_body=anchor)
     for step in range(6):
         assert_reports(batch.state(), 1, single.read()[0], 1e-9)
         command = commands(robot, 2, 0.2, seed=step)
@@ -151,10 +152,8 @@ def test_a_late_report_is_as_late_as_on_one_robot(name, delay):
 
 def test_until_the_first_command_arrives_the_start_is_held():
     robot = load_robot("lite")
-    late = BatchSimulation(
-        robot, 1, control_period=PERIOD, threads=1, randomisation=Randomisation(command_delay=(PERIOD, PERIOD))
-    )
-    punctual = BatchSimulation(robot, 1, control_period=PERIOD, threads=1)
+    late = batch_of(robot, 1, randomisation=Randomisation(command_delay=(PERIOD, PERIOD)))
+    punctual = batch_of(robot, 1)
     start = np.full((1, robot.joint_count), 0.1)
     late.reset(joint_position=start)
     punctual.reset(joint_position=start)
@@ -171,8 +170,8 @@ def test_until_the_first_command_arrives_the_start_is_held():
 def test_robots_outside_the_choice_stand_still_and_miss_nothing():
     robot = load_robot("lite_biped")
     delayed = Randomisation(command_delay=(0.03, 0.03))
-    both = BatchSimulation(robot, 2, control_period=PERIOD, threads=1, randomisation=delayed)
-    one = BatchSimulation(robot, 1, control_period=PERIOD, threads=1, randomisation=delayed)
+    both = batch_of(robot, 2, randomisation=delayed)
+    one = batch_of(robot, 1, randomisation=delayed)
     for step in range(6):
         command = commands(robot, 2, 0.2, seed=step)
         is_second = step % 2 == 1
@@ -190,7 +189,7 @@ def test_a_broken_simulation_stands_still_and_disturbs_nobody(tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)  # where MuJoCo would leave its MUJOCO_LOG.TXT
     robot = load_robot("lite")
     batch = BatchSimulation(robot, 4, control_period=PERIOD, threads=2)
-    alone = BatchSimulation(robot, 1, control_period=PERIOD, threads=1)
+    lone = batch_of(robot, 1)
     start = np.zeros((1, robot.joint_count))
     start_velocity = np.array([1e12] * robot.joint_count)
     batch.reset([1], joint_position=start, joint_velocity=start_velocity)
@@ -200,10 +199,10 @@ def test_a_broken_simulation_stands_still_and_disturbs_nobody(tmp_path, monkeypa
         position[2, 3] = np.nan if step == 1 else position[2, 3]
         before = batch.qpos.copy()
         batch.step(MITCommand(position, *(getattr(command, name) for name in COMMAND_FIELDS[1:])))
-        alone.step(MITCommand(*(getattr(command, name)[:1] for name in COMMAND_FIELDS)))
+        lone.step(MITCommand(*(getattr(command, name)[:1] for name in COMMAND_FIELDS)))
         assert batch.fault.tolist() == [False, True, step >= 1, False]
         np.testing.assert_array_equal(batch.qpos[1], before[1])
-        np.testing.assert_allclose(batch.qpos[0], alone.qpos[0], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(batch.qpos[0], lone.qpos[0], rtol=0, atol=1e-9)
         assert np.isfinite(batch.qpos).all()
     assert batch.steps.tolist() == [3, 0, 1, 3]
     batch.reset([1, 2])
@@ -231,7 +230,7 @@ def test_batches_in_several_threads_leave_the_handler_of_warnings_as_it_was():
 
 def test_every_robot_may_be_broken_at_once():
     robot = load_robot("lite")
-    batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1)
+    batch = batch_of(robot, 2)
     shape = (2, robot.joint_count)
     batch.step(MITCommand(*[np.full(shape, np.nan)] * 5))
     batch.step(commands(robot, 2, 0.5))
@@ -241,7 +240,7 @@ def test_every_robot_may_be_broken_at_once():
 
 def test_a_reset_forgets_everything():
     robot = load_robot("lite_biped")
-    batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1)
+    batch = batch_of(robot, 2)
     fresh = batch.state()
     for step in range(5):
         batch.step(commands(robot, 2, 0.3, seed=step))
@@ -253,14 +252,14 @@ def test_a_reset_forgets_everything():
         np.testing.assert_array_equal(getattr(batch.state(), name)[1], getattr(fresh, name)[1])
     batch.reset()
     batch.step(commands(robot, 2, 0.3, seed=7))
-    again = BatchSimulation(robot, 2, control_period=PERIOD, threads=1)
+    again = batch_of(robot, 2)
     again.step(commands(robot, 2, 0.3, seed=7))
     np.testing.assert_array_equal(batch.qpos, again.qpos)
 
 
 def test_starts():
     robot = load_robot("lite_biped")
-    batch = BatchSimulation(robot, 3, control_period=PERIOD, threads=1)
+    batch = batch_of(robot, 3)
     turned = MujocoRobot(robot, support=False, base_yaw=0.7)
     joints = np.linspace(0.0, 0.2, robot.joint_count)
     batch.reset(
@@ -278,8 +277,8 @@ def test_starts():
 
 def test_a_push_moves_what_it_pushes():
     robot = load_robot("lite_biped")
-    batch = BatchSimulation(robot, 3, control_period=PERIOD, threads=1)
-    foot = BatchSimulation(robot, 1, control_period=PERIOD, threads=1, push_body="left_foot")
+    batch = batch_of(robot, 3)
+    foot = batch_of(robot, 1, push_body="left_foot")
     still = commands(robot, 1, 0.0)
     command = MITCommand(*(getattr(still, name).repeat(3, axis=0) for name in COMMAND_FIELDS))
     wrench = np.zeros((3, 6))
@@ -295,7 +294,7 @@ def test_a_push_moves_what_it_pushes():
 
 def test_a_change_of_velocity_moves_the_whole_robot_at_once():
     robot = load_robot("lite_biped")
-    batch = BatchSimulation(robot, 2, control_period=PERIOD, threads=1)
+    batch = batch_of(robot, 2)
     batch.reset()
     qvel = batch.qvel.copy()
     batch.speed_up(np.array([[0.0, 0.0, 0.0], [0.4, -0.1, 0.0]]))
@@ -307,7 +306,7 @@ def test_a_change_of_velocity_moves_the_whole_robot_at_once():
     )
     batch.step(commands(robot, 2, 0.0))
     assert batch.qpos[1, 0] - batch.qpos[0, 0] > 0.005
-    fixed = BatchSimulation(load_robot("lite"), 1, control_period=PERIOD, threads=1)
+    fixed = batch_of(load_robot("lite"), 1)
     with pytest.raises(RobotError, match="has a fixed base, whose velocity does not change"):
         fixed.speed_up(np.zeros((1, 3)))
 

@@ -21,8 +21,8 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.onnx_policy import onnx_runtime
 from humanoid_sim.policy.song import playable, read_song, song_motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
+from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.robots.piano import TRIGGER, key_joint_names
-from humanoid_sim.robots.silence import mujoco_silenced
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
 __all__ = ["piano_run", "write_piano_trace"]
