@@ -129,7 +129,7 @@ def _learn(
     """Train to the end, for `limit` s, or until Ctrl-C. Returns the learner, and whether Ctrl-C ended it."""
     _show(f"making {config.robots} robots {subject.scenario.description.name} for the task {subject.task} …")
     envs = subject.environments(config.robots)
-    meter = EpisodeMeter(envs)
+    meter = EpisodeMeter(envs, resumed=folder.start is not None)
     spread = first_spread(subject.contract, is_floating=subject.scenario.description.is_floating)
     learner = kind(meter, spread, seed_of(config.seed, len(folder.rows)), folder.start)
     if folder.start is not None:
