@@ -1,11 +1,18 @@
+import json
 import os
+import random
+import subprocess
+import sys
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import exclusive_file, exclusive_folder, is_file, output_file, regular_file, whole_file
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.strict_yaml import read_yaml
 
 
 def refusal(path):
@@ -82,6 +89,72 @@ def test_a_block_that_raises_leaves_what_was_there(tmp_path):
         file.write("text")
     assert path.read_bytes() == b"before"
     assert list(tmp_path.iterdir()) == [path]
+
+
+_WRITERS = {
+    "report": """
+import itertools
+from humanoid_sim.play.report import write_summary
+for i in itertools.count():
+    write_summary(path, {"number": i, "values": [i] * 100_000})
+    ready()
+""",
+    "stamp": """
+from humanoid_sim.policy_tools import main
+while True:
+    main(["stamp", "lite_tracking", "--overwrite", "--output", str(path)])
+    ready()
+""",
+    "calibration": """
+from humanoid_sim.hardware.calibration import CalibrationEntry, save_calibration
+while True:
+    save_calibration(path, {f"joint_{i}": CalibrationEntry(i + 1, 1, 0.25) for i in range(60)})
+    ready()
+""",
+    "checkpoint": """
+import torch
+from humanoid_sim.files import whole_file
+while True:
+    with whole_file(path) as file:
+        torch.save({"weights": torch.ones(1_000_000)}, file)
+    ready()
+""",
+}
+_BEGIN = """
+import os, sys
+from pathlib import Path
+path = Path(sys.argv[1])
+out = os.dup(1)
+def ready():
+    os.write(out, b".")
+"""
+
+
+def _weights(path):
+    torch = pytest.importorskip("torch")
+    return bool((torch.load(path, weights_only=True)["weights"] == 1.0).all())
+
+
+_READERS = {
+    "report": lambda path: set(json.loads(path.read_text())["values"]) == {json.loads(path.read_text())["number"]},
+    "stamp": lambda path: load_checkpoint(path).golden,
+    "calibration": lambda path: len(read_yaml(path)) == 60,
+    "checkpoint": _weights,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", _WRITERS)
+def test_one_that_is_killed_leaves_the_old_file_or_the_new_one(name, tmp_path):
+    moments = random.Random(name)
+    path = tmp_path / "file.onnx"
+    for _ in range(6):
+        command = [sys.executable, "-c", _BEGIN + _WRITERS[name], str(path)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+            assert process.stdout.read(1), "it ended"
+            time.sleep(moments.uniform(0.0, 0.3))
+            process.kill()
+        assert _READERS[name](path)
 
 
 def test_a_good_output_is_returned_and_nothing_is_left(tmp_path):
