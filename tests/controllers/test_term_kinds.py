@@ -177,7 +177,7 @@ def test_its_bounds_hold_it(kind):
     assert (space.low < space.high).all()
     if kind.bounds is referenced_bounds:  # not so wide that a learner which scales by them sees nothing
         table = made.reference.terms[kind.name]
-        np.testing.assert_allclose(space.high[:width], max(1.0, np.abs(table).max()), rtol=1e-6)
+        np.testing.assert_allclose(space.high[:width], max(1.0, np.abs(table).max()), rtol=0.01)
 
 
 def test_the_check_says_what_it_needs_an_estimator_for(kind):

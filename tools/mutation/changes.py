@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-_PAIRS = {
+_PAIRS: dict[type[ast.AST], tuple[str, str]] = {
     **{ast.Add: ("+", "-"), ast.Sub: ("-", "+"), ast.Mult: ("*", "/"), ast.Div: ("/", "*")},
     **{ast.Lt: ("<", "<="), ast.LtE: ("<=", "<"), ast.Gt: (">", ">="), ast.GtE: (">=", ">")},
     **{ast.Eq: ("==", "!="), ast.NotEq: ("!=", "=="), ast.Is: ("is", "is not"), ast.IsNot: ("is not", "is")},
@@ -78,8 +78,8 @@ class _File:
             case ast.BoolOp(kind, [left, right, *_]):
                 yield from self._operator(left, kind, right)
             case ast.Compare(first, kinds, others):
-                for left, kind, right in zip((first, *others), kinds, others, strict=False):
-                    yield from self._operator(left, kind, right)
+                for before, compared, after in zip((first, *others), kinds, others, strict=False):
+                    yield from self._operator(before, compared, after)
             case ast.UnaryOp(ast.USub()):
                 yield self._at(node)[0], self._at(node)[0] + 1, b" "
             case ast.UnaryOp(ast.Not()):
