@@ -92,64 +92,40 @@ def test_a_block_that_raises_leaves_what_was_there(tmp_path):
 
 
 _WRITERS = {
-    "report": """
-import itertools
-from humanoid_sim.play.report import write_summary
-for i in itertools.count():
-    write_summary(path, {"number": i, "values": [i] * 100_000})
-    ready()
-""",
-    "stamp": """
-from humanoid_sim.policy_tools import main
-while True:
-    main(["stamp", "lite_tracking", "--overwrite", "--output", str(path)])
-    ready()
-""",
-    "calibration": """
-from humanoid_sim.hardware.calibration import CalibrationEntry, save_calibration
-while True:
-    save_calibration(path, {f"joint_{i}": CalibrationEntry(i + 1, 1, 0.25) for i in range(60)})
-    ready()
-""",
-    "checkpoint": """
-import torch
-from humanoid_sim.files import whole_file
-while True:
-    with whole_file(path) as file:
-        torch.save({"weights": torch.ones(1_000_000)}, file)
-    ready()
-""",
+    "report": "write_summary(path, {'number': i, 'values': [i] * 100_000})",
+    "stamp": "main(['stamp', 'lite_tracking', '--overwrite', '--output', str(path)])",
+    "calibration": "save_calibration(path, {f'joint_{k}': CalibrationEntry(k + 1, 1, 0.25) for k in range(60)})",
+    "checkpoint": "torch.save({'weights': torch.ones(1_000_000)}, stack.enter_context(whole_file(path)))",
 }
-_BEGIN = """
-import os, sys
-from pathlib import Path
-path = Path(sys.argv[1])
-out = os.dup(1)
-def ready():
-    os.write(out, b".")
-"""
-
-
-def _weights(path):
-    torch = pytest.importorskip("torch")
-    return bool((torch.load(path, weights_only=True)["weights"] == 1.0).all())
-
-
+_IMPORTS = {
+    "report": "from humanoid_sim.play.report import write_summary",
+    "stamp": "from humanoid_sim.policy_tools import main",
+    "calibration": "from humanoid_sim.hardware.calibration import CalibrationEntry, save_calibration",
+    "checkpoint": "import torch; from humanoid_sim.files import whole_file",
+}
 _READERS = {
     "report": lambda path: set(json.loads(path.read_text())["values"]) == {json.loads(path.read_text())["number"]},
     "stamp": lambda path: load_checkpoint(path).golden,
     "calibration": lambda path: len(read_yaml(path)) == 60,
-    "checkpoint": _weights,
+    "checkpoint": lambda path: pytest.importorskip("torch").load(path, weights_only=True)["weights"].sum() == 1e6,
 }
+_PROGRAM = """
+import contextlib, itertools, os, sys; from pathlib import Path
+path, out = Path(sys.argv[1]), os.dup(1)
+for i in itertools.count():
+    with contextlib.ExitStack() as stack:
+        {}
+    os.write(out, b".")
+"""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", _WRITERS)
 def test_one_that_is_killed_leaves_the_old_file_or_the_new_one(name, tmp_path):
-    moments = random.Random(name)
-    path = tmp_path / "file.onnx"
+    moments, path = random.Random(name), tmp_path / "file.onnx"
+    program = _IMPORTS[name] + _PROGRAM.format(_WRITERS[name])
     for _ in range(6):
-        command = [sys.executable, "-c", _BEGIN + _WRITERS[name], str(path)]
+        command = [sys.executable, "-c", program, str(path)]
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
             assert process.stdout.read(1), "it ended"
             time.sleep(moments.uniform(0.0, 0.3))

@@ -14,7 +14,7 @@ _PAIRS: dict[type[ast.AST], tuple[str, str]] = {
     **{ast.In: ("in", "not in"), ast.NotIn: ("not in", "in"), ast.And: ("and", "or"), ast.Or: ("or", "and")},
 }
 """An operator, and the one in its place."""
-_SYMMETRIC = {"min", "max", "minimum", "maximum", "hypot", "isclose", "array_equal", "allclose"}
+_SYMMETRIC = {"min", "max", "minimum", "maximum", "add", "multiply", "hypot", "isclose", "array_equal", "allclose"}
 """Functions whose first two arguments may change places."""
 _ASIDE = {"strict", "dtype", "daemon", "name", "copy", "exist_ok", "flush", "end", "file", "stacklevel"}
 """Keywords whose values decide nothing about motion."""
@@ -87,10 +87,10 @@ class _File:
             case ast.Constant(int(value) | float(value)):
                 yield *self._at(node), repr(_other(value)).encode()
             case ast.Call(called, [first, second, *_]) if ast.unparse(called).rpartition(".")[-1] not in _SYMMETRIC:
-                (start, middle), (after, end) = self._at(first), self._at(second)
-                texts = self._source[start:middle], self._source[after:end]
+                (start, middle), (begin, end) = self._at(first), self._at(second)
+                texts = self._source[start:middle], self._source[begin:end]
                 if texts[0] != texts[1] and b"*" not in (texts[0][:1], texts[1][:1]):
-                    yield start, end, texts[1] + self._source[middle:after] + texts[0]
+                    yield start, end, texts[1] + self._source[middle:begin] + texts[0]
             case ast.Expr(ast.Call()) | ast.AugAssign():
                 yield *self._at(node), b"pass"
             case ast.Assign([ast.Attribute() | ast.Subscript()]) if function[-1:] != ("__init__",):

@@ -46,12 +46,7 @@ class EpisodeMeter(RecordEpisodeStatistics):
     """Gymnasium's statistics of the latest N episodes of N robots, and how many of them failed."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], *, resumed: bool = False) -> None:
-        """Watch `env`, which starts episodes in the step that ends the last ones.
-
-        Args:
-            env: that is watched.
-            resumed: in the middle of a training; until every robot has ended an episode, only short ones are known.
-        """
+        """Watch `env`, which starts episodes in the step that ends the last ones."""
         super().__init__(env, buffer_length=env.num_envs)
         self._missing = np.full(env.num_envs, resumed)
         self._failures: deque[bool] = deque(maxlen=env.num_envs)
@@ -68,7 +63,7 @@ class EpisodeMeter(RecordEpisodeStatistics):
     def means(self) -> tuple[float, float, float]:
         """Return mean return and length, and the share that failed; NaN before any episode has ended.
 
-        After a resumption NaN until every robot has ended one.
+        Once resumed, NaN until every robot has ended one: until then only the short ones are known.
         """
         if self._missing.any():
             return math.nan, math.nan, math.nan
