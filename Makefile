@@ -17,7 +17,7 @@ twice = $(1) || $(1)
 # The tests start hundreds of Pythons. Where bytecode is not kept, as containers often ask for, each compiles the package again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: play test test-slow test-train test-lerobot test-ros test-peers docs picture notebooks bench lint format types train train-walking train-piano clean
+.PHONY: play test test-slow test-train test-lerobot test-ros test-peers test-mutants docs picture notebooks bench lint format types train train-walking train-piano clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -47,6 +47,9 @@ test-ros: $(VENV)/test.done $(VENV)/dds.done $(ROS)/interfaces.done  ## with ROS
 
 test-peers: $(VENV)/test.done $(PEERS)/exports.done  ## with what mjlab and rsl_rl really export; installs about 2 GB at the first time
 	$(BIN)/python -m pytest -m peers tests/peers $(ARGS)
+
+test-mutants: $(VENV)/test.done  ## change what decides about motion, 60 small things, and run its tests; ARGS: --count, --seed, --part, --list
+	$(BIN)/python -m tools.mutation $(ARGS)
 
 docs: $(VENV)/docs.done  ## the documentation as a site, in build/site, its links checked
 	$(BIN)/python docs/build.py

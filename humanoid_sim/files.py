@@ -134,6 +134,28 @@ def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> i
     return file
 
 
+@contextmanager
+def exclusive_folder(path: Path, what: str) -> Iterator[None]:
+    """Make a folder, unless it is there, that nobody else has from here until the block ends.
+
+    Args:
+        path: of the folder.
+        what: it is, for messages, such as the option that names it.
+
+    Raises:
+        InputError: it cannot be made or written, or another process has it.
+    """
+    lock = path / ".lock"
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{what}: '{path}' cannot be made a folder: {error.strerror}") from None
+    if _is_being_written(lock):
+        raise InputError(f"{what}: '{path}' {_WRITTEN}")
+    with exclusive_file(lock):
+        yield
+
+
 _WRITTEN = "is being written by another session; choose another name"
 
 

@@ -1,11 +1,18 @@
+import json
 import os
+import random
+import subprocess
+import sys
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import exclusive_file, is_file, output_file, regular_file, whole_file
+from humanoid_sim.files import exclusive_file, exclusive_folder, is_file, output_file, regular_file, whole_file
+from humanoid_sim.policy.checkpoint import load_checkpoint
+from humanoid_sim.strict_yaml import read_yaml
 
 
 def refusal(path):
@@ -84,6 +91,48 @@ def test_a_block_that_raises_leaves_what_was_there(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+_WRITERS = {
+    "report": "write_summary(path, {'number': i, 'values': [i] * 100_000})",
+    "stamp": "main(['stamp', 'lite_tracking', '--overwrite', '--output', str(path)])",
+    "calibration": "save_calibration(path, {f'joint_{k}': CalibrationEntry(k + 1, 1, 0.25) for k in range(60)})",
+    "checkpoint": "torch.save({'weights': torch.ones(1_000_000)}, stack.enter_context(whole_file(path)))",
+}
+_IMPORTS = {
+    "report": "from humanoid_sim.play.report import write_summary",
+    "stamp": "from humanoid_sim.policy_tools import main",
+    "calibration": "from humanoid_sim.hardware.calibration import CalibrationEntry, save_calibration",
+    "checkpoint": "import torch; from humanoid_sim.files import whole_file",
+}
+_READERS = {
+    "report": lambda path: set(json.loads(path.read_text())["values"]) == {json.loads(path.read_text())["number"]},
+    "stamp": lambda path: load_checkpoint(path).golden,
+    "calibration": lambda path: len(read_yaml(path)) == 60,
+    "checkpoint": lambda path: pytest.importorskip("torch").load(path, weights_only=True)["weights"].sum() == 1e6,
+}
+_PROGRAM = """
+import contextlib, itertools, os, sys; from pathlib import Path
+path, out = Path(sys.argv[1]), os.dup(1)
+for i in itertools.count():
+    with contextlib.ExitStack() as stack:
+        {}
+    os.write(out, b".")
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", _WRITERS)
+def test_one_that_is_killed_leaves_the_old_file_or_the_new_one(name, tmp_path):
+    moments, path = random.Random(name), tmp_path / "file.onnx"
+    program = _IMPORTS[name] + _PROGRAM.format(_WRITERS[name])
+    for _ in range(6):
+        command = [sys.executable, "-c", program, str(path)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+            assert process.stdout.read(1), "it ended"
+            time.sleep(moments.uniform(0.0, 0.3))
+            process.kill()
+        assert _READERS[name](path)
+
+
 def test_a_good_output_is_returned_and_nothing_is_left(tmp_path):
     assert output_file(str(tmp_path / "run.MP4"), "video", ".mp4") == tmp_path / "run.MP4"
     assert output_file(tmp_path / "run", "video") == tmp_path / "run"
@@ -109,6 +158,22 @@ def test_a_bad_output_is_refused(tmp_path, name, message):
     with pytest.raises(InputError, match=message):
         output_file(tmp_path / name, "video", ".mp4", ".mov", overwrite=False)
     assert output_file(tmp_path / "there.mp4", "video") == tmp_path / "there.mp4"
+
+
+def test_a_folder_has_one_owner_at_a_time(tmp_path):
+    path = tmp_path / "deep" / "run"
+    with exclusive_folder(path, "--folder"):
+        told = r"^--folder: '.*run' is being written by another session; choose another name$"
+        with pytest.raises(InputError, match=told), exclusive_folder(path, "--folder"):
+            pass
+    with exclusive_folder(path, "--folder"):
+        assert path.is_dir()
+    (tmp_path / "taken").touch()
+    with (
+        pytest.raises(InputError, match=r"^--folder: '.*taken' cannot be made a folder: File exists$"),
+        exclusive_folder(tmp_path / "taken", "--folder"),
+    ):
+        pass
 
 
 def test_a_folder_that_takes_no_files_is_refused(tmp_path):

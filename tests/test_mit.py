@@ -410,3 +410,8 @@ def test_extern_is_zero_when_too_old(time, arrival, timeout, alive):
 def test_extern_never_raises_and_never_invents(value, arrival, time):
     at = mit.Extern(value, arrival, 0.5).at(time)
     assert at.tobytes() in (value.tobytes(), np.zeros(3).tobytes())
+
+
+def test_velocities_of_points_are_called_what_recordings_call_them():
+    names = [mit.point_velocity(point) for point in (mit.BASE, mit.IMU, "head")]
+    assert names == ["base_linear_velocity", "base_linear_velocity_at_imu", "base_linear_velocity_at_head"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.envs.tasks.reward_terms import RewardTerm, checked_terms, finite, term_value
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, known_names, reason_of
 from humanoid_sim.evaluation.errors import total
 from humanoid_sim.evaluation.failure import describe_fall, has_fallen
 from humanoid_sim.evaluation.rollout import StepSample
@@ -196,7 +197,7 @@ class Task(ABC):
 
     def judge(self, sample: StepSample) -> Judgement:
         """Reward, and whether the episode is over."""
-        values, terminated = self._measure(sample)
+        values, terminated = self._checked(sample)
         change = sample.action - sample.previous_action
         share = sample.torque * self._inverse_effort
         q = sample.state.joint_position
@@ -213,6 +214,33 @@ class Task(ABC):
         terms = {name: self._rate[name] * value for name, value in values.items()}
         reward = sum(terms.values(), start=np.zeros(()))  # one after the other: a batch adds in the same order
         return Judgement(reward, terms, terminated, self._is_over(sample))
+
+    def _checked(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
+        """Return what `_measure` does, which may be a user's.
+
+        Raises:
+            InputError: it fails, or does not give what it is to give; the line says where.
+        """
+        name, shape = type(self).__name__, sample.torque.shape[:-1]
+        try:
+            values, terminated = self._measure(sample)
+            for term, value in values.items():
+                if term not in self._rate:
+                    raise InputError(f"task: {name}.WEIGHTS: {known_names('reward term', term, self._rate)}")
+                if np.shape(value) != shape:
+                    raise InputError(f"task: {name}: '{term}' has shape {np.shape(value)}, expected {shape}")
+            if np.shape(terminated) != shape or np.asarray(terminated).dtype != np.bool_:
+                raise InputError(f"task: {name}: says {terminated!r} of failure, expected bools of shape {shape}")
+        except InputError:
+            raise
+        except Exception as error:
+            _, *inner = traceback.extract_tb(error.__traceback__)
+            place = f" at {inner[0].filename}:{inner[0].lineno}" if inner else ""
+            raise InputError(
+                f"task: {name} fails{place}: {type(error).__name__}: {reason_of(error)}; its samples have "
+                f"{sample.body_position.shape[-2]} bodies and {'no' if sample.base is None else 'a'} base"
+            ) from error
+        return values, terminated
 
     def describe_failure(self, sample: StepSample, i: int) -> str:
         """Return why robot `i` of a batch has failed in a step that `judge` terminated."""

@@ -230,7 +230,11 @@ class OnnxPolicy:
         self._frame_type = np.float32 if time_step is None else _NUMBERS[time_step.type]
 
     def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
-        """One inference."""
+        """One inference, of one robot."""
+        if observation.ndim != 1:
+            raise InputError(
+                f"observation: has shape {observation.shape}, expected (N,): a policy answers one robot at a time"
+            )
         action: npt.NDArray[np.float32] = self.run([self.action_name], observation, frame)[0][0]
         return action
 

@@ -153,6 +153,8 @@ def _from_cache(run_path: str, name: str | None, folder: Path, reason: str) -> t
 
 def _download(run_path: str, file: Any, folder: Path) -> None:
     target = folder / file.name
+    if ".." in Path(file.name).parts or Path(file.name).is_absolute():  # whatever the run's owner called it
+        raise InputError(f"--wandb-run-path: run {run_path} has a file '{file.name}', expected a name inside a folder")
     if target.is_file() and _is_same(target, file):
         return
     incoming = folder / f".incoming-{os.getpid()}"

@@ -65,6 +65,14 @@ def test_a_pickled_contract_is_the_same_and_read_only():
         ({"lookahead_steps": (1, -1)}, r"lookahead_steps: is \(1, -1\), expected integers >= 0"),
         ({"lookahead_steps": (1.5,)}, r"lookahead_steps: is \(1.5,\), expected integers >= 0"),
         ({"lookahead_steps": (True,)}, r"lookahead_steps: is \(True,\), expected integers >= 0"),
+        (
+            {"effort_limit": [5.0, -1.0, 5.0]},
+            r"effort_limit: is \[5.0, -1.0, 5.0\], expected a number > 0 for each of 3",
+        ),
+        (
+            {"effort_limit": [5.0, 5.0]},
+            r"effort_limit: is \[5.0, 5.0\], expected a number > 0 for each of 3 joints, or",
+        ),
         ({"action_clip": 0.0}, "action_clip: is 0.0, expected a number > 0"),
         ({"action_offset": [0.0]}, r"action_offset: has shape \(1,\), expected \(2,\)"),
         (

@@ -117,6 +117,7 @@ def test_what_no_single_fault_explains_is_only_told():
     memory = judged(signs(), *[hanging(0.1 * k, effort=wrong) for k in range(3)])
     assert memory.refusal == ""
     assert "no single direction or offset explains that" in memory.notice
+    assert (memory.verdict == UNDECIDED).all(), "no joint of it agrees with gravity"
 
 
 def test_what_is_within_the_tolerance_accuses_nobody():

@@ -12,7 +12,7 @@ from humanoid_sim.controllers import term_kinds
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.controllers.term_kinds import TERM_KINDS, TERM_NAMES, TermKind, term_kind
-from humanoid_sim.controllers.term_values import joint_names
+from humanoid_sim.controllers.term_values import joint_names, referenced_bounds
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.edits import RobotFacts
 from humanoid_sim.doctor.hypotheses import singles
@@ -175,6 +175,9 @@ def test_its_bounds_hold_it(kind):
     inside = np.abs(samples.observation[:, :width]) <= np.maximum(np.abs(space.low), np.abs(space.high))[:width]
     assert inside.all()
     assert (space.low < space.high).all()
+    if kind.bounds is referenced_bounds:  # not so wide that a learner which scales by them sees nothing
+        table = made.reference.terms[kind.name]
+        np.testing.assert_allclose(space.high[:width], max(1.0, np.abs(table).max()), rtol=0.01)
 
 
 def test_the_check_says_what_it_needs_an_estimator_for(kind):

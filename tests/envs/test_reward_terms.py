@@ -1,10 +1,14 @@
 """A user's own reward terms: refused when they are made where that can be, else in the step that shows it."""
 
+import re
+from typing import ClassVar
+
 import gymnasium
 import numpy as np
 import pytest
 
 from humanoid_sim.envs.tasks.reward_terms import checked_terms, require_finite
+from humanoid_sim.envs.tasks.task import Task
 from humanoid_sim.errors import InputError
 
 ID = "humanoid_sim/LiteTracking-v0"
@@ -103,3 +107,42 @@ def test_a_fault_is_no_error_whatever_the_terms_are_then():
     _, reward, terminated, _, info = env.step(action)
     assert (terminated.tolist(), reward[1]) == ([False, True], 0.0)
     assert info["fault"][1]
+
+
+class OwnTask(Task):
+    """`GIVEN` makes of a sample what the task gives."""
+
+    WEIGHTS: ClassVar = {"own": 1.0, **Task.WEIGHTS}
+    GIVEN: ClassVar = None
+
+    def _measure(self, sample):
+        return type(self).GIVEN(sample)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (
+            lambda sample: sample.body_position[..., 0, 2],
+            rf"^task: OwnTask fails at {re.escape(__file__)}:\d+: IndexError: index 0 is out of bounds for axis 1 with "
+            "size 0; its samples have 0 bodies and a base$",
+        ),
+        (lambda sample: sample.alignment.yaw, "fails at .*: AttributeError: 'NoneType' object has no attribute 'yaw'"),
+        (lambda _: None, "OwnTask fails: TypeError: cannot unpack non-iterable NoneType object"),
+        (lambda sample: ({"owm": sample.step}, sample.step > 9), r"WEIGHTS: unknown reward term 'owm'; known: own, "),
+        (
+            lambda sample: ({"own": sample.action}, sample.step > 9),
+            r"^task: OwnTask: 'own' has shape \(3, 14\), expected \(3,\)$",
+        ),
+        (lambda sample: ({"own": sample.step}, False), r"says False of failure, expected bools of shape \(3,\)$"),
+        (lambda sample: ({"own": sample.step}, sample.step * 0.0), r"of failure, expected bools of shape \(3,\)$"),
+    ],
+    ids=["bodies", "alignment", "nothing", "name", "shape", "one", "numbers"],
+)
+def test_a_task_of_the_user_s_that_fails_is_one_line(given, told, monkeypatch):
+    monkeypatch.setattr(OwnTask, "GIVEN", staticmethod(given))
+    envs = gymnasium.make_vec("humanoid_sim/BipedVelocity-v0", num_envs=3, threads=1, task=OwnTask)
+    envs.reset(seed=0)
+    with pytest.raises(InputError, match=told):
+        envs.step(np.zeros((3, 14), dtype=np.float32))
+    envs.close()

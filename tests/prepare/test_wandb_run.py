@@ -61,6 +61,8 @@ def test_a_run_whose_checkpoint_is_an_artifact(service):
     [
         (["model_3.pt"], None, r"has no \.onnx file \(export the checkpoint\); it has: model_3\.pt"),
         (["a.onnx", "b.onnx"], None, r"has several \.onnx files; choose with --wandb-file: a\.onnx, b\.onnx"),
+        (["../a.onnx"], None, r"has a file '\.\./a\.onnx', expected a name inside a folder"),
+        (["/a.onnx"], None, r"has a file '/a\.onnx', expected a name inside a folder"),
         (["a.onnx"], "c.onnx", r"--wandb-file: run lab/arms/7xk2 has no 'c\.onnx'; it has: a\.onnx"),
     ],
 )

@@ -11,7 +11,7 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import ANCHOR_POSE, BASE_LINEAR_VELOCITY, MITCommand
 from humanoid_sim.robots.description import RobotDescription, load_robot
-from humanoid_sim.simulation.floating_base import BaseState, StartPose, support_in_mode
+from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose, base_addresses, support_in_mode
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.sensors import Imu
@@ -344,3 +344,15 @@ class TestLift:
         support_in_mode(robot, Mode.STANDBY)
         run(robot, 0.5)
         assert base_of(robot).height == pytest.approx(low, abs=1e-3)
+
+
+def test_a_base_that_stands_on_another_axis_is_upright_there():
+    biped = load_robot("lite_biped")
+    model = build_model(biped)
+    _, quaternion, *_ = base_addresses(model, biped)
+    model.qpos0[quaternion] = [np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0]  # its x axis points down
+    observer = BaseObserver(model, biped)
+    assert observer.at(model.qpos0, np.zeros(model.nv)).tilt == pytest.approx(0.0, abs=1e-6)
+    lying = model.qpos0.copy()
+    lying[quaternion] = [1.0, 0.0, 0.0, 0.0]
+    assert observer.at(lying, np.zeros(model.nv)).tilt == pytest.approx(np.pi / 2)

@@ -45,9 +45,10 @@ class Update:
 class EpisodeMeter(RecordEpisodeStatistics):
     """Gymnasium's statistics of the latest N episodes of N robots, and how many of them failed."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], *, resumed: bool = False) -> None:
         """Watch `env`, which starts episodes in the step that ends the last ones."""
         super().__init__(env, buffer_length=env.num_envs)
+        self._missing = np.full(env.num_envs, resumed)
         self._failures: deque[bool] = deque(maxlen=env.num_envs)
         self._info: dict[str, Any] = {}
 
@@ -56,10 +57,16 @@ class EpisodeMeter(RecordEpisodeStatistics):
         result = super().step(actions)
         _, _, terminated, truncated, self._info = result
         self._failures.extend(terminated[terminated | truncated])
+        self._missing &= ~(terminated | truncated)
         return result
 
     def means(self) -> tuple[float, float, float]:
-        """Return mean return and length, and the share that failed; NaN before any episode has ended."""
+        """Return mean return and length, and the share that failed; NaN before any episode has ended.
+
+        Once resumed, NaN until every robot has ended one: until then only the short ones are known.
+        """
+        if self._missing.any():
+            return math.nan, math.nan, math.nan
         queues = self.return_queue, self.length_queue, self._failures
         mean_return, mean_length, failed = (float(np.mean(queue)) if queue else math.nan for queue in queues)
         return mean_return, mean_length, failed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -115,6 +116,22 @@ def reading(checkpoint: Path) -> Iterator[None]:
             f"--resume: '{checkpoint}' is damaged, or holds more than arrays and numbers, which is not run: "
             f"{type(error).__name__}"
         ) from None
+
+
+def require_sound(optimiser: Any, *networks: Any) -> None:
+    """Try one step of what was read, on a copy: what would fail in an update only is found here.
+
+    Raises:
+        Exception: whatever PyTorch makes of a state that does not fit; a ValueError for numbers that are not finite.
+    """
+    trial = copy.deepcopy(optimiser)
+    tried = [weights for group in trial.param_groups for weights in group["params"]]
+    for weights in tried:
+        weights.grad = weights.detach() * 0.0
+    trial.step()
+    read = [value for network in networks for value in network.state_dict().values()]
+    if not all(bool(value.isfinite().all()) for value in (*read, *tried)):
+        raise ValueError("is not finite")
 
 
 def learner_class(algorithm: str) -> type[Learner]:

@@ -15,7 +15,7 @@ from rsl_rl.runners import OnPolicyRunner
 from humanoid_sim.envs.rsl_rl import RslRlVecEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.training.ppo.journal import Update
-from humanoid_sim.training.ppo.learner import SETTINGS, Actor, Float32Array, Learner, reading
+from humanoid_sim.training.ppo.learner import SETTINGS, Actor, Float32Array, Learner, reading, require_sound
 
 
 def actor_of(runner: Any) -> Actor:
@@ -91,6 +91,7 @@ class RslRlLearner(Learner):
                 known = torch.load(start, weights_only=True)
                 self.model.alg.load(known, None, strict=True)
                 self.steps = int(known["infos"]["steps"])
+                require_sound(self.model.alg.optimizer, self.model.alg.actor, self.model.alg.critic)
 
     def update(self) -> Update:
         """See `Learner.update`."""

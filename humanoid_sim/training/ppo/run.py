@@ -20,7 +20,7 @@ import numpy as np
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.controllers.base import RL_POLICY
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import is_file, output_file, whole_file
+from humanoid_sim.files import exclusive_folder, is_file, output_file, whole_file
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.regress.options import RegressConfig
@@ -48,6 +48,7 @@ _VIDEO_SECONDS = 8.0
 _VIDEO_SHARE = 0.5
 """Share of the greatest forward command in it, for a policy that walks."""
 _VIDEO_SIZE = 640, 360
+_RUN = "run.json"
 
 
 def train(config: TrainConfig) -> int:
@@ -63,6 +64,13 @@ def train(config: TrainConfig) -> int:
     path = Path(config.folder or f"runs/train/{name}")
     horizon = None if config.resume or config.curriculum is None else config.steps  # the run's that is resumed, if any
     told = {**subject.told, "curriculum_steps": config.curriculum_steps or horizon}
+    if config.resume and not is_file(path / _RUN):
+        raise InputError(f"--resume: '{path}' has no run to go on with, expected a folder of `train`")
+    with exclusive_folder(path, "--folder"):
+        return _train(config, subject, path, kind, told)
+
+
+def _train(config: TrainConfig, subject: Subject, path: Path, kind: type[Learner], told: Mapping[str, Any]) -> int:
     folder = RunFolder(path, config, told, kind.SUFFIX)
     output = output_file(Path(config.output) if config.output else path / "policy.onnx", "--output", ".onnx")
     limit = float("inf") if config.minutes is None else 60.0 * config.minutes
@@ -121,7 +129,7 @@ def _learn(
     """Train to the end, for `limit` s, or until Ctrl-C. Returns the learner, and whether Ctrl-C ended it."""
     _show(f"making {config.robots} robots {subject.scenario.description.name} for the task {subject.task} …")
     envs = subject.environments(config.robots)
-    meter = EpisodeMeter(envs)
+    meter = EpisodeMeter(envs, resumed=folder.start is not None)
     spread = first_spread(subject.contract, is_floating=subject.scenario.description.is_floating)
     learner = kind(meter, spread, seed_of(config.seed, len(folder.rows)), folder.start)
     if folder.start is not None:
@@ -189,29 +197,23 @@ class RunFolder:
     """Folder of a run: `run.json`, which says what it is a run of, and its checkpoint."""
 
     def __init__(self, path: Path, config: TrainConfig, subject: Mapping[str, Any], suffix: str) -> None:
-        """Begin a run, or find the checkpoint of the one to resume.
+        """Begin a run in a folder that is there, or find the checkpoint of the one to resume.
 
         Args:
             subject: what options came to that name a file, a class or a default, by option, as plain values.
 
         Raises:
-            InputError: it cannot be made, it has a checkpoint that is not to be resumed, or one of another run.
+            InputError: it cannot be written, it has a run that is not to be resumed, or another one.
         """
         self.path, self.checkpoint = path, path / f"checkpoint{suffix}"
-        self._place = path / "run.json"
+        self._place = path / _RUN
         options = {name: value for name, value in asdict(config).items() if name not in _MAY_DIFFER}
         # as JSON has it
         self._run: dict[str, Any] = json.loads(json.dumps({**options, **subject, _PPO: asdict(SETTINGS)}))
         self.is_resumed = is_file(self._place)
         if self.is_resumed:
             self._check(config.resume)
-        elif config.resume:
-            raise InputError(f"--resume: '{path}' has no run to go on with, expected a folder of `train`")
         else:
-            try:
-                path.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise InputError(f"--folder: '{path}' cannot be made a folder: {error.strerror}") from None
             with whole_file(self._place) as file:
                 file.write(json.dumps(self._run, indent=1).encode())
         self.curriculum_steps: int | None = self._run["curriculum_steps"]
@@ -229,11 +231,15 @@ class RunFolder:
             raise InputError(f"--folder: '{self.path}' has a run; --resume goes on with it, another folder begins")
         try:
             known = parse_json(self._place.read_bytes())
+            if not isinstance(known, dict):
+                raise ValueError(f"is a {type(known).__name__}, expected an object")
         except (OSError, ValueError) as error:
             raise InputError(f"{self._place}: cannot be read: {error}") from None
         for name, value in self._run.items():
-            before = known.get(name) if isinstance(known, dict) else None
+            before = known.get(name)
             if name in _KEPT and value is None:
+                if not (before is None or (isinstance(before, int) and before > 0)):
+                    raise InputError(f"{self._place}: {name} is {before!r}, expected a whole number > 0")
                 self._run[name] = before
             elif before != value:
                 option = "PPO's settings" if name == _PPO else f"--{name.replace('_', '-')}"

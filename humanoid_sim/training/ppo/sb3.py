@@ -22,7 +22,7 @@ from torch import Tensor, nn
 from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.training.ppo.journal import Update
-from humanoid_sim.training.ppo.learner import SETTINGS, Actor, Float32Array, Learner, reading
+from humanoid_sim.training.ppo.learner import SETTINGS, Actor, Float32Array, Learner, reading, require_sound
 
 
 class NormalisedObservation(BaseFeaturesExtractor):
@@ -157,6 +157,7 @@ class StableBaselinesLearner(Learner):
             with reading(start), zipfile.ZipFile(start) as archive:
                 self.model.set_parameters(str(start), device="cpu")
                 self.model.num_timesteps = int(json.loads(archive.read("data"))["num_timesteps"])
+                require_sound(self.model.policy.optimizer, self.model.policy)
         self.steps = self.model.num_timesteps
 
     def update(self) -> Update:

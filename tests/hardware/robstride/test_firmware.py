@@ -1,7 +1,7 @@
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.robstride.firmware import firmware_of, parse_version
+from humanoid_sim.hardware.robstride.firmware import KNOWN, firmware_of, parse_version
 from humanoid_sim.robots.motors import MOTORS, POSITION_RANGE
 
 
@@ -37,3 +37,11 @@ def test_what_a_version_means(model, version, position_range, gain_factor, has_r
 def test_texts_that_are_no_version(text):
     with pytest.raises(InputError, match="expected four numbers of 0 to 255"):
         parse_version(text)
+
+
+def test_the_newest_versions_are_those_of_the_documents():
+    newest = {model: known.newest for model, known in KNOWN.items() if known.newest is not None}
+    assert newest == {
+        **{"rs-00": (0, 0, 3, 6), "rs-01": (0, 1, 3, 6), "rs-02": (0, 2, 3, 9)},
+        **{"rs-03": (0, 3, 1, 10), "rs-04": (0, 4, 1, 12)},
+    }

@@ -1,9 +1,13 @@
 import dataclasses
 import json
+import re
 
 import pytest
 
+from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
+from humanoid_sim.files import exclusive_folder
+from humanoid_sim.training import main
 from humanoid_sim.training.ppo import run
 from humanoid_sim.training.ppo.journal import COLUMNS
 from humanoid_sim.training.ppo.options import TrainConfig
@@ -13,6 +17,7 @@ SUBJECT = {"task": "tracking", "contract": "lite_tracking", "motion": "wave"}
 
 
 def folder(path, config=None, **subject):
+    path.mkdir(parents=True, exist_ok=True)
     return RunFolder(path, config or TrainConfig(), {**SUBJECT, **subject}, ".zip")
 
 
@@ -42,9 +47,25 @@ def test_a_run_is_neither_overwritten_nor_mixed_with_another(tmp_path, monkeypat
     monkeypatch.setattr(run, "SETTINGS", dataclasses.replace(run.SETTINGS, gamma=0.5))
     with pytest.raises(InputError, match=r"PPO's settings: is .*0.5.*, but the run in"):
         folder(tmp_path, TrainConfig(resume=True))
-    (tmp_path / "run.json").write_text("[")
-    with pytest.raises(InputError, match=r"run\.json: cannot be read: "):
-        folder(tmp_path, TrainConfig(resume=True))
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[", "cannot be read: Expecting value"),
+        ("[" * 100_000, "cannot be read: is nested too deeply"),
+        ("[]", "cannot be read: is a list, expected an object"),
+        ('"curriculum_steps": "many"}', "curriculum_steps is 'many', expected a whole number > 0"),
+        ('"curriculum_steps": -1}', "curriculum_steps is -1, expected a whole number > 0"),
+    ],
+)
+def test_a_damaged_run_is_one_line(text, told, tmp_path):
+    folder(tmp_path, curriculum_steps=5000)
+    place = tmp_path / "run.json"
+    known = place.read_text()
+    place.write_text(known[: known.index('"curriculum_steps"')] + text if "curriculum" in text else text)
+    with pytest.raises(InputError, match=rf"run\.json: {re.escape(told)}"):
+        folder(tmp_path, TrainConfig(resume=True), curriculum_steps=None)
 
 
 def test_a_curriculum_goes_on_as_it_was(tmp_path):
@@ -56,10 +77,15 @@ def test_a_curriculum_goes_on_as_it_was(tmp_path):
         RunFolder(tmp_path, again, {**SUBJECT, "curriculum_steps": 6000}, ".zip")
 
 
-def test_nothing_to_resume_leaves_no_folder(tmp_path):
-    with pytest.raises(InputError, match="has no run to go on with, expected a folder of `train`"):
-        folder(tmp_path / "new", TrainConfig(resume=True))
-    assert not (tmp_path / "new").exists()
-    (tmp_path / "taken").write_text("")
-    with pytest.raises(InputError, match=r"--folder: .*taken' cannot be made a folder: File exists"):
-        folder(tmp_path / "taken")
+def test_a_folder_has_one_training_at_a_time(tmp_path, capsys):
+    pytest.importorskip("stable_baselines3")
+    new = tmp_path / "new"
+    assert run_program(main, ["train", "--resume", "--folder", str(new)]) == 2
+    assert "has no run to go on with, expected a folder of `train`" in capsys.readouterr().err
+    assert not new.exists()
+    with exclusive_folder(new, "--folder"):
+        assert run_program(main, ["train", "--folder", str(new)]) == 2
+        folder(new)
+        assert run_program(main, ["train", "--resume", "--folder", str(new)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [f"error: --folder: '{new}' is being written by another session; choose another name"] * 2

@@ -29,3 +29,17 @@ def test_returns_and_lengths_are_those_of_the_episodes():
     assert set(meter.terms()) >= {"body_position", "action_rate"}
     assert meter.terms()["body_position"] == pytest.approx(float(info["terms"]["body_position"].mean()))
     meter.close()
+
+
+def test_a_resumed_training_waits_for_its_long_episodes():
+    name = "humanoid_sim/LiteTracking-v0"
+    envs = gymnasium.make_vec(name, num_envs=2, threads=1, autoreset_mode="SameStep", max_episode_steps=4)
+    meter = EpisodeMeter(envs, resumed=True)
+    meter.reset(seed=0)
+    action = np.zeros((2, 14), dtype=np.float32)
+    meter.step(np.array([action[0], np.full(14, np.nan, dtype=np.float32)]))  # the second robot fails at once
+    assert np.isnan(meter.means()).all()
+    for _ in range(3):
+        meter.step(action)
+    assert meter.means()[1:] == (2.5, 0.5)
+    meter.close()

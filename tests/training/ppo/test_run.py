@@ -1,7 +1,9 @@
 """A training from its first step to a policy that plays: killed on the way, and resumed."""
 
 import base64
+import io
 import json
+import math
 import pickle
 import re
 import signal
@@ -147,6 +149,7 @@ def test_a_checkpoint_runs_nothing(algorithm, tmp_path, capfd):
     options += ["--algorithm", algorithm, "--folder", str(folder)]
     assert main([*options, "--steps", "128"]) == 0
     checkpoint = next(folder.glob("checkpoint.*"))
+    sound = checkpoint.read_bytes()
     if algorithm == "ppo-sb3":
         with zipfile.ZipFile(checkpoint) as archive:
             files = {name: archive.read(name) for name in archive.namelist()}
@@ -162,11 +165,22 @@ def test_a_checkpoint_runs_nothing(algorithm, tmp_path, capfd):
     else:
         known = torch.load(checkpoint, weights_only=True)
         torch.save(known | {"infos": Trap(ran)}, checkpoint)
-    for _ in range(2):
+    for damage in ("cut", "not finite", ""):
         assert run_program(main, [*options, "--steps", "512", "--resume"]) == 2
         line = capfd.readouterr().err.splitlines()[-1]
         assert line.startswith(f"error: --resume: '{checkpoint}' is damaged, or holds more than arrays and numbers")
-        checkpoint.write_bytes(checkpoint.read_bytes()[:-1000])
+        if damage == "cut":
+            checkpoint.write_bytes(sound[:-1000])
+        elif damage and algorithm == "ppo-sb3":
+            with zipfile.ZipFile(checkpoint, "w") as archive:
+                network = torch.load(io.BytesIO(files.pop("policy.pth")), weights_only=True)
+                with archive.open("policy.pth", "w") as file:
+                    torch.save({name: value * math.nan for name, value in network.items()}, file)
+                for name, content in files.items():
+                    archive.writestr(name, content)
+        elif damage:
+            known["optimizer_state_dict"]["state"][3]["exp_avg"] = torch.zeros(1, 2, 3)
+            torch.save(known, checkpoint)
     assert not ran.exists()
 
 

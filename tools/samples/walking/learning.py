@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import copy
 import json
-import os
 import time
 from collections.abc import Callable
 from dataclasses import asdict
@@ -21,8 +21,9 @@ from torch import Tensor, nn
 
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import whole_file
-from humanoid_sim.training.ppo.learner import reading
+from humanoid_sim.files import exclusive_folder, whole_file
+from humanoid_sim.strict_json import parse_json
+from humanoid_sim.training.ppo.learner import reading, require_sound
 from tools.samples.walking.gait import INPUTS
 from tools.samples.walking.learning_env import PRIVILEGED, LearningEnv
 from tools.samples.walking.stages import CONTRACT, RANDOMISATION, TIMESTEP, Stage
@@ -98,23 +99,27 @@ def learn(stages: tuple[Stage, ...], folder: Path, seed: int, show: Callable[[st
         resume: go on from the latest checkpoint in the folder, if there is one.
 
     Raises:
-        InputError: the folder has a checkpoint and is not to be resumed, or it cannot be written.
+        InputError: the folder has a checkpoint and is not to be resumed, or a damaged one; it cannot be written, or
+            another process writes it.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--folder: '{folder}' cannot be made a folder: {error.strerror}") from None
+    with exclusive_folder(folder, "--folder"):
+        return _learn(stages, folder, seed, show, resume=resume)
+
+
+def _learn(stages: tuple[Stage, ...], folder: Path, seed: int, show: Callable[[str], None], *, resume: bool) -> PPO:
     latest, place = folder / "latest.zip", folder / "latest.json"
     first, done = 0, 0
     if latest.is_file() and place.is_file():
         if not resume:
             raise InputError(f"--folder: '{folder}' has a checkpoint; --resume goes on from it, another folder begins")
-        known = json.loads(place.read_text(encoding="utf-8"))
         names = [stage.name for stage in stages]
-        if known.get("stage") not in names:
-            raise InputError(f"{place}: stage is {known.get('stage')!r}, expected one of {', '.join(names)}")
-        first, done = names.index(known["stage"]), int(known["steps"])
-        show(f"goes on in stage '{known['stage']}' after {done} steps")
+        with reading(place):
+            known = parse_json(place.read_bytes())
+            name, done = str(known["stage"]), int(known["steps"])
+        if name not in names:
+            raise InputError(f"{place}: stage is '{name}', expected one of {', '.join(names)}")
+        first = names.index(name)
+        show(f"goes on in stage '{name}' after {done} steps")
     model: PPO | None = None
     for i, stage in enumerate(stages[first:], first):
         torch.manual_seed(seed + i)
@@ -127,7 +132,8 @@ def learn(stages: tuple[Stage, ...], folder: Path, seed: int, show: Callable[[st
             progress = _Progress(stage, folder, done, show)
             model.learn(stage.steps - done, callback=progress, reset_num_timesteps=True)
             _save(model, folder, stage, stage.steps)
-        model.save(folder / f"{stage.name}.zip")
+        with whole_file(folder / f"{stage.name}.zip") as file:
+            model.save(file)
         env.close()
         done = 0
     assert model is not None
@@ -170,6 +176,7 @@ def _model(stage: Stage, env: LearningEnv, source: Path | None, *, fresh_spread:
     if source is not None:  # `PPO.load` would unpickle, and so run, what the file says
         with reading(source):
             model.set_parameters(str(source), device="cpu")
+            require_sound(model.policy.optimizer, model.policy)
         model.policy.optimizer.param_groups[0]["lr"] = stage.learning_rate
     else:
         with torch.no_grad():
@@ -183,17 +190,22 @@ def _model(stage: Stage, env: LearningEnv, source: Path | None, *, fresh_spread:
 
 def _average(model: PPO, checkpoints: list[Path]) -> None:
     """Give a model the mean of some others' networks; the spread of its actions stays."""
-    others: list[Any] = [load_from_zip_file(path, device="cpu", load_data=False)[1]["policy"] for path in checkpoints]
-    own = model.policy.state_dict()
+    own: dict[str, Tensor] = copy.deepcopy(model.policy.state_dict())  # else it would change with the model
+    others: list[Any] = []
+    for path in checkpoints:
+        with reading(path):
+            read: Any = load_from_zip_file(path, device="cpu", load_data=False)[1]["policy"]
+            model.policy.load_state_dict(read)
+            require_sound(model.policy.optimizer, model.policy)
+            others.append(read)
     mean = {name: torch.stack([other[name] for other in others]).mean(dim=0) for name in own if name != "log_std"}
     model.policy.load_state_dict(own | mean)
 
 
 def _save(model: PPO, folder: Path, stage: Stage, steps: int) -> None:
     """Write the checkpoint first, then where it stands: a run that ends between the two repeats a little."""
-    temporary = folder / "latest.tmp.zip"
-    model.save(temporary)
-    os.replace(temporary, folder / "latest.zip")
+    with whole_file(folder / "latest.zip") as file:
+        model.save(file)
     with whole_file(folder / "latest.json") as file:
         file.write(json.dumps({"stage": stage.name, "steps": steps, "settings": asdict(stage)}).encode())
 

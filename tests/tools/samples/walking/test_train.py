@@ -6,6 +6,7 @@ import pytest
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
+from humanoid_sim.files import exclusive_folder
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from tools.samples import main
 
@@ -36,3 +37,14 @@ def test_all_stages_run_and_are_resumed(tmp_path, capsys):
     (folder / "latest.json").write_text(json.dumps({"stage": "fly", "steps": 32}))
     assert run_program(main, [*arguments, "--resume"]) == 2
     assert "stage is 'fly', expected one of step, stay up, go, hold a speed, spare" in capsys.readouterr().err
+    for damaged in ('{"stage": "go"', "[]", '{"stage": "go", "steps": "many"}'):
+        (folder / "latest.json").write_text(damaged)
+        assert run_program(main, [*arguments, "--resume"]) == 2
+        assert f"error: --resume: '{folder / 'latest.json'}' is damaged, or holds" in capsys.readouterr().err
+    (folder / "latest.json").write_text(json.dumps({"stage": "go", "steps": 0}))
+    (folder / "latest.zip").write_bytes((folder / "latest.zip").read_bytes()[:-1000])
+    assert run_program(main, [*arguments, "--resume"]) == 2
+    assert f"error: --resume: '{folder / 'latest.zip'}' is damaged, or holds" in capsys.readouterr().err
+    with exclusive_folder(folder, "--folder"):
+        assert run_program(main, [*arguments, "--resume"]) == 2
+    assert f"error: --folder: '{folder}' is being written by another session" in capsys.readouterr().err
