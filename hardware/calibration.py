@@ -232,7 +232,6 @@ def evaluate(
     Args:
         joint: whose limits are its stops.
         direction: ±1, of its motor.
-        sweep: what was seen.
         threshold: rad; less is not a sweep.
         tolerance: rad by which a sweep may differ from the joint's range; the offset may be wrong by half of it.
         any_offset: do not conclude from a sweep outside the joint's limits that its direction is flipped: for motors

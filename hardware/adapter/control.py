@@ -38,10 +38,7 @@ class MotorControl:
         """Begin with motors that were prepared; commands are sent once they are enabled.
 
         Args:
-            settings: the robot's.
-            motors: on open channels.
             turns: shape (n,), see `find_turns`.
-            guard: of motors that need a guardian.
         """
         wiring = settings.wiring
         self._settings = settings
@@ -146,9 +143,7 @@ def robot_state(now: float, joints: JointReadings, age: FloatArray, imu: ImuRead
 
     Args:
         now: s, robot's clock.
-        joints: in the joint frame.
         age: shape (n,), s since each joint was heard.
-        imu: what it last felt.
     """
     return MITState(
         time=now,
@@ -169,8 +164,6 @@ class CommandEncoder:
         """Prepare.
 
         Args:
-            wiring: joints and motors.
-            channel_count: channels to encode for.
             lead: s, see `bounded_position`.
         """
         self._wiring = wiring

@@ -98,7 +98,6 @@ def find_turns(wiring: Wiring, position: FloatArray) -> FloatArray:
     long as a joint's range and twice the margin fit into one turn, at most one count is possible.
 
     Args:
-        wiring: the joints.
         position: shape (n,), rad, motor frame, as reported.
 
     Returns:

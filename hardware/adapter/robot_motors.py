@@ -35,11 +35,7 @@ class RobotMotors:
         """Open every channel, if nothing was wrong before.
 
         Args:
-            settings: the robot's.
             known_uids: of motors at an earlier activation, by joint.
-            checks: takes what is wrong with a channel.
-            clock: the robot's clock, s.
-            open_bus: opens a channel.
 
         Raises:
             RobotError: with everything that is wrong; no channel is open then.

@@ -117,9 +117,6 @@ def gather_statistics(
     """Return the statistics since the channels were opened, or of none, together with those of earlier activations.
 
     Args:
-        settings: the robot's.
-        motors: the robot's, on open channels.
-        control: of the motors; none before they are prepared.
         now: s, robot's clock.
         past: of the activations before this one.
     """

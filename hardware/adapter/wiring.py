@@ -49,8 +49,6 @@ def make_wiring(
     """Return the wiring of a robot over one channel that carries all motors, or over one channel per bus of the robot.
 
     Args:
-        description: the robot; each of its joints needs a motor.
-        channel_count: how many channels there are.
         calibration: homing offset by joint, rad, motor frame; None: 0 for all, where the joints' angles do not matter.
 
     Raises:

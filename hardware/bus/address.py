@@ -132,7 +132,6 @@ def bus_hints(address: BusAddress, burst: int) -> tuple[str, ...]:
     """Return what the operating system says against an open channel, one line each; nothing where it cannot be asked.
 
     Args:
-        address: the channel.
         burst: frames that one control period puts into the kernel's queue at once.
     """
     if address.interface != "socketcan":

@@ -76,9 +76,7 @@ class Channel:
         """Open the bus and start receiving.
 
         Args:
-            address: the channel.
             receive: is given every data frame, on the receiver's thread.
-            open_bus: opens it.
             clock: the robot's clock, s.
             capacity: frames that may wait to be sent.
             patience: s in which the queue must be empty again after the driver has refused a frame for want of room;
@@ -130,7 +128,6 @@ class Channel:
         """Queue frames, each with its key or None, see `Outbox`. Returns at once, whatever the bus is doing.
 
         Args:
-            frames: with their keys.
             lifetime: s after which those that have not left are dropped.
         """
         self._outbox.put(frames, lifetime)

@@ -69,10 +69,7 @@ class Emulator:
         """Power everything on.
 
         Args:
-            description: the robot.
             bus_count: 1, all motors on one bus, or the number of the robot's buses.
-            settings: how motors and buses are; None for the defaults.
-            faults: to come.
             told: is called with the time, s, and a line for a person when a motor or a fault changes.
 
         Raises:

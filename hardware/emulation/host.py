@@ -58,9 +58,7 @@ class EmulatorHost:
         """Start.
 
         Args:
-            emulator: with as many buses.
             buses: open; they stay so, closing them is the caller's.
-            addresses: theirs.
             clock: s; one that goes slower than real time shows everything in slow motion.
         """
         self._emulator = emulator
@@ -190,8 +188,6 @@ class FaultyBus(PassingBus):
         """Take over a bus.
 
         Args:
-            bus: open; it is shut down with this one.
-            channel: its name.
             fault: what is wrong now: `bus_off`, `enobufs`, or nothing (empty).
         """
         self._fault = fault

@@ -131,12 +131,10 @@ class Motors:
         """Power all motors on, the robot at rest in its initial position.
 
         Args:
-            description: the robot.
-            settings: how its motors are.
             told: is called when a motor changes its mode or its faults, with the time and a line for a person.
 
         Raises:
-            InputError: see `MotorPlant` and `make_firmwares`.
+            InputError: see `MotorPlant` and `motor_identities`.
         """
         self.firmwares = _make_firmwares(description, settings)
         """One per motor."""

@@ -38,9 +38,7 @@ class VirtualMotors(EmulatorHost):
         """Power the motors on.
 
         Args:
-            description: the robot.
             addresses: one channel for all motors, or one for each of the robot's buses, in order.
-            settings: how motors and buses are; None for the defaults.
             faults: to come; their times count from now.
             told: is called on the motors' thread, see `Emulator`.
             clock: s, see `EmulatorHost`; the robot that talks to the motors must have the same.
@@ -78,23 +76,11 @@ class VirtualMotors(EmulatorHost):
         self.call(lambda emulator: emulator.clear_faults())
 
     def move_by_hand(self, positions: Mapping[str, float] | None) -> None:
-        """Lead joints by hand towards positions, rad, joint frame; None lets go.
-
-        Raises:
-            InputError: a name is not that of a driven joint.
-        """
+        """Lead joints by hand, see `MotorPlant.lead`."""
         self.call(lambda emulator: emulator.motors.plant.lead(positions))
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
-        """Let the support take a floating base where it now is, or let the base go.
-
-        Args:
-            held: whether it holds the base.
-            lifts: whether it then raises the base, slowly, to the height of its start.
-
-        Raises:
-            RobotError: the base is fixed.
-        """
+        """Support a floating base or let it go, see `MotorPlant.set_support`."""
         self.call(lambda emulator: emulator.motors.plant.set_support(held, lifts=lifts))
 
     @property

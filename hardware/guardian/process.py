@@ -50,12 +50,7 @@ class Silence:
         self._since = [math.inf] * len(names)
 
     def look(self, counters: tuple[int, ...], now: float) -> str:
-        """Return what has stood still for too long, in words; empty: nothing.
-
-        Args:
-            counters: now.
-            now: s.
-        """
+        """Return what has stood still for too long, in words; empty: nothing."""
         if not self._last:
             self._since = [now] * len(counters)
         for i, (old, new) in enumerate(zip(self._last, counters, strict=False)):

@@ -48,7 +48,6 @@ class MicrostrainImu:
         """Prepare.
 
         Args:
-            port: such as `/dev/ttyACM0`.
             baudrate: bit/s; devices on USB ignore it. One packet is 52 bytes: 115200 carries 200 of them a second.
             rate: Hz, of samples.
             mounting: w x y z, the device's axes in the robot's IMU frame.
@@ -171,8 +170,6 @@ def configure(line: SerialLine, name: str, rate: float) -> float:
     """Have the device stream quaternion, angular rate and acceleration in one packet.
 
     Args:
-        line: an open port with a short timeout.
-        name: of the port, for messages.
         rate: Hz; the nearest that divides the device's own rate is taken.
 
     Returns:
@@ -238,7 +235,6 @@ def reading_of(packet: Packet, mounting: FloatArray) -> ImuReading | None:
     """Return the reading in a packet of measurements; None if it lacks one, or one is not a measurement.
 
     Args:
-        packet: of the descriptor set `SENSOR_DATA`.
         mounting: shape (4,), w x y z, the device's axes in the robot's IMU frame.
     """
     values = []

@@ -76,9 +76,6 @@ def examine(
     Asks only; nothing is written to any motor, and none is stopped.
 
     Args:
-        channels: open.
-        joints: of which motors.
-        checks: takes what is found.
         known_uids: unique ids at an earlier activation, by joint.
         takes_over: whether they are all motors of their channels, and their run mode will be written.
         is_limp: no torque will be asked for, see `identify`.
@@ -122,10 +119,7 @@ def make_ready(
     commands to somebody else.
 
     Args:
-        channels: open.
-        joints: of which motors.
         can_timeout: s without a command after which a motor stops by itself.
-        checks: takes what is found.
         takes_over: whether faults are cleared, and run mode and the robot description's limits written.
         torque: N·m that a tool lets these motors have; None: no limit is written.
     """
@@ -283,9 +277,7 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
 
     Args:
         requests: asks motors that were made ready, and so have told a status.
-        joints: of which motors.
         can_timeout: s, what was written.
-        checks: takes the problems.
     """
     motors, slots = requests.motors, requests.table.slots
     _try_timeouts(requests, [i for i in joints if slots[i].hides_timeout], can_timeout, checks)

@@ -39,9 +39,6 @@ def identify(
     """Ask on all channels who is there, and these motors for their firmware. Asks only; nothing is written.
 
     Args:
-        channels: open.
-        joints: of which motors.
-        checks: takes what was found.
         known_uids: of an earlier activation, by joint: a motor that was exchanged since has another zero.
         asks_everyone: whether every id is asked, and strangers are mentioned.
         is_limp: no torque will be asked for: firmware that scales it wrongly, or that nobody knows, is a warning.

@@ -16,13 +16,7 @@ class RobstrideLink:
     """Motors on some channels. Give it every frame that is no other family's."""
 
     def __init__(self, line: OpenChannels, motors: MotorGroup, host_id: int) -> None:
-        """Talk to motors.
-
-        Args:
-            line: open.
-            motors: that are talked to.
-            host_id: our own id.
-        """
+        """Talk to motors."""
         self.line = line
         self.channels, self.sources, self.opened = line.channels, line.sources, line.opened
         self.host_id = host_id

@@ -99,9 +99,7 @@ class MotorTable:
         """Start with nothing heard.
 
         Args:
-            motors: whose frames are awaited.
             host_id: replies to this host are ours. A robot's is above 127, so that no motor can be taken for it.
-            channel_count: channels that frames come from.
         """
         self.slots = tuple(MotorSlot(i) for i in range(motors.count))
         self.channels = tuple(ChannelNotes() for _ in range(channel_count))

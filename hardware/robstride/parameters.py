@@ -226,7 +226,6 @@ def check_value(parameter: Parameter, value: float, model: MotorModel | None = N
     """Refuse a value that the documents do not allow.
 
     Args:
-        parameter: which.
         value: in its own unit.
         model: of the motor; None while it is not known: what no model allows is refused.
 

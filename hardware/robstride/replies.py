@@ -73,10 +73,8 @@ def decode_reply(  # noqa: PLR0911 - one for each reason to ignore a frame
     status missed in that one spot ages a joint by a period, while a version taken for a position is a jump.
 
     Args:
-        frame: as received.
         models: the configured motors by id; frames of others are ignored, but for `DeviceId`, so that scans hear all.
         host_id: the receiver's own; answers to other hosts are ignored.
-        scale: convention of the signed fields.
     """
     if frame.is_error:
         return Ignored(IgnoredReason.ERROR_FRAME)

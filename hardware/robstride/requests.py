@@ -94,7 +94,6 @@ class Requests:
         """Send each motor's commands and collect one answer per motor.
 
         Args:
-            commands: by joint.
             accept: turns an answer from a joint's motor into the result, or None if it is not the one wanted.
             patience: s to wait for answers, each time that it asks; None: as often as an answer is needed.
 
@@ -186,7 +185,6 @@ class Requests:
         """Ask these ids on every channel who is there; every answer with its channel, also second ones of one id.
 
         Args:
-            motor_ids: 1 to 127.
             quiet_time: s without an answer after which nobody else is expected.
             pace: s between two ids; 0: as fast as the bus takes them.
         """

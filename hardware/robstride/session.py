@@ -69,9 +69,7 @@ class RobstrideSession(RobstrideLink):
         """Nothing is sent yet.
 
         Args:
-            line: open.
             motors: the robot's of this family; maybe none, where it only tells what strangers are heard.
-            terms: the session's.
         """
         super().__init__(line, motors, terms.host_id)
         self._terms = terms
@@ -85,11 +83,7 @@ class RobstrideSession(RobstrideLink):
     # --- activation
 
     def examine(self, checks: CheckList) -> None:
-        """See `MotorLink`.
-
-        Raises:
-            RobotError: with everything that is wrong.
-        """
+        """See `MotorLink`."""
         names, known = self.motors.names, self._terms.known_uids
         known_uids = {i: known[names[i]] for i in self._joints if names[i] in known}
         uids, self._versions = examine(self, self._joints, checks, known_uids=known_uids, takes_over=True)

@@ -205,7 +205,6 @@ def decode(frame: Frame, model: MotorModel) -> HostMessage | MotorMessage | Malf
     """Return what a frame says; never raises. None: no Sito frame, or of a type that is not known.
 
     Args:
-        frame: as received.
         model: of the motor that sends it, or that it is sent to.
     """
     parts = split_identifier(frame)

@@ -118,9 +118,7 @@ class SitoSession:
         """Nothing is sent yet.
 
         Args:
-            line: open.
             motors: the robot's of this family; maybe none, where it only tells what strangers are heard.
-            terms: the session's.
         """
         self._line = line
         self.motors = motors

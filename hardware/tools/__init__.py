@@ -1,4 +1,8 @@
-"""`python -m humanoid_sim.hardware <tool>`: tools for the bench."""
+"""`python -m humanoid_sim.hardware <tool>`: tools for the bench.
+
+Each raises `InputError` for an option that it does not accept or a confirmation that was not given, `SilentMotorError`
+where a motor does not answer, and `RobotError` where a channel cannot be used or a motor is not as it must be.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Motors on a bench: opening their channels, asking one, and what to say where none answers."""
+"""Motors on a bench: opening their channels, asking one, and what to say where none answers.
+
+Whatever asks a motor raises `SilentMotorError` where it does not answer, and `RobotError` where its channel is down.
+"""
 
 from __future__ import annotations
 
@@ -77,10 +80,6 @@ def open_bench(
     """Channels for this tool alone, as a session has them.
 
     Args:
-        addresses: the channels.
-        host_id: our own id.
-        motors: that are talked to.
-        open_channel: opens a channel.
         guard: of motors that nothing else stops; it is started before the channels are opened.
 
     Raises:
@@ -163,11 +162,7 @@ def advice_for_silence(source: str) -> tuple[str, ...]:
 
 
 def require_up(channels: RobstrideLink) -> None:
-    """Go no further on a channel that is down.
-
-    Raises:
-        RobotError: with the reason.
-    """
+    """Go no further on a channel that is down."""
     for source, channel in zip(channels.sources, channels.channels, strict=True):
         if channel.down:
             raise RobotError(f"{source}: {channel.down}")
@@ -194,12 +189,7 @@ def nobody(channels: RobstrideLink, index: int) -> HumanoidSimError:
 
 
 def read_device_id(channels: RobstrideLink, motor: int = 0) -> DeviceId:
-    """Return who a motor is.
-
-    Raises:
-        SilentMotorError: it does not answer.
-        RobotError: its channel is down.
-    """
+    """Return who a motor is."""
     question = GetDeviceId(channels.motors.motor_id[motor], host_id=channels.host_id)
     found = channels.requests.ask({motor: [question]}, lambda _, reply: reply if isinstance(reply, DeviceId) else None)
     if motor not in found:
@@ -208,12 +198,7 @@ def read_device_id(channels: RobstrideLink, motor: int = 0) -> DeviceId:
 
 
 def command_motor(channels: RobstrideLink, command: Command, motor: int = 0) -> Status:
-    """Send a command that is answered by a status; the status.
-
-    Raises:
-        SilentMotorError: none follows.
-        RobotError: its channel is down.
-    """
+    """Send a command that is answered by a status; the status."""
     found = channels.requests.until_status({motor: [command]}, lambda _: True)
     if motor not in found:
         raise silence(channels, motor)
@@ -221,12 +206,7 @@ def command_motor(channels: RobstrideLink, command: Command, motor: int = 0) -> 
 
 
 def read_value(channels: RobstrideLink, parameter: Parameter, motor: int = 0) -> float | None:
-    """Return a parameter's value; none if the motor has no such parameter.
-
-    Raises:
-        SilentMotorError: the motor does not answer.
-        RobotError: its channel is down.
-    """
+    """Return a parameter's value; none if the motor has no such parameter."""
     return _known(channels, channels.requests.read({motor: parameter})[motor], motor)
 
 
@@ -235,7 +215,6 @@ def write_value(channels: RobstrideLink, parameter: Parameter, value: float, mot
 
     Raises:
         FieldError: the value does not fit the parameter's type.
-        SilentMotorError: the motor does not answer.
         RobotError: it reads back differently.
     """
     found = _known(channels, channels.requests.write(parameter, {motor: value})[motor], motor)

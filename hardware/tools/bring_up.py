@@ -39,12 +39,7 @@ class Adapter:
 
 
 def bring_up(config: BringUp) -> int:
-    """Print, write or check, and return the exit status.
-
-    Raises:
-        InputError: an option is not accepted, a file cannot be written, or confirmation was not given.
-        RobotError: what is in force cannot be read.
-    """
+    """Print, write or check, and return the exit status."""
     names = _names(config.channels)
     adapters = _adapters(config.adapter, names)
     wanted = _settings(config)

@@ -114,11 +114,7 @@ If sending fails with "no buffer space available" (ENOBUFS), the kernel's queue 
 
 
 def budget(config: Budget) -> int:
-    """Print the budget; the exit status.
-
-    Raises:
-        InputError: an option is not accepted.
-    """
+    """Print the budget; the exit status."""
     description = load_robot(config.robot)
     rate = config.rate if config.rate is not None else description.hardware.control_frequency
     for name, value in (("--rate", rate), ("--bitrate", config.bitrate)):

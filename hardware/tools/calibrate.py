@@ -93,9 +93,6 @@ class JointTracks:
         """Nothing is heard yet.
 
         Args:
-            wiring: the robot's.
-            channels: open.
-            joints: to follow.
             begin: s, now.
             limp: by joint whose motor cannot be asked, but is enabled: its position, rad, motor frame; NaN where it is
                 silent.
@@ -107,12 +104,7 @@ class JointTracks:
         self.by_joint = {i: JointTrack() for i in joints}
 
     def poll(self, now: float) -> None:
-        """Read every motor's `mechPos`, which counts turns and does not wrap. Reading is all that they are asked for.
-
-        Raises:
-            SilentMotorError: a motor has never been heard.
-            RobotError: a channel is down.
-        """
+        """Read every motor's `mechPos`, which counts turns and does not wrap; nothing else is asked of it."""
         require_up(self._channels)
         asked = [i for i in self.by_joint if i not in self._limp]
         found = self._channels.requests.poll_values(PARAMETERS["mechPos"], asked, _ANSWER_TIME) if asked else {}
@@ -137,13 +129,7 @@ _TABLE_PERIOD = 0.2
 
 
 def calibrate(config: Calibrate) -> int:
-    """Sweep, write the file, and return the exit status.
-
-    Raises:
-        InputError: an option or the existing file is not accepted, or the file cannot be written.
-        SilentMotorError: a motor does not answer.
-        RobotError: a channel cannot be used.
-    """
+    """Sweep, write the file, and return the exit status."""
     description = load_robot(config.robot)
     chosen = _chosen_joints(config, description)
     entries = dict(load_calibration(config.output, description).entries) if os.path.exists(config.output) else {}

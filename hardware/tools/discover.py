@@ -30,12 +30,7 @@ _Found = Mapping[tuple[int, int], set[bytes]]
 
 
 def discover(config: Discover) -> int:
-    """Scan, print, and return the exit status.
-
-    Raises:
-        InputError: an option is not accepted.
-        RobotError: a channel cannot be used.
-    """
+    """Scan, print, and return the exit status."""
     if not 1 <= config.first <= config.last <= LARGEST_MOTOR_ID:
         raise InputError(f"--first, --last: are {config.first} and {config.last}, expected 1 <= first <= last <= 127")
     if not 0.0 < config.wait <= 10.0:

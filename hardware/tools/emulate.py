@@ -30,12 +30,7 @@ _WAKE = 0.05
 
 
 def emulate(config: Emulate) -> int:
-    """Run until a signal or the duration ends it; 0.
-
-    Raises:
-        InputError: an option is not accepted.
-        RobotError: a channel cannot be opened, or the simulation is no longer sound.
-    """
+    """Run until a signal or the duration ends it; 0."""
     if "help" in config.fault:
         print(describe_faults())
         return 0

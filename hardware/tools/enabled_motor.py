@@ -43,8 +43,6 @@ class EnabledMotor:
         """Nothing is sent yet; the channels must know the motor's model.
 
         Args:
-            channels: open.
-            motor: its index.
             torque: N·m that it may exert: its torque limit meanwhile, and the bound of what commands ask for. None: no
                 torque will be asked for, see `identify`.
             period: s between commands.
@@ -66,7 +64,6 @@ class EnabledMotor:
         """Enable the motor, after every check that a session makes; warnings are printed before.
 
         Raises:
-            SilentMotorError: it does not answer.
             RobotError: another host drives it, it is another motor than expected or in another run mode, has no CAN
                 timeout, or reports a fault.
         """
@@ -98,7 +95,6 @@ class EnabledMotor:
         As the adapter does with a robot's, it moves a position that would ask for more torque than allowed.
 
         Raises:
-            SilentMotorError: none follows.
             RobotError: the motor is no longer enabled, reports a fault, or another host commands it too.
         """
         command = OperationControl(

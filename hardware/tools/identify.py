@@ -45,13 +45,7 @@ _ANSWER_TIME = 0.3
 
 
 def identify(config: Identify) -> int:
-    """Ask for confirmation, move, print, and return the exit status.
-
-    Raises:
-        InputError: an option is not accepted, or confirmation was not given.
-        SilentMotorError: the motor does not answer.
-        RobotError: a channel cannot be used, the motor cannot be enabled, or it moves too far.
-    """
+    """Ask for confirmation, move, print, and return the exit status."""
     description = load_robot(config.robot)
     if config.joint not in description.joint_names:
         raise InputError(known_names("joint", config.joint, description.joint_names))

@@ -68,7 +68,6 @@ def only_motor(channel: str, host_id: int) -> Iterator[OnlyMotor]:
     """Find the one motor on a channel and stop it.
 
     Raises:
-        InputError: the channel or the host id is none.
         SilentMotorError: nobody answers, or the motor does not confirm that it is stopped.
         RobotError: several motors answer, somebody else speaks on the bus, or the channel cannot be used.
     """
@@ -103,12 +102,7 @@ def _only(channels: RobstrideLink, uids: dict[int, set[bytes]]) -> tuple[int, by
 
 
 def _stop(channels: RobstrideLink) -> None:
-    """Stop it, once it is clear that nobody else speaks on the bus.
-
-    Raises:
-        SilentMotorError: it does not confirm that it is stopped.
-        RobotError: somebody else speaks, or the channel is down.
-    """
+    """Stop it, once it is clear that nobody else speaks on the bus."""
     time.sleep(_LISTENING)
     strangers = channels.table.channels[0].strangers
     if strangers:
@@ -142,7 +136,6 @@ def save(motor: OnlyMotor) -> None:
     """Have the motor keep what it has beyond power-off, and see that it is still the same one.
 
     Raises:
-        SilentMotorError: it does not answer.
         RobotError: another one answers.
     """
     command_motor(motor.channels, SaveParameters(motor.motor_id, host_id=motor.channels.host_id))

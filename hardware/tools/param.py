@@ -30,13 +30,7 @@ _LARGEST_INDEX = 0xFFFF
 
 
 def param(config: Param) -> int:
-    """Do it, print, and return the exit status.
-
-    Raises:
-        InputError: an option is not accepted.
-        SilentMotorError: the motor does not answer.
-        RobotError: the channel cannot be used, or a value reads back differently.
-    """
+    """Do it, print, and return the exit status."""
     match config.action:
         case Get():
             return _get(config.action)

@@ -38,13 +38,7 @@ _SHOWN = ("run_mode", "mechPos", "mechVel", "VBUS", "limit_torque", "canTimeout"
 
 
 def ping(config: Ping) -> int:
-    """Ask, print, and return the exit status.
-
-    Raises:
-        InputError: an option is not accepted.
-        SilentMotorError: the motor does not answer.
-        RobotError: the channel cannot be used, or the motor cannot be enabled.
-    """
+    """Ask, print, and return the exit status."""
     if not 1 <= config.count <= 10_000:
         raise InputError(f"--count: is {config.count}, expected 1 to 10000")
     if config.model is not None:

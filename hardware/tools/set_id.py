@@ -19,13 +19,7 @@ _QUIET = 0.2
 
 
 def set_id(config: SetId) -> int:
-    """Ask for confirmation, set the id, verify it, save it, and return the exit status.
-
-    Raises:
-        InputError: an option is not accepted, or confirmation was not given.
-        SilentMotorError: no motor answers.
-        RobotError: several answer, the channel cannot be used, or the motor did not take its id.
-    """
+    """Ask for confirmation, set the id, verify it, save it, and return the exit status."""
     if not 1 <= config.new_id <= LARGEST_MOTOR_ID:
         raise InputError(f"new id: is {config.new_id}, expected 1 to {LARGEST_MOTOR_ID}")
     with only_motor(config.channel, config.host_id) as motor:
@@ -44,11 +38,7 @@ def set_id(config: SetId) -> int:
 
 
 def _rename(motor: OnlyMotor, new_id: int) -> OnlyMotor:
-    """Return the motor under its new id, where it and nobody else answers.
-
-    Raises:
-        RobotError: it still answers as before, as both, or not at all.
-    """
+    """Return the motor under its new id, where it and nobody else answers."""
     channels = motor.channels
     answers: dict[int, set[bytes]] = {}
     for _ in range(_ATTEMPTS):

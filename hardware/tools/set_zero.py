@@ -21,13 +21,7 @@ _LOOK = 0.3
 
 
 def set_zero(config: SetZero) -> int:
-    """Ask for confirmation, set the zero, verify it, save it, and return the exit status.
-
-    Raises:
-        InputError: an option is not accepted, or confirmation was not given.
-        SilentMotorError: no motor answers.
-        RobotError: several answer, the channel cannot be used, the shaft turns, or the motor did not take its zero.
-    """
+    """Ask for confirmation, set the zero, verify it, save it, and return the exit status."""
     with only_motor(config.channel, config.host_id) as motor:
         print(f"found {motor}, and nobody else")
         _check(motor)

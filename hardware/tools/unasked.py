@@ -81,7 +81,6 @@ def limp_motors(channels: RobstrideLink, joints: Sequence[int], guard: MotorGuar
     """Enable these motors with zero gains and zero current, after all that a session checks; disabled at the end.
 
     Args:
-        channels: open.
         joints: whose motors, of one family.
         guard: of these motors, started; None where they stay limp.
 
@@ -130,7 +129,6 @@ class MovedMotor:
         """Nothing is sent yet.
 
         Args:
-            channels: open.
             session: of this motor alone, enabled.
             torque: N·m that the commanded position may ask for.
             guard: of this motor, started; None where it has a timeout.
@@ -156,7 +154,6 @@ class MovedMotor:
         bounds it, with the largest K_p that the frame may mean.
 
         Raises:
-            SilentMotorError: none follows.
             RobotError: another host commands it too, or its channel is down.
         """
         reach = self._torque / (stiffness * self._doubt) if stiffness > 0.0 else math.inf
