@@ -13,9 +13,8 @@ import numpy.typing as npt
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulated_motor import Drive, Firmware, Reaction, Sensed
-from humanoid_sim.hardware.emulation.firmware import wrapped
+from humanoid_sim.hardware.emulation.firmware import RobstrideFirmware, wrapped
 from humanoid_sim.hardware.emulation.plant import MotorPlant
-from humanoid_sim.hardware.emulation.robstride_motor import RobstrideFirmware
 from humanoid_sim.hardware.emulation.settings import EmulationSettings, motor_identities
 from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.mit import FloatArray, mit_torque
