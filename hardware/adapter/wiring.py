@@ -11,7 +11,7 @@ import numpy as np
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.hardware.bus.address import BusAddress, parse_address
 from humanoid_sim.hardware.motors import MotorGroup
-from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.parameters import CanTimeout
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import FAMILIES, MOTORS

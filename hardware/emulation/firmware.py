@@ -28,10 +28,9 @@ from humanoid_sim.hardware.emulation.motor_state import (
     written_parameters,
 )
 from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID, decode_command, encode_command
+from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID, decode_command, encode_command, encode_reply
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit, flag_names
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, RunMode, report_interval
-from humanoid_sim.hardware.robstride.replies import encode_reply
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import MotorModel
 

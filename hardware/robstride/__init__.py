@@ -1,6 +1,6 @@
 """The Robstride family: its private CAN protocol, and the host's end of it.
 
-`commands` and `replies` are pure functions between frames and typed messages, for both ends of the bus; `link`,
+`codec` has pure functions between frames and typed messages, for both ends of the bus; `link`,
 `motor_table` and `requests` are the host's end; `identification` and `enabling` lead to a motor that executes commands;
 `session` is what the adapter does with a robot's motors.
 

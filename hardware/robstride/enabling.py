@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motors import MotorGroup
-from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, flag_names
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
 from humanoid_sim.hardware.robstride.identification import identify

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from humanoid_sim.hardware.bus.events import BusEvent
 from humanoid_sim.hardware.bus.frame import BITRATE
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import (
     FirmwareVersion,
     firmware_problem,

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from humanoid_sim.hardware.bus.channel import Channel
 from humanoid_sim.hardware.motors import MotorGroup
-from humanoid_sim.hardware.robstride.commands import encode_command
+from humanoid_sim.hardware.robstride.codec import encode_command
 from humanoid_sim.hardware.robstride.messages import (
     Command,
     DeviceId,

@@ -9,14 +9,12 @@ from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motors import (
     STOPPED,
-    EncodedFrames,
     Finding,
     MotorFigures,
     MotorGroup,
     Readings,
     SessionTerms,
 )
-from humanoid_sim.hardware.robstride.commands import OperationControlEncoder
 from humanoid_sim.hardware.robstride.enabling import (
     enable_motors,
     examine,
@@ -31,7 +29,6 @@ from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import Status
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, report_interval
 from humanoid_sim.messages import SafetyFlag
-from humanoid_sim.mit import FloatArray
 
 _REPORT_WAIT = 0.3
 """s at most in which the first active reports must come."""
@@ -45,19 +42,6 @@ _HOT = "motor_overtemperature"
 """The name of that bit in status and fault report alike."""
 _WARNS = "motor_overtemperature_warning"
 """The name of that bit in a fault report."""
-
-
-class RobstrideEncoder:
-    """One operation control frame for each motor."""
-
-    def __init__(self, motors: MotorGroup) -> None:
-        """Precompute the ranges."""
-        self._encoder = OperationControlEncoder(motors.motor_id, motors.model)
-
-    def encode(self, values: FloatArray) -> EncodedFrames:
-        """See `FrameEncoder`."""
-        encoded = self._encoder.encode(values)
-        return EncodedFrames(tuple((i, 0, frame) for i, frame in enumerate(encoded.frames)), encoded.saturated)
 
 
 class RobstrideSession(RobstrideLink):

@@ -19,7 +19,7 @@ from humanoid_sim.hardware.bus.link import LinkSettings, check_link, read_links
 from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
 from humanoid_sim.hardware.checks import CheckList, Verdict
 from humanoid_sim.hardware.motors import MotorGroup
-from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, Status
 from humanoid_sim.hardware.robstride.parameters import Parameter

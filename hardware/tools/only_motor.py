@@ -15,7 +15,7 @@ from humanoid_sim.cli import complain
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.enabling import stop_motors
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.messages import SetDeviceId
 from humanoid_sim.hardware.tools.bench import some_motors
 from humanoid_sim.hardware.tools.only_motor import OnlyMotor, only_motor, save, warn_of_saving

@@ -7,10 +7,9 @@ from humanoid_sim.hardware.emulated_motor import Reaction, Sensed
 from humanoid_sim.hardware.emulation.firmware import RobstrideFirmware
 from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState
 from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.commands import encode_command
+from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
 from humanoid_sim.hardware.robstride.firmware import firmware_of, parse_version
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, pack_value, unpack_value
-from humanoid_sim.hardware.robstride.replies import decode_reply
 from humanoid_sim.robots.motors import MOTORS
 
 ID = 11

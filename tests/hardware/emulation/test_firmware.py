@@ -11,7 +11,7 @@ from motor_rig import HOST, ID, Motor, fault_reports, identity
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulated_motor import Reaction, Sensed
 from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.commands import encode_command
+from humanoid_sim.hardware.robstride.codec import encode_command
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit
 
 
