@@ -1,7 +1,7 @@
 """Motors on their buses, as one simulation of events: frames in, with their times; frames out, with theirs.
 
-Nothing here waits or knows what time it is: `advance` says how far to go. `humanoid_sim.hardware.emulation.host` runs
-it in real time on python-can channels.
+Nothing here waits or knows what time it is: `advance` says how far to go. `VirtualMotors` runs it in real time on
+python-can channels.
 """
 
 from __future__ import annotations

@@ -13,22 +13,12 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motors import MotorGroup
+from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, flag_names
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
 from humanoid_sim.hardware.robstride.identification import identify
 from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.hardware.robstride.messages import (
-    Command,
-    Enable,
-    OperationControl,
-    ParameterReply,
-    ReadParameter,
-    SetActiveReport,
-    Status,
-    Stop,
-    WriteParameter,
-)
 from humanoid_sim.hardware.robstride.motor_table import MotorSlot
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,
@@ -149,9 +139,9 @@ def make_ready(
 def stop_motors(requests: Requests, joints: Iterable[int], *, clear_faults: bool = False) -> tuple[int, ...]:
     """Stop these motors, and clear their faults if so asked; those that did not confirm it."""
     motor_id = requests.motors.motor_id
-    commands = {i: [Stop(motor_id[i], clear_faults, host_id=requests.host_id)] for i in joints}
+    commands = {i: [messages.Stop(motor_id[i], clear_faults, host_id=requests.host_id)] for i in joints}
 
-    def is_done(status: Status) -> bool:
+    def is_done(status: messages.Status) -> bool:
         return status.mode is MotorMode.RESET and not (clear_faults and status.faults)
 
     confirmed = requests.until_status(commands, is_done)
@@ -259,7 +249,7 @@ def _write_limit(
 def set_reports(requests: Requests, joints: Iterable[int], *, is_on: bool) -> None:
     """Switch the active reports of these motors on or off; not verified."""
     motor_id = requests.motors.motor_id
-    requests.send({i: [SetActiveReport(motor_id[i], is_on, host_id=requests.host_id)] for i in joints})
+    requests.send({i: [messages.SetActiveReport(motor_id[i], is_on, host_id=requests.host_id)] for i in joints})
 
 
 # --- enabling
@@ -297,13 +287,13 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
             break
         for i in joints:  # one motor after the other: no other's frames between enable and limp
             motor_id, limp = motors.motor_id[i], _limp_command(requests, i)
-            commands: list[Command] = [limp]
+            commands: list[messages.Command] = [limp]
             if i not in running and slots[i].hides_timeout:
-                commands.append(WriteParameter(motor_id, _TIMEOUT.index, payload, host_id=requests.host_id))
+                commands.append(messages.WriteParameter(motor_id, _TIMEOUT.index, payload, host_id=requests.host_id))
             if i not in running:
-                commands += [Enable(motor_id, host_id=requests.host_id), limp]
+                commands += [messages.Enable(motor_id, host_id=requests.host_id), limp]
             elif i not in confirmed:
-                commands.append(ReadParameter(motor_id, _TIMEOUT.index, host_id=requests.host_id))
+                commands.append(messages.ReadParameter(motor_id, _TIMEOUT.index, host_id=requests.host_id))
             requests.send({i: commands})
         _listen(requests, joints, confirmed)
     for i in joints:
@@ -329,8 +319,8 @@ def _try_timeouts(requests: Requests, joints: Sequence[int], can_timeout: float,
             return
         begin = time.monotonic()
         limp = {i: _limp_command(requests, i) for i in untried}
-        enable: dict[int, Sequence[Command]] = {
-            i: [limp[i], Enable(limp[i].motor_id, host_id=requests.host_id), limp[i]] for i in untried
+        enable: dict[int, Sequence[messages.Command]] = {
+            i: [limp[i], messages.Enable(limp[i].motor_id, host_id=requests.host_id), limp[i]] for i in untried
         }
         running = requests.until_status(enable, lambda status: status.mode is MotorMode.RUN and not status.faults)
         time.sleep(_SILENCE * can_timeout)
@@ -355,7 +345,7 @@ def _listen(requests: Requests, asked: Sequence[int], confirmed: dict[int, float
     end = time.monotonic() + _PERIOD
     while time.monotonic() < end:
         for joint, reply in requests.received():
-            if joint in asked and isinstance(reply, ParameterReply) and reply.index == _TIMEOUT.index:
+            if joint in asked and isinstance(reply, messages.ParameterReply) and reply.index == _TIMEOUT.index:
                 confirmed[joint] = float(unpack_value(_TIMEOUT.type, reply.payload)) if reply.is_success else -1.0
         if len(confirmed) == len(asked):
             return
@@ -415,8 +405,8 @@ def _note_stored_hosts(requests: Requests, joints: Iterable[int], checks: CheckL
         )
 
 
-def _limp_command(requests: Requests, joint: int) -> OperationControl:
+def _limp_command(requests: Requests, joint: int) -> messages.OperationControl:
     """Return a command without gains or effort, at the motor's position if that is known."""
     sample = requests.table.slots[joint].sample
     position = 0.0 if sample is None else sample.status.position
-    return OperationControl(requests.motors.motor_id[joint], position, 0.0, 0.0, 0.0, 0.0)
+    return messages.OperationControl(requests.motors.motor_id[joint], position, 0.0, 0.0, 0.0, 0.0)
