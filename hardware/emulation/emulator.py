@@ -197,40 +197,35 @@ class Emulator:
         return [i for i, name in enumerate(names) if not fault.joints or name in fault.joints]
 
     def _begin(self, injected: _Injected) -> None:
-        if injected not in self._injected:  # forgotten before it began
-            return
-        injected.is_active = True
-        fault = injected.fault
-        self._tell(f"fault: {fault}")
-        if fault.info.scope == "frames":
-            for motor in injected.motors:
-                self._frame_faults.begin(fault.kind, motor, fault.amount)
-        elif fault.info.scope == "motor":
-            for motor in injected.motors:
-                self.motors.begin_fault(motor, fault.kind, fault.amount)
-        else:
-            for bus in self._buses_of(injected):
-                self._begin_on_bus(injected, bus)
+        if injected in self._injected:  # else it was forgotten before it began
+            injected.is_active = True
+            self._tell(f"fault: {injected.fault}")
+            self._switch(injected)
 
     def _end(self, injected: _Injected) -> None:
         if injected not in self._injected:
             return
         self._injected.remove(injected)
-        if not injected.is_active:
-            return
-        injected.is_active = False
-        fault = injected.fault
-        self._tell(f"fault over: {fault}")
+        if injected.is_active:
+            injected.is_active = False
+            self._tell(f"fault over: {injected.fault}")
+            self._switch(injected)
+
+    def _switch(self, injected: _Injected) -> None:
+        """Do what a fault is, or undo it, as it is active or not."""
+        fault, begins = injected.fault, injected.is_active
         if fault.info.scope == "frames":
             for motor in injected.motors:
-                self._frame_faults.end(fault.kind, motor)
+                self._frame_faults.set(fault.kind, motor, fault.amount if begins else None)
         elif fault.info.scope == "motor":
             for motor in injected.motors:
-                for frame in self.motors.end_fault(motor, fault.kind, fault.amount):
+                for frame in self.motors.set_fault(motor, fault.kind, fault.amount, begins):
                     self._send(motor, frame, self.time)
         else:
             for bus in self._buses_of(injected):
-                if fault.kind == "bus_off":
+                if begins:
+                    self._begin_on_bus(injected, bus)
+                elif fault.kind == "bus_off":
                     self._is_off[bus] = False
                 elif fault.kind in self._host_faults[bus]:
                     self._host_faults[bus].remove(fault.kind)

@@ -232,57 +232,35 @@ class Motors:
         self._look_at = min((firmware.next_time(state) for firmware, state in pairs), default=math.inf)
         return sent
 
-    def begin_fault(self, motor: int, kind: str, amount: float) -> None:
-        """Begin a fault of the scope `motor`, see `FAULTS`. Its value is in `amount`."""
-        conditions = self.conditions[motor]
-        match kind:
-            case "silent":
-                conditions.is_silent = True
-            case "unplugged":
-                self.set_power(motor, False)
-            case "reset":
-                self._take(motor, Reaction(self.firmwares[motor].reset(self.states[motor])), self.time)
-            case "over_temperature":
-                conditions.temperature = amount
-            case "under_voltage" | "over_voltage":
-                conditions.voltage = amount
-            case "overcurrent":
-                conditions.overcurrent = True
-            case "stalled":
-                conditions.overloaded = True
-                self.plant.jam(motor, True)
-            case "blocked":
-                self.plant.jam(motor, True)
-            case "encoder_fault":
-                conditions.encoder_fault = True
-            case "encoder_jump":
-                self._jump[motor] += amount
-        self._look_at = 0.0
+    def set_fault(self, motor: int, kind: str, amount: float, begins: bool) -> tuple[Frame, ...]:
+        """Begin or end a fault of the scope `motor`, see `FAULTS`; returns what the motor sends about it.
 
-    def end_fault(self, motor: int, kind: str, amount: float) -> tuple[Frame, ...]:
-        """End the cause; what the firmware has latched stays. Return the frames that the motor sends about it."""
+        Its value is in `amount`. At the end only the cause ends: what the firmware has latched stays.
+        """
         conditions = self.conditions[motor]
         announcement: tuple[Frame, ...] = ()
         match kind:
             case "silent":
-                conditions.is_silent = False
+                conditions.is_silent = begins
             case "unplugged":
-                announcement = self.set_power(motor, True)
+                announcement = self.set_power(motor, not begins)
+            case "reset" if begins:
+                self._take(motor, Reaction(self.firmwares[motor].reset(self.states[motor])), self.time)
             case "over_temperature":
-                conditions.temperature = None
+                conditions.temperature = amount if begins else None
             case "under_voltage" | "over_voltage":
-                conditions.voltage = None
+                conditions.voltage = amount if begins else None
             case "overcurrent":
-                conditions.overcurrent = False
+                conditions.overcurrent = begins
             case "stalled":
-                conditions.overloaded = False
-                self.plant.jam(motor, False)
+                conditions.overloaded = begins
+                self.plant.jam(motor, begins)
             case "blocked":
-                self.plant.jam(motor, False)
+                self.plant.jam(motor, begins)
             case "encoder_fault":
-                conditions.encoder_fault = False
+                conditions.encoder_fault = begins
             case "encoder_jump":
-                self._jump[motor] -= amount
+                self._jump[motor] += amount if begins else -amount
         self._look_at = 0.0
         return announcement
 

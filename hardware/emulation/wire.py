@@ -116,16 +116,13 @@ class FrameFaults:
         self._active: dict[int, dict[str, float]] = {}
         self._held: dict[int, Frame] = {}
 
-    def begin(self, kind: str, motor: int, amount: float) -> None:
-        """Begin a fault of the scope `frames`; `amount` as in `FAULTS`."""
-        self._active.setdefault(motor, {})[kind] = amount
-
-    def end(self, kind: str, motor: int) -> None:
-        """End the fault."""
-        active = self._active.get(motor, {})
-        active.pop(kind, None)
-        if not active:
-            self._active.pop(motor, None)
+    def set(self, kind: str, motor: int, amount: float | None) -> None:
+        """Begin a fault of the scope `frames`, `amount` as in `FAULTS`; None: end it."""
+        active = {name: value for name, value in self._active.pop(motor, {}).items() if name != kind}
+        if amount is not None:
+            active[kind] = amount
+        if active:
+            self._active[motor] = active
 
     def reaches(self, motor: int) -> bool:
         """Return whether a frame that has come over the bus reaches the motor."""

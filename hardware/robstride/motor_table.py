@@ -22,23 +22,10 @@ from humanoid_sim.hardware.robstride.messages import DeviceId, FaultReport, Igno
 Inbox = Callable[[int, Reply, float], None]
 """Takes an answer to a request: the channel it came from, the answer, its time (s, robot's clock)."""
 
-_COMMANDS = frozenset(
-    {
-        FrameType.OPERATION_CONTROL,
-        FrameType.ENABLE,
-        FrameType.STOP,
-        FrameType.SET_ZERO,
-        FrameType.SET_DEVICE_ID,
-        FrameType.WRITE_PARAMETER,
-        FrameType.SAVE_PARAMETERS,
-        FrameType.SET_BAUD_RATE,
-        FrameType.ACTIVE_REPORT,
-        FrameType.SET_PROTOCOL,
-    }
-)
-"""Frames that another host must not send to our motors."""
 _QUESTIONS = frozenset({FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER})
 """Frames that another host may send: a scan, a parameter read."""
+_COMMANDS = frozenset(FrameType) - _QUESTIONS - {FrameType.STATUS, FrameType.FAULT_REPORT}
+"""Frames that another host must not send to our motors."""
 
 _LATE = 50
 """Commands whose answers may still come, as after a busy computer's pause."""
