@@ -15,6 +15,9 @@ from humanoid_sim.cli import ExitStatus, complain
 
 __all__ = ["main"]
 
+_MODULES = {"set_id": "only_motor", "set_zero": "only_motor"}
+"""By function, where its name is not the module's."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `hardware` with command-line arguments; returns the exit status."""
@@ -26,9 +29,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = Param(options)
     from humanoid_sim.hardware.tools.bench import SilentMotorError  # noqa: PLC0415
 
-    # The options of `bring-up` are `BringUp`, its module and function are `bring_up`.
+    # The options of `bring-up` are `BringUp`, its function is `bring_up`, in a module of that name but for some.
     name = re.sub(r"(?<!^)(?=[A-Z])", "_", type(options).__name__).lower()
-    tool: Callable[[Any], int] = getattr(importlib.import_module(f"{__name__}.{name}"), name)
+    tool: Callable[[Any], int] = getattr(importlib.import_module(f"{__name__}.{_MODULES.get(name, name)}"), name)
     try:
         return tool(options)
     except SilentMotorError as error:
