@@ -39,22 +39,20 @@ class Reaction(NamedTuple, Generic[State]):
 
 
 class Drive(NamedTuple):
-    """The MIT command in force, motor frame, and its limit; without power all gains and the effort are zero."""
+    """The MIT command in force, motor frame, and its limit, in rad, s and N·m.
+
+    Without power all gains and the effort are zero.
+    """
 
     position: float
-    """rad"""
     velocity: float
-    """rad/s"""
     effort: float
-    """N·m"""
     stiffness: float
-    """N·m/rad"""
     damping: float
-    """N·m·s/rad"""
     limit: float
-    """N·m"""
+    """Of the torque."""
     origin: float
-    """rad, the shaft's angle that counts as position 0."""
+    """The shaft's angle that counts as position 0."""
 
 
 class Firmware(Protocol[State]):

@@ -44,4 +44,3 @@ DRIVERS: Mapping[str, Driver] = MappingProxyType(
         "robstride": Driver(RobstrideSession, lambda motors: RobstrideEncoder(motors.motor_id, motors.model)),
     }
 )
-"""By family."""

@@ -28,7 +28,6 @@ this process stood still."""
 _BAD_COMMAND = SafetyStatus(
     SafetyLevel.CRITICAL, SafetyFlag.NONE, "host", "a command was not finite and was replaced by damping"
 )
-"""The status about this program's own commands."""
 
 
 class MotorControl:
@@ -51,7 +50,6 @@ class MotorControl:
         self._bad_command = -math.inf
         self.encoder = CommandEncoder(wiring, len(motors.channels), 2.0 * settings.control_period)
         self.last_command: MITCommand | None = None
-        """Last command that was sent."""
         self.refused = 0
         """Commands that were not sent as they were: not enabled, or not finite."""
         self.faults: Mapping[str, tuple[str, ...]] = {}

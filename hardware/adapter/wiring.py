@@ -114,7 +114,6 @@ class AdapterSettings:
     """All that stays the same between two activations."""
 
     name: str
-    """The robot's."""
     addresses: tuple[BusAddress, ...]
     wiring: Wiring
     host_id: int

@@ -128,6 +128,33 @@ def _hear_own_group_only(bus: can.BusABC) -> None:
                 break
 
 
+class PassingBus(can.BusABC):
+    """Passes everything on to another bus that is shut down with it, for whoever wants to see or refuse what passes."""
+
+    def __init__(self, bus: can.BusABC, channel: str) -> None:
+        """Take over an open bus; `channel` is its name."""
+        self._bus = bus
+        super().__init__(channel)
+        self._can_protocol = bus.protocol
+        self.channel_info = bus.channel_info
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send on the other bus."""
+        self._bus.send(msg, timeout)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        return self._bus._recv_internal(timeout)
+
+    def fileno(self) -> int:
+        """Return the file descriptor of the other bus."""
+        return self._bus.fileno()
+
+    def shutdown(self) -> None:
+        """Shut both down."""
+        super().shutdown()
+        self._bus.shutdown()
+
+
 def bus_hints(address: BusAddress, burst: int) -> tuple[str, ...]:
     """Return what the operating system says against an open channel, one line each; nothing where it cannot be asked.
 

@@ -51,7 +51,6 @@ class _Injected:
     fault: Fault
     motors: list[int]
     is_active: bool = False
-    """True once it has begun."""
 
 
 class Emulator:

@@ -16,8 +16,15 @@ from typing import Self
 import can
 
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.hardware.bus.address import BusAddress, Echoes, frame_of, message_of, open_bus, parse_address
-from humanoid_sim.hardware.bus.passing import PassingBus
+from humanoid_sim.hardware.bus.address import (
+    BusAddress,
+    Echoes,
+    PassingBus,
+    frame_of,
+    message_of,
+    open_bus,
+    parse_address,
+)
 from humanoid_sim.hardware.emulation.emulator import BusLoad, Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.motors import Told

@@ -49,7 +49,6 @@ class Wire:
         self.busy = 0.0
         """s for which the bus has been occupied."""
         self.frames = 0
-        """Frames that have been sent."""
 
     def submit(self, node: int, frame: Frame, time: float) -> None:
         """Queue a frame that is ready to be sent at `time`, s."""

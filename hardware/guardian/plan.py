@@ -17,7 +17,6 @@ class GuardedMotor:
     """One motor without a dead-man of its own, and the frames that brake it. The family's module makes them."""
 
     name: str
-    """Its joint."""
     channel: BusAddress
     damping: tuple[Frame, ...]
     """In the order in which they are sent, together, every period: damping gains without stiffness, and a command

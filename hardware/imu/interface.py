@@ -15,9 +15,7 @@ from humanoid_sim.mit import FloatArray, frozen_array
 from humanoid_sim.simulation.sensors import ImuSample
 
 SOURCE = "imu"
-"""The source of an IMU's safety status."""
 OK = SafetyStatus(source=SOURCE)
-"""The status of an IMU that is heard."""
 LABEL_UP = (0.0, 1.0, 0.0, 0.0)
 """The mounting, w x y z, of a device that lies with its label up and its x axis forward."""
 

@@ -69,7 +69,6 @@ class MicrostrainImu:
         self.reader = PacketReader()
         """Counts what was damaged on the way."""
         self.samples = 0
-        """Samples heard since `open`."""
         self.refused = 0
         """Packets of measurements that lacked one, or held one that is none."""
 

@@ -49,13 +49,10 @@ class MotorSlot:
 
     joint: int
     sample: Sample | None = None
-    """The latest status."""
     alarm: Sample | None = None
     """The latest status that reported a fault or a mode other than RUN."""
     report: FaultReport | None = None
-    """The latest fault report."""
     invalid: Note = NEVER
-    """The latest frame that could not be read."""
     invalid_frames: int = 0
     statuses: int = 0
     """Answers to commands (type 2)."""

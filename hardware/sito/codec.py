@@ -80,26 +80,21 @@ class SelectMode:
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """K_p and K_d of the MIT law; they hold until others are sent."""
+    """K_p and K_d of the MIT law, N·m/rad and N·m·s/rad; they hold until others are sent."""
 
     device_id: int
     stiffness: float
-    """N·m/rad"""
     damping: float
-    """N·m·s/rad"""
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """The other three fields of the MIT law, in the motor frame."""
+    """The other three fields of the MIT law, in the motor frame: rad, rad/s and N·m."""
 
     device_id: int
     position: float
-    """rad"""
     velocity: float
-    """rad/s"""
     effort: float
-    """N·m"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -338,5 +338,4 @@ def _row(slot: SitoSlot) -> tuple[float, ...]:
     feedback, position = slot.feedback, slot.position
     if feedback is None or position is None:
         return (np.nan,) * 5
-    heard = min(feedback.time, position.time)
-    return heard, position.value.position, feedback.value.velocity, feedback.value.effort, np.nan
+    return slot.heard, position.value.position, feedback.value.velocity, feedback.value.effort, np.nan

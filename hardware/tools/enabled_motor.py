@@ -58,7 +58,6 @@ class EnabledMotor:
         self._old: dict[str, float | None] = {}
         self._sent, self._longest = 0.0, 0.0  # s: the last command, and the longest silence since a status in run mode
         self.status: Status | None = None
-        """The latest."""
 
     def __enter__(self) -> Self:
         """Enable the motor, after every check that a session makes; warnings are printed before.
