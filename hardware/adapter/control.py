@@ -16,7 +16,6 @@ from humanoid_sim.hardware.adapter.watch import SafetyWatch
 from humanoid_sim.hardware.adapter.wiring import AdapterSettings, Wiring
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.families import DRIVERS
-from humanoid_sim.hardware.imu.interface import ImuReading
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState, bounded_position
 from humanoid_sim.robots.motors import FAMILIES
@@ -134,25 +133,6 @@ class MotorControl:
     def damp(self, now: float) -> None:
         """DAMPING's command, which needs no state."""
         self.write(self._damped, now)
-
-
-def robot_state(now: float, joints: JointReadings, age: FloatArray, imu: ImuReading) -> MITState:
-    """Return what the control stack reads.
-
-    Args:
-        now: s, robot's clock.
-        age: shape (n,), s since each joint was heard.
-    """
-    return MITState(
-        time=now,
-        joint_position=joints.position,
-        joint_velocity=joints.velocity,
-        joint_effort=joints.effort,
-        joint_age=age,
-        imu_quaternion=imu.quaternion,
-        imu_angular_velocity=imu.angular_velocity,
-        imu_linear_acceleration=imu.linear_acceleration,
-    )
 
 
 class CommandEncoder:

@@ -16,7 +16,6 @@ from humanoid_sim.hardware.adapter.control import (
     disable,
     is_damped,
     is_limp,
-    robot_state,
     unconfirmed,
 )
 from humanoid_sim.hardware.adapter.guarding import MotorGuard
@@ -277,7 +276,17 @@ class HardwareRobot:
         statuses = control.statuses(now, age) if control is not None and control.is_enabled else self._not_enabled()
         if self._imu is not None:
             statuses = (*statuses, imu.status)
-        return robot_state(now, joints, age, imu), statuses
+        state = MITState(
+            time=now,
+            joint_position=joints.position,
+            joint_velocity=joints.velocity,
+            joint_effort=joints.effort,
+            joint_age=age,
+            imu_quaternion=imu.quaternion,
+            imu_angular_velocity=imu.angular_velocity,
+            imu_linear_acceleration=imu.linear_acceleration,
+        )
+        return state, statuses
 
     def _not_enabled(self) -> tuple[SafetyStatus, ...]:
         flags = SafetyFlag.BUS_OFF if self._motors is None else SafetyFlag.MOTOR_FAULT

@@ -9,9 +9,6 @@ from dataclasses import dataclass, replace
 
 from humanoid_sim.hardware.bus.frame import Frame, arbitration_key, frame_bits
 
-__all__ = ["HOST", "OTHER_HOST", "FrameFaults", "Transmission", "Wire", "arbitration_key"]
-
-
 HOST = -1
 """The node that is not a motor: the computer on the bus."""
 OTHER_HOST = -2

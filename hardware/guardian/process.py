@@ -25,8 +25,6 @@ from humanoid_sim.hardware.guardian.heartbeat import Heartbeat, Phase, Stage
 from humanoid_sim.hardware.guardian.plan import GuardianPlan
 from humanoid_sim.session.realtime import real_time
 
-__all__ = ["READY", "Silence", "main"]
-
 READY = "ready"
 """Word that it says once it watches."""
 _LOOK = 0.005

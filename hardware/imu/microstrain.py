@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from time import monotonic
-from typing import Protocol
 
 import numpy as np
 import serial
@@ -22,9 +21,6 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.imu.interface import LABEL_UP, OK, ImuReading, silent, upright_at_rest
 from humanoid_sim.hardware.imu.mip import Field, Packet, PacketReader, encode_packet
 from humanoid_sim.mit import FloatArray
-
-__all__ = ["ACCELERATION", "ANGULAR_RATE", "QUATERNION", "SENSOR_DATA", "MicrostrainImu", "configure", "reading_of"]
-
 
 _POLL = 0.02
 """s that the listening thread waits for bytes before it looks whether to stop."""
@@ -84,7 +80,7 @@ class MicrostrainImu:
         except (serial.SerialException, OSError, ValueError) as error:
             raise RobotError(f"{self._port}: the IMU's port cannot be opened: {error}") from None
         try:
-            configure(self._serial, self._port, self._rate)
+            _configure(self._serial, self._port, self._rate)
         except (serial.SerialException, OSError) as error:
             self.close()
             raise RobotError(f"{self._port}: the IMU cannot be configured: {error}") from None
@@ -155,24 +151,11 @@ _ANSWER_TIME = 1.0
 _ERRORS = {1: "unknown command", 2: "wrong checksum", 3: "invalid parameter", 4: "could not be done", 5: "timed out"}
 
 
-class SerialLine(Protocol):
-    """Methods of a serial port that configuration needs."""
-
-    def write(self, data: bytes, /) -> int | None:
-        """Send."""
-
-    def read(self, size: int = 1, /) -> bytes:
-        """At most `size` bytes; fewer, or none, after the port's timeout."""
-
-
-def configure(line: SerialLine, name: str, rate: float) -> float:
+def _configure(line: serial.Serial, name: str, rate: float) -> None:
     """Have the device stream quaternion, angular rate and acceleration in one packet.
 
     Args:
         rate: Hz; the nearest that divides the device's own rate is taken.
-
-    Returns:
-        The rate that was set, Hz.
 
     Raises:
         RobotError: if the device does not answer, or refuses.
@@ -188,13 +171,12 @@ def configure(line: SerialLine, name: str, rate: float) -> float:
     talk.ask(_3DM, Field(0x0F, bytes((_WRITE, SENSOR_DATA, 3)) + entries), "Message Format")
     talk.ask(_3DM, Field(0x11, bytes((_WRITE, SENSOR_DATA, 1))), "Data Stream Control")
     talk.ask(_BASE, Field(0x06, b""), "Resume")
-    return base / decimation
 
 
 class _Talk:
     """Commands and their answers, among whatever else the device sends."""
 
-    def __init__(self, line: SerialLine, name: str) -> None:
+    def __init__(self, line: serial.Serial, name: str) -> None:
         self._line = line
         self._name = name
         self._reader = PacketReader()

@@ -20,8 +20,7 @@ class RobstrideLink:
         self.line = line
         self.channels, self.sources, self.opened = line.channels, line.sources, line.opened
         self.host_id = host_id
-        self.table = MotorTable(motors, host_id, len(self.channels))
-        self.requests = Requests(motors, self.table, self.channels, host_id)
+        self.expect(motors)
 
     def receive(self, channel: int, frame: Frame, time: float) -> bool:
         """Take a frame, whatever it is; True."""

@@ -223,19 +223,5 @@ class Malformed:
     """Such as `status with 5 bytes, expected 8`."""
 
 
-Command: TypeAlias = (
-    OperationControl
-    | GetDeviceId
-    | Enable
-    | Stop
-    | ReadVersion
-    | SetZero
-    | SetDeviceId
-    | ReadParameter
-    | WriteParameter
-    | SaveParameters
-    | SetActiveReport
-    | SetBaudRate
-    | SetProtocol
-)
+Command: TypeAlias = OperationControl | HostCommand
 Reply: TypeAlias = Status | FaultReport | ParameterReply | DeviceId | Version

@@ -26,21 +26,6 @@ from humanoid_sim.hardware.robstride.parameters import Parameter
 from humanoid_sim.hardware.robstride.requests import Unreadable
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 
-__all__ = [
-    "SilentMotorError",
-    "advice_for_silence",
-    "channel_trouble",
-    "command_motor",
-    "motor_bench",
-    "open_bench",
-    "read_device_id",
-    "read_value",
-    "require_up",
-    "silence",
-    "some_motors",
-    "write_value",
-]
-
 _ANY_MODEL = MOTORS["rs-00"]
 """Model of motors that are not known: it scales only the values of statuses, which are then not shown."""
 _TROUBLE = (BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.UNREADABLE)

@@ -24,9 +24,6 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import FAMILIES
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["budget", "channel_budgets"]
-
-
 DEFAULT_QUEUE = 10
 """Frames that the kernel queues for a CAN interface (`txqueuelen`), unless told otherwise."""
 COMFORTABLE = 0.7

@@ -19,8 +19,6 @@ from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.tools.bench import silence, some_motors
 from humanoid_sim.robots.motors import FAMILIES, MOTORS
 
-__all__ = ["LISTENING", "Ear", "MovedMotor", "limp_motors", "no_question", "title"]
-
 LISTENING = 0.3
 """s in which a motor that sends feedback is heard: a Sito's comes every 255 ms at the latest."""
 _PERIOD = 0.02
