@@ -11,18 +11,15 @@ State = TypeVar("State")
 
 
 class Sensed(NamedTuple):
-    """Readings of a motor's own sensors at one instant."""
+    """Readings of a motor's own sensors at one instant, in rad, s, N·m, °C and V."""
 
     shaft: float
-    """rad, motor frame, the shaft's angle with all its turns."""
+    """Angle of the shaft with all its turns, motor frame."""
     velocity: float = 0.0
-    """rad/s"""
     torque: float = 0.0
-    """N·m, from the phase currents."""
+    """Computed from the phase currents."""
     temperature: float = 25.0
-    """°C"""
     voltage: float = 48.0
-    """V"""
     encoder_fault: bool = False
     overcurrent: bool = False
     overloaded: bool = False

@@ -12,7 +12,6 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.motors import MotorGroup
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, flag_names
@@ -48,7 +47,8 @@ _TOO_LONG = 2.5
 """CAN timeouts after which that shows nothing: the silence, and as much again for enabling."""
 _FLOAT32 = 1e-6
 """Relative; values travel as float32."""
-_LIMITS = {"limit_torque": "torque limit", "limit_cur": "current limit"}
+_LIMITS = {"limit_torque": ("torque limit", "peak_torque"), "limit_cur": ("current limit", "peak_current")}
+"""By parameter: its name for a person, and the field of a model that has its peak."""
 _RUN_MODE, _TIMEOUT = PARAMETERS["run_mode"], PARAMETERS["canTimeout"]
 
 
@@ -121,15 +121,12 @@ def make_ready(
         _write_exactly(requests, "run_mode", dict.fromkeys(joints, float(RunMode.OPERATION)), checks)
     _write_timeout(requests, joints, can_timeout, checks)
     if takes_over:
-        motors = requests.motors
-        torques, currents = motors.torque_limit, motors.current_limit
-        _write_limit(requests, "limit_torque", {i: torques[i] for i in joints}, _peaks(motors), checks, is_needed=True)
+        torques, currents = requests.motors.torque_limit, requests.motors.current_limit
+        _write_limit(requests, "limit_torque", {i: torques[i] for i in joints}, checks, is_needed=True)
         # Documented for the velocity and position modes only: operation mode is held by the torque limit.
-        peaks = {i: motors.model[i].peak_current for i in joints}
-        _write_limit(requests, "limit_cur", {i: currents[i] for i in joints}, peaks, checks, is_needed=False)
+        _write_limit(requests, "limit_cur", {i: currents[i] for i in joints}, checks, is_needed=False)
     elif torque is not None:
-        limits = dict.fromkeys(joints, torque)
-        _write_limit(requests, "limit_torque", limits, _peaks(requests.motors), checks, is_needed=True)
+        _write_limit(requests, "limit_torque", dict.fromkeys(joints, torque), checks, is_needed=True)
     _check_stored_hosts(channels, joints, checks)
 
 
@@ -214,23 +211,13 @@ def _write_timeout(requests: Requests, joints: Sequence[int], can_timeout: float
             checks.passed(motor, f"stops {1000.0 * CanTimeout.to_seconds(int(found)):g} ms after the last command")
 
 
-def _peaks(motors: MotorGroup) -> dict[int, float]:
-    """Return the data sheets' peak torques by motor, N·m."""
-    return {i: model.peak_torque for i, model in enumerate(motors.model)}
-
-
 def _write_limit(
-    requests: Requests,
-    name: str,
-    limits: Mapping[int, float],
-    peaks: Mapping[int, float],
-    checks: CheckList,
-    *,
-    is_needed: bool,
+    requests: Requests, name: str, limits: Mapping[int, float], checks: CheckList, *, is_needed: bool
 ) -> None:
     """Write a limit, but never one above the peak of the motor's data sheet; 0 leaves the firmware's own."""
-    parameter = PARAMETERS[name]
-    values = {i: min(limit, peaks[i]) for i, limit in limits.items() if limit > 0.0}
+    parameter, (title, peak) = PARAMETERS[name], _LIMITS[name]
+    models = requests.motors.model
+    values = {i: min(limit, getattr(models[i], peak)) for i, limit in limits.items() if limit > 0.0}
     for joint, found in requests.write(parameter, values).items():
         motor, wanted = requests.motors.names[joint], values[joint]
         if isinstance(found, Unreadable):
@@ -243,7 +230,7 @@ def _write_limit(
         else:
             asked = limits[joint]
             sheet = f" (data sheet; robot file says {asked:g})" if wanted < asked else ""
-            checks.passed(motor, f"{_LIMITS[name]} {found:g} {parameter.unit}{sheet}")
+            checks.passed(motor, f"{title} {found:g} {parameter.unit}{sheet}")
 
 
 def set_reports(requests: Requests, joints: Iterable[int], *, is_on: bool) -> None:
