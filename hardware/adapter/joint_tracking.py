@@ -59,11 +59,7 @@ class JointTracker:
         if last is not None:
             position = unwrapped(position, last.position, 2.0 * wiring.position_range)
             self.jumped = self.jumped | has_jumped(
-                position - last.position,
-                readings.time - last.time,
-                readings.velocity,
-                last.velocity,
-                wiring.fastest,
+                position - last.position, readings.time - last.time, readings.velocity, last.velocity, wiring.fastest
             )
             self.wrapped = np.abs(position) > wiring.position_range * (1.0 + 1e-4)  # raw 65535 reads a little beyond
         self._last = Readings(readings.time, position, readings.velocity, readings.effort, readings.temperature)

@@ -121,12 +121,7 @@ class Conditions:
 class Motors:
     """The motors of one robot, each known by its index among the driven joints. Not thread-safe."""
 
-    def __init__(
-        self,
-        description: RobotDescription,
-        settings: EmulationSettings,
-        told: Told | None = None,
-    ) -> None:
+    def __init__(self, description: RobotDescription, settings: EmulationSettings, told: Told | None = None) -> None:
         """Power all motors on, the robot at rest in its initial position.
 
         Args:

@@ -100,15 +100,6 @@ def motor_identities(description: RobotDescription, settings: EmulationSettings)
             )
         firmware = firmware_of(model, version)
         uid = hashlib.sha256(f"{description.name}/{name}/{settings.seed}".encode()).digest()[:8]
-        identities.append(
-            MotorIdentity(
-                firmware.applied_to(model),
-                uid,
-                version,
-                firmware,
-                settings.scale,
-                settings.stall_time,
-                settings.write_only,
-            )
-        )
+        habits = settings.scale, settings.stall_time, settings.write_only
+        identities.append(MotorIdentity(firmware.applied_to(model), uid, version, firmware, *habits))
     return tuple(identities)

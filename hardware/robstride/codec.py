@@ -293,11 +293,7 @@ _NAMES = {
 
 
 def decode_reply(
-    frame: Frame,
-    models: Mapping[int, MotorModel],
-    host_id: int,
-    *,
-    scale: Scale = Scale.REFERENCE,
+    frame: Frame, models: Mapping[int, MotorModel], host_id: int, *, scale: Scale = Scale.REFERENCE
 ) -> messages.Reply | messages.Ignored | messages.Malformed:
     """Return what a received frame says to a host; never raises.
 
@@ -336,11 +332,7 @@ def _bad_length(data: bytes, parts: Identifier) -> messages.Malformed:
 
 
 def _decode_addressed(  # noqa: PLR0911 - one for each kind of reply
-    data: bytes,
-    parts: Identifier,
-    models: Mapping[int, MotorModel],
-    host_id: int,
-    scale: Scale,
+    data: bytes, parts: Identifier, models: Mapping[int, MotorModel], host_id: int, scale: Scale
 ) -> messages.Reply | messages.Ignored | messages.Malformed:
     kind, high, motor_id, destination = parts
     if destination != host_id:

@@ -242,10 +242,7 @@ class Requests:
         return {joint: value for joint, value in answers.items() if not isinstance(value, Unreadable)}
 
     def _exchange(
-        self,
-        parameters: Mapping[int, Parameter],
-        values: Mapping[int, float],
-        patience: Sequence[float] | None = None,
+        self, parameters: Mapping[int, Parameter], values: Mapping[int, float], patience: Sequence[float] | None = None
     ) -> dict[int, float | Unreadable]:
         questions = self._questions(parameters, values)
         answers: dict[int, float | Unreadable] = self.ask(questions, _values_of(parameters), patience)

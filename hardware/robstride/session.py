@@ -7,14 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from humanoid_sim.hardware.bus.frame import bus_load
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.motors import (
-    STOPPED,
-    Finding,
-    MotorFigures,
-    MotorGroup,
-    Readings,
-    SessionTerms,
-)
+from humanoid_sim.hardware.motors import STOPPED, Finding, MotorFigures, MotorGroup, Readings, SessionTerms
 from humanoid_sim.hardware.robstride.enabling import (
     enable_motors,
     examine,

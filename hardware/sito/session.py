@@ -103,12 +103,7 @@ class SitoSession:
 
     knows_positions = False
 
-    def __init__(
-        self,
-        line: OpenChannels,
-        motors: MotorGroup,
-        terms: SessionTerms,
-    ) -> None:
+    def __init__(self, line: OpenChannels, motors: MotorGroup, terms: SessionTerms) -> None:
         """Nothing is sent yet.
 
         Args:

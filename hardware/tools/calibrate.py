@@ -200,11 +200,7 @@ def _result(config: Calibrate, description: RobotDescription, wiring: Wiring, jo
 
 
 def _sweep(
-    config: Calibrate,
-    description: RobotDescription,
-    wiring: Wiring,
-    channels: RobstrideLink,
-    chosen: Sequence[int],
+    config: Calibrate, description: RobotDescription, wiring: Wiring, channels: RobstrideLink, chosen: Sequence[int]
 ) -> Mapping[int, JointTrack]:
     """Read positions until it is enough; show them meanwhile."""
     console = make_console()
