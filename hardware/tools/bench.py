@@ -156,21 +156,22 @@ def require_up(channels: RobstrideLink) -> None:
 def silence(channels: RobstrideLink, motor: int = 0, who: str = "") -> HumanoidSimError:
     """Return the error for a motor that does not answer, with what its channel says about why nothing comes back."""
     index = channels.motors.channel[motor]
-    source, trouble = channels.sources[index], channel_trouble(channels, index)
-    if channels.channels[index].down:
-        return RobotError(f"{source}: {trouble}")
-    why = f" ({trouble})" if trouble else ""
-    return SilentMotorError(f"{who or f'motor {channels.motors.motor_id[motor]}'} does not answer on {source}{why}")
+    return _no_answer(channels, index, f"{who or f'motor {channels.motors.motor_id[motor]}'} does not answer")
 
 
 def nobody(channels: RobstrideLink, index: int) -> HumanoidSimError:
     """Return the error for a channel on which no motor answers, after what to check was printed."""
+    if not channels.channels[index].down:
+        for line in advice_for_silence(channels.sources[index]):
+            complain(line)
+    return _no_answer(channels, index, "no motor answers")
+
+
+def _no_answer(channels: RobstrideLink, index: int, what: str) -> HumanoidSimError:
     source, trouble = channels.sources[index], channel_trouble(channels, index)
     if channels.channels[index].down:
         return RobotError(f"{source}: {trouble}")
-    for line in advice_for_silence(source):
-        complain(line)
-    return SilentMotorError(f"no motor answers on {source}{f' ({trouble})' if trouble else ''}")
+    return SilentMotorError(f"{what} on {source}{f' ({trouble})' if trouble else ''}")
 
 
 def read_device_id(channels: RobstrideLink, motor: int = 0) -> DeviceId:

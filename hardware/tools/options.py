@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
@@ -123,14 +122,9 @@ class Save:
     host_id: _HostId = 0xFD
 
 
-@dataclass(frozen=True)
-class Param:
-    """Read, write or save the parameters of one motor, where its protocol has them, as Robstride's has.
+_PARAM = """Read, write or save the parameters of one motor, where its protocol has them, as Robstride's has.
 
-    Exit status 3 if it does not answer.
-    """
-
-    action: Get | Set | Save
+Exit status 3 if it does not answer."""
 
 
 @dataclass(frozen=True)
@@ -317,7 +311,7 @@ TOOLS = Commands(
     {
         "discover": Discover,
         "ping": Ping,
-        "param": Commands(inspect.cleandoc(Param.__doc__ or ""), {"get": Get, "set": Set, "save": Save}),
+        "param": Commands(_PARAM, {"get": Get, "set": Set, "save": Save}),
         "calibrate": Calibrate,
         "identify": Identify,
         "budget": Budget,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import assert_never
-
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.robstride.fields import MotorMode
@@ -22,24 +20,22 @@ from humanoid_sim.hardware.robstride.parameters import (
     is_function_code,
 )
 from humanoid_sim.hardware.tools.bench import command_motor, motor_bench, read_value, write_value
-from humanoid_sim.hardware.tools.options import Get, Param, Save, Set
+from humanoid_sim.hardware.tools.options import Get, Save, Set
 from humanoid_sim.hardware.tools.terminal import make_console, make_table, shown
 from humanoid_sim.robots.motors import MotorModel, motor_model
 
 _LARGEST_INDEX = 0xFFFF
 
 
-def param(config: Param) -> int:
+def param(config: Get | Set | Save) -> int:
     """Do it, print, and return the exit status."""
-    match config.action:
+    match config:
         case Get():
-            return _get(config.action)
+            return _get(config)
         case Set():
-            return _set(config.action)
+            return _set(config)
         case Save():
-            return _save(config.action)
-        case _:
-            assert_never(config.action)
+            return _save(config)
 
 
 def _parameter(text: str, kind: str | None) -> Parameter:
