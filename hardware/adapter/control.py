@@ -95,11 +95,7 @@ class MotorControl:
     def statuses(self, now: float, age: FloatArray) -> tuple[SafetyStatus, ...]:
         """One status per channel, one about this program's commands if one was bad, one of a guardian that has news.
 
-        None before enabling.
-
-        Args:
-            now: s, robot's clock.
-            age: shape (n,), s since each joint was heard.
+        None before enabling. `now` and `age` are those of `SafetyWatch.statuses`.
         """
         if self._watch is None:
             return ()

@@ -32,13 +32,10 @@ class RobotMotors:
         clock: Callable[[], float],
         open_bus: OpenBus,
     ) -> None:
-        """Open every channel, if nothing was wrong before.
+        """Open every channel, see `OpenChannels`.
 
         Args:
             known_uids: of motors at an earlier activation, by joint.
-
-        Raises:
-            RobotError: with everything that is wrong; no channel is open then.
         """
         wiring = settings.wiring
         self._count = wiring.count

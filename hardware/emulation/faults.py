@@ -68,7 +68,7 @@ FAULTS: Mapping[str, FaultInfo] = {
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault: what, where, from when to when."""
+    """One fault: what, where, from when to when. An unknown kind or a number out of range is an `InputError`."""
 
     kind: str
     joints: tuple[str, ...] = ()
@@ -81,11 +81,6 @@ class Fault:
     """See `FAULTS`; None: the default."""
 
     def __post_init__(self) -> None:
-        """Check.
-
-        Raises:
-            InputError: the kind is unknown, or a number is out of range.
-        """
         if self.kind not in FAULTS:
             raise InputError(known_names("fault", self.kind, FAULTS))
         info = FAULTS[self.kind]

@@ -123,11 +123,7 @@ class VirtualMotors:
         return self._clock() - self._begin
 
     def inject(self, fault: Fault) -> None:
-        """Schedule a fault on the clock of `time`; one whose start is past begins at once.
-
-        Raises:
-            InputError: it names a joint without a motor.
-        """
+        """Schedule a fault on the clock of `time`, see `Emulator.inject`."""
         with self._lock:
             self._emulator.inject(fault)
 
@@ -167,11 +163,7 @@ class VirtualMotors:
         return self._emulator.motors.plant.supported
 
     def open_bus(self, address: BusAddress) -> can.BusABC:
-        """Open the computer's end of a channel; a channel of these motors with the faults of that end.
-
-        Raises:
-            RobotError: it cannot be opened.
-        """
+        """Open the computer's end of a channel; a channel of these motors with the faults of that end."""
         bus = open_bus(address)
         if address not in self.addresses:
             return bus
@@ -281,11 +273,7 @@ class FaultyBus(PassingBus):
         super().__init__(bus, channel)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send, or raise.
-
-        Raises:
-            can.CanOperationError: with the error number of the fault.
-        """
+        """Send, or raise `can.CanOperationError` with the error number of the fault."""
         fault = self._fault()
         if fault == "enobufs":
             raise can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS)

@@ -227,11 +227,7 @@ class _WatchedBus(PassingBus):
         self._index = index
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send, or raise.
-
-        Raises:
-            can.CanOperationError: the guardian drives.
-        """
+        """Send, or raise `can.CanOperationError` where the guardian drives."""
         if self._guardian.drives:
             raise can.CanOperationError("the guardian has taken over", errno.ESHUTDOWN)
         super().send(msg, timeout)

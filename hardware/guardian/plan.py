@@ -28,7 +28,7 @@ class GuardedMotor:
 
 @dataclass(frozen=True, slots=True)
 class GuardianPlan:
-    """All motors of a robot that need a guardian, and the times."""
+    """All motors of a robot that need a guardian, and the times. One that would protect nothing is a `FieldError`."""
 
     motors: tuple[GuardedMotor, ...]
     timeout: float = 0.1
@@ -41,11 +41,6 @@ class GuardianPlan:
     """Rounds in which the reset is sent."""
 
     def __post_init__(self) -> None:
-        """Refuse a plan that would protect nothing.
-
-        Raises:
-            FieldError: a number or a motor's frames are missing or out of range.
-        """
         for name, largest in (("timeout", 1.0), ("damping_time", 60.0), ("period", 0.1)):
             value = getattr(self, name)
             if not (math.isfinite(value) and 0.0 < value <= largest):

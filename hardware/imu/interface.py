@@ -45,11 +45,7 @@ class Imu(Protocol):
         """Begin, and wait for a first sample. Raises `RobotError` if none comes, saying why."""
 
     def read(self, time: float) -> ImuReading:
-        """Return the latest reading; never waits and never raises.
-
-        Args:
-            time: s, the robot's clock, now.
-        """
+        """Return the latest reading at `time`, s, the robot's clock; never waits and never raises."""
 
     def close(self) -> None:
         """Release the device and its thread. May be called twice."""

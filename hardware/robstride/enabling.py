@@ -17,7 +17,6 @@ from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, flag_names
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
 from humanoid_sim.hardware.robstride.identification import identify
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.motor_table import MotorSlot
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,
@@ -27,7 +26,7 @@ from humanoid_sim.hardware.robstride.parameters import (
     pack_value,
     unpack_value,
 )
-from humanoid_sim.hardware.robstride.requests import Requests, Unreadable
+from humanoid_sim.hardware.robstride.requests import Requests, RobstrideLink, Unreadable
 
 CAN_TIMEOUT = 0.1
 """s without a command after which a motor stops by itself, unless somebody asks for another time."""

@@ -16,9 +16,8 @@ from humanoid_sim.hardware.robstride.firmware import (
     firmware_warning,
     version_text,
 )
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId, ReadVersion, Reply, Version
-from humanoid_sim.hardware.robstride.requests import Requests
+from humanoid_sim.hardware.robstride.requests import Requests, RobstrideLink
 
 Answers = dict[tuple[int, int], set[bytes]]
 """Unique ids that answered, by channel and motor id."""

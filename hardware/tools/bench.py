@@ -20,10 +20,9 @@ from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
 from humanoid_sim.hardware.checks import CheckList, Verdict
 from humanoid_sim.hardware.motors import MotorGroup
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, Status
 from humanoid_sim.hardware.robstride.parameters import Parameter
-from humanoid_sim.hardware.robstride.requests import Unreadable
+from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
 from humanoid_sim.robots.motors import MOTORS, MotorModel
 
 _ANY_MODEL = MOTORS["rs-00"]

@@ -32,8 +32,8 @@ from humanoid_sim.hardware.calibration import (
     save_calibration,
 )
 from humanoid_sim.hardware.motors import MotorLink
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import nobody, open_bench, require_up, silence
 from humanoid_sim.hardware.tools.options import Calibrate
 from humanoid_sim.hardware.tools.terminal import confirm, make_console, make_table

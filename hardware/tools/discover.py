@@ -14,7 +14,7 @@ from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
-from humanoid_sim.hardware.robstride.link import RobstrideLink
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import advice_for_silence, channel_trouble, open_bench, require_up, some_motors
 from humanoid_sim.hardware.tools.options import Discover
 from humanoid_sim.hardware.tools.terminal import make_console, make_table

@@ -13,10 +13,9 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT, enable_motors, examine, make_ready, stop_motors
 from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import OperationControl, Status
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.robstride.requests import Unreadable
+from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
 from humanoid_sim.hardware.tools.bench import silence, write_value
 from humanoid_sim.mit import MITCommand, bounded_position
 

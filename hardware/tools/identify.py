@@ -15,9 +15,8 @@ from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.bus.address import parse_addresses
 from humanoid_sim.hardware.robstride.firmware import parse_version
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.robstride.requests import Unreadable
+from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
 from humanoid_sim.hardware.tools.bench import open_bench, read_device_id
 from humanoid_sim.hardware.tools.enabled_motor import EnabledMotor
 from humanoid_sim.hardware.tools.options import Identify

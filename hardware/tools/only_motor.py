@@ -22,8 +22,8 @@ from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.enabling import stop_motors
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, RunMode, default_value
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import (
     SilentMotorError,
     channel_trouble,

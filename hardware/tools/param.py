@@ -7,7 +7,6 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.robstride.fields import MotorMode
 from humanoid_sim.hardware.robstride.firmware import model_name
 from humanoid_sim.hardware.robstride.identification import read_versions
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import SaveParameters
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,
@@ -19,6 +18,7 @@ from humanoid_sim.hardware.robstride.parameters import (
     function_codes,
     is_function_code,
 )
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import command_motor, motor_bench, read_value, write_value
 from humanoid_sim.hardware.tools.options import Get, Save, Set
 from humanoid_sim.hardware.tools.terminal import make_console, make_table, shown

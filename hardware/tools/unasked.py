@@ -15,7 +15,7 @@ from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.hardware.motors import MotorLink, SessionTerms
-from humanoid_sim.hardware.robstride.link import RobstrideLink
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import silence, some_motors
 from humanoid_sim.robots.motors import FAMILIES, MOTORS
 
