@@ -163,14 +163,13 @@ def bus_hints(address: BusAddress, burst: int) -> tuple[str, ...]:
     """
     if address.interface != "socketcan":
         return ()
-    hints = []
     length = _attribute(address.channel, "tx_queue_len")
-    if length.isdigit() and int(length) < 2 * burst:
-        hints.append(
-            f"its outgoing queue takes {length} frames, a control period sends {burst}: "
-            f"sudo ip link set {address.channel} txqueuelen {max(4 * burst, 100)}"
-        )
-    return tuple(hints)
+    if not length.isdigit() or int(length) >= 2 * burst:
+        return ()
+    return (
+        f"its outgoing queue takes {length} frames, a control period sends {burst}: "
+        f"sudo ip link set {address.channel} txqueuelen {max(4 * burst, 100)}",
+    )
 
 
 def error_number(error: BaseException) -> int | None:

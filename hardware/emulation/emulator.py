@@ -251,8 +251,8 @@ class Emulator:
         if kind == "error_frames":
             self._arrive(self.time, bus, _VIOLATION)
         for motor in () if self._is_off[bus] or kind == "error_frames" else self._on_bus[bus]:
-            told = self.motors.zero_torque if kind == "other_master" else self.motors.question
-            for frame in told(motor):
+            firmware, state = self.motors.firmwares[motor], self.motors.states[motor]
+            for frame in firmware.zero_torque(state) if kind == "other_master" else firmware.question(state):
                 self._wires[bus].submit(OTHER_HOST, frame, self.time)
         self._at(self.time + 1.0 / injected.fault.amount, lambda: self._interfere(injected, bus))
 

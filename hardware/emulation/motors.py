@@ -183,14 +183,6 @@ class Motors:
         """Return whether a frame names a motor."""
         return self.firmwares[motor].is_for(self.states[motor], frame)
 
-    def zero_torque(self, motor: int) -> tuple[Frame, ...]:
-        """Return what another computer sends that wants no torque of a motor."""
-        return self.firmwares[motor].zero_torque(self.states[motor])
-
-    def question(self, motor: int) -> tuple[Frame, ...]:
-        """Return what another computer sends that only asks a motor something."""
-        return self.firmwares[motor].question(self.states[motor])
-
     def receive(self, motor: int, frame: Frame, time: float) -> tuple[Frame, ...]:
         """Return a frame reaches a motor; what it answers."""
         if not self.conditions[motor].has_power:

@@ -61,7 +61,8 @@ def bring_up(config: BringUp) -> int:
     else:
         for path, text in files.items():
             print(f"--- {_ETC / path}\n{text}")
-        _print_adapters()
+        for adapter in _plugged_in():
+            print(f"# plugged in: {adapter}")
     _print_next(config, names)
     return 0
 
@@ -198,12 +199,6 @@ def _content(path: Path) -> str | None:
 
 
 # --- what is there
-
-
-def _print_adapters() -> None:
-    """Print the serial numbers of the adapters that are plugged in, for --adapter."""
-    for adapter in _plugged_in():
-        print(f"# plugged in: {adapter}")
 
 
 def _plugged_in() -> Iterator[str]:
