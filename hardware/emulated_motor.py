@@ -47,7 +47,7 @@ class Drive(NamedTuple):
     stiffness: float
     damping: float
     limit: float
-    """Of the torque."""
+    """Bound of the torque."""
     origin: float
     """The shaft's angle that counts as position 0."""
 
