@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -19,6 +18,7 @@ from typing import Any
 import yaml
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.files import whole_file
 from humanoid_sim.robots.schema import JointDescription, RobotDescription
 from humanoid_sim.strict_yaml import read_strictly
 
@@ -145,30 +145,12 @@ def save_calibration(path: str | os.PathLike[str], entries: Mapping[str, Calibra
         name: {"id": entry.id, "direction": entry.direction, "homing_offset": round(entry.homing_offset, 6)}
         for name, entry in entries.items()
     }
-    text = _HEADING + yaml.safe_dump(document, sort_keys=False)
-    temporary = ""
-    try:
-        descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-            os.fchmod(file.fileno(), _mode(path))
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())  # before the name: after a power cut there is the old file or the whole new one
-        os.replace(temporary, path)
-    except OSError as error:
-        if temporary:
-            Path(temporary).unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
-
-
-def _mode(path: Path) -> int:
-    """Permissions of the file that is replaced; where there is none, those that any new file gets."""
-    try:
-        return path.stat().st_mode & 0o777
-    except OSError:
-        mask = os.umask(0)
-        os.umask(mask)
-        return 0o666 & ~mask
+    with whole_file(path) as file:
+        if path.exists():
+            os.fchmod(file.fileno(), path.stat().st_mode & 0o777)
+        file.write((_HEADING + yaml.safe_dump(document, sort_keys=False)).encode())
+        file.flush()
+        os.fsync(file.fileno())  # before the name: after a power cut there is the old file or the whole new one
 
 
 _TOUCH = 0.05
@@ -232,7 +214,6 @@ def evaluate(
     Args:
         joint: whose limits are its stops.
         direction: ±1, of its motor.
-        sweep: what was seen.
         threshold: rad; less is not a sweep.
         tolerance: rad by which a sweep may differ from the joint's range; the offset may be wrong by half of it.
         any_offset: do not conclude from a sweep outside the joint's limits that its direction is flipped: for motors

@@ -71,8 +71,6 @@ class CheckList:
         """Ask the operator to accept what nobody knows; a warning where he has accepted the same already.
 
         Args:
-            subject: the joint or the channel.
-            text: what is not known.
             about: what is accepted by the answer, for this robot's other motors too.
         """
         is_answered = about in self._answered

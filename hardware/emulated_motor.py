@@ -11,18 +11,15 @@ State = TypeVar("State")
 
 
 class Sensed(NamedTuple):
-    """Readings of a motor's own sensors at one instant."""
+    """Readings of a motor's own sensors at one instant, in rad, s, N·m, °C and V."""
 
     shaft: float
-    """rad, motor frame, the shaft's angle with all its turns."""
+    """Angle of the shaft with all its turns, motor frame."""
     velocity: float = 0.0
-    """rad/s"""
     torque: float = 0.0
-    """N·m, from the phase currents."""
+    """Computed from the phase currents."""
     temperature: float = 25.0
-    """°C"""
     voltage: float = 48.0
-    """V"""
     encoder_fault: bool = False
     overcurrent: bool = False
     overloaded: bool = False
@@ -39,22 +36,20 @@ class Reaction(NamedTuple, Generic[State]):
 
 
 class Drive(NamedTuple):
-    """The MIT command in force, motor frame, and its limit; without power all gains and the effort are zero."""
+    """The MIT command in force, motor frame, and its limit, in rad, s and N·m.
+
+    Without power all gains and the effort are zero.
+    """
 
     position: float
-    """rad"""
     velocity: float
-    """rad/s"""
     effort: float
-    """N·m"""
     stiffness: float
-    """N·m/rad"""
     damping: float
-    """N·m·s/rad"""
     limit: float
-    """N·m"""
+    """Bound of the torque."""
     origin: float
-    """rad, the shaft's angle that counts as position 0."""
+    """The shaft's angle that counts as position 0."""
 
 
 class Firmware(Protocol[State]):

@@ -14,7 +14,8 @@ from typing import Any
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.emulated_motor import Firmware
 from humanoid_sim.hardware.motors import FrameEncoder, MotorGroup, MotorLink, Rescue, SessionTerms
-from humanoid_sim.hardware.robstride.session import RobstrideEncoder, RobstrideSession
+from humanoid_sim.hardware.robstride.codec import RobstrideEncoder
+from humanoid_sim.hardware.robstride.session import RobstrideSession
 from humanoid_sim.hardware.sito.emulated import SitoFirmware
 from humanoid_sim.hardware.sito.frames import SitoEncoder, rescue_frames
 from humanoid_sim.hardware.sito.session import SitoSession
@@ -40,7 +41,6 @@ DRIVERS: Mapping[str, Driver] = MappingProxyType(
     {
         # In the order in which they are asked whether a frame is theirs: Robstride's identifiers have no mark.
         "sito": Driver(SitoSession, SitoEncoder, rescue_frames, SitoFirmware),
-        "robstride": Driver(RobstrideSession, RobstrideEncoder),
+        "robstride": Driver(RobstrideSession, lambda motors: RobstrideEncoder(motors.motor_id, motors.model)),
     }
 )
-"""By family."""

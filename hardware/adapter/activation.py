@@ -1,4 +1,7 @@
-"""Everything before a robot is enabled: who is there, are they stopped and sound, where are they, what may they do."""
+"""Everything before a robot is enabled: who is there, are they stopped and sound, where are they, what may they do.
+
+Whatever is wrong ends it with one `RobotError` that holds all of it.
+"""
 
 from __future__ import annotations
 
@@ -19,16 +22,8 @@ def prepare_motors(wiring: Wiring, motors: RobotMotors, checks: CheckList) -> Fl
 
     Nothing is written to any motor before every expected one has been identified and nobody else drives them.
 
-    Args:
-        wiring: the robot's.
-        motors: on open channels.
-        checks: takes what is found.
-
     Returns:
         The turns of `find_turns`, shape (n,); NaN for motors that tell nothing before they are enabled.
-
-    Raises:
-        RobotError: with everything that is wrong.
     """
     for link in motors.links:
         link.examine(checks)
@@ -50,17 +45,8 @@ def prepare_motors(wiring: Wiring, motors: RobotMotors, checks: CheckList) -> Fl
 def enable_motors(wiring: Wiring, motors: RobotMotors, turns: FloatArray, checks: CheckList) -> FloatArray:
     """Enable every motor, without torque; those first that nothing stops by themselves, and that tell nothing before.
 
-    Args:
-        wiring: the robot's.
-        motors: that were prepared.
-        turns: of `prepare_motors`.
-        checks: takes what is found.
-
     Returns:
         The turns of all joints, shape (n,).
-
-    Raises:
-        RobotError: with everything that is wrong.
     """
     unknown = sorted(motors.unknown_positions())
     for link in sorted(motors.links, key=lambda link: link.knows_positions):

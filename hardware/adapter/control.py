@@ -16,7 +16,6 @@ from humanoid_sim.hardware.adapter.watch import SafetyWatch
 from humanoid_sim.hardware.adapter.wiring import AdapterSettings, Wiring
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.families import DRIVERS
-from humanoid_sim.hardware.imu.interface import ImuReading
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState, bounded_position
 from humanoid_sim.robots.motors import FAMILIES
@@ -28,7 +27,6 @@ this process stood still."""
 _BAD_COMMAND = SafetyStatus(
     SafetyLevel.CRITICAL, SafetyFlag.NONE, "host", "a command was not finite and was replaced by damping"
 )
-"""The status about this program's own commands."""
 
 
 class MotorControl:
@@ -38,10 +36,7 @@ class MotorControl:
         """Begin with motors that were prepared; commands are sent once they are enabled.
 
         Args:
-            settings: the robot's.
-            motors: on open channels.
             turns: shape (n,), see `find_turns`.
-            guard: of motors that need a guardian.
         """
         wiring = settings.wiring
         self._settings = settings
@@ -54,7 +49,6 @@ class MotorControl:
         self._bad_command = -math.inf
         self.encoder = CommandEncoder(wiring, len(motors.channels), 2.0 * settings.control_period)
         self.last_command: MITCommand | None = None
-        """Last command that was sent."""
         self.refused = 0
         """Commands that were not sent as they were: not enabled, or not finite."""
         self.faults: Mapping[str, tuple[str, ...]] = {}
@@ -101,11 +95,7 @@ class MotorControl:
     def statuses(self, now: float, age: FloatArray) -> tuple[SafetyStatus, ...]:
         """One status per channel, one about this program's commands if one was bad, one of a guardian that has news.
 
-        None before enabling.
-
-        Args:
-            now: s, robot's clock.
-            age: shape (n,), s since each joint was heard.
+        None before enabling. `now` and `age` are those of `SafetyWatch.statuses`.
         """
         if self._watch is None:
             return ()
@@ -141,27 +131,6 @@ class MotorControl:
         self.write(self._damped, now)
 
 
-def robot_state(now: float, joints: JointReadings, age: FloatArray, imu: ImuReading) -> MITState:
-    """Return what the control stack reads.
-
-    Args:
-        now: s, robot's clock.
-        joints: in the joint frame.
-        age: shape (n,), s since each joint was heard.
-        imu: what it last felt.
-    """
-    return MITState(
-        time=now,
-        joint_position=joints.position,
-        joint_velocity=joints.velocity,
-        joint_effort=joints.effort,
-        joint_age=age,
-        imu_quaternion=imu.quaternion,
-        imu_angular_velocity=imu.angular_velocity,
-        imu_linear_acceleration=imu.linear_acceleration,
-    )
-
-
 class CommandEncoder:
     """Joint commands to frames, counting what was cut off."""
 
@@ -169,8 +138,6 @@ class CommandEncoder:
         """Prepare.
 
         Args:
-            wiring: joints and motors.
-            channel_count: channels to encode for.
             lead: s, see `bounded_position`.
         """
         self._wiring = wiring

@@ -36,8 +36,6 @@ class MotorGuard:
         """Nothing is started yet.
 
         Args:
-            wiring: the motors.
-            addresses: of the channels.
             damping: shape (n,), N·m·s/rad, with which the guardian brakes.
             joints: that will be enabled; None: all.
         """
@@ -50,11 +48,6 @@ class MotorGuard:
 
     def start(self, locks: Locks, checks: CheckList, open_bus: OpenBus) -> OpenBus:
         """Start a guardian that watches this process, if one is needed and can share the channels.
-
-        Args:
-            locks: of the channels, held.
-            checks: takes what an operator should know.
-            open_bus: opens a channel.
 
         Returns:
             What is to open the channels from here on.
@@ -120,11 +113,7 @@ class MotorGuard:
         return None if self._guardian is None else self._guardian.status()
 
     def take_back(self, forget_queues: Callable[[], None]) -> None:
-        """Be the only master again: nothing is commanded from here on, and a guardian that drives finishes first.
-
-        Args:
-            forget_queues: drops what waits to be sent.
-        """
+        """Be the only master again: nothing is commanded from here on, and a guardian that drives finishes first."""
         if self._guardian is None:
             return
         if self._guardian.drives:
@@ -134,11 +123,7 @@ class MotorGuard:
             self._guardian.standby()
 
     def release(self, may_run: Collection[int]) -> None:
-        """End the guardian; if motors that it watches did not confirm that they are disabled, it brakes them first.
-
-        Args:
-            may_run: joints whose motors did not.
-        """
+        """End the guardian; if motors that it watches did not confirm that they are disabled, it brakes them first."""
         if self._guardian is not None:
             self._guardian.release(confirmed=self.joints.isdisjoint(may_run))
             self._guardian = None

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,20 +20,17 @@ from humanoid_sim.mit import FloatArray
 _TURN = 2.0 * math.pi
 
 
-class JointReadings:
+class JointReadings(NamedTuple):
     """The joints' state as far as it is known. Arrays of shape (n,), joint frame."""
 
-    __slots__ = ("effort", "position", "time", "velocity")
-
-    def __init__(self, time: FloatArray, position: FloatArray, velocity: FloatArray, effort: FloatArray) -> None:
-        self.time = time
-        """s, robot's clock; -infinity: never heard."""
-        self.position = position
-        """rad; NaN: never heard, or on an unknown turn."""
-        self.velocity = velocity
-        """rad/s; 0 where never heard."""
-        self.effort = effort
-        """N·m; 0 where never heard."""
+    time: FloatArray
+    """s, robot's clock; -infinity: never heard."""
+    position: FloatArray
+    """rad; NaN: never heard, or on an unknown turn."""
+    velocity: FloatArray
+    """rad/s; 0 where never heard."""
+    effort: FloatArray
+    """N·m; 0 where never heard."""
 
 
 def unheard(joint_count: int) -> JointReadings:
@@ -61,11 +59,7 @@ class JointTracker:
         if last is not None:
             position = unwrapped(position, last.position, 2.0 * wiring.position_range)
             self.jumped = self.jumped | has_jumped(
-                position - last.position,
-                readings.time - last.time,
-                readings.velocity,
-                last.velocity,
-                wiring.fastest,
+                position - last.position, readings.time - last.time, readings.velocity, last.velocity, wiring.fastest
             )
             self.wrapped = np.abs(position) > wiring.position_range * (1.0 + 1e-4)  # raw 65535 reads a little beyond
         self._last = Readings(readings.time, position, readings.velocity, readings.effort, readings.temperature)
@@ -86,7 +80,6 @@ class JointTracker:
 MARGIN = 0.35
 """rad beyond a joint's limits that a joint may lean into its stop, or a calibration may be off."""
 
-_TURN = 2.0 * math.pi
 _MOST_TURNS = 3
 """Turns either way that are looked at: ±4π and a homing offset of one turn."""
 
@@ -98,7 +91,6 @@ def find_turns(wiring: Wiring, position: FloatArray) -> FloatArray:
     long as a joint's range and twice the margin fit into one turn, at most one count is possible.
 
     Args:
-        wiring: the joints.
         position: shape (n,), rad, motor frame, as reported.
 
     Returns:

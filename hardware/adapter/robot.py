@@ -16,7 +16,6 @@ from humanoid_sim.hardware.adapter.control import (
     disable,
     is_damped,
     is_limp,
-    robot_state,
     unconfirmed,
 )
 from humanoid_sim.hardware.adapter.guarding import MotorGuard
@@ -68,18 +67,15 @@ class HardwareRobot:
         """Describe the robot; nothing is opened yet.
 
         Args:
-            description: joints, motors and limits.
             channels: one that carries all motors, or one per bus of the robot in their order.
             calibration: homing offset of every joint, rad, motor frame.
             control_period: s between commands; None for the description's.
             clock: s, monotonic; the robot's own clock counts from now.
-            host_id: this host's id on the bus.
             can_timeout: s without a command after which the motors stop by themselves.
             allow_no_timeout: whether motors may be driven that nothing stops when this program dies.
             imu: where orientation comes from; without one the state is that of a base upright and at rest.
             dry_run: never enable: `activate` verifies everything and then refuses.
             accepted_firmware: versions that no document mentions and an operator accepts all the same.
-            open_bus: opens a channel.
 
         Raises:
             InputError: a channel, the calibration or a number does not fit.
@@ -259,7 +255,6 @@ class HardwareRobot:
         """Note why nothing is enabled, and what to do about it, for the safety statuses.
 
         Args:
-            refusal: what was raised.
             is_off: whether every motor has confirmed that it is disabled; nobody is told so otherwise.
         """
         reason = flattened(str(refusal)) or type(refusal).__name__
@@ -281,7 +276,17 @@ class HardwareRobot:
         statuses = control.statuses(now, age) if control is not None and control.is_enabled else self._not_enabled()
         if self._imu is not None:
             statuses = (*statuses, imu.status)
-        return robot_state(now, joints, age, imu), statuses
+        state = MITState(
+            time=now,
+            joint_position=joints.position,
+            joint_velocity=joints.velocity,
+            joint_effort=joints.effort,
+            joint_age=age,
+            imu_quaternion=imu.quaternion,
+            imu_angular_velocity=imu.angular_velocity,
+            imu_linear_acceleration=imu.linear_acceleration,
+        )
+        return state, statuses
 
     def _not_enabled(self) -> tuple[SafetyStatus, ...]:
         flags = SafetyFlag.BUS_OFF if self._motors is None else SafetyFlag.MOTOR_FAULT

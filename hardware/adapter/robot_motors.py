@@ -32,17 +32,10 @@ class RobotMotors:
         clock: Callable[[], float],
         open_bus: OpenBus,
     ) -> None:
-        """Open every channel, if nothing was wrong before.
+        """Open every channel, see `OpenChannels`.
 
         Args:
-            settings: the robot's.
             known_uids: of motors at an earlier activation, by joint.
-            checks: takes what is wrong with a channel.
-            clock: the robot's clock, s.
-            open_bus: opens a channel.
-
-        Raises:
-            RobotError: with everything that is wrong; no channel is open then.
         """
         wiring = settings.wiring
         self._count = wiring.count

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from humanoid_sim.hardware.adapter.control import MotorControl
 from humanoid_sim.hardware.adapter.robot_motors import RobotMotors
@@ -117,9 +118,6 @@ def gather_statistics(
     """Return the statistics since the channels were opened, or of none, together with those of earlier activations.
 
     Args:
-        settings: the robot's.
-        motors: the robot's, on open channels.
-        control: of the motors; none before they are prepared.
         now: s, robot's clock.
         past: of the activations before this one.
     """
@@ -162,19 +160,15 @@ def _together(past: RobotStatistics, latest: RobotStatistics) -> RobotStatistics
     }
     joints = dict.fromkeys((*past.warmest, *latest.warmest))
     unheard = -math.inf
-    return RobotStatistics(
+    counts = ("commanded", "acknowledged", "unconfirmed", "reports", "invalid_frames", "refused")
+    sums: dict[str, Any] = {name: getattr(past, name) + getattr(latest, name) for name in counts}
+    return replace(
+        latest,
         channels=tuple(channels.values()),
-        commanded=past.commanded + latest.commanded,
-        acknowledged=past.acknowledged + latest.acknowledged,
-        unconfirmed=past.unconfirmed + latest.unconfirmed,
-        reports=past.reports + latest.reports,
-        invalid_frames=past.invalid_frames + latest.invalid_frames,
         saturations=saturations,
         bounded=_sums(past.bounded, latest.bounded),
-        temperature=latest.temperature,
         warmest={joint: max(past.warmest.get(joint, unheard), latest.warmest.get(joint, unheard)) for joint in joints},
-        faults=latest.faults,
-        refused=past.refused + latest.refused,
+        **sums,
     )
 
 

@@ -41,8 +41,6 @@ class SafetyWatch:
         """Begin to watch enabled motors.
 
         Args:
-            settings: the robot's.
-            motors: on open channels.
             since: s, robot's clock; what happened before is past.
         """
         wiring = settings.wiring
@@ -72,7 +70,6 @@ class SafetyWatch:
         Args:
             now: s, robot's clock.
             age: shape (n,), s since each joint was heard.
-            tracker: what became of the positions.
         """
         self.beat(now)
         recent = max(now - self._rx_timeout, self._since)

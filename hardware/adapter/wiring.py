@@ -11,7 +11,7 @@ import numpy as np
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.hardware.bus.address import BusAddress, parse_address
 from humanoid_sim.hardware.motors import MotorGroup
-from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.parameters import CanTimeout
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import FAMILIES, MOTORS
@@ -49,8 +49,6 @@ def make_wiring(
     """Return the wiring of a robot over one channel that carries all motors, or over one channel per bus of the robot.
 
     Args:
-        description: the robot; each of its joints needs a motor.
-        channel_count: how many channels there are.
         calibration: homing offset by joint, rad, motor frame; None: 0 for all, where the joints' angles do not matter.
 
     Raises:
@@ -116,7 +114,6 @@ class AdapterSettings:
     """All that stays the same between two activations."""
 
     name: str
-    """The robot's."""
     addresses: tuple[BusAddress, ...]
     wiring: Wiring
     host_id: int

@@ -128,23 +128,48 @@ def _hear_own_group_only(bus: can.BusABC) -> None:
                 break
 
 
+class PassingBus(can.BusABC):
+    """Passes everything on to another bus that is shut down with it, for whoever wants to see or refuse what passes."""
+
+    def __init__(self, bus: can.BusABC, channel: str) -> None:
+        """Take over an open bus; `channel` is its name."""
+        self._bus = bus
+        super().__init__(channel)
+        self._can_protocol = bus.protocol
+        self.channel_info = bus.channel_info
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send on the other bus."""
+        self._bus.send(msg, timeout)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        return self._bus._recv_internal(timeout)
+
+    def fileno(self) -> int:
+        """Return the file descriptor of the other bus."""
+        return self._bus.fileno()
+
+    def shutdown(self) -> None:
+        """Shut both down."""
+        super().shutdown()
+        self._bus.shutdown()
+
+
 def bus_hints(address: BusAddress, burst: int) -> tuple[str, ...]:
     """Return what the operating system says against an open channel, one line each; nothing where it cannot be asked.
 
     Args:
-        address: the channel.
         burst: frames that one control period puts into the kernel's queue at once.
     """
     if address.interface != "socketcan":
         return ()
-    hints = []
     length = _attribute(address.channel, "tx_queue_len")
-    if length.isdigit() and int(length) < 2 * burst:
-        hints.append(
-            f"its outgoing queue takes {length} frames, a control period sends {burst}: "
-            f"sudo ip link set {address.channel} txqueuelen {max(4 * burst, 100)}"
-        )
-    return tuple(hints)
+    if not length.isdigit() or int(length) >= 2 * burst:
+        return ()
+    return (
+        f"its outgoing queue takes {length} frames, a control period sends {burst}: "
+        f"sudo ip link set {address.channel} txqueuelen {max(4 * burst, 100)}",
+    )
 
 
 def error_number(error: BaseException) -> int | None:

@@ -11,7 +11,6 @@ import math
 import threading
 import time
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, field
 
 import can
 
@@ -51,15 +50,6 @@ _REAL_TIME_STAMPS = frozenset({"socketcan", "virtual", "udp_multicast"})
 """Interfaces whose frames carry the system's wall clock; other drivers count from wherever they like."""
 
 
-@dataclass(slots=True)
-class _Events:
-    """The latest event of each kind: when, s on the robot's clock, and what."""
-
-    down: str = ""
-    """Reason why the channel is down; it stays so until it is opened again."""
-    latest: dict[BusEvent, tuple[float, str]] = field(default_factory=dict)
-
-
 class Channel:
     """An open channel with its two threads."""
 
@@ -76,9 +66,7 @@ class Channel:
         """Open the bus and start receiving.
 
         Args:
-            address: the channel.
             receive: is given every data frame, on the receiver's thread.
-            open_bus: opens it.
             clock: the robot's clock, s.
             capacity: frames that may wait to be sent.
             patience: s in which the queue must be empty again after the driver has refused a frame for want of room;
@@ -91,7 +79,9 @@ class Channel:
         self.counters = ChannelCounters()
         self._receive_frame = receive
         self._clock = clock
-        self._events = _Events()
+        self._down = ""
+        self._latest: dict[BusEvent, tuple[float, str]] = {}
+        """By kind: when, s on the robot's clock, and what."""
         self._outbox = Outbox(capacity, clock)
         self._patience = patience
         self._refused_since = math.inf
@@ -119,18 +109,17 @@ class Channel:
         for thread in self._threads:
             if not thread.is_alive() and not self._closing.is_set():
                 return f"thread '{thread.name}' has ended"
-        return self._events.down
+        return self._down
 
     def recent(self, event: BusEvent, since: float) -> str:
         """Say what the latest event of a kind was, if it happened at or after `since` (s, robot's clock)."""
-        when, text = self._events.latest.get(event, (-float("inf"), ""))
+        when, text = self._latest.get(event, (-float("inf"), ""))
         return text if when >= since else ""
 
     def send(self, frames: Sequence[tuple[Hashable, Frame]], lifetime: float = math.inf) -> None:
         """Queue frames, each with its key or None, see `Outbox`. Returns at once, whatever the bus is doing.
 
         Args:
-            frames: with their keys.
             lifetime: s after which those that have not left are dropped.
         """
         self._outbox.put(frames, lifetime)
@@ -145,7 +134,7 @@ class Channel:
 
     def forget_events(self) -> None:
         """Drop past events, but not that the channel is down; what happened before the motors were enabled is past."""
-        self._events.latest.clear()
+        self._latest.clear()
 
     def flush(self, timeout: float) -> bool:
         """Wait until everything queued was handed to the driver, at most `timeout` s; whether it was."""
@@ -170,9 +159,9 @@ class Channel:
             self._note(BusEvent.DOWN, f"cannot be closed: {error}")
 
     def _note(self, event: BusEvent, text: str) -> None:
-        self._events.latest[event] = (self._clock(), text)
-        if event is BusEvent.DOWN and not self._events.down:
-            self._events.down = text
+        self._latest[event] = (self._clock(), text)
+        if event is BusEvent.DOWN and not self._down:
+            self._down = text
 
     # --- receiver
 

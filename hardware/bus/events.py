@@ -76,7 +76,6 @@ def read_error_frame(interface: str, arbitration_id: int, data: bytes) -> ErrorR
     Args:
         interface: python-can's name of the driver; many have error frames of their own, in which the bits mean others.
         arbitration_id: the frame's, whose bits are error classes.
-        data: the frame's.
     """
     if interface not in _LINUX_BITS:
         return ErrorReport(BusEvent.ERROR, ("error frame",))

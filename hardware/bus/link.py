@@ -76,9 +76,6 @@ def check_link(text: str, name: str, wanted: LinkSettings, checks: CheckList) ->
 
     Args:
         text: what `read_links` gave, or a recording of it.
-        name: the interface's.
-        wanted: how it should be.
-        checks: takes what is found.
 
     Raises:
         RobotError: the text is not that command's.

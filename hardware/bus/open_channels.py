@@ -69,11 +69,8 @@ class OpenChannels:
         """Open every channel, if nothing was wrong before.
 
         Args:
-            addresses: the channels.
             bursts: frames that a control period puts into each channel's queue at once.
-            checks: takes what is wrong with a channel.
             clock: the robot's clock, s.
-            open_bus: opens a channel.
             period: s between commands.
 
         Raises:

@@ -45,7 +45,6 @@ class Outbox:
         """Queue keyed frames; a key None keeps a frame apart from all others. Never blocks on the bus.
 
         Args:
-            frames: with their keys.
             lifetime: s after which they are dropped if they have not left.
         """
         until = self._clock() + lifetime

@@ -1,7 +1,7 @@
 """Motors on their buses, as one simulation of events: frames in, with their times; frames out, with theirs.
 
-Nothing here waits or knows what time it is: `advance` says how far to go. `humanoid_sim.hardware.emulation.host` runs
-it in real time on python-can channels.
+Nothing here waits or knows what time it is: `advance` says how far to go. `VirtualMotors` runs it in real time on
+python-can channels.
 """
 
 from __future__ import annotations
@@ -51,7 +51,6 @@ class _Injected:
     fault: Fault
     motors: list[int]
     is_active: bool = False
-    """True once it has begun."""
 
 
 class Emulator:
@@ -69,10 +68,7 @@ class Emulator:
         """Power everything on.
 
         Args:
-            description: the robot.
             bus_count: 1, all motors on one bus, or the number of the robot's buses.
-            settings: how motors and buses are; None for the defaults.
-            faults: to come.
             told: is called with the time, s, and a line for a person when a motor or a fault changes.
 
         Raises:
@@ -200,40 +196,35 @@ class Emulator:
         return [i for i, name in enumerate(names) if not fault.joints or name in fault.joints]
 
     def _begin(self, injected: _Injected) -> None:
-        if injected not in self._injected:  # forgotten before it began
-            return
-        injected.is_active = True
-        fault = injected.fault
-        self._tell(f"fault: {fault}")
-        if fault.info.scope == "frames":
-            for motor in injected.motors:
-                self._frame_faults.begin(fault.kind, motor, fault.amount)
-        elif fault.info.scope == "motor":
-            for motor in injected.motors:
-                self.motors.begin_fault(motor, fault.kind, fault.amount)
-        else:
-            for bus in self._buses_of(injected):
-                self._begin_on_bus(injected, bus)
+        if injected in self._injected:  # else it was forgotten before it began
+            injected.is_active = True
+            self._tell(f"fault: {injected.fault}")
+            self._switch(injected)
 
     def _end(self, injected: _Injected) -> None:
         if injected not in self._injected:
             return
         self._injected.remove(injected)
-        if not injected.is_active:
-            return
-        injected.is_active = False
-        fault = injected.fault
-        self._tell(f"fault over: {fault}")
+        if injected.is_active:
+            injected.is_active = False
+            self._tell(f"fault over: {injected.fault}")
+            self._switch(injected)
+
+    def _switch(self, injected: _Injected) -> None:
+        """Do what a fault is, or undo it, as it is active or not."""
+        fault, begins = injected.fault, injected.is_active
         if fault.info.scope == "frames":
             for motor in injected.motors:
-                self._frame_faults.end(fault.kind, motor)
+                self._frame_faults.set(fault.kind, motor, fault.amount if begins else None)
         elif fault.info.scope == "motor":
             for motor in injected.motors:
-                for frame in self.motors.end_fault(motor, fault.kind, fault.amount):
+                for frame in self.motors.set_fault(motor, fault.kind, fault.amount, begins):
                     self._send(motor, frame, self.time)
         else:
             for bus in self._buses_of(injected):
-                if fault.kind == "bus_off":
+                if begins:
+                    self._begin_on_bus(injected, bus)
+                elif fault.kind == "bus_off":
                     self._is_off[bus] = False
                 elif fault.kind in self._host_faults[bus]:
                     self._host_faults[bus].remove(fault.kind)
@@ -260,8 +251,8 @@ class Emulator:
         if kind == "error_frames":
             self._arrive(self.time, bus, _VIOLATION)
         for motor in () if self._is_off[bus] or kind == "error_frames" else self._on_bus[bus]:
-            told = self.motors.zero_torque if kind == "other_master" else self.motors.question
-            for frame in told(motor):
+            firmware, state = self.motors.firmwares[motor], self.motors.states[motor]
+            for frame in firmware.zero_torque(state) if kind == "other_master" else firmware.question(state):
                 self._wires[bus].submit(OTHER_HOST, frame, self.time)
         self._at(self.time + 1.0 / injected.fault.amount, lambda: self._interfere(injected, bus))
 

@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Literal
 
 from humanoid_sim.errors import InputError, known_names
@@ -30,52 +29,46 @@ class FaultInfo:
     """True if the value is a whole number."""
 
 
-FAULTS: Mapping[str, FaultInfo] = MappingProxyType(
-    {
-        "lost": FaultInfo("frames", "frames to and from the motor get lost", "probability", 1.0, 0.0, 1.0),
-        "delayed": FaultInfo("frames", "the motor's frames arrive late", "s", 0.3, 0.0, 10.0),
-        "duplicated": FaultInfo("frames", "the motor's frames arrive twice", "probability", 1.0, 0.0, 1.0),
-        "reordered": FaultInfo(
-            "frames", "a frame of the motor arrives after the next one", "probability", 0.5, 0.0, 1.0
-        ),
-        "corrupted_id": FaultInfo("frames", "one bit of the motor's frame ids is inverted", "bit", 27, 0, 28, True),
-        "corrupted_dlc": FaultInfo("frames", "the motor's frames have another length", "bytes", 7, 0, 8, True),
-        "silent": FaultInfo("motor", "the motor hears and obeys, but no longer answers"),
-        "unplugged": FaultInfo("motor", "the motor has neither power nor bus; plugged in again it boots"),
-        "reset": FaultInfo("motor", "the motor falls back to reset mode, with no fault bit"),
-        "over_temperature": FaultInfo("motor", "the motor is that hot", "°C", 150.0, 0.0, 500.0),
-        "under_voltage": FaultInfo("motor", "the supply voltage falls to that", "V", 11.0, 0.0, 100.0),
-        "over_voltage": FaultInfo("motor", "the supply voltage rises to that", "V", 61.0, 0.0, 100.0),
-        "overcurrent": FaultInfo("motor", "the phase current is beyond what the driver takes"),
-        "stalled": FaultInfo("motor", "the joint is jammed, and the firmware's overload protection trips"),
-        "blocked": FaultInfo("motor", "the joint is jammed, and no motor notices"),
-        "encoder_fault": FaultInfo("motor", "the motor's magnetic encoder reports a fault"),
-        "encoder_jump": FaultInfo(
-            "motor", "the angle that the encoder reads jumps by that, with no fault bit", "rad", 1.0
-        ),
-        "other_master": FaultInfo("bus", "another computer commands zero torque to every motor", "Hz", 50.0, 0.1, 1e3),
-        "foreign_host": FaultInfo(
-            "bus",
-            "another computer reads a parameter of every motor, which from then on answers that computer",
-            "Hz",
-            5.0,
-            0.1,
-            1e3,
-        ),
-        "error_frames": FaultInfo(
-            "bus", "the CAN controller reports protocol violations; no frame is lost", "Hz", 200.0, 0.1, 1e4
-        ),
-        "bus_off": FaultInfo("bus", "the CAN controller reports bus-off; no frame passes any more"),
-        "enobufs": FaultInfo("host", "every frame to be sent is refused for want of buffer space"),
-        "enobufs_once": FaultInfo("host", "one frame to be sent is refused for want of buffer space"),
-    }
-)
+FAULTS: Mapping[str, FaultInfo] = {
+    "lost": FaultInfo("frames", "frames to and from the motor get lost", "probability", 1.0, 0.0, 1.0),
+    "delayed": FaultInfo("frames", "the motor's frames arrive late", "s", 0.3, 0.0, 10.0),
+    "duplicated": FaultInfo("frames", "the motor's frames arrive twice", "probability", 1.0, 0.0, 1.0),
+    "reordered": FaultInfo("frames", "a frame of the motor arrives after the next one", "probability", 0.5, 0.0, 1.0),
+    "corrupted_id": FaultInfo("frames", "one bit of the motor's frame ids is inverted", "bit", 27, 0, 28, True),
+    "corrupted_dlc": FaultInfo("frames", "the motor's frames have another length", "bytes", 7, 0, 8, True),
+    "silent": FaultInfo("motor", "the motor hears and obeys, but no longer answers"),
+    "unplugged": FaultInfo("motor", "the motor has neither power nor bus; plugged in again it boots"),
+    "reset": FaultInfo("motor", "the motor falls back to reset mode, with no fault bit"),
+    "over_temperature": FaultInfo("motor", "the motor is that hot", "°C", 150.0, 0.0, 500.0),
+    "under_voltage": FaultInfo("motor", "the supply voltage falls to that", "V", 11.0, 0.0, 100.0),
+    "over_voltage": FaultInfo("motor", "the supply voltage rises to that", "V", 61.0, 0.0, 100.0),
+    "overcurrent": FaultInfo("motor", "the phase current is beyond what the driver takes"),
+    "stalled": FaultInfo("motor", "the joint is jammed, and the firmware's overload protection trips"),
+    "blocked": FaultInfo("motor", "the joint is jammed, and no motor notices"),
+    "encoder_fault": FaultInfo("motor", "the motor's magnetic encoder reports a fault"),
+    "encoder_jump": FaultInfo("motor", "the angle that the encoder reads jumps by that, with no fault bit", "rad", 1.0),
+    "other_master": FaultInfo("bus", "another computer commands zero torque to every motor", "Hz", 50.0, 0.1, 1e3),
+    "foreign_host": FaultInfo(
+        "bus",
+        "another computer reads a parameter of every motor, which from then on answers that computer",
+        "Hz",
+        5.0,
+        0.1,
+        1e3,
+    ),
+    "error_frames": FaultInfo(
+        "bus", "the CAN controller reports protocol violations; no frame is lost", "Hz", 200.0, 0.1, 1e4
+    ),
+    "bus_off": FaultInfo("bus", "the CAN controller reports bus-off; no frame passes any more"),
+    "enobufs": FaultInfo("host", "every frame to be sent is refused for want of buffer space"),
+    "enobufs_once": FaultInfo("host", "one frame to be sent is refused for want of buffer space"),
+}
 """By name, in the order in which they are listed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault: what, where, from when to when."""
+    """One fault: what, where, from when to when. An unknown kind or a number out of range is an `InputError`."""
 
     kind: str
     joints: tuple[str, ...] = ()
@@ -88,11 +81,6 @@ class Fault:
     """See `FAULTS`; None: the default."""
 
     def __post_init__(self) -> None:
-        """Check.
-
-        Raises:
-            InputError: the kind is unknown, or a number is out of range.
-        """
         if self.kind not in FAULTS:
             raise InputError(known_names("fault", self.kind, FAULTS))
         info = FAULTS[self.kind]

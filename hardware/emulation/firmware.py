@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.emulated_motor import Reaction, Sensed
+from humanoid_sim.hardware.emulated_motor import Drive, Reaction, Sensed
 from humanoid_sim.hardware.emulation.motor_state import (
     NO_FAULT,
     NO_STATUS_FAULT,
@@ -27,62 +27,22 @@ from humanoid_sim.hardware.emulation.motor_state import (
     read_parameter,
     written_parameters,
 )
-from humanoid_sim.hardware.robstride.commands import decode_command
-from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit
-from humanoid_sim.hardware.robstride.messages import (
-    BaudRate,
-    Command,
-    DeviceId,
-    Enable,
-    FaultReport,
-    GetDeviceId,
-    Ignored,
-    Malformed,
-    OperationControl,
-    ParameterReply,
-    Protocol,
-    ReadParameter,
-    ReadVersion,
-    Reply,
-    SaveParameters,
-    SetActiveReport,
-    SetBaudRate,
-    SetDeviceId,
-    SetProtocol,
-    SetZero,
-    Status,
-    Stop,
-    Version,
-    WriteParameter,
-)
-from humanoid_sim.hardware.robstride.parameters import CanTimeout, RunMode, report_interval
-from humanoid_sim.hardware.robstride.replies import encode_reply
+from humanoid_sim.hardware.robstride import messages
+from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID, decode_command, encode_command, encode_reply
+from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit, flag_names
+from humanoid_sim.hardware.robstride.parameters import PARAMETERS, CanTimeout, RunMode, report_interval
 from humanoid_sim.mit import FloatArray
+from humanoid_sim.robots.motors import MotorModel
 
 _LEAST_VOLTAGE = 12.0
 """V, below which the motor reports undervoltage; likewise the manuals' 60 V."""
 _MOST_VOLTAGE = 60.0
 _STILL = 0.05
 """rad/s below which a shaft that is driven with all its torque counts as stalled."""
-_LARGEST_ID = 127
-
+_FOREIGN_HOST = 0xAA
+"""Id of the other computer that asks."""
 
 Angle = TypeVar("Angle", float, FloatArray)
-
-
-def power_on(identity: MotorIdentity, stored: Stored, sensed: Sensed) -> MotorState:
-    """Return a motor that has just booted: not enabled, parameters as saved, turns lost.
-
-    Its encoder tells the angle within one turn only, so the first position lies in 0 to 2π, or in -π to π with
-    `zero_sta` 1.
-    """
-    parameters = initial_parameters(identity, stored.parameters)
-    state = MotorState(can_id=stored.can_id, stored=stored, parameters=parameters, origin=stored.zero)
-    lowest = -math.pi if parameter(state, "zero_sta") else 0.0
-    zero = stored.zero - parameters.get(0x702B, 0.0)  # add_offset takes effect here
-    position = lowest + (sensed.shaft - zero - lowest) % (2.0 * math.pi)
-    is_deaf = stored.protocol is not Protocol.PRIVATE or stored.baud_rate is not BaudRate.KBIT_1000
-    return replace(state, origin=sensed.shaft - position, is_deaf=is_deaf)
 
 
 def wrapped(position: Angle, position_range: Angle) -> Angle:
@@ -90,79 +50,234 @@ def wrapped(position: Angle, position_range: Angle) -> Angle:
     return (position + position_range) % (2.0 * position_range) - position_range
 
 
-def status(identity: MotorIdentity, state: MotorState, sensed: Sensed, *, is_report: bool = False) -> Status:
-    """Return what the motor says about itself at this instant."""
-    return Status(
-        state.can_id,
-        state.host_id,
-        wrapped(sensed.shaft - state.origin, identity.model.position),
-        sensed.velocity,
-        sensed.torque,
-        sensed.temperature,
-        state.mode,
-        state.status_faults,
-        is_report,
-    )
+class RobstrideFirmware:
+    """See `Firmware`."""
 
+    def __init__(self, identity: MotorIdentity, can_id: int) -> None:
+        """Make a motor with its id, everything else as it comes."""
+        self.identity = identity
+        self._stored = Stored(can_id)
 
-def torque_limit(identity: MotorIdentity, state: MotorState) -> float:
-    """N·m at which the motor's torque is cut off in operation mode.
+    @property
+    def model(self) -> MotorModel:
+        """See `Firmware`."""
+        return self.identity.model
 
-    No manual states that `limit_torque` holds there; Berkeley's documentation calls it firmware-enforced. The phase
-    current's peak holds in any case.
-    """
-    return min(max(parameter(state, "limit_torque"), 0.0), identity.model.peak_torque)
+    def power_on(self, before: MotorState | None, sensed: Sensed) -> MotorState:
+        """See `Firmware`: not enabled, parameters as saved, turns lost.
 
+        Its encoder tells the angle within one turn only, so the first position lies in 0 to 2π, or in -π to π with
+        `zero_sta` 1.
+        """
+        stored = self._stored if before is None else before.stored
+        parameters = initial_parameters(self.identity, stored.parameters)
+        state = MotorState(can_id=stored.can_id, stored=stored, parameters=parameters, origin=stored.zero)
+        lowest = -math.pi if parameter(state, "zero_sta") else 0.0
+        zero = stored.zero - parameters.get(0x702B, 0.0)  # add_offset takes effect here
+        position = lowest + (sensed.shaft - zero - lowest) % (2.0 * math.pi)
+        understood = messages.Protocol.PRIVATE, messages.BaudRate.KBIT_1000
+        return replace(state, origin=sensed.shaft - position, is_deaf=(stored.protocol, stored.baud_rate) != understood)
 
-def receive(
-    identity: MotorIdentity, state: MotorState, frame: Frame, sensed: Sensed, time: float
-) -> Reaction[MotorState]:
-    """Return a frame from the bus, at `time`, s. What is for another motor, or cannot be read, changes nothing."""
-    if state.is_deaf:
-        return Reaction(state)
-    command = decode_command(frame, state.can_id, identity.model, scale=identity.scale)
-    if isinstance(command, Ignored | Malformed):
-        return Reaction(state)
-    if isinstance(command, OperationControl):  # by far the most frequent
-        state = replace(state, heard=time, command=command if state.is_running else None)
-        return Reaction(state, (_frame(identity, status(identity, state, sensed)),))
-    state = replace(state, heard=time, host_id=command.host_id)
-    state, reply = _obey(identity, state, command, sensed, time)
-    refusal = "" if state.is_running or not isinstance(command, Enable) else _refusal(state)
-    return Reaction(state, () if reply is None else (_frame(identity, reply),), refusal)
+    def reset(self, state: MotorState) -> MotorState:
+        """See `Firmware`."""
+        return replace(state, mode=MotorMode.RESET, command=None, overloaded_since=math.inf)
+
+    def is_for(self, state: MotorState, frame: Frame) -> bool:
+        """See `Firmware`: whether a frame's last byte is its id."""
+        return frame.arbitration_id & 0xFF == state.can_id
+
+    def receive(self, state: MotorState, frame: Frame, sensed: Sensed, time: float) -> Reaction[MotorState]:
+        """See `Firmware`: what is for another motor, or cannot be read, changes nothing."""
+        if state.is_deaf:
+            return Reaction(state)
+        command = decode_command(frame, state.can_id, self.identity.model, scale=self.identity.scale)
+        if isinstance(command, messages.Ignored | messages.Malformed):
+            return Reaction(state)
+        if isinstance(command, messages.OperationControl):  # by far the most frequent
+            state = replace(state, heard=time, command=command if state.is_running else None)
+            return Reaction(state, (self._frame(self._status(state, sensed)),))
+        state = replace(state, heard=time, host_id=command.host_id)
+        state, reply = self._obey(state, command, sensed, time)
+        refusal = "" if state.is_running or not isinstance(command, messages.Enable) else _refusal(state)
+        return Reaction(state, () if reply is None else (self._frame(reply),), refusal)
+
+    def advance(self, state: MotorState, sensed: Sensed, time: float) -> Reaction[MotorState]:
+        """See `Firmware`: its protections, the CAN timeout, active reports."""
+        frames: list[Frame] = []
+        before = state.faults, state.warnings
+        state = self._protect(self._watch_stall(state, sensed, time), sensed, time)
+        if (state.faults, state.warnings) != before:
+            frames.append(self._frame(messages.FaultReport(state.can_id, state.host_id, state.faults, state.warnings)))
+        if state.is_running and time >= _timeout_at(state):
+            # Only the mode bits tell: whether a fault bit is set as well is not documented.
+            state = self.reset(state)
+        if time >= state.next_report:
+            is_report = not self.identity.firmware.reports_as_status
+            frames.append(self._frame(self._status(state, sensed, is_report=is_report)))
+            interval = _report_interval(state)
+            state = replace(state, next_report=max(state.next_report + interval, time + 0.5 * interval))
+        return Reaction(state, () if state.is_deaf else tuple(frames))
+
+    def next_time(self, state: MotorState) -> float:
+        """See `Firmware`."""
+        return min(state.next_report, _timeout_at(state) if state.is_running else math.inf)
+
+    def drive(self, state: MotorState) -> Drive:
+        """See `Firmware`."""
+        limit, command = self._torque_limit(state), state.command
+        if not state.is_running or command is None:
+            return Drive(0.0, 0.0, 0.0, 0.0, 0.0, limit, state.origin)
+        factor = self.identity.firmware.gain_factor
+        stiffness, damping = factor * command.stiffness, factor * command.damping
+        return Drive(command.position, command.velocity, command.effort, stiffness, damping, limit, state.origin)
+
+    def changes(self, before: MotorState, state: MotorState) -> tuple[str, ...]:
+        """See `Firmware`."""
+        lines = []
+        if state.mode is not before.mode:
+            lines.append("enabled" if state.is_running else "stopped, in reset mode")
+        if state.status_faults != before.status_faults or state.faults != before.faults:
+            names = dict.fromkeys((*flag_names(state.status_faults), *flag_names(state.faults)))
+            lines.append(", ".join(names) or "faults cleared")
+        return tuple(lines)
+
+    def announcement(self, state: MotorState) -> tuple[Frame, ...]:
+        """See `Firmware`: a device id, as drivers report of real ones."""
+        return () if state.is_deaf else (self._frame(self._device_id(state)),)
+
+    def zero_torque(self, state: MotorState) -> tuple[Frame, ...]:
+        """See `Firmware`."""
+        return (encode_command(messages.OperationControl(state.can_id, 0.0, 0.0, 0.0, 0.0, 0.0), self.identity.model),)
+
+    def question(self, state: MotorState) -> tuple[Frame, ...]:
+        """See `Firmware`: for mechPos."""
+        question = messages.ReadParameter(state.can_id, PARAMETERS["mechPos"].index, host_id=_FOREIGN_HOST)
+        return (encode_command(question, self.identity.model),)
+
+    def _status(self, state: MotorState, sensed: Sensed, *, is_report: bool = False) -> messages.Status:
+        """Return what the motor says about itself at this instant."""
+        return messages.Status(
+            state.can_id,
+            state.host_id,
+            wrapped(sensed.shaft - state.origin, self.identity.model.position),
+            sensed.velocity,
+            sensed.torque,
+            sensed.temperature,
+            state.mode,
+            state.status_faults,
+            is_report,
+        )
+
+    def _torque_limit(self, state: MotorState) -> float:
+        """N·m at which the motor's torque is cut off in operation mode.
+
+        No manual states that `limit_torque` holds there; Berkeley's documentation calls it firmware-enforced. The phase
+        current's peak holds in any case.
+        """
+        return min(max(parameter(state, "limit_torque"), 0.0), self.identity.model.peak_torque)
+
+    def _device_id(self, state: MotorState) -> messages.DeviceId:
+        return messages.DeviceId(state.can_id, self.identity.uid)
+
+    def _frame(self, reply: messages.Reply) -> Frame:
+        return encode_reply(reply, self.identity.model, scale=self.identity.scale)
+
+    def _present_faults(self, state: MotorState, sensed: Sensed, time: float) -> tuple[StatusFault, FaultBit]:
+        """Say what is wrong now. Overvoltage has no status bit, and an encoder fault none in the fault report."""
+        in_status, in_report = NO_STATUS_FAULT, NO_FAULT
+        if sensed.temperature >= self.identity.model.fault_temperature:
+            in_status |= StatusFault.MOTOR_OVERTEMPERATURE
+            in_report |= FaultBit.MOTOR_OVERTEMPERATURE
+        if sensed.voltage < _LEAST_VOLTAGE:
+            in_status |= StatusFault.UNDERVOLTAGE
+            in_report |= FaultBit.UNDERVOLTAGE
+        if sensed.voltage > _MOST_VOLTAGE:
+            in_report |= FaultBit.OVERVOLTAGE
+        if sensed.encoder_fault:
+            in_status |= StatusFault.ENCODER_FAULT
+        if sensed.overcurrent:
+            in_status |= StatusFault.PHASE_OVERCURRENT
+            in_report |= FaultBit.PHASE_A_OVERCURRENT
+        if sensed.overloaded or time - state.overloaded_since >= self.identity.stall_time:
+            in_status |= StatusFault.STALL_OVERLOAD
+            in_report |= FaultBit.STALL_OVERLOAD
+        return in_status, in_report
+
+    def _watch_stall(self, state: MotorState, sensed: Sensed, time: float) -> MotorState:
+        limit = self._torque_limit(state)
+        is_stalled = state.is_running and abs(sensed.velocity) < _STILL and abs(sensed.torque) >= 0.99 * limit > 0.0
+        if is_stalled == math.isfinite(state.overloaded_since):
+            return state
+        return replace(state, overloaded_since=time if is_stalled else math.inf)
+
+    def _protect(self, state: MotorState, sensed: Sensed, time: float) -> MotorState:
+        """Latch what is wrong; a motor with any fault stops."""
+        in_status, in_report = self._present_faults(state, sensed, time)
+        hot = sensed.temperature >= self.identity.model.warning_temperature
+        warnings = WarningBit.MOTOR_OVERTEMPERATURE_WARNING if hot else NO_WARNING
+        if state.status_faults is not in_status or state.faults is not in_report:  # flags are slow to combine
+            in_status |= state.status_faults
+            in_report |= state.faults
+        if (in_status, in_report, warnings) != (state.status_faults, state.faults, state.warnings):
+            state = replace(state, status_faults=in_status, faults=in_report, warnings=warnings)
+        return self.reset(state) if state.is_running and (in_status or in_report) else state
+
+    def _obey(  # noqa: PLR0911, PLR0912 - one case for each command
+        self, state: MotorState, command: messages.Command, sensed: Sensed, time: float
+    ) -> tuple[MotorState, messages.Reply | None]:
+        match command:
+            case messages.GetDeviceId():
+                return state, self._device_id(state)
+            case messages.Enable():
+                if not (state.status_faults or state.faults or state.is_running or _refusal(state)):
+                    state = replace(state, mode=MotorMode.RUN, command=None)
+            case messages.Stop(clear_fault=clear):
+                state = self.reset(state)
+                if clear:
+                    state = self._protect(replace(state, status_faults=NO_STATUS_FAULT, faults=NO_FAULT), sensed, time)
+            case messages.ReadVersion():
+                return state, messages.Version(state.can_id, state.host_id, self.identity.version)
+            case messages.SetZero():
+                state = self._with_zero(state, sensed)
+            case messages.SetDeviceId(new_id=new_id):
+                if not 1 <= new_id <= LARGEST_MOTOR_ID:
+                    return state, None
+                state = replace(state, can_id=new_id, stored=replace(state.stored, can_id=new_id))
+                return state, self._device_id(state)
+            case messages.ReadParameter(index=index):
+                payload = read_parameter(self.identity, state, sensed, index)
+                known = payload is not None
+                return state, messages.ParameterReply(state.can_id, state.host_id, index, payload or bytes(4), known)
+            case messages.WriteParameter(index=index, payload=payload):
+                state = replace(state, parameters=written_parameters(state, index, payload))
+            case messages.SaveParameters():
+                state = replace(state, stored=replace(state.stored, parameters=state.parameters, zero=state.origin))
+            case messages.SetActiveReport(is_on=is_on):
+                if not self.identity.firmware.has_active_reports:
+                    return state, None
+                state = replace(state, next_report=time + _report_interval(state) if is_on else math.inf)
+            case messages.SetBaudRate(baud_rate=rate):
+                state = replace(state, stored=replace(state.stored, baud_rate=rate))
+                return state, self._device_id(state)
+            case messages.SetProtocol(protocol=protocol):
+                state = replace(state, stored=replace(state.stored, protocol=protocol))
+                return state, self._device_id(state)
+        return state, self._status(state, sensed)
+
+    def _with_zero(self, state: MotorState, sensed: Sensed) -> MotorState:
+        """Make the present position zero; position mode PP ignores it."""
+        if parameter(state, "run_mode") == RunMode.PROFILE_POSITION:
+            return state
+        command = state.command
+        if command is not None and not self.identity.keeps_target:
+            command = replace(command, position=0.0)
+        return replace(state, origin=sensed.shaft, command=command)
 
 
 def _refusal(state: MotorState) -> str:
     """Return why the motor cannot be enabled, in words; empty: it can, or its faults say why not."""
     mode = RunMode(int(parameter(state, "run_mode")))
     return "" if mode is RunMode.OPERATION else f"not enabled: run_mode is {mode}, only 0 (operation) is emulated"
-
-
-def advance(identity: MotorIdentity, state: MotorState, sensed: Sensed, time: float) -> Reaction[MotorState]:
-    """Return what the motor does of itself at `time`: its protections, the CAN timeout, active reports."""
-    frames: list[Frame] = []
-    before = state.faults, state.warnings
-    state = _protect(identity, _watch_stall(identity, state, sensed, time), sensed, time)
-    if (state.faults, state.warnings) != before:
-        frames.append(_frame(identity, FaultReport(state.can_id, state.host_id, state.faults, state.warnings)))
-    if state.is_running and time >= _timeout_at(state):
-        # Only the mode bits tell: whether a fault bit is set as well is not documented.
-        state = _stopped(state)
-    if time >= state.next_report:
-        is_report = not identity.firmware.reports_as_status
-        frames.append(_frame(identity, status(identity, state, sensed, is_report=is_report)))
-        interval = _report_interval(state)
-        state = replace(state, next_report=max(state.next_report + interval, time + 0.5 * interval))
-    return Reaction(state, () if state.is_deaf else tuple(frames))
-
-
-def next_time(state: MotorState) -> float:
-    """s, when `advance` has something to do at the latest, protections apart; infinity: never."""
-    return min(state.next_report, _timeout_at(state) if state.is_running else math.inf)
-
-
-def _frame(identity: MotorIdentity, reply: Reply) -> Frame:
-    return encode_reply(reply, identity.model, scale=identity.scale)
 
 
 def _timeout_at(state: MotorState) -> float:
@@ -172,105 +287,3 @@ def _timeout_at(state: MotorState) -> float:
 
 def _report_interval(state: MotorState) -> float:
     return report_interval(max(int(parameter(state, "EPScan_time")), 1))
-
-
-def _stopped(state: MotorState) -> MotorState:
-    return replace(state, mode=MotorMode.RESET, command=None, overloaded_since=math.inf)
-
-
-def _present_faults(
-    identity: MotorIdentity, state: MotorState, sensed: Sensed, time: float
-) -> tuple[StatusFault, FaultBit]:
-    """Say what is wrong now. Overvoltage has no status bit, and an encoder fault none in the fault report."""
-    in_status, in_report = NO_STATUS_FAULT, NO_FAULT
-    if sensed.temperature >= identity.model.fault_temperature:
-        in_status |= StatusFault.MOTOR_OVERTEMPERATURE
-        in_report |= FaultBit.MOTOR_OVERTEMPERATURE
-    if sensed.voltage < _LEAST_VOLTAGE:
-        in_status |= StatusFault.UNDERVOLTAGE
-        in_report |= FaultBit.UNDERVOLTAGE
-    if sensed.voltage > _MOST_VOLTAGE:
-        in_report |= FaultBit.OVERVOLTAGE
-    if sensed.encoder_fault:
-        in_status |= StatusFault.ENCODER_FAULT
-    if sensed.overcurrent:
-        in_status |= StatusFault.PHASE_OVERCURRENT
-        in_report |= FaultBit.PHASE_A_OVERCURRENT
-    if sensed.overloaded or time - state.overloaded_since >= identity.stall_time:
-        in_status |= StatusFault.STALL_OVERLOAD
-        in_report |= FaultBit.STALL_OVERLOAD
-    return in_status, in_report
-
-
-def _watch_stall(identity: MotorIdentity, state: MotorState, sensed: Sensed, time: float) -> MotorState:
-    limit = torque_limit(identity, state)
-    is_stalled = state.is_running and abs(sensed.velocity) < _STILL and abs(sensed.torque) >= 0.99 * limit > 0.0
-    if is_stalled == math.isfinite(state.overloaded_since):
-        return state
-    return replace(state, overloaded_since=time if is_stalled else math.inf)
-
-
-def _protect(identity: MotorIdentity, state: MotorState, sensed: Sensed, time: float) -> MotorState:
-    """Latch what is wrong; a motor with any fault stops."""
-    in_status, in_report = _present_faults(identity, state, sensed, time)
-    hot = sensed.temperature >= identity.model.warning_temperature
-    warnings = WarningBit.MOTOR_OVERTEMPERATURE_WARNING if hot else NO_WARNING
-    if state.status_faults is not in_status or state.faults is not in_report:  # flags are slow to combine
-        in_status |= state.status_faults
-        in_report |= state.faults
-    if (in_status, in_report, warnings) != (state.status_faults, state.faults, state.warnings):
-        state = replace(state, status_faults=in_status, faults=in_report, warnings=warnings)
-    return _stopped(state) if state.is_running and (in_status or in_report) else state
-
-
-def _obey(  # noqa: PLR0911, PLR0912 - one case for each command
-    identity: MotorIdentity, state: MotorState, command: Command, sensed: Sensed, time: float
-) -> tuple[MotorState, Reply | None]:
-    match command:
-        case GetDeviceId():
-            return state, DeviceId(state.can_id, identity.uid)
-        case Enable():
-            if not (state.status_faults or state.faults or state.is_running or _refusal(state)):
-                state = replace(state, mode=MotorMode.RUN, command=None)
-        case Stop(clear_fault=clear):
-            state = _stopped(state)
-            if clear:
-                state = _protect(identity, replace(state, status_faults=NO_STATUS_FAULT, faults=NO_FAULT), sensed, time)
-        case ReadVersion():
-            return state, Version(state.can_id, state.host_id, identity.version)
-        case SetZero():
-            state = _with_zero(identity, state, sensed)
-        case SetDeviceId(new_id=new_id):
-            if not 1 <= new_id <= _LARGEST_ID:
-                return state, None
-            state = replace(state, can_id=new_id, stored=replace(state.stored, can_id=new_id))
-            return state, DeviceId(new_id, identity.uid)
-        case ReadParameter(index=index):
-            payload = read_parameter(identity, state, sensed, index)
-            reply = ParameterReply(state.can_id, state.host_id, index, payload or bytes(4), payload is not None)
-            return state, reply
-        case WriteParameter(index=index, payload=payload):
-            state = replace(state, parameters=written_parameters(state, index, payload))
-        case SaveParameters():
-            state = replace(state, stored=replace(state.stored, parameters=state.parameters, zero=state.origin))
-        case SetActiveReport(is_on=is_on):
-            if not identity.firmware.has_active_reports:
-                return state, None
-            state = replace(state, next_report=time + _report_interval(state) if is_on else math.inf)
-        case SetBaudRate(baud_rate=rate):
-            state = replace(state, stored=replace(state.stored, baud_rate=rate))
-            return state, DeviceId(state.can_id, identity.uid)
-        case SetProtocol(protocol=protocol):
-            state = replace(state, stored=replace(state.stored, protocol=protocol))
-            return state, DeviceId(state.can_id, identity.uid)
-    return state, status(identity, state, sensed)
-
-
-def _with_zero(identity: MotorIdentity, state: MotorState, sensed: Sensed) -> MotorState:
-    """Make the present position zero; position mode PP ignores it."""
-    if parameter(state, "run_mode") == RunMode.PROFILE_POSITION:
-        return state
-    command = state.command
-    if command is not None and not identity.keeps_target:
-        command = replace(command, position=0.0)
-    return replace(state, origin=sensed.shaft, command=command)

@@ -97,7 +97,6 @@ class MotorState:
     faults: FaultBit = NO_FAULT
     """Latched likewise."""
     warnings: WarningBit = NO_WARNING
-    """Present warnings."""
     next_report: float = math.inf
     """Time at which the next active report is due; infinity: they are off."""
     overloaded_since: float = math.inf

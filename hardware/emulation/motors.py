@@ -13,9 +13,8 @@ import numpy.typing as npt
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulated_motor import Drive, Firmware, Reaction, Sensed
-from humanoid_sim.hardware.emulation.firmware import wrapped
+from humanoid_sim.hardware.emulation.firmware import RobstrideFirmware, wrapped
 from humanoid_sim.hardware.emulation.plant import MotorPlant
-from humanoid_sim.hardware.emulation.robstride_motor import RobstrideFirmware
 from humanoid_sim.hardware.emulation.settings import EmulationSettings, motor_identities
 from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.mit import FloatArray, mit_torque
@@ -122,21 +121,14 @@ class Conditions:
 class Motors:
     """The motors of one robot, each known by its index among the driven joints. Not thread-safe."""
 
-    def __init__(
-        self,
-        description: RobotDescription,
-        settings: EmulationSettings,
-        told: Told | None = None,
-    ) -> None:
+    def __init__(self, description: RobotDescription, settings: EmulationSettings, told: Told | None = None) -> None:
         """Power all motors on, the robot at rest in its initial position.
 
         Args:
-            description: the robot.
-            settings: how its motors are.
             told: is called when a motor changes its mode or its faults, with the time and a line for a person.
 
         Raises:
-            InputError: see `MotorPlant` and `make_firmwares`.
+            InputError: see `MotorPlant` and `motor_identities`.
         """
         self.firmwares = _make_firmwares(description, settings)
         """One per motor."""
@@ -191,14 +183,6 @@ class Motors:
         """Return whether a frame names a motor."""
         return self.firmwares[motor].is_for(self.states[motor], frame)
 
-    def zero_torque(self, motor: int) -> tuple[Frame, ...]:
-        """Return what another computer sends that wants no torque of a motor."""
-        return self.firmwares[motor].zero_torque(self.states[motor])
-
-    def question(self, motor: int) -> tuple[Frame, ...]:
-        """Return what another computer sends that only asks a motor something."""
-        return self.firmwares[motor].question(self.states[motor])
-
     def receive(self, motor: int, frame: Frame, time: float) -> tuple[Frame, ...]:
         """Return a frame reaches a motor; what it answers."""
         if not self.conditions[motor].has_power:
@@ -235,57 +219,35 @@ class Motors:
         self._look_at = min((firmware.next_time(state) for firmware, state in pairs), default=math.inf)
         return sent
 
-    def begin_fault(self, motor: int, kind: str, amount: float) -> None:
-        """Begin a fault of the scope `motor`, see `FAULTS`. Its value is in `amount`."""
-        conditions = self.conditions[motor]
-        match kind:
-            case "silent":
-                conditions.is_silent = True
-            case "unplugged":
-                self.set_power(motor, False)
-            case "reset":
-                self._take(motor, Reaction(self.firmwares[motor].reset(self.states[motor])), self.time)
-            case "over_temperature":
-                conditions.temperature = amount
-            case "under_voltage" | "over_voltage":
-                conditions.voltage = amount
-            case "overcurrent":
-                conditions.overcurrent = True
-            case "stalled":
-                conditions.overloaded = True
-                self.plant.jam(motor, True)
-            case "blocked":
-                self.plant.jam(motor, True)
-            case "encoder_fault":
-                conditions.encoder_fault = True
-            case "encoder_jump":
-                self._jump[motor] += amount
-        self._look_at = 0.0
+    def set_fault(self, motor: int, kind: str, amount: float, begins: bool) -> tuple[Frame, ...]:
+        """Begin or end a fault of the scope `motor`, see `FAULTS`; returns what the motor sends about it.
 
-    def end_fault(self, motor: int, kind: str, amount: float) -> tuple[Frame, ...]:
-        """End the cause; what the firmware has latched stays. Return the frames that the motor sends about it."""
+        Its value is in `amount`. At the end only the cause ends: what the firmware has latched stays.
+        """
         conditions = self.conditions[motor]
         announcement: tuple[Frame, ...] = ()
         match kind:
             case "silent":
-                conditions.is_silent = False
+                conditions.is_silent = begins
             case "unplugged":
-                announcement = self.set_power(motor, True)
+                announcement = self.set_power(motor, not begins)
+            case "reset" if begins:
+                self._take(motor, Reaction(self.firmwares[motor].reset(self.states[motor])), self.time)
             case "over_temperature":
-                conditions.temperature = None
+                conditions.temperature = amount if begins else None
             case "under_voltage" | "over_voltage":
-                conditions.voltage = None
+                conditions.voltage = amount if begins else None
             case "overcurrent":
-                conditions.overcurrent = False
+                conditions.overcurrent = begins
             case "stalled":
-                conditions.overloaded = False
-                self.plant.jam(motor, False)
+                conditions.overloaded = begins
+                self.plant.jam(motor, begins)
             case "blocked":
-                self.plant.jam(motor, False)
+                self.plant.jam(motor, begins)
             case "encoder_fault":
-                conditions.encoder_fault = False
+                conditions.encoder_fault = begins
             case "encoder_jump":
-                self._jump[motor] -= amount
+                self._jump[motor] += amount if begins else -amount
         self._look_at = 0.0
         return announcement
 

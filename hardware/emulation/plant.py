@@ -59,10 +59,6 @@ class MotorPlant:
     def __init__(self, description: RobotDescription, settings: EmulationSettings) -> None:
         """Build the model, at rest in the initial position.
 
-        Args:
-            description: the robot.
-            settings: how its motors are assembled, and how it is held.
-
         Raises:
             InputError: the robot has no motor, an offset names no driven joint, or the MJCF does not fit.
         """

@@ -23,7 +23,7 @@ NEW_FIRMWARE: Mapping[str, FirmwareVersion] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class EmulationSettings:
-    """Settings of the emulation that are not in the robot description."""
+    """Settings of the emulation that are not in the robot description. A number out of range is an `InputError`."""
 
     homing_offset: Mapping[str, float] = field(default_factory=dict)
     """rad, motor frame, by joint: the shaft's angle where the joint is at 0, as the motors are assembled; 0 for joints
@@ -63,11 +63,6 @@ class EmulationSettings:
     """Seed of the random faults, and of the motors' unique ids."""
 
     def __post_init__(self) -> None:
-        """Check.
-
-        Raises:
-            InputError: a number is out of range.
-        """
         for name, lowest in (("bitrate", 0.0), ("reply_delay", 0.0), ("stall_time", 0.0), ("supply_voltage", 0.0)):
             value = getattr(self, name)
             if math.isnan(value) or value < lowest or (math.isinf(value) and name != "stall_time"):
@@ -100,15 +95,6 @@ def motor_identities(description: RobotDescription, settings: EmulationSettings)
             )
         firmware = firmware_of(model, version)
         uid = hashlib.sha256(f"{description.name}/{name}/{settings.seed}".encode()).digest()[:8]
-        identities.append(
-            MotorIdentity(
-                firmware.applied_to(model),
-                uid,
-                version,
-                firmware,
-                settings.scale,
-                settings.stall_time,
-                settings.write_only,
-            )
-        )
+        habits = settings.scale, settings.stall_time, settings.write_only
+        identities.append(MotorIdentity(firmware.applied_to(model), uid, version, firmware, *habits))
     return tuple(identities)

@@ -9,9 +9,6 @@ from dataclasses import dataclass, replace
 
 from humanoid_sim.hardware.bus.frame import Frame, arbitration_key, frame_bits
 
-__all__ = ["HOST", "OTHER_HOST", "FrameFaults", "Transmission", "Wire", "arbitration_key"]
-
-
 HOST = -1
 """The node that is not a motor: the computer on the bus."""
 OTHER_HOST = -2
@@ -49,7 +46,6 @@ class Wire:
         self.busy = 0.0
         """s for which the bus has been occupied."""
         self.frames = 0
-        """Frames that have been sent."""
 
     def submit(self, node: int, frame: Frame, time: float) -> None:
         """Queue a frame that is ready to be sent at `time`, s."""
@@ -116,16 +112,13 @@ class FrameFaults:
         self._active: dict[int, dict[str, float]] = {}
         self._held: dict[int, Frame] = {}
 
-    def begin(self, kind: str, motor: int, amount: float) -> None:
-        """Begin a fault of the scope `frames`; `amount` as in `FAULTS`."""
-        self._active.setdefault(motor, {})[kind] = amount
-
-    def end(self, kind: str, motor: int) -> None:
-        """End the fault."""
-        active = self._active.get(motor, {})
-        active.pop(kind, None)
-        if not active:
-            self._active.pop(motor, None)
+    def set(self, kind: str, motor: int, amount: float | None) -> None:
+        """Begin a fault of the scope `frames`, `amount` as in `FAULTS`; None: end it."""
+        active = {name: value for name, value in self._active.pop(motor, {}).items() if name != kind}
+        if amount is not None:
+            active[kind] = amount
+        if active:
+            self._active[motor] = active
 
     def reaches(self, motor: int) -> bool:
         """Return whether a frame that has come over the bus reaches the motor."""

@@ -16,16 +16,14 @@ import can
 
 import humanoid_sim
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.address import BusAddress, PassingBus
 from humanoid_sim.hardware.bus.channel import OpenBus
-from humanoid_sim.hardware.bus.passing import PassingBus
 from humanoid_sim.hardware.guardian.heartbeat import Heartbeat, Phase, Stage
 from humanoid_sim.hardware.guardian.plan import GuardianPlan
 from humanoid_sim.hardware.guardian.process import READY
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 
 SOURCE = "guardian"
-"""Source that its safety statuses name."""
 _START = 10.0
 """s that it may take to start, on a busy computer."""
 _DEAF = 0.5
@@ -229,11 +227,7 @@ class _WatchedBus(PassingBus):
         self._index = index
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send, or raise.
-
-        Raises:
-            can.CanOperationError: the guardian drives.
-        """
+        """Send, or raise `can.CanOperationError` where the guardian drives."""
         if self._guardian.drives:
             raise can.CanOperationError("the guardian has taken over", errno.ESHUTDOWN)
         super().send(msg, timeout)

@@ -17,7 +17,6 @@ class GuardedMotor:
     """One motor without a dead-man of its own, and the frames that brake it. The family's module makes them."""
 
     name: str
-    """Its joint."""
     channel: BusAddress
     damping: tuple[Frame, ...]
     """In the order in which they are sent, together, every period: damping gains without stiffness, and a command
@@ -29,7 +28,7 @@ class GuardedMotor:
 
 @dataclass(frozen=True, slots=True)
 class GuardianPlan:
-    """All motors of a robot that need a guardian, and the times."""
+    """All motors of a robot that need a guardian, and the times. One that would protect nothing is a `FieldError`."""
 
     motors: tuple[GuardedMotor, ...]
     timeout: float = 0.1
@@ -42,11 +41,6 @@ class GuardianPlan:
     """Rounds in which the reset is sent."""
 
     def __post_init__(self) -> None:
-        """Refuse a plan that would protect nothing.
-
-        Raises:
-            FieldError: a number or a motor's frames are missing or out of range.
-        """
         for name, largest in (("timeout", 1.0), ("damping_time", 60.0), ("period", 0.1)):
             value = getattr(self, name)
             if not (math.isfinite(value) and 0.0 < value <= largest):

@@ -25,8 +25,6 @@ from humanoid_sim.hardware.guardian.heartbeat import Heartbeat, Phase, Stage
 from humanoid_sim.hardware.guardian.plan import GuardianPlan
 from humanoid_sim.session.realtime import real_time
 
-__all__ = ["READY", "Silence", "main"]
-
 READY = "ready"
 """Word that it says once it watches."""
 _LOOK = 0.005
@@ -50,12 +48,7 @@ class Silence:
         self._since = [math.inf] * len(names)
 
     def look(self, counters: tuple[int, ...], now: float) -> str:
-        """Return what has stood still for too long, in words; empty: nothing.
-
-        Args:
-            counters: now.
-            now: s.
-        """
+        """Return what has stood still for too long, in words; empty: nothing."""
         if not self._last:
             self._since = [now] * len(counters)
         for i, (old, new) in enumerate(zip(self._last, counters, strict=False)):

@@ -15,9 +15,7 @@ from humanoid_sim.mit import FloatArray, frozen_array
 from humanoid_sim.simulation.sensors import ImuSample
 
 SOURCE = "imu"
-"""The source of an IMU's safety status."""
 OK = SafetyStatus(source=SOURCE)
-"""The status of an IMU that is heard."""
 LABEL_UP = (0.0, 1.0, 0.0, 0.0)
 """The mounting, w x y z, of a device that lies with its label up and its x axis forward."""
 
@@ -47,11 +45,7 @@ class Imu(Protocol):
         """Begin, and wait for a first sample. Raises `RobotError` if none comes, saying why."""
 
     def read(self, time: float) -> ImuReading:
-        """Return the latest reading; never waits and never raises.
-
-        Args:
-            time: s, the robot's clock, now.
-        """
+        """Return the latest reading at `time`, s, the robot's clock; never waits and never raises."""
 
     def close(self) -> None:
         """Release the device and its thread. May be called twice."""

@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from time import monotonic
-from typing import Protocol
 
 import numpy as np
 import serial
@@ -22,9 +21,6 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.imu.interface import LABEL_UP, OK, ImuReading, silent, upright_at_rest
 from humanoid_sim.hardware.imu.mip import Field, Packet, PacketReader, encode_packet
 from humanoid_sim.mit import FloatArray
-
-__all__ = ["ACCELERATION", "ANGULAR_RATE", "QUATERNION", "SENSOR_DATA", "MicrostrainImu", "configure", "reading_of"]
-
 
 _POLL = 0.02
 """s that the listening thread waits for bytes before it looks whether to stop."""
@@ -48,7 +44,6 @@ class MicrostrainImu:
         """Prepare.
 
         Args:
-            port: such as `/dev/ttyACM0`.
             baudrate: bit/s; devices on USB ignore it. One packet is 52 bytes: 115200 carries 200 of them a second.
             rate: Hz, of samples.
             mounting: w x y z, the device's axes in the robot's IMU frame.
@@ -70,7 +65,6 @@ class MicrostrainImu:
         self.reader = PacketReader()
         """Counts what was damaged on the way."""
         self.samples = 0
-        """Samples heard since `open`."""
         self.refused = 0
         """Packets of measurements that lacked one, or held one that is none."""
 
@@ -86,7 +80,7 @@ class MicrostrainImu:
         except (serial.SerialException, OSError, ValueError) as error:
             raise RobotError(f"{self._port}: the IMU's port cannot be opened: {error}") from None
         try:
-            configure(self._serial, self._port, self._rate)
+            _configure(self._serial, self._port, self._rate)
         except (serial.SerialException, OSError) as error:
             self.close()
             raise RobotError(f"{self._port}: the IMU cannot be configured: {error}") from None
@@ -157,26 +151,11 @@ _ANSWER_TIME = 1.0
 _ERRORS = {1: "unknown command", 2: "wrong checksum", 3: "invalid parameter", 4: "could not be done", 5: "timed out"}
 
 
-class SerialLine(Protocol):
-    """Methods of a serial port that configuration needs."""
-
-    def write(self, data: bytes, /) -> int | None:
-        """Send."""
-
-    def read(self, size: int = 1, /) -> bytes:
-        """At most `size` bytes; fewer, or none, after the port's timeout."""
-
-
-def configure(line: SerialLine, name: str, rate: float) -> float:
+def _configure(line: serial.Serial, name: str, rate: float) -> None:
     """Have the device stream quaternion, angular rate and acceleration in one packet.
 
     Args:
-        line: an open port with a short timeout.
-        name: of the port, for messages.
         rate: Hz; the nearest that divides the device's own rate is taken.
-
-    Returns:
-        The rate that was set, Hz.
 
     Raises:
         RobotError: if the device does not answer, or refuses.
@@ -192,13 +171,12 @@ def configure(line: SerialLine, name: str, rate: float) -> float:
     talk.ask(_3DM, Field(0x0F, bytes((_WRITE, SENSOR_DATA, 3)) + entries), "Message Format")
     talk.ask(_3DM, Field(0x11, bytes((_WRITE, SENSOR_DATA, 1))), "Data Stream Control")
     talk.ask(_BASE, Field(0x06, b""), "Resume")
-    return base / decimation
 
 
 class _Talk:
     """Commands and their answers, among whatever else the device sends."""
 
-    def __init__(self, line: SerialLine, name: str) -> None:
+    def __init__(self, line: serial.Serial, name: str) -> None:
         self._line = line
         self._name = name
         self._reader = PacketReader()
@@ -238,7 +216,6 @@ def reading_of(packet: Packet, mounting: FloatArray) -> ImuReading | None:
     """Return the reading in a packet of measurements; None if it lacks one, or one is not a measurement.
 
     Args:
-        packet: of the descriptor set `SENSOR_DATA`.
         mounting: shape (4,), w x y z, the device's axes in the robot's IMU frame.
     """
     values = []

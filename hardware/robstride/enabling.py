@@ -12,23 +12,11 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.motors import MotorGroup
-from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride import messages
+from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, flag_names
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
 from humanoid_sim.hardware.robstride.identification import identify
-from humanoid_sim.hardware.robstride.link import RobstrideLink
-from humanoid_sim.hardware.robstride.messages import (
-    Command,
-    Enable,
-    OperationControl,
-    ParameterReply,
-    ReadParameter,
-    SetActiveReport,
-    Status,
-    Stop,
-    WriteParameter,
-)
 from humanoid_sim.hardware.robstride.motor_table import MotorSlot
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,
@@ -38,7 +26,7 @@ from humanoid_sim.hardware.robstride.parameters import (
     pack_value,
     unpack_value,
 )
-from humanoid_sim.hardware.robstride.requests import Requests, Unreadable
+from humanoid_sim.hardware.robstride.requests import Requests, RobstrideLink, Unreadable
 
 CAN_TIMEOUT = 0.1
 """s without a command after which a motor stops by itself, unless somebody asks for another time."""
@@ -58,7 +46,8 @@ _TOO_LONG = 2.5
 """CAN timeouts after which that shows nothing: the silence, and as much again for enabling."""
 _FLOAT32 = 1e-6
 """Relative; values travel as float32."""
-_LIMITS = {"limit_torque": "torque limit", "limit_cur": "current limit"}
+_LIMITS = {"limit_torque": ("torque limit", "peak_torque"), "limit_cur": ("current limit", "peak_current")}
+"""By parameter: its name for a person, and the field of a model that has its peak."""
 _RUN_MODE, _TIMEOUT = PARAMETERS["run_mode"], PARAMETERS["canTimeout"]
 
 
@@ -76,9 +65,6 @@ def examine(
     Asks only; nothing is written to any motor, and none is stopped.
 
     Args:
-        channels: open.
-        joints: of which motors.
-        checks: takes what is found.
         known_uids: unique ids at an earlier activation, by joint.
         takes_over: whether they are all motors of their channels, and their run mode will be written.
         is_limp: no torque will be asked for, see `identify`.
@@ -122,10 +108,7 @@ def make_ready(
     commands to somebody else.
 
     Args:
-        channels: open.
-        joints: of which motors.
         can_timeout: s without a command after which a motor stops by itself.
-        checks: takes what is found.
         takes_over: whether faults are cleared, and run mode and the robot description's limits written.
         torque: N·m that a tool lets these motors have; None: no limit is written.
     """
@@ -137,15 +120,12 @@ def make_ready(
         _write_exactly(requests, "run_mode", dict.fromkeys(joints, float(RunMode.OPERATION)), checks)
     _write_timeout(requests, joints, can_timeout, checks)
     if takes_over:
-        motors = requests.motors
-        torques, currents = motors.torque_limit, motors.current_limit
-        _write_limit(requests, "limit_torque", {i: torques[i] for i in joints}, _peaks(motors), checks, is_needed=True)
+        torques, currents = requests.motors.torque_limit, requests.motors.current_limit
+        _write_limit(requests, "limit_torque", {i: torques[i] for i in joints}, checks, is_needed=True)
         # Documented for the velocity and position modes only: operation mode is held by the torque limit.
-        peaks = {i: motors.model[i].peak_current for i in joints}
-        _write_limit(requests, "limit_cur", {i: currents[i] for i in joints}, peaks, checks, is_needed=False)
+        _write_limit(requests, "limit_cur", {i: currents[i] for i in joints}, checks, is_needed=False)
     elif torque is not None:
-        limits = dict.fromkeys(joints, torque)
-        _write_limit(requests, "limit_torque", limits, _peaks(requests.motors), checks, is_needed=True)
+        _write_limit(requests, "limit_torque", dict.fromkeys(joints, torque), checks, is_needed=True)
     _check_stored_hosts(channels, joints, checks)
 
 
@@ -155,9 +135,9 @@ def make_ready(
 def stop_motors(requests: Requests, joints: Iterable[int], *, clear_faults: bool = False) -> tuple[int, ...]:
     """Stop these motors, and clear their faults if so asked; those that did not confirm it."""
     motor_id = requests.motors.motor_id
-    commands = {i: [Stop(motor_id[i], clear_faults, host_id=requests.host_id)] for i in joints}
+    commands = {i: [messages.Stop(motor_id[i], clear_faults, host_id=requests.host_id)] for i in joints}
 
-    def is_done(status: Status) -> bool:
+    def is_done(status: messages.Status) -> bool:
         return status.mode is MotorMode.RESET and not (clear_faults and status.faults)
 
     confirmed = requests.until_status(commands, is_done)
@@ -230,23 +210,13 @@ def _write_timeout(requests: Requests, joints: Sequence[int], can_timeout: float
             checks.passed(motor, f"stops {1000.0 * CanTimeout.to_seconds(int(found)):g} ms after the last command")
 
 
-def _peaks(motors: MotorGroup) -> dict[int, float]:
-    """Return the data sheets' peak torques by motor, N·m."""
-    return {i: model.peak_torque for i, model in enumerate(motors.model)}
-
-
 def _write_limit(
-    requests: Requests,
-    name: str,
-    limits: Mapping[int, float],
-    peaks: Mapping[int, float],
-    checks: CheckList,
-    *,
-    is_needed: bool,
+    requests: Requests, name: str, limits: Mapping[int, float], checks: CheckList, *, is_needed: bool
 ) -> None:
     """Write a limit, but never one above the peak of the motor's data sheet; 0 leaves the firmware's own."""
-    parameter = PARAMETERS[name]
-    values = {i: min(limit, peaks[i]) for i, limit in limits.items() if limit > 0.0}
+    parameter, (title, peak) = PARAMETERS[name], _LIMITS[name]
+    models = requests.motors.model
+    values = {i: min(limit, getattr(models[i], peak)) for i, limit in limits.items() if limit > 0.0}
     for joint, found in requests.write(parameter, values).items():
         motor, wanted = requests.motors.names[joint], values[joint]
         if isinstance(found, Unreadable):
@@ -259,13 +229,13 @@ def _write_limit(
         else:
             asked = limits[joint]
             sheet = f" (data sheet; robot file says {asked:g})" if wanted < asked else ""
-            checks.passed(motor, f"{_LIMITS[name]} {found:g} {parameter.unit}{sheet}")
+            checks.passed(motor, f"{title} {found:g} {parameter.unit}{sheet}")
 
 
 def set_reports(requests: Requests, joints: Iterable[int], *, is_on: bool) -> None:
     """Switch the active reports of these motors on or off; not verified."""
     motor_id = requests.motors.motor_id
-    requests.send({i: [SetActiveReport(motor_id[i], is_on, host_id=requests.host_id)] for i in joints})
+    requests.send({i: [messages.SetActiveReport(motor_id[i], is_on, host_id=requests.host_id)] for i in joints})
 
 
 # --- enabling
@@ -283,9 +253,7 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
 
     Args:
         requests: asks motors that were made ready, and so have told a status.
-        joints: of which motors.
         can_timeout: s, what was written.
-        checks: takes the problems.
     """
     motors, slots = requests.motors, requests.table.slots
     _try_timeouts(requests, [i for i in joints if slots[i].hides_timeout], can_timeout, checks)
@@ -305,13 +273,13 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
             break
         for i in joints:  # one motor after the other: no other's frames between enable and limp
             motor_id, limp = motors.motor_id[i], _limp_command(requests, i)
-            commands: list[Command] = [limp]
+            commands: list[messages.Command] = [limp]
             if i not in running and slots[i].hides_timeout:
-                commands.append(WriteParameter(motor_id, _TIMEOUT.index, payload, host_id=requests.host_id))
+                commands.append(messages.WriteParameter(motor_id, _TIMEOUT.index, payload, host_id=requests.host_id))
             if i not in running:
-                commands += [Enable(motor_id, host_id=requests.host_id), limp]
+                commands += [messages.Enable(motor_id, host_id=requests.host_id), limp]
             elif i not in confirmed:
-                commands.append(ReadParameter(motor_id, _TIMEOUT.index, host_id=requests.host_id))
+                commands.append(messages.ReadParameter(motor_id, _TIMEOUT.index, host_id=requests.host_id))
             requests.send({i: commands})
         _listen(requests, joints, confirmed)
     for i in joints:
@@ -337,8 +305,8 @@ def _try_timeouts(requests: Requests, joints: Sequence[int], can_timeout: float,
             return
         begin = time.monotonic()
         limp = {i: _limp_command(requests, i) for i in untried}
-        enable: dict[int, Sequence[Command]] = {
-            i: [limp[i], Enable(limp[i].motor_id, host_id=requests.host_id), limp[i]] for i in untried
+        enable: dict[int, Sequence[messages.Command]] = {
+            i: [limp[i], messages.Enable(limp[i].motor_id, host_id=requests.host_id), limp[i]] for i in untried
         }
         running = requests.until_status(enable, lambda status: status.mode is MotorMode.RUN and not status.faults)
         time.sleep(_SILENCE * can_timeout)
@@ -363,7 +331,7 @@ def _listen(requests: Requests, asked: Sequence[int], confirmed: dict[int, float
     end = time.monotonic() + _PERIOD
     while time.monotonic() < end:
         for joint, reply in requests.received():
-            if joint in asked and isinstance(reply, ParameterReply) and reply.index == _TIMEOUT.index:
+            if joint in asked and isinstance(reply, messages.ParameterReply) and reply.index == _TIMEOUT.index:
                 confirmed[joint] = float(unpack_value(_TIMEOUT.type, reply.payload)) if reply.is_success else -1.0
         if len(confirmed) == len(asked):
             return
@@ -423,8 +391,8 @@ def _note_stored_hosts(requests: Requests, joints: Iterable[int], checks: CheckL
         )
 
 
-def _limp_command(requests: Requests, joint: int) -> OperationControl:
+def _limp_command(requests: Requests, joint: int) -> messages.OperationControl:
     """Return a command without gains or effort, at the motor's position if that is known."""
     sample = requests.table.slots[joint].sample
     position = 0.0 if sample is None else sample.status.position
-    return OperationControl(requests.motors.motor_id[joint], position, 0.0, 0.0, 0.0, 0.0)
+    return messages.OperationControl(requests.motors.motor_id[joint], position, 0.0, 0.0, 0.0, 0.0)

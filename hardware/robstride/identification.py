@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from humanoid_sim.hardware.bus.events import BusEvent
 from humanoid_sim.hardware.bus.frame import BITRATE
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import (
     FirmwareVersion,
     firmware_problem,
@@ -16,9 +16,8 @@ from humanoid_sim.hardware.robstride.firmware import (
     firmware_warning,
     version_text,
 )
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId, ReadVersion, Reply, Version
-from humanoid_sim.hardware.robstride.requests import Requests
+from humanoid_sim.hardware.robstride.requests import Requests, RobstrideLink
 
 Answers = dict[tuple[int, int], set[bytes]]
 """Unique ids that answered, by channel and motor id."""
@@ -39,9 +38,6 @@ def identify(
     """Ask on all channels who is there, and these motors for their firmware. Asks only; nothing is written.
 
     Args:
-        channels: open.
-        joints: of which motors.
-        checks: takes what was found.
         known_uids: of an earlier activation, by joint: a motor that was exchanged since has another zero.
         asks_everyone: whether every id is asked, and strangers are mentioned.
         is_limp: no torque will be asked for: firmware that scales it wrongly, or that nobody knows, is a warning.

@@ -18,20 +18,15 @@ DEFAULT_HOST_ID = 0xFD
 class OperationControl:
     """Type 1, answered by a status: `torque = damping·(velocity - v) + stiffness·(position - p) + effort`.
 
-    Values are in the motor frame. The frame has no room for a host id.
+    Values are in the motor frame and in rad, s and N·m. The frame has no room for a host id.
     """
 
     motor_id: int
     position: float
-    """rad"""
     velocity: float
-    """rad/s"""
     effort: float
-    """N·m"""
     stiffness: float
-    """N·m/rad"""
     damping: float
-    """N·m·s/rad"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,16 +133,14 @@ class SetProtocol(HostCommand):
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Type 2, or type 24 where `is_report`. Values are in the motor frame."""
+    """Type 2, or type 24 where `is_report`. Values are in the motor frame and in rad, s and N·m."""
 
     motor_id: int
     host_id: int
     position: float
-    """rad; runs cyclically within ±4π."""
+    """Runs cyclically within ±4π."""
     velocity: float
-    """rad/s"""
     effort: float
-    """N·m"""
     temperature: float
     """°C, not below 0."""
     mode: MotorMode
@@ -230,19 +223,5 @@ class Malformed:
     """Such as `status with 5 bytes, expected 8`."""
 
 
-Command: TypeAlias = (
-    OperationControl
-    | GetDeviceId
-    | Enable
-    | Stop
-    | ReadVersion
-    | SetZero
-    | SetDeviceId
-    | ReadParameter
-    | WriteParameter
-    | SaveParameters
-    | SetActiveReport
-    | SetBaudRate
-    | SetProtocol
-)
+Command: TypeAlias = OperationControl | HostCommand
 Reply: TypeAlias = Status | FaultReport | ParameterReply | DeviceId | Version

@@ -15,30 +15,17 @@ import numpy as np
 
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.motors import NEVER, ChannelNotes, MotorGroup, Note, Readings
+from humanoid_sim.hardware.robstride.codec import decode_reply
 from humanoid_sim.hardware.robstride.fields import BROADCAST_ID, FrameType, Identifier, MotorMode, split_identifier
 from humanoid_sim.hardware.robstride.messages import DeviceId, FaultReport, Ignored, Malformed, Reply, Status
-from humanoid_sim.hardware.robstride.replies import decode_reply
 
 Inbox = Callable[[int, Reply, float], None]
 """Takes an answer to a request: the channel it came from, the answer, its time (s, robot's clock)."""
 
-_COMMANDS = frozenset(
-    {
-        FrameType.OPERATION_CONTROL,
-        FrameType.ENABLE,
-        FrameType.STOP,
-        FrameType.SET_ZERO,
-        FrameType.SET_DEVICE_ID,
-        FrameType.WRITE_PARAMETER,
-        FrameType.SAVE_PARAMETERS,
-        FrameType.SET_BAUD_RATE,
-        FrameType.ACTIVE_REPORT,
-        FrameType.SET_PROTOCOL,
-    }
-)
-"""Frames that another host must not send to our motors."""
 _QUESTIONS = frozenset({FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER})
 """Frames that another host may send: a scan, a parameter read."""
+_COMMANDS = frozenset(FrameType) - _QUESTIONS - {FrameType.STATUS, FrameType.FAULT_REPORT}
+"""Frames that another host must not send to our motors."""
 
 _LATE = 50
 """Commands whose answers may still come, as after a busy computer's pause."""
@@ -62,13 +49,10 @@ class MotorSlot:
 
     joint: int
     sample: Sample | None = None
-    """The latest status."""
     alarm: Sample | None = None
     """The latest status that reported a fault or a mode other than RUN."""
     report: FaultReport | None = None
-    """The latest fault report."""
     invalid: Note = NEVER
-    """The latest frame that could not be read."""
     invalid_frames: int = 0
     statuses: int = 0
     """Answers to commands (type 2)."""
@@ -99,9 +83,7 @@ class MotorTable:
         """Start with nothing heard.
 
         Args:
-            motors: whose frames are awaited.
             host_id: replies to this host are ours. A robot's is above 127, so that no motor can be taken for it.
-            channel_count: channels that frames come from.
         """
         self.slots = tuple(MotorSlot(i) for i in range(motors.count))
         self.channels = tuple(ChannelNotes() for _ in range(channel_count))

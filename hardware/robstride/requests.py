@@ -1,5 +1,7 @@
 """Questions to many motors at once, and their answers: one outstanding question per motor, asked again if need be.
 
+And `RobstrideLink`, the host's end of motors on open channels, which asks and hears them.
+
 Every question of the adapter and of the bench tools goes through here, parameters included.
 """
 
@@ -13,8 +15,11 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from humanoid_sim.hardware.bus.channel import Channel
-from humanoid_sim.hardware.motors import MotorGroup
-from humanoid_sim.hardware.robstride.commands import encode_command
+from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.bus.open_channels import OpenChannels
+from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.motors import ChannelNotes, MotorGroup, check_intruders
+from humanoid_sim.hardware.robstride.codec import encode_command
 from humanoid_sim.hardware.robstride.messages import (
     Command,
     DeviceId,
@@ -94,7 +99,6 @@ class Requests:
         """Send each motor's commands and collect one answer per motor.
 
         Args:
-            commands: by joint.
             accept: turns an answer from a joint's motor into the result, or None if it is not the one wanted.
             patience: s to wait for answers, each time that it asks; None: as often as an answer is needed.
 
@@ -186,7 +190,6 @@ class Requests:
         """Ask these ids on every channel who is there; every answer with its channel, also second ones of one id.
 
         Args:
-            motor_ids: 1 to 127.
             quiet_time: s without an answer after which nobody else is expected.
             pace: s between two ids; 0: as fast as the bus takes them.
         """
@@ -244,10 +247,7 @@ class Requests:
         return {joint: value for joint, value in answers.items() if not isinstance(value, Unreadable)}
 
     def _exchange(
-        self,
-        parameters: Mapping[int, Parameter],
-        values: Mapping[int, float],
-        patience: Sequence[float] | None = None,
+        self, parameters: Mapping[int, Parameter], values: Mapping[int, float], patience: Sequence[float] | None = None
     ) -> dict[int, float | Unreadable]:
         questions = self._questions(parameters, values)
         answers: dict[int, float | Unreadable] = self.ask(questions, _values_of(parameters), patience)
@@ -277,3 +277,49 @@ def _values_of(parameters: Mapping[int, Parameter]) -> Callable[[int, Reply], fl
         return float(unpack_value(parameters[joint].type, reply.payload)) if reply.is_success else Unreadable("refused")
 
     return value
+
+
+class RobstrideLink:
+    """Motors on some channels. Give it every frame that is no other family's."""
+
+    def __init__(self, line: OpenChannels, motors: MotorGroup, host_id: int) -> None:
+        """Talk to motors."""
+        self.line = line
+        self.channels, self.sources, self.opened = line.channels, line.sources, line.opened
+        self.host_id = host_id
+        self.expect(motors)
+
+    def receive(self, channel: int, frame: Frame, time: float) -> bool:
+        """Take a frame, whatever it is; True."""
+        self.table.receive(channel, frame, time)
+        return True
+
+    def expect(self, motors: MotorGroup) -> None:
+        """Talk to these motors from here on; what was heard of others is forgotten."""
+        self.table = MotorTable(motors, self.host_id, len(self.channels))
+        self.requests = Requests(motors, self.table, self.channels, self.host_id)
+
+    @property
+    def motors(self) -> MotorGroup:
+        """That are talked to."""
+        return self.requests.motors
+
+    @property
+    def notes(self) -> Sequence[ChannelNotes]:
+        """Return what else was heard, by channel."""
+        return self.table.channels
+
+    @property
+    def unanswered(self) -> int:
+        """Commands that no status has answered yet; those that never left are left out."""
+        unsent = sum(channel.counters.superseded + channel.counters.stale for channel in self.channels)
+        return sum(slot.commanded - slot.acknowledged for slot in self.table.slots) - unsent
+
+    def check_intruders(self, checks: CheckList) -> None:
+        """Another master is a problem."""
+        check_intruders(self.sources, self.notes, checks)
+
+    def check(self, checks: CheckList) -> None:
+        """Another master, and a channel that is down, are problems."""
+        self.check_intruders(checks)
+        self.line.check(checks)

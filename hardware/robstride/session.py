@@ -7,16 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from humanoid_sim.hardware.bus.frame import bus_load
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.motors import (
-    STOPPED,
-    EncodedFrames,
-    Finding,
-    MotorFigures,
-    MotorGroup,
-    Readings,
-    SessionTerms,
-)
-from humanoid_sim.hardware.robstride.commands import OperationControlEncoder
+from humanoid_sim.hardware.motors import STOPPED, Finding, MotorFigures, MotorGroup, Readings, SessionTerms
 from humanoid_sim.hardware.robstride.enabling import (
     enable_motors,
     examine,
@@ -27,11 +18,10 @@ from humanoid_sim.hardware.robstride.enabling import (
 )
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit, flag_names
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_of
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import Status
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, report_interval
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.messages import SafetyFlag
-from humanoid_sim.mit import FloatArray
 
 _REPORT_WAIT = 0.3
 """s at most in which the first active reports must come."""
@@ -47,19 +37,6 @@ _WARNS = "motor_overtemperature_warning"
 """The name of that bit in a fault report."""
 
 
-class RobstrideEncoder:
-    """One operation control frame for each motor."""
-
-    def __init__(self, motors: MotorGroup) -> None:
-        """Precompute the ranges."""
-        self._encoder = OperationControlEncoder(motors.motor_id, motors.model)
-
-    def encode(self, values: FloatArray) -> EncodedFrames:
-        """See `FrameEncoder`."""
-        encoded = self._encoder.encode(values)
-        return EncodedFrames(tuple((i, 0, frame) for i, frame in enumerate(encoded.frames)), encoded.saturated)
-
-
 class RobstrideSession(RobstrideLink):
     """See `MotorLink`."""
 
@@ -69,9 +46,7 @@ class RobstrideSession(RobstrideLink):
         """Nothing is sent yet.
 
         Args:
-            line: open.
             motors: the robot's of this family; maybe none, where it only tells what strangers are heard.
-            terms: the session's.
         """
         super().__init__(line, motors, terms.host_id)
         self._terms = terms
@@ -85,11 +60,7 @@ class RobstrideSession(RobstrideLink):
     # --- activation
 
     def examine(self, checks: CheckList) -> None:
-        """See `MotorLink`.
-
-        Raises:
-            RobotError: with everything that is wrong.
-        """
+        """See `MotorLink`."""
         names, known = self.motors.names, self._terms.known_uids
         known_uids = {i: known[names[i]] for i in self._joints if names[i] in known}
         uids, self._versions = examine(self, self._joints, checks, known_uids=known_uids, takes_over=True)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import TypeAlias
@@ -35,6 +34,7 @@ class MessageType(IntEnum):
 
 FROM_MOTOR = frozenset({MessageType.FEEDBACK_0, MessageType.FEEDBACK_1, MessageType.FEEDBACK_2, MessageType.FEEDBACK_3})
 """Messages that motors send; all others are a host's."""
+_DECODED = frozenset(MessageType) - {MessageType.FEEDBACK_0, MessageType.FEEDBACK_3}
 
 
 class Mode(IntEnum):
@@ -80,26 +80,21 @@ class SelectMode:
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """K_p and K_d of the MIT law; they hold until others are sent."""
+    """K_p and K_d of the MIT law, N·m/rad and N·m·s/rad; they hold until others are sent."""
 
     device_id: int
     stiffness: float
-    """N·m/rad"""
     damping: float
-    """N·m·s/rad"""
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """The other three fields of the MIT law, in the motor frame."""
+    """The other three fields of the MIT law, in the motor frame: rad, rad/s and N·m."""
 
     device_id: int
     position: float
-    """rad"""
     velocity: float
-    """rad/s"""
     effort: float
-    """N·m"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,64 +196,43 @@ def _counts(field: str, message: object, model: MotorModel | None = None) -> int
     return rounded(scaled)
 
 
-def decode(frame: Frame, model: MotorModel) -> HostMessage | MotorMessage | Malformed | None:
+def decode(  # noqa: PLR0911 - one for each message
+    frame: Frame, model: MotorModel
+) -> HostMessage | MotorMessage | Malformed | None:
     """Return what a frame says; never raises. None: no Sito frame, or of a type that is not known.
 
     Args:
-        frame: as received.
         model: of the motor that sends it, or that it is sent to.
     """
     parts = split_identifier(frame)
-    if parts is None:
+    if parts is None or parts[1] not in _DECODED:
         return None
-    device_id, kind = parts
-    decoder = _DECODERS.get(kind)
-    if decoder is None:
-        return None
-    if len(frame.data) != _LENGTH:
+    (device_id, kind), data = parts, frame.data
+    if len(data) != _LENGTH:
         name = MessageType(kind).name.lower().replace("_", " ")
-        return Malformed(device_id, f"{name} with {len(frame.data)} bytes, expected {_LENGTH}")
-    return decoder(device_id, frame.data, model)
-
-
-def _decode_reset(device_id: int, data: bytes, _: MotorModel) -> Reset | Malformed:
-    return Reset(device_id) if data == _RESET else Malformed(device_id, f"reset with {data.hex(' ')}, expected 55s")
-
-
-def _decode_mode(device_id: int, data: bytes, _: MotorModel) -> SelectMode | Malformed:
-    if data[0] not in tuple(Mode):
-        return Malformed(device_id, f"select mode with mode 0x{data[0]:02X}, expected 0x08 or 0x09")
-    return SelectMode(device_id, Mode(data[0]), (data[1], data[2], data[3]))
-
-
-def _decode_gains(device_id: int, data: bytes, _: MotorModel) -> Gains | Malformed:
-    stiffness, damping = _GAINS.unpack(data)
-    if not (0.0 <= stiffness < math.inf and 0.0 <= damping < math.inf):  # NaN too
-        return Malformed(device_id, f"gains of {stiffness:g} and {damping:g}, expected finite numbers >= 0")
-    return Gains(device_id, stiffness * _STIFFNESS_UNIT, damping * _DAMPING_UNIT)
-
-
-def _decode_command(device_id: int, data: bytes, model: MotorModel) -> Command:
-    current, velocity, position = _COMMAND.unpack(data)
-    return Command(
-        device_id, position / SITO_COUNTS_PER_RAD, velocity / SITO_COUNTS_PER_RAD, current * (model.effort / _INT16)
-    )
-
-
-def _decode_feedback_1(device_id: int, data: bytes, model: MotorModel) -> Feedback:
-    current, velocity = _FEEDBACK_1.unpack(data)
-    return Feedback(device_id, velocity / SITO_COUNTS_PER_RAD, current * (model.effort / _INT16))
-
-
-def _decode_feedback_2(device_id: int, data: bytes, _: MotorModel) -> PositionFeedback:
-    return PositionFeedback(device_id, _FEEDBACK_2.unpack(data)[0] / SITO_COUNTS_PER_RAD)
-
-
-_DECODERS: Mapping[int, Callable[[int, bytes, MotorModel], HostMessage | MotorMessage | Malformed]] = {
-    MessageType.RESET: _decode_reset,
-    MessageType.SELECT_MODE: _decode_mode,
-    MessageType.GAINS: _decode_gains,
-    MessageType.COMMAND: _decode_command,
-    MessageType.FEEDBACK_1: _decode_feedback_1,
-    MessageType.FEEDBACK_2: _decode_feedback_2,
-}
+        return Malformed(device_id, f"{name} with {len(data)} bytes, expected {_LENGTH}")
+    effort_unit = model.effort / _INT16
+    match kind:
+        case MessageType.RESET if data != _RESET:
+            return Malformed(device_id, f"reset with {data.hex(' ')}, expected 55s")
+        case MessageType.RESET:
+            return Reset(device_id)
+        case MessageType.SELECT_MODE if data[0] not in tuple(Mode):
+            return Malformed(device_id, f"select mode with mode 0x{data[0]:02X}, expected 0x08 or 0x09")
+        case MessageType.SELECT_MODE:
+            return SelectMode(device_id, Mode(data[0]), (data[1], data[2], data[3]))
+        case MessageType.GAINS:
+            stiffness, damping = _GAINS.unpack(data)
+            if not (0.0 <= stiffness < math.inf and 0.0 <= damping < math.inf):  # NaN too
+                return Malformed(device_id, f"gains of {stiffness:g} and {damping:g}, expected finite numbers >= 0")
+            return Gains(device_id, stiffness * _STIFFNESS_UNIT, damping * _DAMPING_UNIT)
+        case MessageType.COMMAND:
+            current, velocity, position = _COMMAND.unpack(data)
+            return Command(
+                device_id, position / SITO_COUNTS_PER_RAD, velocity / SITO_COUNTS_PER_RAD, current * effort_unit
+            )
+        case MessageType.FEEDBACK_1:
+            current, velocity = _FEEDBACK_1.unpack(data)
+            return Feedback(device_id, velocity / SITO_COUNTS_PER_RAD, current * effort_unit)
+        case _:
+            return PositionFeedback(device_id, _FEEDBACK_2.unpack(data)[0] / SITO_COUNTS_PER_RAD)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -65,20 +65,14 @@ _POLL = 0.001
 _TYPES = frozenset(int(kind) for kind in MessageType)
 
 
-class _Motion(NamedTuple):
-    """Feedback 1."""
+_Message = TypeVar("_Message", Feedback, PositionFeedback)
+
+
+class _Heard(NamedTuple, Generic[_Message]):
+    """Feedback of one kind, and when it came, s, robot's clock."""
 
     time: float
-    """s, robot's clock."""
-    value: Feedback
-
-
-class _Place(NamedTuple):
-    """Feedback 2."""
-
-    time: float
-    """s, robot's clock."""
-    value: PositionFeedback
+    value: _Message
 
 
 @dataclass(slots=True)
@@ -86,8 +80,8 @@ class SitoSlot:
     """Data received from one motor. Written by one receiver thread, whole objects at a time."""
 
     motor: int
-    feedback: _Motion | None = None
-    position: _Place | None = None
+    feedback: _Heard[Feedback] | None = None
+    position: _Heard[PositionFeedback] | None = None
     invalid: Note = NEVER
     invalid_frames: int = 0
     reports: int = 0
@@ -109,18 +103,11 @@ class SitoSession:
 
     knows_positions = False
 
-    def __init__(
-        self,
-        line: OpenChannels,
-        motors: MotorGroup,
-        terms: SessionTerms,
-    ) -> None:
+    def __init__(self, line: OpenChannels, motors: MotorGroup, terms: SessionTerms) -> None:
         """Nothing is sent yet.
 
         Args:
-            line: open.
             motors: the robot's of this family; maybe none, where it only tells what strangers are heard.
-            terms: the session's.
         """
         self._line = line
         self.motors = motors
@@ -156,11 +143,11 @@ class SitoSession:
     def _take(self, notes: ChannelNotes, slot: SitoSlot, frame: Frame, time: float) -> None:
         match decode(frame, self.motors.model[slot.motor]):
             case Feedback() as feedback:
-                slot.feedback = _Motion(time, feedback)
+                slot.feedback = _Heard(time, feedback)
                 slot.reports += 1
                 slot.largest_effort = max(slot.largest_effort, abs(feedback.effort))
             case PositionFeedback() as position:
-                slot.position = _Place(time, position)
+                slot.position = _Heard(time, position)
                 slot.reports += 1
             case Malformed(reason=reason):
                 slot.invalid_frames += 1
@@ -340,5 +327,4 @@ def _row(slot: SitoSlot) -> tuple[float, ...]:
     feedback, position = slot.feedback, slot.position
     if feedback is None or position is None:
         return (np.nan,) * 5
-    heard = min(feedback.time, position.time)
-    return heard, position.value.position, feedback.value.velocity, feedback.value.effort, np.nan
+    return slot.heard, position.value.position, feedback.value.velocity, feedback.value.effort, np.nan

@@ -1,4 +1,8 @@
-"""`python -m humanoid_sim.hardware <tool>`: tools for the bench."""
+"""`python -m humanoid_sim.hardware <tool>`: tools for the bench.
+
+Each raises `InputError` for an option that it does not accept or a confirmation that was not given, `SilentMotorError`
+where a motor does not answer, and `RobotError` where a channel cannot be used or a motor is not as it must be.
+"""
 
 from __future__ import annotations
 
@@ -11,20 +15,22 @@ from humanoid_sim.cli import ExitStatus, complain
 
 __all__ = ["main"]
 
+_MODULES = {"set_id": "only_motor", "set_zero": "only_motor"}
+"""By function, where its name is not the module's."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `hardware` with command-line arguments; returns the exit status."""
     from humanoid_sim.command_line import parse  # noqa: PLC0415 - heavy imports stay out of importing this package
-    from humanoid_sim.hardware.tools.options import TOOLS, Get, Param, Save, Set  # noqa: PLC0415
+    from humanoid_sim.hardware.tools.options import TOOLS, Get, Save, Set  # noqa: PLC0415
 
     options: Any = parse(TOOLS, "hardware", arguments)
-    if isinstance(options, Get | Set | Save):
-        options = Param(options)
     from humanoid_sim.hardware.tools.bench import SilentMotorError  # noqa: PLC0415
 
-    # The options of `bring-up` are `BringUp`, its module and function are `bring_up`.
-    name = re.sub(r"(?<!^)(?=[A-Z])", "_", type(options).__name__).lower()
-    tool: Callable[[Any], int] = getattr(importlib.import_module(f"{__name__}.{name}"), name)
+    # The options of `bring-up` are `BringUp`, its function is `bring_up`, in a module of that name but for some.
+    of_param = isinstance(options, Get | Set | Save)
+    name = "param" if of_param else re.sub(r"(?<!^)(?=[A-Z])", "_", type(options).__name__).lower()
+    tool: Callable[[Any], int] = getattr(importlib.import_module(f"{__name__}.{_MODULES.get(name, name)}"), name)
     try:
         return tool(options)
     except SilentMotorError as error:

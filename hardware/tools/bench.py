@@ -1,4 +1,7 @@
-"""Motors on a bench: opening their channels, asking one, and what to say where none answers."""
+"""Motors on a bench: opening their channels, asking one, and what to say where none answers.
+
+Whatever asks a motor raises `SilentMotorError` where it does not answer, and `RobotError` where its channel is down.
+"""
 
 from __future__ import annotations
 
@@ -16,27 +19,11 @@ from humanoid_sim.hardware.bus.link import LinkSettings, check_link, read_links
 from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
 from humanoid_sim.hardware.checks import CheckList, Verdict
 from humanoid_sim.hardware.motors import MotorGroup
-from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
-from humanoid_sim.hardware.robstride.link import RobstrideLink
+from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, Status
 from humanoid_sim.hardware.robstride.parameters import Parameter
-from humanoid_sim.hardware.robstride.requests import Unreadable
+from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
 from humanoid_sim.robots.motors import MOTORS, MotorModel
-
-__all__ = [
-    "SilentMotorError",
-    "advice_for_silence",
-    "channel_trouble",
-    "command_motor",
-    "motor_bench",
-    "open_bench",
-    "read_device_id",
-    "read_value",
-    "require_up",
-    "silence",
-    "some_motors",
-    "write_value",
-]
 
 _ANY_MODEL = MOTORS["rs-00"]
 """Model of motors that are not known: it scales only the values of statuses, which are then not shown."""
@@ -77,10 +64,6 @@ def open_bench(
     """Channels for this tool alone, as a session has them.
 
     Args:
-        addresses: the channels.
-        host_id: our own id.
-        motors: that are talked to.
-        open_channel: opens a channel.
         guard: of motors that nothing else stops; it is started before the channels are opened.
 
     Raises:
@@ -163,11 +146,7 @@ def advice_for_silence(source: str) -> tuple[str, ...]:
 
 
 def require_up(channels: RobstrideLink) -> None:
-    """Go no further on a channel that is down.
-
-    Raises:
-        RobotError: with the reason.
-    """
+    """Go no further on a channel that is down."""
     for source, channel in zip(channels.sources, channels.channels, strict=True):
         if channel.down:
             raise RobotError(f"{source}: {channel.down}")
@@ -176,30 +155,26 @@ def require_up(channels: RobstrideLink) -> None:
 def silence(channels: RobstrideLink, motor: int = 0, who: str = "") -> HumanoidSimError:
     """Return the error for a motor that does not answer, with what its channel says about why nothing comes back."""
     index = channels.motors.channel[motor]
-    source, trouble = channels.sources[index], channel_trouble(channels, index)
-    if channels.channels[index].down:
-        return RobotError(f"{source}: {trouble}")
-    why = f" ({trouble})" if trouble else ""
-    return SilentMotorError(f"{who or f'motor {channels.motors.motor_id[motor]}'} does not answer on {source}{why}")
+    return _no_answer(channels, index, f"{who or f'motor {channels.motors.motor_id[motor]}'} does not answer")
 
 
 def nobody(channels: RobstrideLink, index: int) -> HumanoidSimError:
     """Return the error for a channel on which no motor answers, after what to check was printed."""
+    if not channels.channels[index].down:
+        for line in advice_for_silence(channels.sources[index]):
+            complain(line)
+    return _no_answer(channels, index, "no motor answers")
+
+
+def _no_answer(channels: RobstrideLink, index: int, what: str) -> HumanoidSimError:
     source, trouble = channels.sources[index], channel_trouble(channels, index)
     if channels.channels[index].down:
         return RobotError(f"{source}: {trouble}")
-    for line in advice_for_silence(source):
-        complain(line)
-    return SilentMotorError(f"no motor answers on {source}{f' ({trouble})' if trouble else ''}")
+    return SilentMotorError(f"{what} on {source}{f' ({trouble})' if trouble else ''}")
 
 
 def read_device_id(channels: RobstrideLink, motor: int = 0) -> DeviceId:
-    """Return who a motor is.
-
-    Raises:
-        SilentMotorError: it does not answer.
-        RobotError: its channel is down.
-    """
+    """Return who a motor is."""
     question = GetDeviceId(channels.motors.motor_id[motor], host_id=channels.host_id)
     found = channels.requests.ask({motor: [question]}, lambda _, reply: reply if isinstance(reply, DeviceId) else None)
     if motor not in found:
@@ -208,12 +183,7 @@ def read_device_id(channels: RobstrideLink, motor: int = 0) -> DeviceId:
 
 
 def command_motor(channels: RobstrideLink, command: Command, motor: int = 0) -> Status:
-    """Send a command that is answered by a status; the status.
-
-    Raises:
-        SilentMotorError: none follows.
-        RobotError: its channel is down.
-    """
+    """Send a command that is answered by a status; the status."""
     found = channels.requests.until_status({motor: [command]}, lambda _: True)
     if motor not in found:
         raise silence(channels, motor)
@@ -221,12 +191,7 @@ def command_motor(channels: RobstrideLink, command: Command, motor: int = 0) -> 
 
 
 def read_value(channels: RobstrideLink, parameter: Parameter, motor: int = 0) -> float | None:
-    """Return a parameter's value; none if the motor has no such parameter.
-
-    Raises:
-        SilentMotorError: the motor does not answer.
-        RobotError: its channel is down.
-    """
+    """Return a parameter's value; none if the motor has no such parameter."""
     return _known(channels, channels.requests.read({motor: parameter})[motor], motor)
 
 
@@ -235,7 +200,6 @@ def write_value(channels: RobstrideLink, parameter: Parameter, value: float, mot
 
     Raises:
         FieldError: the value does not fit the parameter's type.
-        SilentMotorError: the motor does not answer.
         RobotError: it reads back differently.
     """
     found = _known(channels, channels.requests.write(parameter, {motor: value})[motor], motor)

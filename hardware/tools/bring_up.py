@@ -39,12 +39,7 @@ class Adapter:
 
 
 def bring_up(config: BringUp) -> int:
-    """Print, write or check, and return the exit status.
-
-    Raises:
-        InputError: an option is not accepted, a file cannot be written, or confirmation was not given.
-        RobotError: what is in force cannot be read.
-    """
+    """Print, write or check, and return the exit status."""
     names = _names(config.channels)
     adapters = _adapters(config.adapter, names)
     wanted = _settings(config)
@@ -66,7 +61,8 @@ def bring_up(config: BringUp) -> int:
     else:
         for path, text in files.items():
             print(f"--- {_ETC / path}\n{text}")
-        _print_adapters()
+        for adapter in _plugged_in():
+            print(f"# plugged in: {adapter}")
     _print_next(config, names)
     return 0
 
@@ -203,12 +199,6 @@ def _content(path: Path) -> str | None:
 
 
 # --- what is there
-
-
-def _print_adapters() -> None:
-    """Print the serial numbers of the adapters that are plugged in, for --adapter."""
-    for adapter in _plugged_in():
-        print(f"# plugged in: {adapter}")
 
 
 def _plugged_in() -> Iterator[str]:

@@ -24,9 +24,6 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import FAMILIES
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["budget", "channel_budgets"]
-
-
 DEFAULT_QUEUE = 10
 """Frames that the kernel queues for a CAN interface (`txqueuelen`), unless told otherwise."""
 COMFORTABLE = 0.7
@@ -114,11 +111,7 @@ If sending fails with "no buffer space available" (ENOBUFS), the kernel's queue 
 
 
 def budget(config: Budget) -> int:
-    """Print the budget; the exit status.
-
-    Raises:
-        InputError: an option is not accepted.
-    """
+    """Print the budget; the exit status."""
     description = load_robot(config.robot)
     rate = config.rate if config.rate is not None else description.hardware.control_frequency
     for name, value in (("--rate", rate), ("--bitrate", config.bitrate)):

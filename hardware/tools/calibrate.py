@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 from rich.live import Live
@@ -33,8 +32,8 @@ from humanoid_sim.hardware.calibration import (
     save_calibration,
 )
 from humanoid_sim.hardware.motors import MotorLink
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import nobody, open_bench, require_up, silence
 from humanoid_sim.hardware.tools.options import Calibrate
 from humanoid_sim.hardware.tools.terminal import confirm, make_console, make_table
@@ -48,6 +47,10 @@ _LATE = 0.1
 """s without feedback after which a position is that of then."""
 _SILENT = 1.0
 """s without a position after which a motor counts as silent."""
+
+
+_Position = Callable[[], float]
+"""Gives a motor's position, rad, motor frame; NaN where it is silent."""
 
 
 @dataclass(slots=True)
@@ -79,55 +82,35 @@ class JointTrack:
         return time - self.heard > _SILENT
 
 
-class JointTracks:
-    """The tracks of some joints of a robot, by index, fed by `poll`."""
+def _poll(
+    channels: RobstrideLink, wiring: Wiring, tracks: Mapping[int, JointTrack], limp: Mapping[int, _Position], now: float
+) -> None:
+    """Read every motor's `mechPos`, which counts turns and does not wrap; nothing else is asked of it.
 
-    def __init__(
-        self,
-        wiring: Wiring,
-        channels: RobstrideLink,
-        joints: Sequence[int],
-        begin: float,
-        limp: Mapping[int, Callable[[], float]] = MappingProxyType({}),
-    ) -> None:
-        """Nothing is heard yet.
+    Args:
+        channels: open.
+        wiring: of the joints.
+        tracks: by joint; each takes its position.
+        limp: where the joint's motor cannot be asked, but is enabled.
+        now: s.
+    """
+    require_up(channels)
+    asked = [i for i in tracks if i not in limp]
+    found = channels.requests.poll_values(PARAMETERS["mechPos"], asked, _ANSWER_TIME) if asked else {}
+    positions = {i: position() for i, position in limp.items()}
+    found |= {i: position for i, position in positions.items() if math.isfinite(position)}
+    for i, position in found.items():
+        tracks[i].take(float(wiring.direction[i]) * position, now)
 
-        Args:
-            wiring: the robot's.
-            channels: open.
-            joints: to follow.
-            begin: s, now.
-            limp: by joint whose motor cannot be asked, but is enabled: its position, rad, motor frame; NaN where it is
-                silent.
-        """
-        self._wiring = wiring
-        self._channels = channels
-        self._limp = limp
-        self._begin = begin
-        self.by_joint = {i: JointTrack() for i in joints}
 
-    def poll(self, now: float) -> None:
-        """Read every motor's `mechPos`, which counts turns and does not wrap. Reading is all that they are asked for.
-
-        Raises:
-            SilentMotorError: a motor has never been heard.
-            RobotError: a channel is down.
-        """
-        require_up(self._channels)
-        asked = [i for i in self.by_joint if i not in self._limp]
-        found = self._channels.requests.poll_values(PARAMETERS["mechPos"], asked, _ANSWER_TIME) if asked else {}
-        positions = {i: position() for i, position in self._limp.items()}
-        found |= {i: position for i, position in positions.items() if math.isfinite(position)}
-        for i, position in found.items():
-            self.by_joint[i].take(float(self._wiring.direction[i]) * position, now)
-        if now - self._begin > _SILENT:
-            unheard = [i for i, track in self.by_joint.items() if track.heard == -math.inf]
-            for i in unheard:
-                on_channel = [k for k in self.by_joint if self._wiring.channel[k] == self._wiring.channel[i]]
-                if len(on_channel) > 1 and set(on_channel) <= set(unheard):
-                    raise nobody(self._channels, self._wiring.channel[i])
-                who = f"{self._wiring.names[i]} (motor {self._wiring.motor_id[i]})"
-                raise silence(self._channels, i, who)
+def _require_heard(channels: RobstrideLink, wiring: Wiring, tracks: Mapping[int, JointTrack]) -> None:
+    """Go no further where a motor has never been heard."""
+    unheard = [i for i, track in tracks.items() if track.heard == -math.inf]
+    for i in unheard:
+        on_channel = [k for k in tracks if wiring.channel[k] == wiring.channel[i]]
+        if len(on_channel) > 1 and set(on_channel) <= set(unheard):
+            raise nobody(channels, wiring.channel[i])
+        raise silence(channels, i, f"{wiring.names[i]} (motor {wiring.motor_id[i]})")
 
 
 _POLL_PERIOD = 0.02
@@ -137,13 +120,7 @@ _TABLE_PERIOD = 0.2
 
 
 def calibrate(config: Calibrate) -> int:
-    """Sweep, write the file, and return the exit status.
-
-    Raises:
-        InputError: an option or the existing file is not accepted, or the file cannot be written.
-        SilentMotorError: a motor does not answer.
-        RobotError: a channel cannot be used.
-    """
+    """Sweep, write the file, and return the exit status."""
     description = load_robot(config.robot)
     chosen = _chosen_joints(config, description)
     entries = dict(load_calibration(config.output, description).entries) if os.path.exists(config.output) else {}
@@ -214,39 +191,37 @@ def _result(config: Calibrate, description: RobotDescription, wiring: Wiring, jo
 
 
 def _sweep(
-    config: Calibrate,
-    description: RobotDescription,
-    wiring: Wiring,
-    channels: RobstrideLink,
-    chosen: Sequence[int],
+    config: Calibrate, description: RobotDescription, wiring: Wiring, channels: RobstrideLink, chosen: Sequence[int]
 ) -> Mapping[int, JointTrack]:
     """Read positions until it is enough; show them meanwhile."""
     console = make_console()
     print(f"{description.name}: move each joint by hand from stop to stop; {_how_to_end(config)}")
     with contextlib.ExitStack() as shown:
-        places: dict[int, Callable[[], float]] = {}
+        places: dict[int, _Position] = {}
         for family in FAMILIES:
             if limp := [i for i in wiring.of_family(family) if i in wiring.unasked and i in chosen]:
                 session = shown.enter_context(limp_motors(channels, limp))
                 places |= {i: partial(_place, session, k) for k, i in enumerate(limp)}
         begin = next_table = time.monotonic()
-        tracks = JointTracks(wiring, channels, chosen, begin, places)
+        tracks = {i: JointTrack() for i in chosen}
         live = shown.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
         while True:
             now = time.monotonic()
-            tracks.poll(now)
+            _poll(channels, wiring, tracks, places, now)
+            if now - begin > _SILENT:
+                _require_heard(channels, wiring, tracks)
             if live is not None and now >= next_table:
                 next_table = max(next_table + _TABLE_PERIOD, now)
-                live.update(_table(config, description, wiring, tracks.by_joint), refresh=True)
+                live.update(_table(config, description, wiring, tracks), refresh=True)
             if _is_over(config, now - begin):
                 break
             time.sleep(max(now + _POLL_PERIOD - time.monotonic(), 0.0))
-        last = _table(config, description, wiring, tracks.by_joint)
+        last = _table(config, description, wiring, tracks)
         if live is not None:
             live.update(last, refresh=True)
         else:
             console.print(last)
-    return tracks.by_joint
+    return tracks
 
 
 def _place(session: MotorLink, motor: int) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 
 from rich.markup import escape
 
@@ -11,10 +11,10 @@ from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
-from humanoid_sim.hardware.robstride.commands import LARGEST_MOTOR_ID
+from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
-from humanoid_sim.hardware.robstride.link import RobstrideLink
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import advice_for_silence, channel_trouble, open_bench, require_up, some_motors
 from humanoid_sim.hardware.tools.options import Discover
 from humanoid_sim.hardware.tools.terminal import make_console, make_table
@@ -25,17 +25,14 @@ from humanoid_sim.robots.motors import FAMILIES
 _LATE = 0.1
 """s to wait for late answers at the end."""
 
-_Found = Mapping[tuple[int, int], set[bytes]]
-"""Unique ids by channel and motor id."""
+_Place = tuple[int, int]
+"""Channel and motor id."""
+_Found = Mapping[_Place, set[bytes]]
+"""Unique ids."""
 
 
 def discover(config: Discover) -> int:
-    """Scan, print, and return the exit status.
-
-    Raises:
-        InputError: an option is not accepted.
-        RobotError: a channel cannot be used.
-    """
+    """Scan, print, and return the exit status."""
     if not 1 <= config.first <= config.last <= LARGEST_MOTOR_ID:
         raise InputError(f"--first, --last: are {config.first} and {config.last}, expected 1 <= first <= last <= 127")
     if not 0.0 < config.wait <= 10.0:
@@ -48,7 +45,7 @@ def discover(config: Discover) -> int:
     with open_bench(addresses, config.host_id, some_motors([], [])) as channels:
         ears = {name: Ear(name, channels) for name, family in FAMILIES.items() if not family.has_questions}
         end = time.monotonic() + LISTENING
-        found: dict[tuple[int, int], set[bytes]] = {}
+        found: dict[_Place, set[bytes]] = {}
         for channel, reply in channels.requests.scan(range(config.first, config.last + 1), _LATE, config.wait):
             found.setdefault((channel, reply.motor_id), set()).add(reply.uid)
         time.sleep(max(end - time.monotonic(), 0.0))
@@ -71,17 +68,13 @@ def discover(config: Discover) -> int:
                 complain(f"  {line}")
     if not speaking:
         return ExitStatus.NO_ANSWER
-    missing = [
-        f"{name} (motor {motor_id} on {addresses[channel]})"
-        for (channel, motor_id), name in joints.items()
-        if (channel, motor_id) not in found
-    ]
+    missing = _absent(joints, found, addresses)
     if missing:
-        complain(f"missing: {', '.join(missing)}")
+        complain(f"missing: {missing}")
     return ExitStatus.FAILED if missing else 0
 
 
-def _firmware(channels: RobstrideLink, found: _Found) -> dict[tuple[int, int], str]:
+def _firmware(channels: RobstrideLink, found: _Found) -> dict[_Place, str]:
     channels.expect(some_motors(list(found), channels.sources))
     versions = read_versions(channels.requests, range(len(found)))
     texts = {}
@@ -92,13 +85,20 @@ def _firmware(channels: RobstrideLink, found: _Found) -> dict[tuple[int, int], s
     return texts
 
 
-def _joints(wiring: Wiring, families: Sequence[str]) -> dict[tuple[int, int], str]:
+def _joints(wiring: Wiring, families: Sequence[str]) -> dict[_Place, str]:
     motors = [i for family in families for i in wiring.of_family(family)]
     return {(wiring.channel[i], wiring.motor_id[i]): wiring.names[i] for i in sorted(motors)}
 
 
+def _absent(joints: Mapping[_Place, str], there: Container[_Place], addresses: Sequence[BusAddress]) -> str:
+    """Return the joints whose motors are not there, and where they were expected."""
+    return ", ".join(
+        f"{name} (motor {place[1]} on {addresses[place[0]]})" for place, name in joints.items() if place not in there
+    )
+
+
 def _print_heard(
-    addresses: tuple[BusAddress, ...], family: str, heard: Mapping[tuple[int, int], Heard], wiring: Wiring | None
+    addresses: tuple[BusAddress, ...], family: str, heard: Mapping[_Place, Heard], wiring: Wiring | None
 ) -> None:
     """Print which motors of a family without questions were heard, and that the others may be there all the same."""
     joints = {} if wiring is None else _joints(wiring, [family])
@@ -107,20 +107,15 @@ def _print_heard(
         name = f" ({joint})" if joint else ""
         where = f"{title(family)} motor {device_id} on {addresses[channel]}{name}"
         print(f"{where} sends feedback, so it is enabled: {motor.frames} frames")
-    silent = [
-        f"{name} (motor {device_id} on {addresses[channel]})"
-        for (channel, device_id), name in joints.items()
-        if (channel, device_id) not in heard
-    ]
-    if silent:
-        print(f"not heard: {', '.join(silent)}; that proves nothing: {no_question(family)}")
+    if silent := _absent(joints, heard, addresses):
+        print(f"not heard: {silent}; that proves nothing: {no_question(family)}")
 
 
 def _print(
     addresses: tuple[BusAddress, ...],
     found: _Found,
-    firmware: Mapping[tuple[int, int], str] | None,
-    joints: Mapping[tuple[int, int], str] | None,
+    firmware: Mapping[_Place, str] | None,
+    joints: Mapping[_Place, str] | None,
 ) -> None:
     optional = [name for name, column in (("firmware", firmware), ("joint", joints)) if column is not None]
     table = make_table("channel", "id", "unique id", *optional, right=("id",))

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 import signal
 import threading
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, closing, nullcontext
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing
 from queue import SimpleQueue
-from types import FrameType
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import BusAddress, parse_addresses
@@ -30,12 +28,7 @@ _WAKE = 0.05
 
 
 def emulate(config: Emulate) -> int:
-    """Run until a signal or the duration ends it; 0.
-
-    Raises:
-        InputError: an option is not accepted.
-        RobotError: a channel cannot be opened, or the simulation is no longer sound.
-    """
+    """Run until a signal or the duration ends it; 0."""
     if "help" in config.fault:
         print(describe_faults())
         return 0
@@ -52,7 +45,7 @@ def emulate(config: Emulate) -> int:
         raise InputError(f"--midi: is '{config.midi}', but {description.name} has no piano; lite_piano has one")
     news: SimpleQueue[str] = SimpleQueue()  # printed here: the motors wait for no terminal
     ending = threading.Event()
-    handlers = [(number, signal.signal(number, _ender(ending))) for number in (signal.SIGINT, signal.SIGTERM)]
+    handlers = [(number, signal.signal(number, lambda *_: ending.set())) for number in (signal.SIGINT, signal.SIGTERM)]
     try:
         with punctual_threads(behind=10) as punctuality:
             motors = VirtualMotors(
@@ -62,7 +55,9 @@ def emulate(config: Emulate) -> int:
                 faults=faults,
                 told=None if config.quiet else lambda time, text: news.put(f"{time:9.3f} s  {text}"),
             )
-        with motors, nullcontext() if config.midi is None else _keyboard(config.midi, motors):
+        with motors, ExitStack() as keyboard:
+            if config.midi is not None:
+                keyboard.enter_context(closing(MidiKeyboard(config.midi, lambda: motors.truth.live[KEY_PRESSED])))
             channels = ", ".join(str(address) for address in addresses)
             who = f"the motor of {config.alone}, id {FACTORY_ID}," if config.alone else f"{len(motors.joints)} motors"
             print(f"{who} of {description.name} on {channels}; {punctuality}", flush=True)
@@ -80,10 +75,6 @@ def emulate(config: Emulate) -> int:
     return 0
 
 
-def _keyboard(path: Path, motors: VirtualMotors) -> AbstractContextManager[MidiKeyboard]:
-    return closing(MidiKeyboard(path, lambda: motors.truth.live[KEY_PRESSED]))
-
-
 def _wait(
     config: Emulate, motors: VirtualMotors, sweep: HandSweep, news: SimpleQueue[str], ending: threading.Event
 ) -> None:
@@ -99,10 +90,6 @@ def _wait(
 def _print_all(news: SimpleQueue[str]) -> None:
     while not news.empty():
         print(news.get(), flush=True)
-
-
-def _ender(ending: threading.Event) -> Callable[[int, FrameType | None], None]:
-    return lambda *_: ending.set()
 
 
 def _refuse_virtual(addresses: Sequence[BusAddress]) -> None:

@@ -13,10 +13,9 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT, enable_motors, examine, make_ready, stop_motors
 from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import OperationControl, Status
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.robstride.requests import Unreadable
+from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
 from humanoid_sim.hardware.tools.bench import silence, write_value
 from humanoid_sim.mit import MITCommand, bounded_position
 
@@ -43,8 +42,6 @@ class EnabledMotor:
         """Nothing is sent yet; the channels must know the motor's model.
 
         Args:
-            channels: open.
-            motor: its index.
             torque: N·m that it may exert: its torque limit meanwhile, and the bound of what commands ask for. None: no
                 torque will be asked for, see `identify`.
             period: s between commands.
@@ -60,13 +57,11 @@ class EnabledMotor:
         self._old: dict[str, float | None] = {}
         self._sent, self._longest = 0.0, 0.0  # s: the last command, and the longest silence since a status in run mode
         self.status: Status | None = None
-        """The latest."""
 
     def __enter__(self) -> Self:
         """Enable the motor, after every check that a session makes; warnings are printed before.
 
         Raises:
-            SilentMotorError: it does not answer.
             RobotError: another host drives it, it is another motor than expected or in another run mode, has no CAN
                 timeout, or reports a fault.
         """
@@ -98,7 +93,6 @@ class EnabledMotor:
         As the adapter does with a robot's, it moves a position that would ask for more torque than allowed.
 
         Raises:
-            SilentMotorError: none follows.
             RobotError: the motor is no longer enabled, reports a fault, or another host commands it too.
         """
         command = OperationControl(

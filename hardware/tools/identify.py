@@ -15,9 +15,8 @@ from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.bus.address import parse_addresses
 from humanoid_sim.hardware.robstride.firmware import parse_version
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.robstride.requests import Unreadable
+from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
 from humanoid_sim.hardware.tools.bench import open_bench, read_device_id
 from humanoid_sim.hardware.tools.enabled_motor import EnabledMotor
 from humanoid_sim.hardware.tools.options import Identify
@@ -45,13 +44,7 @@ _ANSWER_TIME = 0.3
 
 
 def identify(config: Identify) -> int:
-    """Ask for confirmation, move, print, and return the exit status.
-
-    Raises:
-        InputError: an option is not accepted, or confirmation was not given.
-        SilentMotorError: the motor does not answer.
-        RobotError: a channel cannot be used, the motor cannot be enabled, or it moves too far.
-    """
+    """Ask for confirmation, move, print, and return the exit status."""
     description = load_robot(config.robot)
     if config.joint not in description.joint_names:
         raise InputError(known_names("joint", config.joint, description.joint_names))

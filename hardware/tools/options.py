@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
@@ -12,9 +11,17 @@ import tyro
 from humanoid_sim.command_line import Commands
 from humanoid_sim.robots.motors import FAMILIES
 
-_Channel = Annotated[str, tyro.conf.Positional]
+_Channel = Annotated[str, tyro.conf.Positional, tyro.conf.arg(help="Such as can0.")]
 """`can0`, or `interface:channel` for any interface of python-can."""
-_MotorId = Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="MOTOR_ID")]
+_Channels = Annotated[
+    str,
+    tyro.conf.Positional,
+    tyro.conf.arg(help="One channel for all motors, or one for each of the robot's buses: can0,can1."),
+]
+_MotorId = Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="MOTOR_ID", help="1 to 127.")]
+_HostId = Annotated[int, tyro.conf.arg(help="Our own id on the bus.")]
+_Robot = Annotated[str, tyro.conf.arg(help="A shipped robot ({robots}), or its YAML file.")]
+_Yes = Annotated[bool, tyro.conf.arg(help="Do not ask first.")]
 if TYPE_CHECKING:
     _Family: TypeAlias = str
 else:
@@ -57,9 +64,7 @@ class Ping:
     """
 
     channel: _Channel
-    """Such as can0."""
     motor_id: _MotorId
-    """1 to 127."""
     count: int = 10
     """Times to ask."""
     family: _Family = "robstride"
@@ -68,8 +73,7 @@ class Ping:
     """Enable the motor for a moment, without torque, for its position, velocity, effort, temperature and faults."""
     model: str | None = None
     """Such as rs-02, for --read-status. Default: as its firmware's version tells."""
-    host_id: int = 0xFD
-    """Our own id on the bus."""
+    host_id: _HostId = 0xFD
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11", "one motor"),)
 
@@ -79,15 +83,12 @@ class Get:
     """Read parameters."""
 
     channel: _Channel
-    """Such as can0."""
     motor_id: _MotorId
-    """1 to 127."""
     names: Annotated[tuple[str, ...], tyro.conf.Positional] = ()
     """Names such as canTimeout, or indices such as 0x7028. Default: all that have a name."""
     type: ParameterKind | None = None
     """Type of the values, for indices without a name."""
-    host_id: int = 0xFD
-    """Our own id on the bus."""
+    host_id: _HostId = 0xFD
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11 canTimeout", "one parameter"),)
 
@@ -97,9 +98,7 @@ class Set:
     """Write a parameter and read it back. It is lost at power-off unless saved."""
 
     channel: _Channel
-    """Such as can0."""
     motor_id: _MotorId
-    """1 to 127."""
     name: Annotated[str, tyro.conf.Positional]
     """A name such as canTimeout, or an index such as 0x7028."""
     value: Annotated[float, tyro.conf.Positional, tyro.conf.arg(metavar="VALUE")]
@@ -109,8 +108,7 @@ class Set:
     model: str | None = None
     """Such as rs-02, for values whose range is the model's. Default: as its firmware's version tells. A motor whose
     firmware does not know that question takes it for a stop."""
-    host_id: int = 0xFD
-    """Our own id on the bus."""
+    host_id: _HostId = 0xFD
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11 canTimeout 0.1", "write one"),)
 
@@ -120,21 +118,13 @@ class Save:
     """Have the motor keep its parameters beyond power-off."""
 
     channel: _Channel
-    """Such as can0."""
     motor_id: _MotorId
-    """1 to 127."""
-    host_id: int = 0xFD
-    """Our own id on the bus."""
+    host_id: _HostId = 0xFD
 
 
-@dataclass(frozen=True)
-class Param:
-    """Read, write or save the parameters of one motor, where its protocol has them, as Robstride's has.
+_PARAM = """Read, write or save the parameters of one motor, where its protocol has them, as Robstride's has.
 
-    Exit status 3 if it does not answer.
-    """
-
-    action: Get | Set | Save
+Exit status 3 if it does not answer."""
 
 
 @dataclass(frozen=True)
@@ -146,10 +136,8 @@ class Calibrate:
     Ctrl-C ends it and writes nothing. Exit status 1 if a swept joint could not be used, 3 if a motor does not answer.
     """
 
-    channels: _Channel
-    """One channel for all motors, or one for each of the robot's buses: can0,can1."""
-    robot: str = "lite"
-    """A shipped robot ({robots}), or its YAML file."""
+    channels: _Channels
+    robot: _Robot = "lite"
     output: Path = Path("calibration.yaml")
     """The file to write, and to keep the other joints of."""
     joints: tuple[str, ...] = ()
@@ -164,8 +152,7 @@ class Calibrate:
     """s after which the sweep ends by itself."""
     yes: bool = False
     """Do not ask before motors are enabled for the sweep."""
-    host_id: int = 0xFD
-    """Our own id on the bus."""
+    host_id: _HostId = 0xFD
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 --robot my_robot.yaml", "write calibration.yaml"),)
 
@@ -177,12 +164,10 @@ class Identify:
     Exit status 1 if it did not move, or another one did; 3 if a motor does not answer.
     """
 
-    channels: _Channel
-    """One channel for all motors, or one for each of the robot's buses: can0,can1."""
+    channels: _Channels
     joint: Annotated[str, tyro.conf.Positional]
     """The joint's name."""
-    robot: str = "lite"
-    """A shipped robot ({robots}), or its YAML file."""
+    robot: _Robot = "lite"
     angle: float = 0.15
     """rad to move, in the joint's positive direction, and back."""
     torque: float = 1.5
@@ -190,12 +175,10 @@ class Identify:
     told."""
     allow_no_timeout: bool = False
     """Move a motor too that nothing stops when this program or its computer dies, such as a Sito's."""
-    yes: bool = False
-    """Do not ask first."""
+    yes: _Yes = False
     accept_firmware: tuple[str, ...] = ()
     """Versions that no document mentions, such as 0.2.3.20, with which the motor is to be driven all the same."""
-    host_id: int = 0xFD
-    """Our own id on the bus."""
+    host_id: _HostId = 0xFD
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 left_elbow_pitch", "move one joint a little"),)
 
@@ -207,8 +190,7 @@ class Budget:
     Exit status 1 if no layout of the buses fits.
     """
 
-    robot: str = "lite"
-    """A shipped robot ({robots}), or its YAML file."""
+    robot: _Robot = "lite"
     channels: str | None = None
     """One channel for all motors, or one for each of the robot's buses: can0,can1. Default: both layouts, unnamed."""
     rate: float | None = None
@@ -233,8 +215,7 @@ class Emulate:
     channel: str = ""
     """Required. One channel for all motors, such as `can0` or `udp_multicast:239.74.163.2`, or one for each of the
     robot's buses, separated by commas."""
-    robot: str = "lite"
-    """A shipped robot ({robots}), or its YAML file."""
+    robot: _Robot = "lite"
     fault: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A fault to inject, KIND[=VALUE][:MOTOR,…][@START[+DURATION]], a motor by joint name or CAN id, times in s, START
     from when the emulation begins:
@@ -290,8 +271,7 @@ class BringUp:
     """Write the files below this folder, as they would lie below /etc."""
     install: bool = False
     """Write the files to /etc, after a confirmation."""
-    yes: bool = False
-    """Do not ask first."""
+    yes: _Yes = False
     check: bool = False
     """Write nothing; look at what is in force."""
 
@@ -306,13 +286,10 @@ class SetId:
     """
 
     channel: _Channel
-    """Such as can0."""
     new_id: Annotated[int, tyro.conf.Positional, tyro.conf.arg(metavar="NEW_ID")]
     """1 to 127."""
-    yes: bool = False
-    """Do not ask first."""
-    host_id: int = 0xFD
-    """Our own id on the bus."""
+    yes: _Yes = False
+    host_id: _HostId = 0xFD
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0 11", "the only motor on the bus becomes 11"),)
 
@@ -325,11 +302,8 @@ class SetZero:
     """
 
     channel: _Channel
-    """Such as can0."""
-    yes: bool = False
-    """Do not ask first."""
-    host_id: int = 0xFD
-    """Our own id on the bus."""
+    yes: _Yes = False
+    host_id: _HostId = 0xFD
 
 
 TOOLS = Commands(
@@ -337,7 +311,7 @@ TOOLS = Commands(
     {
         "discover": Discover,
         "ping": Ping,
-        "param": Commands(inspect.cleandoc(Param.__doc__ or ""), {"get": Get, "set": Set, "save": Save}),
+        "param": Commands(_PARAM, {"get": Get, "set": Set, "save": Save}),
         "calibrate": Calibrate,
         "identify": Identify,
         "budget": Budget,

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import assert_never
-
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.robstride.fields import MotorMode
 from humanoid_sim.hardware.robstride.firmware import model_name
 from humanoid_sim.hardware.robstride.identification import read_versions
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import SaveParameters
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,
@@ -21,31 +18,24 @@ from humanoid_sim.hardware.robstride.parameters import (
     function_codes,
     is_function_code,
 )
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import command_motor, motor_bench, read_value, write_value
-from humanoid_sim.hardware.tools.options import Get, Param, Save, Set
+from humanoid_sim.hardware.tools.options import Get, Save, Set
 from humanoid_sim.hardware.tools.terminal import make_console, make_table, shown
 from humanoid_sim.robots.motors import MotorModel, motor_model
 
 _LARGEST_INDEX = 0xFFFF
 
 
-def param(config: Param) -> int:
-    """Do it, print, and return the exit status.
-
-    Raises:
-        InputError: an option is not accepted.
-        SilentMotorError: the motor does not answer.
-        RobotError: the channel cannot be used, or a value reads back differently.
-    """
-    match config.action:
+def param(config: Get | Set | Save) -> int:
+    """Do it, print, and return the exit status."""
+    match config:
         case Get():
-            return _get(config.action)
+            return _get(config)
         case Set():
-            return _set(config.action)
+            return _set(config)
         case Save():
-            return _save(config.action)
-        case _:
-            assert_never(config.action)
+            return _save(config)
 
 
 def _parameter(text: str, kind: str | None) -> Parameter:

@@ -11,9 +11,9 @@ from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.robstride.fields import FaultBit, flag_names
 from humanoid_sim.hardware.robstride.firmware import firmware_of, model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
-from humanoid_sim.hardware.robstride.link import RobstrideLink
 from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, fault_word
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import (
     SilentMotorError,
     motor_bench,
@@ -38,13 +38,7 @@ _SHOWN = ("run_mode", "mechPos", "mechVel", "VBUS", "limit_torque", "canTimeout"
 
 
 def ping(config: Ping) -> int:
-    """Ask, print, and return the exit status.
-
-    Raises:
-        InputError: an option is not accepted.
-        SilentMotorError: the motor does not answer.
-        RobotError: the channel cannot be used, or the motor cannot be enabled.
-    """
+    """Ask, print, and return the exit status."""
     if not 1 <= config.count <= 10_000:
         raise InputError(f"--count: is {config.count}, expected 1 to 10000")
     if config.model is not None:

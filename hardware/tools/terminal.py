@@ -19,8 +19,6 @@ def confirm(question: str, yes: bool, otherwise: str) -> None:
     """Go on only if an operator types yes.
 
     Args:
-        question: what is asked.
-        yes: whether that was answered beforehand.
         otherwise: what to say when it was not, such as `not moved`.
 
     Raises:

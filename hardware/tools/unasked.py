@@ -15,11 +15,9 @@ from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.hardware.motors import MotorLink, SessionTerms
-from humanoid_sim.hardware.robstride.link import RobstrideLink
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import silence, some_motors
 from humanoid_sim.robots.motors import FAMILIES, MOTORS
-
-__all__ = ["LISTENING", "Ear", "MovedMotor", "limp_motors", "no_question", "title"]
 
 LISTENING = 0.3
 """s in which a motor that sends feedback is heard: a Sito's comes every 255 ms at the latest."""
@@ -81,7 +79,6 @@ def limp_motors(channels: RobstrideLink, joints: Sequence[int], guard: MotorGuar
     """Enable these motors with zero gains and zero current, after all that a session checks; disabled at the end.
 
     Args:
-        channels: open.
         joints: whose motors, of one family.
         guard: of these motors, started; None where they stay limp.
 
@@ -130,7 +127,6 @@ class MovedMotor:
         """Nothing is sent yet.
 
         Args:
-            channels: open.
             session: of this motor alone, enabled.
             torque: N·m that the commanded position may ask for.
             guard: of this motor, started; None where it has a timeout.
@@ -156,7 +152,6 @@ class MovedMotor:
         bounds it, with the largest K_p that the frame may mean.
 
         Raises:
-            SilentMotorError: none follows.
             RobotError: another host commands it too, or its channel is down.
         """
         reach = self._torque / (stiffness * self._doubt) if stiffness > 0.0 else math.inf

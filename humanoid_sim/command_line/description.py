@@ -191,7 +191,8 @@ def _options(owner: type[Any], positional: bool, prefix: str = "") -> Iterator[t
             yield from _options(kind, positional, f"{name}.")
             continue
         default = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
-        yield name, _option(name, kind, markers, default, texts.get(field.name, ""), positional)
+        text = texts.get(field.name) or next(filter(None, (getattr(marker, "help", "") for marker in markers)), "")
+        yield name, _option(name, kind, markers, default, text, positional)
 
 
 def _option(name: str, kind: Any, markers: list[Any], default: Any, text: str, positional: bool) -> _Option:

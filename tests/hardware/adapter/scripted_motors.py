@@ -12,10 +12,9 @@ import can
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.commands import decode_command
+from humanoid_sim.hardware.robstride.codec import decode_command, encode_reply
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, default_value, fault_word, pack_value
-from humanoid_sim.hardware.robstride.replies import encode_reply
 from humanoid_sim.robots.motors import MOTORS
 
 HOST = 0xFD

@@ -7,7 +7,7 @@ from humanoid_sim.hardware.adapter.control import CommandEncoder
 from humanoid_sim.hardware.adapter.joint_tracking import JointTracker
 from humanoid_sim.hardware.adapter.wiring import make_wiring
 from humanoid_sim.hardware.motors import Readings
-from humanoid_sim.hardware.robstride.commands import decode_command
+from humanoid_sim.hardware.robstride.codec import decode_command
 from humanoid_sim.hardware.robstride.messages import OperationControl
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot

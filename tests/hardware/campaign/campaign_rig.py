@@ -9,7 +9,7 @@ from typing import Any
 import can
 from drive_rig import Clock, Drive, driven, quick_lite
 
-from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.address import BusAddress, PassingBus
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.session.realtime import punctual_threads, real_time
@@ -31,20 +31,19 @@ class Sent:
     was jammed. Its position is then that of the joint."""
 
 
-class WatchedBus(can.BusABC):
+class WatchedBus(PassingBus):
     """Writes down the commands that are handed to the driver."""
 
     def __init__(self, bus: can.BusABC, log: list[Sent], clock: Clock) -> None:
-        self._bus, self._log, self._clock = bus, log, clock
+        self._log, self._clock = log, clock
         self._gains: dict[int, tuple[bytes, bytes]] = {}
-        super().__init__(bus.channel_info)
-        self.channel_info = bus.channel_info
+        super().__init__(bus, bus.channel_info)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         is_refused = True
         begin = self._clock()
         try:
-            self._bus.send(msg, timeout)
+            super().send(msg, timeout)
             is_refused = False
         finally:
             if (command := self._command(msg)) is not None:
@@ -62,13 +61,6 @@ class WatchedBus(can.BusABC):
         if kind == 0x45:
             self._gains[motor_id] = bytes(msg.data[:4]), bytes(msg.data[4:])
         return motor_id, *self._gains.get(motor_id, (b"", b""))
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        return self._bus._recv_internal(timeout)
-
-    def shutdown(self) -> None:
-        super().shutdown()
-        self._bus.shutdown()
 
 
 class Diary:

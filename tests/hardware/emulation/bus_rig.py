@@ -8,9 +8,8 @@ import numpy as np
 from humanoid_sim.hardware.emulation.emulator import Arrival, Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
-from humanoid_sim.hardware.robstride.commands import encode_command
+from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
 from humanoid_sim.hardware.robstride.messages import Command, Enable, OperationControl, Reply, Status
-from humanoid_sim.hardware.robstride.replies import decode_reply
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.motors import MOTORS
 

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass, field
 
-from humanoid_sim.hardware.emulated_motor import Sensed
-from humanoid_sim.hardware.emulation import firmware
-from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState, Stored
+from humanoid_sim.hardware.bus.frame import Frame
+from humanoid_sim.hardware.emulated_motor import Reaction, Sensed
+from humanoid_sim.hardware.emulation.firmware import RobstrideFirmware
+from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState
 from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.commands import encode_command
+from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
 from humanoid_sim.hardware.robstride.firmware import firmware_of, parse_version
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, pack_value, unpack_value
-from humanoid_sim.hardware.robstride.replies import decode_reply
 from humanoid_sim.robots.motors import MOTORS
 
 ID = 11
@@ -33,21 +33,26 @@ class Motor:
     state: MotorState = field(init=False)
 
     def __post_init__(self) -> None:
-        self.state = firmware.power_on(self.identity, Stored(ID), self.sensed)
+        self.firmware = RobstrideFirmware(self.identity, ID)
+        self.state = self.firmware.power_on(None, self.sensed)
 
     def feel(self, **changes: object) -> None:
         self.sensed = self.sensed._replace(**changes)  # type: ignore[arg-type]
 
     def tell(self, command: messages.Command) -> list[messages.Reply]:
         frame = encode_command(command, self.identity.model)
-        return self._take(firmware.receive(self.identity, self.state, frame, self.sensed, self.time))
+        return self._take(self.receive(frame, self.time))
+
+    def receive(self, frame: Frame, time: float = 0.0) -> Reaction[MotorState]:
+        """What the firmware makes of a frame; the motor's state stays."""
+        return self.firmware.receive(self.state, frame, self.sensed, time)
 
     def wait(self, duration: float) -> list[messages.Reply]:
         """Let the firmware look after itself every ms."""
         replies = []
         for _ in range(round(duration / 0.001)):
             self.time += 0.001
-            replies += self._take(firmware.advance(self.identity, self.state, self.sensed, self.time))
+            replies += self._take(self.firmware.advance(self.state, self.sensed, self.time))
         return replies
 
     def status(self, command: messages.Command) -> messages.Status:
@@ -74,9 +79,9 @@ class Motor:
         return unpack_value(parameter.type, reply.payload)
 
     def cycle_power(self) -> None:
-        self.state = firmware.power_on(self.identity, self.state.stored, self.sensed)
+        self.state = self.firmware.power_on(self.state, self.sensed)
 
-    def _take(self, reaction: firmware.Reaction) -> list[messages.Reply]:
+    def _take(self, reaction: Reaction[MotorState]) -> list[messages.Reply]:
         self.state = reaction.state
         models = dict.fromkeys(range(1, 128), self.identity.model)
         replies = []

@@ -10,7 +10,7 @@ from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
-from humanoid_sim.hardware.robstride.commands import decode_command, encode_command
+from humanoid_sim.hardware.robstride.codec import decode_command, encode_command
 from humanoid_sim.hardware.robstride.fields import MotorMode, Scale, StatusFault
 from humanoid_sim.hardware.robstride.messages import DeviceId, Enable, OperationControl, Status, WriteParameter
 from humanoid_sim.mit import MITCommand
@@ -21,9 +21,15 @@ ELBOW_ID = 14
 INSTANT = EmulationSettings(bitrate=0.0, reply_delay=0.0)
 
 
-def test_fourteen_motors_at_200_hz_fill_one_bus_to_73_to_90_percent_and_all_answer():
+@pytest.fixture
+def bench():
+    """The Lite's motors on one bus, enabled."""
     bench = Bench()
     bench.enable()
+    return bench
+
+
+def test_fourteen_motors_at_200_hz_fill_one_bus_to_73_to_90_percent_and_all_answer(bench):
     before, start = bench.emulator.load(0), bench.emulator.time
     for _ in range(100):
         replies = bench.command(duration=0.005, damping=2.0)
@@ -33,9 +39,7 @@ def test_fourteen_motors_at_200_hz_fill_one_bus_to_73_to_90_percent_and_all_answ
     assert 0.73 <= (after.busy - before.busy) / elapsed <= 0.90
 
 
-def test_a_burst_of_commands_goes_out_first_and_the_replies_follow():
-    bench = Bench()
-    bench.enable()
+def test_a_burst_of_commands_goes_out_first_and_the_replies_follow(bench):
     sent = bench.emulator.time
     arrivals = bench.arrivals(lambda motor_id: OperationControl(motor_id, 0.0, 0.0, 0.0, 0.0, 1.0), 0.005)
     times = [1e3 * (arrival.time - sent) for arrival in arrivals]
@@ -54,9 +58,7 @@ def test_two_buses_share_the_load():
     assert 1.8 <= 1e3 * (arrivals[-1].time - sent) <= 2.3
 
 
-def test_on_a_bus_that_cannot_keep_up_commands_wait_and_no_motor_gets_a_word_in():
-    bench = Bench()
-    bench.enable()
+def test_on_a_bus_that_cannot_keep_up_commands_wait_and_no_motor_gets_a_word_in(bench):
     replies = [bench.command(duration=0.0018, damping=1.0) for _ in range(100)]
     assert bench.emulator.waiting(0) > 100, "14 commands alone take 2 ms"
     assert replies[50:] == [[]] * 50, "a command's identifier outranks that of a reply"
@@ -111,27 +113,21 @@ def test_offsets_and_directions_hide_nothing_but_the_motor_frame():
         assert -4e-4 <= status.position < 2 * math.pi
 
 
-def test_the_torque_limit_is_the_written_one():
-    bench = Bench()
-    bench.enable()
+def test_the_torque_limit_is_the_written_one(bench):
     wrist = IDS.index(15)
     bench.tell(WriteParameter(15, 0x700B, np.float32(4.0).tobytes()))
     bench.command(duration=0.01, effort=5.0)
     assert abs(bench.torque()[wrist]) == pytest.approx(4.0, rel=1e-6)
 
 
-def test_the_phase_current_limits_the_torque_whatever_is_written():
-    bench = Bench()
-    bench.enable()
+def test_the_phase_current_limits_the_torque_whatever_is_written(bench):
     bench.tell(WriteParameter(11, 0x700B, np.float32(100.0).tobytes()))
     bench.submit(OperationControl(11, 12.0, 0.0, 0.0, 500.0, 0.0))
     bench.advance(0.002)
     assert bench.emulator.motors.plant.torque[0] == pytest.approx(MODELS_BY_ID[11].peak_torque)
 
 
-def test_work_makes_windings_warm():
-    bench = Bench()
-    bench.enable()
+def test_work_makes_windings_warm(bench):
     bench.command(duration=1.0, effort=5.0)
     (warm,) = [reply for reply in bench.command(duration=0.02) if reply.motor_id == 15]
     assert 26.0 < warm.temperature < 40.0, "3 times its rated torque for 1 s"
@@ -199,21 +195,15 @@ class TestFaults:
             ("reset", StatusFault(0)),
         ],
     )
-    def test_a_fault_of_a_motor_stops_it_and_it_does_not_recover(self, kind, fault):
-        bench = Bench()
-        bench.enable()
+    def test_a_fault_of_a_motor_stops_it_and_it_does_not_recover(self, kind, fault, bench):
         bench.emulator.inject(Fault(kind, (ELBOW,), duration=0.05))
-        bench.advance(0.01)
-        replies = [reply for reply in bench.command(duration=0.02, effort=1.0) if reply.motor_id == ELBOW_ID]
-        assert [(reply.mode, reply.faults) for reply in replies] == [(MotorMode.RESET, fault)]
-        assert bench.torque()[IDS.index(ELBOW_ID)] == 0.0
-        bench.advance(0.1)
-        replies = [reply for reply in bench.command(duration=0.02, effort=1.0) if reply.motor_id == ELBOW_ID]
-        assert [(reply.mode, reply.faults) for reply in replies] == [(MotorMode.RESET, fault)]
+        for wait in (0.01, 0.1):  # while it lasts, and after it
+            bench.advance(wait)
+            replies = [reply for reply in bench.command(duration=0.02, effort=1.0) if reply.motor_id == ELBOW_ID]
+            assert [(reply.mode, reply.faults) for reply in replies] == [(MotorMode.RESET, fault)]
+            assert bench.torque()[IDS.index(ELBOW_ID)] == 0.0
 
-    def test_an_encoder_jump_moves_the_reading_and_the_motor_follows_it(self):
-        bench = Bench()
-        bench.enable()
+    def test_an_encoder_jump_moves_the_reading_and_the_motor_follows_it(self, bench):
         hold = bench.command(duration=0.02)
         here = {reply.motor_id: reply.position for reply in hold}
         bench.emulator.inject(Fault("encoder_jump", (ELBOW,), value=-0.3))
@@ -226,9 +216,7 @@ class TestFaults:
         moved = bench.emulator.motors.plant.truth(0.0).joint_position[IDS.index(ELBOW_ID)]
         assert moved - LITE.initial_position[IDS.index(ELBOW_ID)] == pytest.approx(-0.3, abs=0.05)
 
-    def test_a_jammed_joint_does_not_move_whatever_pulls(self):
-        bench = Bench()
-        bench.enable()
+    def test_a_jammed_joint_does_not_move_whatever_pulls(self, bench):
         bench.emulator.inject(Fault("stalled", (ELBOW,)))
         bench.advance(0.01)
         bench.emulator.motors.plant.lead({ELBOW: -1.0, "right_elbow_pitch": -1.0})
@@ -237,9 +225,7 @@ class TestFaults:
         assert position[IDS.index(ELBOW_ID)] == pytest.approx(LITE.initial_position[3], abs=0.02)
         assert position[IDS.index(24)] < -0.6
 
-    def test_another_master_is_heard_and_obeyed(self):
-        bench = Bench()
-        bench.enable()
+    def test_another_master_is_heard_and_obeyed(self, bench):
         bench.emulator.inject(Fault("other_master", duration=0.1, value=100.0))
         bench.command(duration=0.005, effort=1.0)
         frames = [arrival.frame for arrival in bench.emulator.advance(bench.emulator.time + 0.2)]
@@ -268,9 +254,7 @@ class TestFaults:
         bench.emulator.clear_faults()
         assert bench.emulator.host_fault(0) == ""
 
-    def test_error_frames_come_at_their_rate_and_nothing_is_lost(self):
-        bench = Bench()
-        bench.enable()
+    def test_error_frames_come_at_their_rate_and_nothing_is_lost(self, bench):
         bench.emulator.inject(Fault("error_frames", duration=0.1, value=100.0))
         assert len(bench.command(duration=0.005)) == 14
         arrivals = bench.emulator.advance(bench.emulator.time + 0.2)
@@ -278,9 +262,7 @@ class TestFaults:
         assert len(errors) in (9, 10)
         assert {frame.arbitration_id for frame in errors} == {0x008}
 
-    def test_another_computer_that_asks_is_answered_from_then_on(self):
-        bench = Bench()
-        bench.enable()
+    def test_another_computer_that_asks_is_answered_from_then_on(self, bench):
         bench.emulator.inject(Fault("foreign_host", duration=0.05))
         bench.advance(0.02)
         bench.log.clear()

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 from motor_rig import HOST, ID, Motor, fault_reports, identity
 
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.emulation import firmware
-from humanoid_sim.hardware.emulation.motor_state import Sensed
+from humanoid_sim.hardware.emulated_motor import Reaction, Sensed
 from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.commands import encode_command
+from humanoid_sim.hardware.robstride.codec import encode_command
 from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit
 
 
@@ -74,9 +73,7 @@ def test_it_answers_whoever_asked_last_because_type_1_has_no_room_for_a_host():
 def test_identity_and_version():
     motor = Motor()
     assert motor.tell(messages.GetDeviceId(ID)) == [messages.DeviceId(ID, bytes(range(8)))]
-    frame = firmware.receive(
-        motor.identity, motor.state, Frame(0x0400FD0B, b"\0\xc4" + bytes(6)), motor.sensed, 0.0
-    ).frames[0]
+    (frame,) = motor.receive(Frame(0x0400FD0B, b"\0\xc4" + bytes(6))).frames
     assert frame.data == bytes.fromhex("00C4560002030900")
     assert motor.tell(messages.ReadVersion(ID)), "it is answered like any command"
 
@@ -91,7 +88,7 @@ def test_frames_for_others_and_malformed_ones_change_nothing():
         Frame(0x017FFF0B, bytes(7)),
         Frame(0x1300FD0B, bytes(8)),
     ):
-        assert firmware.receive(motor.identity, motor.state, frame, motor.sensed, 1.0) == firmware.Reaction(before)
+        assert motor.receive(frame, 1.0) == Reaction(before)
 
 
 @given(st.integers(0, (1 << 29) - 1), st.binary(max_size=8), st.booleans(), st.booleans())
@@ -99,9 +96,9 @@ def test_no_frame_makes_it_fail(number, data, extended, addressed):
     motor = _enabled()
     number = number & ~0xFF | ID if addressed else number
     frame = Frame(number if extended else number & 0x7FF, data, extended)
-    reaction = firmware.receive(motor.identity, motor.state, frame, motor.sensed, 1.0)
+    reaction = motor.receive(frame, 1.0)
     assert len(reaction.frames) <= 1
-    again = firmware.advance(motor.identity, reaction.state, motor.sensed, 2.0)
+    again = motor.firmware.advance(reaction.state, motor.sensed, 2.0)
     assert again.state.mode in (MotorMode.RESET, MotorMode.RUN)
 
 
@@ -232,7 +229,7 @@ def test_position_feedback_runs_cyclically_and_mechpos_does_not():
     assert motor.read("mechPos") == pytest.approx(13.0, abs=1e-5)
     old = Motor(identity(version="0.2.2.11"))
     old.feel(shaft=12.55)
-    reaction = firmware.receive(old.identity, old.state, Frame(0x017FFF0B, bytes(8)), old.sensed, 0.0)
+    reaction = old.receive(Frame(0x017FFF0B, bytes(8)))
     raw = int.from_bytes(reaction.frames[0].data[:2], "big")
     assert (raw / 32767 - 1) * 12.5 == pytest.approx(12.55 - 25.0, abs=4e-4)
 
@@ -271,7 +268,7 @@ def test_a_run_mode_that_is_not_emulated_is_not_enabled(mode):
     motor = Motor()
     motor.write("run_mode", mode)
     frame = encode_command(messages.Enable(ID), motor.identity.model)
-    reaction = firmware.receive(motor.identity, motor.state, frame, motor.sensed, 0.0)
+    reaction = motor.receive(frame)
     assert reaction.refusal == f"not enabled: run_mode is {mode}, only 0 (operation) is emulated"
     status = motor.status(messages.Enable(ID))
     assert (status.mode, int(status.faults)) == (MotorMode.RESET, 0), "like one with a latched fault, without its bit"

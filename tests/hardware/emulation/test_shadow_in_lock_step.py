@@ -8,7 +8,7 @@ import pytest
 from bus_rig import IDS, LITE, MODELS_BY_ID, Bench
 
 from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_POLICY, motion_path
-from humanoid_sim.hardware.robstride.commands import encode_command
+from humanoid_sim.hardware.robstride.codec import encode_command
 from humanoid_sim.hardware.robstride.messages import OperationControl, Status
 from humanoid_sim.messages import Intent, Mode, SessionHeader
 from humanoid_sim.mit import MITCommand, MITState

@@ -11,7 +11,7 @@ from bus_rig import IDS, LITE, MODELS_BY_ID
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.robstride.commands import encode_command
+from humanoid_sim.hardware.robstride.codec import encode_command
 from humanoid_sim.hardware.robstride.messages import Enable, OperationControl
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model

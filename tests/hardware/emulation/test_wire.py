@@ -91,35 +91,35 @@ def faults():
 
 
 def test_nothing_happens_without_a_fault_or_to_another_motor(faults):
-    faults.begin("lost", 1, 1.0)
+    faults.set("lost", 1, 1.0)
     assert _through(faults, 0) == [(0.01 * i, frame) for i, frame in enumerate(_FRAMES)]
     assert _through(faults, 1) == []
     assert not faults.reaches(1)
-    faults.end("lost", 1)
+    faults.set("lost", 1, None)
     assert len(_through(faults, 1)) == 100
     assert faults.reaches(1)
 
 
 def test_some_are_lost(faults):
-    faults.begin("lost", 0, 0.2)
+    faults.set("lost", 0, 0.2)
     assert 70 <= len(_through(faults)) <= 90
     assert 50 <= sum(faults.reaches(0) for _ in range(100)) <= 95
 
 
 def test_they_are_late(faults):
-    faults.begin("delayed", 0, 0.3)
+    faults.set("delayed", 0, 0.3)
     assert faults.arrivals(0, _FRAMES[0], 1.0) == [(1.3, _FRAMES[0])]
 
 
 def test_they_come_twice(faults):
-    faults.begin("duplicated", 0, 1.0)
+    faults.set("duplicated", 0, 1.0)
     assert _numbers(_through(faults)) == [i for i in range(100) for _ in range(2)]
 
 
 def test_neighbours_swap_and_none_is_lost(faults):
-    faults.begin("reordered", 0, 0.5)
+    faults.set("reordered", 0, 0.5)
     numbers = _numbers(_through(faults))
-    faults.end("reordered", 0)
+    faults.set("reordered", 0, None)
     numbers += _numbers(faults.arrivals(0, Frame(0x02000BFD, bytes([100] * 8)), 2.0))
     assert sorted(numbers) == list(range(101))
     assert numbers != sorted(numbers)
@@ -127,10 +127,10 @@ def test_neighbours_swap_and_none_is_lost(faults):
 
 
 def test_identifiers_and_lengths_are_damaged(faults):
-    faults.begin("corrupted_id", 0, 27)
+    faults.set("corrupted_id", 0, 27)
     assert {frame.arbitration_id for _, frame in _through(faults)} == {0x0A000BFD}
-    faults.end("corrupted_id", 0)
-    faults.begin("corrupted_dlc", 0, 5)
+    faults.set("corrupted_id", 0, None)
+    faults.set("corrupted_dlc", 0, 5)
     assert {len(frame.data) for _, frame in _through(faults)} == {5}
 
 
@@ -138,6 +138,6 @@ def test_the_same_seed_gives_the_same_losses():
     runs = []
     for _ in range(2):
         faults = FrameFaults(seed=7)
-        faults.begin("lost", 0, 0.5)
+        faults.set("lost", 0, 0.5)
         runs.append(_numbers(_through(faults)))
     assert runs[0] == runs[1]

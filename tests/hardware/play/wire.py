@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import can
 
 from humanoid_sim.hardware.bus.address import frame_of, open_bus, parse_address
-from humanoid_sim.hardware.robstride.commands import decode_command
+from humanoid_sim.hardware.robstride.codec import decode_command
 from humanoid_sim.hardware.robstride.messages import OperationControl, Stop
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import motor_model

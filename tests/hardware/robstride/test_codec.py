@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.commands import OperationControlEncoder, decode_command, encode_command
+from humanoid_sim.hardware.robstride.codec import (
+    RobstrideEncoder,
+    decode_command,
+    decode_reply,
+    encode_command,
+    encode_reply,
+)
 from humanoid_sim.hardware.robstride.fields import (
     SIGNED_STEPS,
     UNSIGNED_STEPS,
@@ -22,7 +28,6 @@ from humanoid_sim.hardware.robstride.fields import (
     WarningBit,
     join_identifier,
 )
-from humanoid_sim.hardware.robstride.replies import decode_reply, encode_reply
 from humanoid_sim.robots.motors import MOTORS
 
 _HOST = 0xFD
@@ -96,7 +101,7 @@ def test_operation_control_loses_less_than_a_step(model, motor_id, shares, scale
 def test_any_finite_command_has_a_frame_and_both_encoders_agree(model, motor_id, values):
     frame = encode_command(messages.OperationControl(motor_id, *values), model)
     assert len(frame.data) == 8
-    assert OperationControlEncoder([motor_id], [model]).encode(np.array(values)[:, None]).frames == (frame,)
+    assert RobstrideEncoder([motor_id], [model]).encode(np.array(values)[:, None]).frames == ((0, 0, frame),)
     read = decode_command(frame, motor_id, model)
     assert isinstance(read, messages.OperationControl)
     assert abs(read.position) <= model.position
@@ -180,7 +185,7 @@ def test_commands_that_have_no_frame(command, message):
 
 def test_the_bus_encoder_refuses_an_id_that_is_none():
     with pytest.raises(FieldError, match="is 128, expected 1 to 127"):
-        OperationControlEncoder([128], [MOTORS["rs-02"]])
+        RobstrideEncoder([128], [MOTORS["rs-02"]])
 
 
 def test_settings_that_do_not_exist_are_malformed_on_the_motor():

@@ -12,10 +12,15 @@ import pytest
 from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.commands import OperationControlEncoder, decode_command, encode_command
+from humanoid_sim.hardware.robstride.codec import (
+    RobstrideEncoder,
+    decode_command,
+    decode_reply,
+    encode_command,
+    encode_reply,
+)
 from humanoid_sim.hardware.robstride.fields import Scale, flag_names
 from humanoid_sim.hardware.robstride.parameters import ParameterType, pack_value, unpack_value
-from humanoid_sim.hardware.robstride.replies import decode_reply, encode_reply
 from humanoid_sim.robots.motors import MOTORS
 
 _VECTORS = Path(__file__).parents[2] / "data" / "robstride_vectors.csv"
@@ -144,10 +149,10 @@ def test_a_motor_reads_operation_control_as_the_reference_would():
 
 def test_the_encoder_of_a_whole_bus_gives_the_same_frames():
     rows = _rows("encode_mit", count=200)
-    encoder = OperationControlEncoder([_motor(row) for row in rows], [_model(row) for row in rows])
+    encoder = RobstrideEncoder([_motor(row) for row in rows], [_model(row) for row in rows])
     names = ("position", "velocity", "effort", "kp", "kd")
     encoded = encoder.encode(np.array([[float(row[name]) for row in rows] for name in names]))
-    assert encoded.frames == tuple(_frame(row) for row in rows)
+    assert encoded.frames == tuple((i, 0, _frame(row)) for i, row in enumerate(rows))
     beyond = [row["note"].startswith(("all beyond", "only", "negative")) for row in rows]
     np.testing.assert_array_equal(encoded.saturated.any(axis=0), beyond)
 
@@ -157,7 +162,7 @@ def test_values_that_are_not_finite_are_refused():
         command, model = _operation_control(row), _model(row)
         with pytest.raises(FieldError, match=r"^OperationControl\.\w+: is (nan|inf|-inf)"):
             encode_command(command, model)
-        encoder = OperationControlEncoder([command.motor_id], [model])
+        encoder = RobstrideEncoder([command.motor_id], [model])
         values = [command.position, command.velocity, command.effort, command.stiffness, command.damping]
         with pytest.raises(FieldError, match=f"for motor {command.motor_id}, expected a finite number"):
             encoder.encode(np.array(values)[:, None])

@@ -8,7 +8,7 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.hardware import main
 from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.tools import only_motor, set_id
+from humanoid_sim.hardware.tools import only_motor
 from humanoid_sim.hardware.tools.bench import open_bench, some_motors
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS
@@ -65,8 +65,8 @@ def inject():
 def quick_search(monkeypatch):
     """The search for a motor that is alone need not wait for a real bus."""
     monkeypatch.setattr(only_motor, "_PACE", 0.0003)
-    for module, name in ((only_motor, "_QUIET"), (only_motor, "_LISTENING"), (set_id, "_QUIET")):
-        monkeypatch.setattr(module, name, 0.04)
+    for name in ("_QUIET", "_LISTENING"):
+        monkeypatch.setattr(only_motor, name, 0.04)
 
 
 BENCH = "virtual:bench-client"

@@ -6,7 +6,7 @@ import pytest
 from lone_motor import cycle_power, lone_motors
 
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
-from humanoid_sim.hardware.tools import set_zero as tool
+from humanoid_sim.hardware.tools import only_motor as tool
 
 pytestmark = pytest.mark.usefixtures("quick_search")
 
