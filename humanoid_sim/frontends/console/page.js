@@ -44,6 +44,8 @@ function hear({ data }) {
   if (data.open !== undefined) {
     socket.isOpen = data.open;
     if (!data.open) heard = -Infinity;
+  } else if (data.latency !== undefined) {
+    showLink(data.latency);
   } else {
     heard = performance.now();
     if (data instanceof ArrayBuffer) plots.take(data);
@@ -61,7 +63,7 @@ function show(told) {
     knowCommands(told);
     get("policy-text").textContent = told.policy || "none";
     jointNames = told.joint_names;
-    plots.begin(told.charts);
+    plots.begin(told.robot, told.charts);
     get("events").replaceChildren(); // of before a new connection: the console tells them all again
   }
   if (told.mode === undefined) return;
@@ -73,6 +75,7 @@ function show(told) {
   get("reason").textContent = told.reason || told.controller;
   showStop(told);
   get("clock").textContent = `${told.time.toFixed(1)} s`;
+  showVitals(told.vitals);
   showStandby(told.standby);
   showIntents(told.intents);
   get("policy-ask").lastChild.textContent = told.load.replace("load refused: ", "");
