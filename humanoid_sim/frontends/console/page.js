@@ -230,13 +230,14 @@ const listenInView = () => {
     // A view that could not be loaded is the browser's own page, which is another origin, and has no keys to hear.
   }
 };
-view.addEventListener("load", () => {
+const prepareView = () => {
   listenInView();
   const style = document.createElement("style"); // viser's own panel has nothing for an operator
   style.textContent = "[data-floating-window] { display: none !important; }";
-  if (view.contentDocument) view.contentDocument.head.append(style);
-});
-listenInView();
+  view.contentDocument?.head?.append(style);
+};
+view.addEventListener("load", prepareView);
+prepareView(); // where it was loaded before this script ran
 document.addEventListener("click", (event) => {
   const button = event.target.closest("[data-ask]");
   if (button && (button.dataset.ask !== "reactivate" || isConfirmed(event.detail))) ask(button.dataset.ask);

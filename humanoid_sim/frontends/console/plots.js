@@ -141,6 +141,7 @@ const plots = (() => {
     const { keys, host } = drawn;
     const [from, to] = range();
     const units = [...new Set(keys.map((key) => charts.get(key).unit))]; // each has an axis, the first one on the left
+    const isOne = new Set(keys.map((key) => charts.get(key).title)).size === 1; // what all are of stands in the caption
     const traces = keys.flatMap((key) => {
       const { title, unit, series } = charts.get(key);
       const [times, ...columns] = columnsOf(key);
@@ -151,7 +152,7 @@ const plots = (() => {
       return series.map((name, i) => ({
         x: part(times),
         y: part(columns[i] || []),
-        name: keys.length > 1 ? `${title}: ${name}` : name,
+        name: isOne ? name : `${title}: ${name}`,
         mode: "lines",
         yaxis: axis ? `y${axis + 1}` : "y",
       }));
@@ -162,7 +163,7 @@ const plots = (() => {
     const axis = { gridcolor: "#2b3036", zeroline: false };
     const layout = {
       width: drawn.figure.clientWidth,
-      height: HEIGHT + (traces.length > 1 ? 18 * Math.ceil(traces.length / (keys.length > 1 ? 2 : 3)) : 0),
+      height: HEIGHT + (traces.length > 1 ? 18 * Math.ceil(traces.length / (isOne ? 3 : 2)) : 0),
       margin: { l: 56, r: 8, t: 6, b: 24 },
       paper_bgcolor: "rgba(0,0,0,0)",
       plot_bgcolor: "rgba(0,0,0,0)",
@@ -170,7 +171,7 @@ const plots = (() => {
       xaxis: { ...axis, range: [from, to] },
       yaxis: axis,
       showlegend: traces.length > 1,
-      legend: { orientation: "h", y: 1, yanchor: "bottom", entrywidth: 0 },
+      legend: { orientation: "h", y: 1, yanchor: "bottom" },
       hovermode: "x unified",
       hoverlabel: { bgcolor: "#16191d" },
       dragmode: false,

@@ -63,7 +63,7 @@ def test_a_plot_of_several_signals_is_paused_and_looked_back_in(browser, played)
         page.wait_for_function(DRAWN, arg=both)
         assert page.locator("#charts figure").count() == 1
         names = page.locator("#charts .legendtext").all_text_contents()
-        assert names == [f"left_elbow_pitch: {name}" for name in ("position", "command", "effort")]
+        assert names == ["position", "command", "effort"]
         assert page.locator("#charts .ytitle, #charts .y2title").all_text_contents() == ["rad", "N·m"]
         page.select_option("#plots-span", "5")
         page.wait_for_function("() => Number(document.getElementById('plots-time').max) > 4")
