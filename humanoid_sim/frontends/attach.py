@@ -62,8 +62,9 @@ class Attachment:
 
     @cached_property
     def base(self) -> BaseObserver | None:
-        """Observer of the floating base; None for a fixed one."""
-        return BaseObserver(self.model(), self.description) if self.description.is_floating else None
+        """Observer of a simulated floating base; None for a fixed one, and on hardware, which measures no position."""
+        is_seen = self.description.is_floating and not self.session.hardware
+        return BaseObserver(self.model(), self.description) if is_seen else None
 
     def follow(self) -> bool:
         """Take over `header` and `contract` of a policy that was loaded since; True if there was one."""

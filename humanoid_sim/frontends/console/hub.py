@@ -205,7 +205,7 @@ class Hub:
                 await connection.send(encoded(hello | self._showing.hello() | self._commanding.known(number)))
             told: dict[str, Any] = {}
             if self._record is not None:
-                told = state(self._record, self._supervisor)
+                told = state(self._record, self._supervisor, is_simulated=not session.hardware)
                 told["age"] = 1e-9 * (monotonic_ns() - self._stamp)
                 told["stamp"] = 1e-9 * self._stamp
                 told |= self._reasons.told(self._record)
@@ -222,11 +222,11 @@ class Hub:
 
     def _vitals(self, record: TickRecord) -> dict[str, Any]:
         """Return figures of the session: its loop's rate, its recording, and how a floating base moves."""
-        base = self._attachment.base
+        is_floating = self._attachment.description.is_floating
         return {
             "rate": [self._rate.value, 1.0 / self._attachment.header.control_period],
             "recording": self._status.get("recording", {}),
-            "base": None if base is None else base_velocity(record, base).tolist(),
+            "base": base_velocity(record, self._attachment.base).tolist() if is_floating else None,
         }
 
     async def _pong(self, connection: ServerConnection, ping: int) -> None:

@@ -94,10 +94,10 @@ class LoopRate:
         self._number, self._stamp = number, stamp
 
 
-def base_velocity(record: TickRecord, observer: BaseObserver) -> FloatArray:
+def base_velocity(record: TickRecord, observer: BaseObserver | None) -> FloatArray:
     """Shape (3,), measured: m/s forward and to the left of the base's heading, and the yaw rate; NaN is not known."""
     state = record.input.state
-    if record.qpos is not None and BASE_LINEAR_VELOCITY in state.extern:
+    if observer is not None and record.qpos is not None and BASE_LINEAR_VELOCITY in state.extern:
         return observer.sensed(state, record.qpos).planar_velocity
     return np.array([np.nan, np.nan, rotate(state.imu_quaternion, state.imu_angular_velocity)[2]])
 
@@ -120,10 +120,10 @@ def refusals(record: TickRecord, supervisor: Supervisor) -> dict[Intent, str]:
     return found
 
 
-def state(record: TickRecord, supervisor: Supervisor) -> dict[str, Any]:
+def state(record: TickRecord, supervisor: Supervisor, *, is_simulated: bool) -> dict[str, Any]:
     """Return a tick, as far as the page shows it."""
     control, standby = record.output.control_mode, record.output.standby
-    note = _AFRESH if record.qpos is None else _ANEW
+    note = _ANEW if is_simulated else _AFRESH
     return {
         "time": record.input.state.time,
         "mode": control.mode.name,

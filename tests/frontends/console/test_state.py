@@ -60,10 +60,10 @@ def test_remote_is_refused_beforehand_without_a_producer_where_the_base_floats(l
     floating = replace(STACK, needs_producer=True)
     for intent in (Intent.DAMP, Intent.LOAD_A, *[None] * 6):
         record = local.tick(*(() if intent is None else (intent,)))
-    offered = state(record, floating)["intents"]["start_remote"]
+    offered = state(record, floating, is_simulated=True)["intents"]["start_remote"]
     assert offered["refusal"].startswith("START_REMOTE refused: no remote command within the last 100 ms")
     assert offered["why"].endswith("start a producer first")
-    assert state(record, STACK)["intents"]["start_remote"]["refusal"] == ""
+    assert state(record, STACK, is_simulated=False)["intents"]["start_remote"]["refusal"] == ""
     for age, is_refused in ((0.05, False), (0.15, True)):
         sent = RemoteCommand(rig.command(), local.time - age)
         fed = replace(record, input=replace(record.input, remote=sent))
@@ -90,7 +90,7 @@ def test_the_base_s_velocity_is_that_of_its_heading(local):
     simulated = replace(record, input=replace(record.input, state=turning), qpos=qpos)
     observer = BaseObserver(model, biped)
     assert base_velocity(simulated, observer) == pytest.approx([0.5, 0.2, 0.3])
-    on_hardware = base_velocity(replace(simulated, qpos=None), observer)
+    on_hardware = base_velocity(simulated, None)  # whose `qpos` holds the joints that were measured
     assert on_hardware == pytest.approx([np.nan, np.nan, 0.3], nan_ok=True)
 
 
@@ -100,11 +100,11 @@ def test_reactivate_is_offered_in_the_modes_in_which_the_session_grants_it(local
         (Intent.DAMP, "DAMPING", ""),
         (Intent.LOAD_A, "STANDBY", "REACTIVATE refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY"),
     ):
-        told = state(local.tick(*(() if intent is None else (intent,))), STACK)
+        told = state(local.tick(*(() if intent is None else (intent,))), STACK, is_simulated=False)
         offered = told["intents"]["reactivate"]
         assert (told["mode"], offered["name"], offered["refusal"]) == (mode, "REACTIVATE", refusal)
         assert offered["note"] == "checks and enables the motors afresh; starts at ZERO_TORQUE"
-        simulated = state(replace(local.tick(), qpos=np.zeros(3)), STACK)["intents"]["reactivate"]
+        simulated = state(local.tick(), STACK, is_simulated=True)["intents"]["reactivate"]
         assert simulated["note"] == "puts the simulated robot back to its start, in ZERO_TORQUE"
         served, _ = local.reactivation.serve(FakeRobot(), Mode[mode])
         assert served.startswith("reactivated: ") if not refusal else served == refusal
@@ -126,7 +126,7 @@ def test_it_foresees_what_the_session_then_decides(local):
 def test_safety_is_explained(local):
     record = local.tick(Intent.DAMP)
     status = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT | SafetyFlag.BUS_OFF, "can0", "over-current")
-    told = state(replace(record, input=replace(record.input, safety=(status,))), STACK)
+    told = state(replace(record, input=replace(record.input, safety=(status,))), STACK, is_simulated=True)
     assert told["mode"] == "DAMPING"
     assert told["safety"] == [
         {
@@ -183,7 +183,7 @@ def test_every_flag_has_a_meaning():
 
 def test_joints_are_told_in_the_robots_order(local):
     record = local.tick(Intent.DAMP)
-    joints = state(record, STACK)["joints"]
+    joints = state(record, STACK, is_simulated=False)["joints"]
     assert joints["position"] == record.input.state.joint_position.tolist()
     assert joints["command"] == record.output.command.position.tolist()
     assert {len(values) for values in joints.values()} == {3}
