@@ -51,11 +51,12 @@ test-peers: $(VENV)/test.done $(PEERS)/exports.done  ## with what mjlab and rsl_
 test-mutants: $(VENV)/test.done  ## change what decides about motion, 60 small things, and run its tests; ARGS: --count, --seed, --part, --list
 	$(BIN)/python -m tools.mutation $(ARGS)
 
-docs: $(VENV)/docs.done  ## the documentation as a site, in build/site, its links checked
-	$(BIN)/python docs/build.py
+docs: $(VENV)/docs.done  ## the documentation as a site, in build/site, its links checked; ARGS=--serve serves it
+	$(BIN)/python docs/build.py $(ARGS)
 
-picture: $(VENV)/slow.done  ## README's moving picture, from real runs; what is in build/moving-picture is not run again
+picture: $(VENV)/slow.done  ## README's moving picture and the console's pictures, from real runs; build/moving-picture keeps scenes
 	$(BIN)/python docs/moving_picture.py
+	$(BIN)/python docs/console_pictures.py
 
 notebooks: $(VENV)/slow.done  ## run the notebooks, and store what they show in them; ARGS names some, or is --check
 	$(BIN)/python notebooks/store.py $(ARGS)

@@ -149,7 +149,7 @@ class Supervisor:
         intent, superseded = choose_intent(tick_input.intents)
         judged = memory.signs
         finished = _has_finished(memory.controller_memory) and (judged is None or judged.is_ready)
-        contradiction = ("" if judged is None else judged.refusal) or self._unready(intent, tick_input)
+        contradiction = ("" if judged is None else judged.refusal) or self.unready(intent, tick_input)
         decision = transition(
             memory.controller, safety, intent, finished, self.controllers, contradiction, self.missing
         )
@@ -178,7 +178,7 @@ class Supervisor:
         )
         return SupervisorMemory(outcome.controller, outcome.memory, status, outcome.guards, signs), output
 
-    def _unready(self, intent: Intent | None, tick_input: TickInput) -> str:
+    def unready(self, intent: Intent | None, tick_input: TickInput) -> str:
         """Return why the policy, or REMOTE, cannot start yet, if that is the intent; '' if it can."""
         remote = self.controllers.get(REMOTE_POLICY)
         if intent is Intent.START_REMOTE and self.needs_producer and isinstance(remote, RemotePolicyController):

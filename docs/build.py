@@ -1,4 +1,4 @@
-"""Build the documentation as a site, strictly: `make docs`, or `python docs/build.py`.
+"""Build the documentation as a site, strictly: `make docs`, or `python docs/build.py`; `--serve` serves it then.
 
 The site is made of the Markdown files and notebooks that the repository shows anyway. They are staged in
 `build/site-source`, where README.md is the first page and links lead from page to page, and built into `build/site`. A
@@ -8,8 +8,10 @@ the outside are listed, and not followed.
 
 from __future__ import annotations
 
+import argparse
 import ast
 import base64
+import contextlib
 import importlib.util
 import json
 import os
@@ -19,7 +21,9 @@ import subprocess
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from html.parser import HTMLParser
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 
@@ -34,6 +38,8 @@ STRUCTS = re.compile(r"^<!-- structs: ([\w.]+), (\w+) first(?:, without (\w+))? 
 """In whose place a page gets the fields of all structs of a module: which one comes first, which field is none."""
 PICTURES = {"image/png": "png", "image/webp": "webp"}
 """Pictures that a notebook can show, and their files' suffixes."""
+LATE = ("contributing.html", "changelog.html", "reference/")
+"""Pages that a search shows after guides."""
 TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
 
 
@@ -202,14 +208,47 @@ def check(site: Path) -> None:
         print(f"  {target}  ({page})")
 
 
+def rank(index: dict[str, list[dict[str, str]]]) -> None:
+    """Have a search find the headings of late pages as it finds their text: the headings of other pages count more.
+
+    It knows no weights of pages. So a heading becomes text, and what is shown in its place has invisible joints between
+    its letters, by which nobody searches.
+    """
+    for item in index["items"]:
+        if item["location"].startswith(LATE):
+            item["text"] = f"<p>{item['title']}</p>{item['text']}"
+            item["title"] = re.sub(r"(?<=\w)(?=\w)", "\u2060", item["title"])
+
+
+def rank_search(site: Path) -> None:
+    """Rank a site's search, for a server and for pages that are opened as files."""
+    index = json.loads((site / "search.json").read_text("utf-8"))
+    rank(index)
+    text = json.dumps(index)
+    (site / "search.json").write_text(text, "utf-8")
+    (site / "search.js").write_text(f"var __index = {text}", "utf-8")
+
+
+def serve(site: Path) -> None:
+    """Serve a site on this machine alone, until Ctrl-C."""
+    handler = partial(SimpleHTTPRequestHandler, directory=str(site))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server, contextlib.suppress(KeyboardInterrupt):
+        print(f"serving on http://127.0.0.1:{server.server_port}/ until Ctrl-C", flush=True)
+        server.serve_forever()
+
+
 def main() -> int:
     """Stage, build and check; returns the exit status."""
+    parser = argparse.ArgumentParser(description="Build the documentation as a site, in build/site.")
+    parser.add_argument("--serve", action="store_true", help="serve it then, on 127.0.0.1, and print the address")
+    wants_server = parser.parse_args().serve
     source, site = ROOT / "build" / "site-source", ROOT / "build" / "site"
     try:
         stage(source)
         command = [sys.executable, "-m", "zensical", "build", "--strict", "--clean"]
         if subprocess.run(command, cwd=source, env={**os.environ, "NO_COLOR": "1"}, check=False).returncode:
             raise SiteError("the site was not built")
+        rank_search(source / "site")
         check(source / "site")
         shutil.rmtree(site, ignore_errors=True)
         (source / "site").replace(site)
@@ -217,6 +256,8 @@ def main() -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     print(f"built: {site / 'index.html'}")
+    if wants_server:
+        serve(site)
     return 0
 
 

@@ -8,18 +8,17 @@ run again; remove the folder after a change of a policy. Needs the extra `test-f
 from __future__ import annotations
 
 import json
-import os
-import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import av
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import whole_file
@@ -45,7 +44,15 @@ VIDEOS = (
     ("piano", ("--robot", "lite_piano", "--song", SONG), 6.0, 11.0),
 )
 """Each scene with the options of its run, and from when to when it is shown, s of the run."""
-CHROMIUM = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+CAPTIONS = {
+    "arms": "A trained network moves simulated arms along a recorded motion",
+    "biped": "Another one walks, asked for half a metre per second",
+    "piano": "A third one plays Ode to Joy; keys light up green when pressed as the song asks",
+    "console": "An operator starts the walk, and stops it, from a page in the browser",
+}
+"""Captions of the scenes, for somebody who has never seen a robot's control program."""
+STRIP = 26
+"""Pixels of a caption's height."""
 WINDOW = {"width": 1280, "height": 720}
 PERIOD = 0.7
 """s between two pictures of the console, where the machine draws them so fast."""
@@ -83,66 +90,52 @@ def console_frames(folder: Path) -> Frames:
     return frames
 
 
-def operate(page: Any, folder: Path) -> None:
+def operate(desk: Any, folder: Path) -> None:
     """Make the robot walk from its page, as an operator does, and take pictures of that."""
     times: list[float] = []
 
     def watch(count: int) -> None:
         for i in range(count):
-            page.screenshot(path=folder / f"{len(times):03}.png")
+            desk.page.screenshot(path=folder / f"{len(times):03}.png")
             times.append(time.monotonic())
             if i + 1 < count:
-                page.wait_for_timeout(1e3 * max(0.0, times[-1] + PERIOD - time.monotonic()))
+                desk.stay(max(0.0, times[-1] + PERIOD - time.monotonic()))
 
-    def ask(word: str, mode: str) -> None:
-        page.wait_for_selector(f'[data-ask="{word}"]:not(.refused)' if word != "damp" else "#damp")
-        while page.get_attribute("#mode", "data-mode") != mode:  # a page that is drawn slowly may ask too late
-            page.evaluate("(word) => ask(word)", word)
-            page.wait_for_timeout(1000)
-
-    ask("damp", "DAMPING")
+    desk.ask("damp")
     watch(2)
-    ask("load_a", "STANDBY")
+    desk.ask("load_a")
     watch(4)
-    ask("start_locomotion", "LOCOMOTION")
+    desk.ask("start_locomotion")
     watch(12)
-    ask("damp", "DAMPING")
+    desk.ask("damp")
     watch(2)
     (folder / "times.json").write_text(json.dumps(times), "utf-8")
 
 
 def run_console(folder: Path) -> None:
     """Run the biped with its console, and take the console's pictures in a browser."""
-    from playwright.sync_api import sync_playwright  # noqa: PLC0415
+    from console_pictures import desk  # noqa: PLC0415 - beside this file
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415 - not installed everywhere
 
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        sys.exit("error: the console's pictures need chromium, which is not installed: apt-get install chromium")
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    options = ("--robot", "lite_biped", "--command", "0.3,0,0", "--manual", "--console", "--pace", "realtime")
-    environment = {**os.environ, "XDG_RUNTIME_DIR": str(folder), "NO_COLOR": "1"}
-    command = play(*options, "--record", "none")
-    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    with subprocess.Popen(command, text=True, env=environment, **pipes) as process:
-        try:
-            assert process.stdout is not None
-            addresses = (re.search(r"console: .* (http://\S+)", line) for line in process.stdout)
-            address = next(found[1] for found in addresses if found)
-            with sync_playwright() as driver:
-                browser = driver.chromium.launch(executable_path=chromium, args=list(CHROMIUM))
-                page = browser.new_page(viewport=WINDOW)
-                page.set_default_timeout(120_000)
-                page.goto(address)
-                page.wait_for_selector("#cover", state="hidden")
-                page.wait_for_timeout(4000)  # the 3D view is loaded
-                close = page.frame_locator("#view").locator(".mantine-Notification-closeButton")
-                close.first.evaluate("it => it.click()")  # a note that WebGL runs in software
-                operate(page, folder)
-                browser.close()
-        finally:
-            process.terminate()
-            process.communicate(timeout=60.0)
+    options = ("--robot", "lite_biped", "--command", "0.3,0,0")
+    with (
+        sync_playwright() as driver,
+        tempfile.TemporaryDirectory() as place,
+        desk(driver, Path(place), *options, size=WINDOW) as at,
+    ):
+        operate(at, folder)
+
+
+def captioned(picture: Image.Image, text: str) -> Image.Image:
+    """Return a scene's picture with a strip that says what it shows, over the strip that recordings have."""
+    picture = picture.copy()
+    draw = ImageDraw.Draw(picture)
+    draw.rectangle((0, picture.height - STRIP, *picture.size), fill=(22, 26, 32))
+    place = picture.width / 2, picture.height - STRIP / 2
+    draw.text(place, text, fill=(244, 246, 248), font=ImageFont.load_default(15), anchor="mm")
+    return picture
 
 
 def video_frames(path: Path, begin: float, end: float, *, size: tuple[int, int], rate: float) -> list[Image.Image]:
@@ -172,10 +165,11 @@ def main() -> int:
             subprocess.run(play(*options, "--duration", f"{end:g}", "--record", str(recording)), check=True)
         if not video.is_file():
             film(recording, video, begin, end)
-        frames += [(picture, FRAME) for picture in video_frames(video, 0.0, end - begin, size=SIZE, rate=1e3 / FRAME)]
+        pictures = video_frames(video, 0.0, end - begin, size=SIZE, rate=1e3 / FRAME)
+        frames += [(captioned(picture, CAPTIONS[name]), FRAME) for picture in pictures]
     if not (RUNS / "console" / "times.json").is_file():
         run_console(RUNS / "console")
-    frames += console_frames(RUNS / "console")
+    frames += [(captioned(picture, CAPTIONS["console"]), shown) for picture, shown in console_frames(RUNS / "console")]
     pictures, durations = zip(*frames, strict=True)
     with whole_file(RESULT) as file:
         file.write(animated_webp(pictures, durations))

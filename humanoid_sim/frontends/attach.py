@@ -22,6 +22,7 @@ from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.session.feed import MODEL_BLOB
+from humanoid_sim.simulation.floating_base import BaseObserver
 from humanoid_sim.stack import no_policy, recorded_contract, recorded_policy
 
 _LATE = 0.2
@@ -58,6 +59,12 @@ class Attachment:
     def contract(self) -> PolicyContract | None:
         """The policy's; None without one."""
         return recorded_contract(self.header)
+
+    @cached_property
+    def base(self) -> BaseObserver | None:
+        """Observer of a simulated floating base; None for a fixed one, and on hardware, which measures no position."""
+        is_seen = self.description.is_floating and not self.session.hardware
+        return BaseObserver(self.model(), self.description) if is_seen else None
 
     def follow(self) -> bool:
         """Take over `header` and `contract` of a policy that was loaded since; True if there was one."""

@@ -236,11 +236,13 @@ class Run:
                 sink.event(event)
 
     def _status(self) -> Mapping[str, Any]:
+        recorder = self.recorder
         return {
             **self.data.status(),
             "front_ends": dict(self.front_ends.running),
             "start_time_ns": self._start_time_ns,
             "robot": self.plan.setup.figures(),
+            "recording": recorder and {"file": str(recorder.path.absolute()), "error": recorder.error},
             "shadow": None if self.shadow is None else self.shadow.figures(),
         }
 

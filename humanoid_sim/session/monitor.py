@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, Protocol
 
 from humanoid_sim.controllers.fsm import describe_safety, merge_safety
-from humanoid_sim.controllers.rotation import rotate, rotate_inverse
 from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.failure import has_run_away
 from humanoid_sim.evaluation.joint_use import JointUse
 from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, TickRecord
-from humanoid_sim.mit import BASE_LINEAR_VELOCITY, FloatArray, MITState
+from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.recording.summary import ModeSpan
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.sinks import WorkerSink
@@ -119,9 +117,7 @@ class RunMonitor(WorkerSink):
             return
         if motion.released is None:
             motion.release(time, observer.standing_height(qpos))
-        turning = rotate(state.imu_quaternion, state.imu_angular_velocity)
-        base = observer.moving(qpos, state.extern[BASE_LINEAR_VELOCITY].value, turning)
-        fell = motion.update(time, replace(base, angular_velocity=rotate_inverse(base.quaternion, turning)))
+        fell = motion.update(time, observer.sensed(state, qpos))
         if fell:
             self._tell(Event(time, fell, EventKind.FALL))
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import mujoco
 import numpy as np
 
-from humanoid_sim.controllers.rotation import gravity_direction, heading, multiply, rotate
+from humanoid_sim.controllers.rotation import gravity_direction, heading, multiply, rotate, rotate_inverse
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import Mode
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import BASE_LINEAR_VELOCITY, FloatArray, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.stance import CentreOfMass, Floor, clearance, standing_height
 
@@ -163,6 +163,12 @@ class BaseObserver:
             self._floor.level(mass),
             self._up,
         )
+
+    def sensed(self, state: MITState, qpos: FloatArray) -> BaseState:
+        """Return the base of one simulated robot, with the velocities that its sensors measure; `qpos` as for `at`."""
+        turning = rotate(state.imu_quaternion, state.imu_angular_velocity)
+        base = self.moving(qpos, state.extern[BASE_LINEAR_VELOCITY].value, turning)
+        return replace(base, angular_velocity=rotate_inverse(base.quaternion, turning))
 
     def standing_height(self, qpos: FloatArray) -> float:
         """m, of the centre of mass above the floor if the robot stood in this pose, shape (nq,)."""

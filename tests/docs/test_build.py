@@ -85,6 +85,18 @@ def test_links_and_resources_of_a_site_are_judged(build):
     assert outside == {"https://example.org": "index.html"}
 
 
+def test_a_search_ranks_headings_of_guides_above_those_of_late_pages(build):
+    places = ("play.html#modes", "contributing.html#a-task", "reference/types.html#x")
+    index = {"items": [{"location": place, "title": "A front_end", "text": "<p>x</p>"} for place in places]}
+    build.rank(index)
+    guide, *late = index["items"]
+    assert (guide["title"], guide["text"]) == ("A front_end", "<p>x</p>")
+    for item in late:
+        assert item["title"].replace("\u2060", "") == "A front_end"
+        assert "front" not in item["title"]
+        assert item["text"] == "<p>A front_end</p><p>x</p>"
+
+
 @pytest.mark.parametrize(
     ("page", "module", "first"), [("robot-file", schema, "RobotDescription"), ("suite-file", suite, "Suite")]
 )

@@ -34,13 +34,12 @@ from humanoid_sim.frontends.console.commanding import Commanding
 from humanoid_sim.frontends.console.plots import Watch
 from humanoid_sim.frontends.console.server import encoded
 from humanoid_sim.frontends.console.showing import Showing
-from humanoid_sim.frontends.console.state import Reasons, available_controllers, state
+from humanoid_sim.frontends.console.state import LoopRate, Reasons, base_velocity, known_supervisor, state
 from humanoid_sim.frontends.console.wishes import Beat, LetGo, Snap, Take, parse_wish
 from humanoid_sim.messages import Intent, TickRecord
 from humanoid_sim.recording.shadow import decode_shadow_step
 from humanoid_sim.session.intent_socket import MARK
 from humanoid_sim.session.reactivation import REACTIVATE
-from humanoid_sim.simulation.floating_base import BaseObserver
 
 _PERIOD = 0.1
 """s between two states that are sent to a page."""
@@ -50,6 +49,8 @@ _ASKS_PER_SECOND, _ASKS_AT_ONCE = 5.0, 10
 """Rate limit of one page's requests, all but DAMP."""
 _PATIENCE = 2.0
 """s that an answer may take."""
+_NEXT_TICK = 0.002
+"""s between two looks for the session's next tick, while a page measures its link."""
 _REACTIVATING = 30.0
 """s that it may take to reactivate: every motor of a bus is asked for its identity. DAMP does not wait behind it."""
 _STATUS_PERIOD = 0.25
@@ -71,9 +72,9 @@ class Hub:
         self._showing = showing
         self._status: dict[str, Any] = {}
         self._status_due = 0.0
-        self._available = available_controllers(attachment.header)
-        description = attachment.description
-        self._reasons = Reasons(BaseObserver(attachment.model(), description) if description.is_floating else None)
+        self._supervisor = known_supervisor(attachment.header)
+        self._reasons = Reasons(attachment.base)
+        self._rate = LoopRate()
         self._damping = Intake(attachment.session, "console")
         """For DAMP alone, which so waits for no answer to anything else."""
         self._asking = ThreadPoolExecutor(1, "asking")
@@ -103,7 +104,7 @@ class Hub:
         """Take what is new in the feed; gives the newest tick, or None where none is new."""
         feed, newest = self._attachment.feed, None
         if self._attachment.follow():
-            self._available = available_controllers(self._attachment.header)
+            self._supervisor = known_supervisor(self._attachment.header)
             self._showing.follow()
             self._commanding.follow()
             self._loads += 1
@@ -131,6 +132,7 @@ class Hub:
             self._mode = mode
             for text in (*output.refusals, *(fault.message for fault in output.faults)):
                 self._tell(now, text)
+        self._rate.look(self._number, self._stamp)
         self._record = newest or self._record
         return newest
 
@@ -152,6 +154,10 @@ class Hub:
                 if "plot" in asked or "show" in asked:
                     refusal = self._choose(asked, access, watch, choices)
                     answers += [_answer(False, refusal)] if refusal else []
+                    continue
+                if "ping" in asked:
+                    if isinstance(asked["ping"], int) and choices.admits(time.monotonic()):
+                        self._start(tasks, self._pong(connection, asked["ping"]))
                     continue
                 if "do" in asked:
                     refusal = self._wish(number, message, access, limit, wishes)
@@ -199,10 +205,11 @@ class Hub:
                 await connection.send(encoded(hello | self._showing.hello() | self._commanding.known(number)))
             told: dict[str, Any] = {}
             if self._record is not None:
-                told = state(self._record, self._available)
+                told = state(self._record, self._supervisor, is_simulated=not session.hardware)
                 told["age"] = 1e-9 * (monotonic_ns() - self._stamp)
                 told["stamp"] = 1e-9 * self._stamp
                 told |= self._reasons.told(self._record)
+                told["vitals"] = self._vitals(self._record)
                 told["owners"], told["lost"] = (self._status.get(name, {}) for name in ("owners", "lost"))
                 told |= self._showing.told(self._record) | self._commanding.told(self._record)
                 told["events"] = [event for event in self._events if event[0] > shown]
@@ -212,6 +219,25 @@ class Hub:
             for data in watch.due():
                 await connection.send(data)
             await asyncio.sleep(_PERIOD)
+
+    def _vitals(self, record: TickRecord) -> dict[str, Any]:
+        """Return figures of the session: its loop's rate, its recording, and how a floating base moves."""
+        is_floating = self._attachment.description.is_floating
+        return {
+            "rate": [self._rate.value, 1.0 / self._attachment.header.control_period],
+            "recording": self._status.get("recording", {}),
+            "base": base_velocity(record, self._attachment.base).tolist() if is_floating else None,
+        }
+
+    async def _pong(self, connection: ServerConnection, ping: int) -> None:
+        """Answer a page after the next tick, in which a request of that moment would count; not if none comes."""
+        feed = self._attachment.feed
+        before, deadline = feed.newest(), time.monotonic() + _PATIENCE
+        while feed.newest() == before and time.monotonic() < deadline:
+            await asyncio.sleep(_NEXT_TICK)
+        if feed.newest() != before:
+            with contextlib.suppress(Exception):  # a page that is gone
+                await connection.send(encoded({"pong": ping}))
 
     def _wish(self, page: int, message: str | bytes, access: Access, limit: RateLimit, wishes: RateLimit) -> str:
         """Do what a page wants that commands; why not, if it is refused. One that lets go is always heard."""

@@ -44,6 +44,8 @@ function hear({ data }) {
   if (data.open !== undefined) {
     socket.isOpen = data.open;
     if (!data.open) heard = -Infinity;
+  } else if (data.latency !== undefined) {
+    showLink(data.latency);
   } else {
     heard = performance.now();
     if (data instanceof ArrayBuffer) plots.take(data);
@@ -61,7 +63,7 @@ function show(told) {
     knowCommands(told);
     get("policy-text").textContent = told.policy || "none";
     jointNames = told.joint_names;
-    plots.begin(told.charts);
+    plots.begin(told.robot, told.charts);
     get("events").replaceChildren(); // of before a new connection: the console tells them all again
   }
   if (told.mode === undefined) return;
@@ -73,6 +75,7 @@ function show(told) {
   get("reason").textContent = told.reason || told.controller;
   showStop(told);
   get("clock").textContent = `${told.time.toFixed(1)} s`;
+  showVitals(told.vitals);
   showStandby(told.standby);
   showIntents(told.intents);
   get("policy-ask").lastChild.textContent = told.load.replace("load refused: ", "");
@@ -227,13 +230,14 @@ const listenInView = () => {
     // A view that could not be loaded is the browser's own page, which is another origin, and has no keys to hear.
   }
 };
-view.addEventListener("load", () => {
+const prepareView = () => {
   listenInView();
   const style = document.createElement("style"); // viser's own panel has nothing for an operator
   style.textContent = "[data-floating-window] { display: none !important; }";
-  if (view.contentDocument) view.contentDocument.head.append(style);
-});
-listenInView();
+  view.contentDocument?.head?.append(style);
+};
+view.addEventListener("load", prepareView);
+prepareView(); // where it was loaded before this script ran
 document.addEventListener("click", (event) => {
   const button = event.target.closest("[data-ask]");
   if (button && (button.dataset.ask !== "reactivate" || isConfirmed(event.detail))) ask(button.dataset.ask);

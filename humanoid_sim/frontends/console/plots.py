@@ -12,20 +12,22 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.evaluation.tracking import errors_of_run
+from humanoid_sim.frontends.console.state import base_velocity
 from humanoid_sim.hardware.bus.frame import bus_load
 from humanoid_sim.messages import Mode, SessionHeader, TickRecord
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray
 from humanoid_sim.recording.shadow import ShadowStep, shadow_values
 from humanoid_sim.recording.topics import Labels, read_labels
 from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.simulation.floating_base import BaseObserver
 from humanoid_sim.stack import no_policy, recorded_motion, recorded_policy
 
-MOST_CHARTS = 8
+MOST_CHARTS = 24
 """That one page plots at once."""
-_ROWS = 3000
+_ROWS = 15_000
 """That are kept, for pages that are opened late."""
 _PERIOD = 0.02
-"""s, the shortest between two rows: 50 a second, and so the last minute of the robot's time at least."""
+"""s, the shortest between two rows: 50 a second, and so the last five minutes of the robot's time at least."""
 _SHADOW_AGE = 0.5
 """s after which a step of a shadow policy is the past."""
 _MOST_SERIES = 20
@@ -71,25 +73,31 @@ class History:
     def since(self, number: int, columns: slice) -> FloatArray:
         """Shape (1 + c, k): time and c columns of the k rows after a number that are still there, oldest first."""
         wanted = np.arange(max(number + 1, self.oldest), self.newest + 1) % _ROWS
-        rows = self._rows[wanted]
-        return np.vstack([rows[:, 0], rows[:, 1:][:, columns].T])
+        return np.vstack([self._rows[wanted, 0], self._rows[:, 1:][:, columns][wanted].T])
 
 
 class Plots:
     """All that a session's page can plot."""
 
-    def __init__(self, header: SessionHeader, description: RobotDescription, channels: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        header: SessionHeader,
+        description: RobotDescription,
+        channels: Sequence[str] = (),
+        base: BaseObserver | None = None,
+    ) -> None:
         """Find out what there is.
 
         Args:
             header: of the session.
             description: of the robot.
             channels: the CAN buses; none in simulation.
+            base: sees a floating base; None for a fixed one.
 
         Raises:
             InputError: the header is damaged.
         """
-        self._channels = tuple(channels)
+        self._channels, self._base = tuple(channels), base
         self._joints = len(header.joint_names)
         self._widths = [width for _, width in header.observation_terms]
         loaded = recorded_policy(header, no_policy)
@@ -99,7 +107,8 @@ class Plots:
         self._columns: list[slice] = []
         width = 0
         bodies = () if self._tracking is None or loaded is None else loaded.contract.body_names
-        for chart, columns in _charts(header, bodies, has_anchor=self._anchor is not None, channels=self._channels):
+        has = {"has_anchor": self._anchor is not None, "has_base": base is not None}
+        for chart, columns in _charts(header, bodies, self._channels, **has):
             self.charts += (chart,)
             self._columns.append(slice(width, width + columns))
             width += columns
@@ -134,6 +143,7 @@ class Plots:
             joints[:, :2].ravel(),
             joints[:, 2],
             joints[:, 3],
+            self._motion(record),
             self._errors(is_driven=is_driven),
             [1e3 * self._slowest, self._missed],
             [100.0 * loads.get(channel, np.nan) for channel in self._channels],
@@ -164,6 +174,15 @@ class Plots:
         if seen is not None and (seen.action.size, seen.observation.size) == (actions, observed):
             shown[2 * joints :] = np.concatenate([seen.action.reshape(-1), seen.observation])
         return shown
+
+    def _motion(self, record: TickRecord) -> FloatArray:
+        """Return the velocity of a floating base, each component beside what is commanded."""
+        if self._base is None:
+            return np.empty(0)
+        state = record.input.state
+        command = state.extern.get(VELOCITY_COMMAND)
+        wanted = np.full(3, np.nan) if command is None else command.at(state.time)
+        return np.column_stack([base_velocity(record, self._base), wanted]).ravel()
 
     def _errors(self, *, is_driven: bool) -> FloatArray:
         found = []
@@ -230,7 +249,7 @@ def _frames(channel: Mapping[str, Any]) -> int:
 
 
 def _charts(
-    header: SessionHeader, bodies: tuple[str, ...], *, has_anchor: bool, channels: tuple[str, ...]
+    header: SessionHeader, bodies: tuple[str, ...], channels: tuple[str, ...], *, has_anchor: bool, has_base: bool
 ) -> Iterator[tuple[Chart, int]]:
     """Charts and how many columns each takes, in the order of `Plots.add`."""
     for name in header.joint_names:
@@ -238,6 +257,9 @@ def _charts(
     for group, unit in (("velocity", "rad/s"), ("effort", "N·m")):
         for name in header.joint_names:
             yield Chart(group, name, unit, (group,)), 1
+    if has_base:
+        for name, unit in (("forward", "m/s"), ("left", "m/s"), ("turn left", "rad/s")):
+            yield Chart("base velocity", name, unit, ("measured", "commanded")), 2
     group = "tracking error"
     if bodies:
         yield from _spread(group, "positions of bodies", "mm", bodies)

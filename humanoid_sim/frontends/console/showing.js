@@ -1,7 +1,29 @@
-// Motors and buses on hardware, and the second figures in the 3D view.
+// The loop, the link and the recording; motors and buses on hardware; and the second figures in the 3D view.
 "use strict";
 
 const FIGURES = { reference: "motion's pose", command: "commanded pose" };
+
+const fixed = (value, digits) => (value === null ? "–" : value.toFixed(digits).replace(/^-(0\.0*)$/, "$1"));
+
+function showVitals({ rate: [rate, wanted], recording, base }) {
+  const { file = "", error = null } = recording || {};
+  get("recording").hidden = recording !== null && !file; // of a robot elsewhere nobody knows
+  get("recording").classList.toggle("on", file !== "" && error === null);
+  get("recording").classList.toggle("failed", error !== null);
+  const name = file.split("/").at(-1);
+  get("recording").textContent = error ? `recording stopped: ${error}` : name ? `recording ${name}` : "not recording";
+  get("recording").title = file;
+  get("vital-loop").textContent = `loop ${fixed(rate, 1)} of ${fixed(wanted, 0)} Hz`;
+  get("vital-base").hidden = base === null;
+  if (base === null) return;
+  const [forward, left, turn] = base.map((value) => fixed(value, 2));
+  get("vital-base").textContent = `base ${forward} m/s forward, ${left} m/s left, ${turn} rad/s turning left`;
+}
+
+// ms; null: the session has not answered.
+function showLink(latency) {
+  get("vital-link").textContent = `link ${fixed(latency, 0)} ms`;
+}
 
 function showMotors(hardware) {
   get("hardware").hidden = hardware === null;

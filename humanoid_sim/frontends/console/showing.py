@@ -78,7 +78,7 @@ class Showing:
         header = self._attachment.header
         self._policy = recorded_settings("the session", header).get("policy")
         self._keys = ShownKeys(header)
-        self.plots = Plots(header, self._description, self._channels)
+        self.plots = Plots(header, self._description, self._channels, self._attachment.base)
 
     def follow(self) -> None:
         """Show what belongs to the policy that was loaded. Raises `InputError` if its header is damaged."""
@@ -106,6 +106,7 @@ class Showing:
         """For a page that is opened."""
         charts = self.plots.charts
         return {
+            "robot": self._description.name,
             "policy": self._policy,
             "charts": [[chart.group, chart.name, chart.unit, chart.series] for chart in charts],
         }

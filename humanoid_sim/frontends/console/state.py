@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+import math
+from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
-import msgspec
 import numpy as np
 
-from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY, STANDBY_A, STANDBY_B, ZERO_TORQUE
 from humanoid_sim.controllers.fsm import RULES, describe_safety, merge_safety, transition
+from humanoid_sim.controllers.rotation import rotate
+from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.evaluation.failure import describe_fall, has_fallen
 from humanoid_sim.messages import Intent, SafetyFlag, SafetyStatus, SessionHeader, TickRecord
+from humanoid_sim.mit import BASE_LINEAR_VELOCITY, FloatArray
 from humanoid_sim.session.loading import load_refusal
 from humanoid_sim.session.reactivation import REACTIVATE, reactivation_refusal
 from humanoid_sim.simulation.floating_base import BaseObserver
+from humanoid_sim.stack import no_policy, rebuild_supervisor
 
 FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
     {
@@ -30,6 +34,8 @@ FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
 """Meanings of the flags, for operators."""
 
 
+_ELSEWHERE = '{"remote": false, "action_limit": 100.0, "guards": null, "loads": false}'
+"""Controllers of a robot that is only watched, whose session is elsewhere."""
 _AFRESH = "checks and enables the motors afresh; starts at ZERO_TORQUE"
 """Note on the page's button REACTIVATE, which is not an intent's."""
 _ANEW = "puts the simulated robot back to its start, in ZERO_TORQUE"
@@ -69,34 +75,55 @@ class Reasons:
         return {"reason": self._reason, "fallen": fallen}
 
 
-class _Controllers(msgspec.Struct):
-    remote: bool = False
+class LoopRate:
+    """Measures the ticks per second of wall time, once a second."""
+
+    value = math.nan
+    """1/s; NaN while it is not known."""
+
+    def __init__(self) -> None:
+        """Know of no tick."""
+        self._number = self._stamp = 0
+
+    def look(self, number: int, stamp: int) -> None:
+        """Take the newest tick: its number, and when it was published, ns."""
+        if stamp - self._stamp < 1_000_000_000:
+            return
+        if self._stamp:
+            self.value = 1e9 * (number - self._number) / (stamp - self._stamp)
+        self._number, self._stamp = number, stamp
 
 
-def available_controllers(header: SessionHeader) -> frozenset[str]:
-    """Names of the controllers that a session has."""
-    names = {ZERO_TORQUE, DAMPING, STANDBY_A, STANDBY_B}
-    if "contract" in header.documents:
-        names.add(RL_POLICY)
-    if msgspec.json.decode(header.documents.get("controllers", "{}"), type=_Controllers).remote:
-        names.add(REMOTE_POLICY)
-    return frozenset(names)
+def base_velocity(record: TickRecord, observer: BaseObserver | None) -> FloatArray:
+    """Shape (3,), measured: m/s forward and to the left of the base's heading, and the yaw rate; NaN is not known."""
+    state = record.input.state
+    if observer is not None and record.qpos is not None and BASE_LINEAR_VELOCITY in state.extern:
+        return observer.sensed(state, record.qpos).planar_velocity
+    return np.array([np.nan, np.nan, rotate(state.imu_quaternion, state.imu_angular_velocity)[2]])
 
 
-def refusals(record: TickRecord, available: Container[str]) -> dict[Intent, str]:
+def known_supervisor(header: SessionHeader) -> Supervisor:
+    """Return a session's control stack, with nothing in the place of its policy. Raises `InputError` if damaged."""
+    return rebuild_supervisor(replace(header, documents={"controllers": _ELSEWHERE, **header.documents}), no_policy)
+
+
+def refusals(record: TickRecord, supervisor: Supervisor) -> dict[Intent, str]:
     """Say why each intent would be refused after a tick; empty where it would be granted. The session decides."""
     control, standby = record.output.control_mode, record.output.standby
-    safety = merge_safety(record.input.safety)
+    safety, available = merge_safety(record.input.safety), supervisor.controllers
     is_finished = standby is not None and standby.is_finished
-    return {
-        intent: transition(control.controller_name, safety, intent, is_finished, available).refusal for intent in RULES
-    }
+    found = {}
+    for intent in RULES:
+        unready = supervisor.unready(intent, record.input)
+        args = (control.controller_name, safety, intent, is_finished, available, unready, supervisor.missing)
+        found[intent] = transition(*args).refusal
+    return found
 
 
-def state(record: TickRecord, available: Container[str]) -> dict[str, Any]:
+def state(record: TickRecord, supervisor: Supervisor, *, is_simulated: bool) -> dict[str, Any]:
     """Return a tick, as far as the page shows it."""
     control, standby = record.output.control_mode, record.output.standby
-    note = _AFRESH if record.qpos is None else _ANEW
+    note = _ANEW if is_simulated else _AFRESH
     return {
         "time": record.input.state.time,
         "mode": control.mode.name,
@@ -119,7 +146,7 @@ def state(record: TickRecord, available: Container[str]) -> dict[str, Any]:
         "safety": [_safety(status) for status in record.input.safety],
         "intents": {
             intent.value: _offered(intent.name, refusal, record)
-            for intent, refusal in refusals(record, available).items()
+            for intent, refusal in refusals(record, supervisor).items()
         }
         | {REACTIVATE: _offered(REACTIVATE.upper(), reactivation_refusal(control.mode), record) | {"note": note}},
     }

@@ -22,8 +22,9 @@ DRAWN = """(name) => {
 
 @contextmanager
 def opened(browser, address, size=None):
-    """A page without its 3D view, which software draws slowly."""
-    page = browser.new_page(viewport=size or {"width": 1280, "height": 800})
+    """A page of a browser or of one of its contexts, without its 3D view, which software draws slowly."""
+    page = browser.new_page()
+    page.set_viewport_size(size or {"width": 1280, "height": 800})
     page.errors = []
     page.on("pageerror", lambda error: page.errors.append(str(error)))
     page.route("**/viser/", lambda route: route.fulfill(body=""))
@@ -34,7 +35,7 @@ def opened(browser, address, size=None):
     page.close()
 
 
-def test_plots_are_drawn_go_on_after_a_reconnection_and_are_kept_by_the_tab(browser, played):
+def test_plots_are_drawn_go_on_after_a_reconnection_and_are_kept_by_the_browser(browser, played):
     with opened(browser, played.read_only) as page:
         page.select_option("#add-plot", ELBOW)
         page.select_option("#add-plot", "loop: tick time")
@@ -51,6 +52,59 @@ def test_plots_are_drawn_go_on_after_a_reconnection_and_are_kept_by_the_tab(brow
         page.wait_for_function(DRAWN, arg=ELBOW)
         page.click(f'[data-plot="{ELBOW}"] button')
         assert page.locator("#charts figure").count() == 1
+
+
+def test_a_plot_of_several_signals_is_paused_and_looked_back_in(browser, played):
+    with opened(browser, played.control) as page:
+        page.set_default_timeout(120_000)  # the robot's clock is slow on a machine that has other things to do
+        page.select_option("#add-plot", ELBOW)
+        page.select_option(f'[data-plot="{ELBOW}"] select', "effort: left_elbow_pitch")
+        both = f"{ELBOW} + effort: left_elbow_pitch"
+        page.wait_for_function(DRAWN, arg=both)
+        assert page.locator("#charts figure").count() == 1
+        names = page.locator("#charts .legendtext").all_text_contents()
+        assert names == ["position", "command", "effort"]
+        assert page.locator("#charts .ytitle, #charts .y2title").all_text_contents() == ["rad", "N·m"]
+        page.select_option("#plots-span", "5")
+        page.wait_for_function("() => Number(document.getElementById('plots-time').max) > 4")
+        page.click("#plots-pause")
+        shown = page.inner_text("#plots-shown")
+        path = page.get_attribute("#charts .js-line >> nth=0", "d")
+        page.wait_for_timeout(1000)
+        assert page.inner_text("#plots-shown") == shown
+        page.locator("#plots-time").fill("2")
+        page.wait_for_selector("#plots-shown:text-is('paused: 0.0 to 2.0 s')")
+        page.wait_for_function(
+            "(path) => document.querySelector('#charts .js-line').getAttribute('d') !== path", arg=path
+        )
+        page.evaluate("socket.close()")  # all rows come again, and what is looked at stays
+        page.wait_for_selector("#cover", state="visible")
+        page.wait_for_selector("#cover", state="hidden")
+        page.wait_for_function(DRAWN, arg=both)
+        assert page.inner_text("#plots-shown") == "paused: 0.0 to 2.0 s"
+        page.click("#plots-pause")
+        page.wait_for_function(
+            "() => /^[0-9.]+ to ([4-9]|[0-9]{2,})/.test(document.getElementById('plots-shown').innerText)"
+        )
+
+
+def test_the_layout_of_plots_is_kept_for_each_robot_whatever_the_sessions_port(browser, played, start_play):
+    others = [start_play(), start_play("--robot", "lite_biped")]
+    context = browser.new_context()
+    with opened(context, played.control) as page:
+        page.select_option("#add-plot", ELBOW)
+    with opened(context, others[1].control) as page:  # and what floats is measured
+        assert page.locator("#charts figure").count() == 0
+        page.select_option("#add-plot", "base velocity: forward")
+        page.wait_for_function("() => /^base -?0.00 m.s forward/.test(document.getElementById('vital-base').innerText)")
+    with opened(context, others[0].control) as page:
+        page.wait_for_function(DRAWN, arg=ELBOW)
+        assert page.locator("#charts figure").count() == 1
+        page.wait_for_selector("#recording.on >> text=recording run.mcap")
+        assert page.get_attribute("#recording", "title") == str(others[0].folder / "run.mcap")
+        page.wait_for_function("() => /^link [0-9]+ ms$/.test(document.getElementById('vital-link').innerText)")
+        assert re.fullmatch(r"loop \d+\.\d of 200 Hz", page.inner_text("#vital-loop"))
+    context.close()
 
 
 def test_a_page_that_reconnects_shows_the_present_and_each_event_once(browser, played):

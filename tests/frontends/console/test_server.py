@@ -342,7 +342,27 @@ def test_a_page_plots_what_it_chooses_whoever_opened_it(played):
         assert np.all(np.diff(table[0]) > 0.015)  # 50 a second, of a loop of 200
         page.send(json.dumps({"plot": [10_000]}))
         (answer,) = until(page, lambda told: told.get("answers"))["answers"]
-        assert answer["text"].startswith("plots not understood, expected at most 8 numbers from 0 to ")
+        assert answer["text"].startswith("plots not understood, expected at most 24 numbers from 0 to ")
+
+
+def test_a_page_is_told_the_loops_rate_its_recording_and_its_link_to_the_session(played):
+    with socket(played.read_only) as page:
+        vitals = until(page, lambda told: told.get("vitals", {}).get("rate", [None])[0])["vitals"]
+        assert 10.0 < vitals["rate"][0] < 210.0  # the machine may be loaded
+        assert vitals["rate"][1] == 200.0
+        assert vitals["recording"] == {"file": str(played.folder / "run.mcap"), "error": None}
+        assert vitals["base"] is None
+        page.send(json.dumps({"ping": ["?"]}))  # not answered
+        page.send(json.dumps({"ping": 7}))
+        assert until(page, lambda told: "pong" in told) == {"pong": 7}
+        os.kill(played.process.pid, signal.SIGSTOP)
+        try:
+            time.sleep(0.3)
+            page.send(json.dumps({"ping": 8}))
+            until(page, lambda told: told["age"] > 0.8)
+        finally:
+            os.kill(played.process.pid, signal.SIGCONT)
+        assert until(page, lambda told: "pong" in told) == {"pong": 8}  # after the session's next tick, not before
 
 
 def test_a_page_that_does_not_read_slows_no_other(played):

@@ -1,4 +1,4 @@
-import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,28 +7,44 @@ import rig
 from fakes import FakeRobot
 
 from humanoid_sim.controllers.fsm import MODES
-from humanoid_sim.frontends.console.state import FLAG_MEANINGS, Reasons, available_controllers, refusals, state
-from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus, SessionHeader
+from humanoid_sim.frontends.console.state import (
+    FLAG_MEANINGS,
+    LoopRate,
+    Reasons,
+    base_velocity,
+    known_supervisor,
+    refusals,
+    state,
+)
+from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus
+from humanoid_sim.mit import Extern
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.floating_base import BaseObserver
 from humanoid_sim.simulation.model import build_model
+from humanoid_sim.stack import run_header
 
 pytest.importorskip("mjviser", reason="viser and mjviser are not installed (extra 'console')")
 
 from humanoid_sim.frontends.console.server import encoded
 
 ALL = frozenset(MODES)
+STACK = rig.supervisor()
 
 
-def test_the_controllers_are_those_of_the_header():
-    documents = {"contract": "{}", "controllers": json.dumps({"remote": True, "guards": None})}
-    assert available_controllers(SessionHeader("three", rig.JOINTS, 0.005, 0, documents)) == ALL
-    none = available_controllers(SessionHeader("three", rig.JOINTS, 0.005, 0, {}))
-    assert sorted(ALL - none) == ["remote_policy_controller", "rl_policy_controller"]
+def test_the_control_stack_is_that_of_the_header():
+    biped = load_robot("lite_biped")
+    for remote in (True, False):
+        header = run_header(biped, 0.02, None, None, settings={}, remote=remote, loads=True, needs_producer=True)
+        told = known_supervisor(header)
+        assert ("remote_policy_controller" in told.controllers) is remote
+        assert told.needs_producer
+        assert "mode load POLICY" in told.missing["rl_policy_controller"]
+    elsewhere = known_supervisor(replace(header, documents={"robot": header.documents["robot"]}))
+    assert sorted(ALL - set(elsewhere.controllers)) == ["remote_policy_controller", "rl_policy_controller"]
 
 
 def test_what_would_be_refused_says_what_it_requires(local):
-    damping = refusals(local.tick(Intent.DAMP), ALL)
+    damping = refusals(local.tick(Intent.DAMP), STACK)
     assert {intent for intent, text in damping.items() if not text} == {
         Intent.DAMP,
         Intent.LOAD_A,
@@ -36,8 +52,46 @@ def test_what_would_be_refused_says_what_it_requires(local):
         Intent.QUIT,
     }
     assert damping[Intent.START_REMOTE] == "START_REMOTE refused: requires finished STANDBY, mode is DAMPING"
-    standby = refusals(local.tick(Intent.LOAD_A), ALL)
+    standby = refusals(local.tick(Intent.LOAD_A), STACK)
     assert "standby_controller_a has not finished" in standby[Intent.START_LOCOMOTION]
+
+
+def test_remote_is_refused_beforehand_without_a_producer_where_the_base_floats(local):
+    floating = replace(STACK, needs_producer=True)
+    for intent in (Intent.DAMP, Intent.LOAD_A, *[None] * 6):
+        record = local.tick(*(() if intent is None else (intent,)))
+    offered = state(record, floating, is_simulated=True)["intents"]["start_remote"]
+    assert offered["refusal"].startswith("START_REMOTE refused: no remote command within the last 100 ms")
+    assert offered["why"].endswith("start a producer first")
+    assert state(record, STACK, is_simulated=False)["intents"]["start_remote"]["refusal"] == ""
+    for age, is_refused in ((0.05, False), (0.15, True)):
+        sent = RemoteCommand(rig.command(), local.time - age)
+        fed = replace(record, input=replace(record.input, remote=sent))
+        assert bool(refusals(fed, floating)[Intent.START_REMOTE]) is is_refused
+
+
+def test_the_loops_rate_is_measured_on_the_wall_clock():
+    rate = LoopRate()
+    for number in range(1, 300):
+        rate.look(number, 5_000_000_000 + number * 25_000_000)  # 40 Hz, whatever the robot's clock does
+        assert math.isnan(rate.value) if number < 41 else rate.value == pytest.approx(40.0)
+
+
+def test_the_base_s_velocity_is_that_of_its_heading(local):
+    biped = load_robot("lite_biped")
+    model = build_model(biped)
+    qpos = model.qpos0.copy()
+    qpos[3:7] = np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)  # turned to the left by 90 degrees
+    record = local.tick()
+    moving = Extern(np.array([-0.2, 0.5, 0.0]), 0.0, 1.0)
+    turning = replace(
+        record.input.state, imu_angular_velocity=np.array([0, 0, 0.3]), extern={"base_linear_velocity": moving}
+    )
+    simulated = replace(record, input=replace(record.input, state=turning), qpos=qpos)
+    observer = BaseObserver(model, biped)
+    assert base_velocity(simulated, observer) == pytest.approx([0.5, 0.2, 0.3])
+    on_hardware = base_velocity(simulated, None)  # whose `qpos` holds the joints that were measured
+    assert on_hardware == pytest.approx([np.nan, np.nan, 0.3], nan_ok=True)
 
 
 def test_reactivate_is_offered_in_the_modes_in_which_the_session_grants_it(local):
@@ -46,11 +100,11 @@ def test_reactivate_is_offered_in_the_modes_in_which_the_session_grants_it(local
         (Intent.DAMP, "DAMPING", ""),
         (Intent.LOAD_A, "STANDBY", "REACTIVATE refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY"),
     ):
-        told = state(local.tick(*(() if intent is None else (intent,))), ALL)
+        told = state(local.tick(*(() if intent is None else (intent,))), STACK, is_simulated=False)
         offered = told["intents"]["reactivate"]
         assert (told["mode"], offered["name"], offered["refusal"]) == (mode, "REACTIVATE", refusal)
         assert offered["note"] == "checks and enables the motors afresh; starts at ZERO_TORQUE"
-        simulated = state(replace(local.tick(), qpos=np.zeros(3)), ALL)["intents"]["reactivate"]
+        simulated = state(local.tick(), STACK, is_simulated=True)["intents"]["reactivate"]
         assert simulated["note"] == "puts the simulated robot back to its start, in ZERO_TORQUE"
         served, _ = local.reactivation.serve(FakeRobot(), Mode[mode])
         assert served.startswith("reactivated: ") if not refusal else served == refusal
@@ -60,19 +114,19 @@ def test_it_foresees_what_the_session_then_decides(local):
     seen = set()
     record = local.tick()
     for asked in (Intent.LOAD_A, Intent.DAMP, Intent.START_REMOTE, Intent.LOAD_A, Intent.QUIT, *[None] * 8):
-        foreseen = refusals(record, ALL)
+        foreseen = refusals(record, STACK)
         record = local.tick(*(() if asked is None else (asked,)))
         if asked is not None:
             assert list(record.output.refusals) == ([foreseen[asked]] if foreseen[asked] else [])
             seen.add(bool(foreseen[asked]))
     assert seen == {False, True}
-    assert not refusals(record, ALL)[Intent.START_REMOTE]
+    assert not refusals(record, STACK)[Intent.START_REMOTE]
 
 
 def test_safety_is_explained(local):
     record = local.tick(Intent.DAMP)
     status = SafetyStatus(SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT | SafetyFlag.BUS_OFF, "can0", "over-current")
-    told = state(replace(record, input=replace(record.input, safety=(status,))), ALL)
+    told = state(replace(record, input=replace(record.input, safety=(status,))), STACK, is_simulated=True)
     assert told["mode"] == "DAMPING"
     assert told["safety"] == [
         {
@@ -129,7 +183,7 @@ def test_every_flag_has_a_meaning():
 
 def test_joints_are_told_in_the_robots_order(local):
     record = local.tick(Intent.DAMP)
-    joints = state(record, ALL)["joints"]
+    joints = state(record, STACK, is_simulated=False)["joints"]
     assert joints["position"] == record.input.state.joint_position.tolist()
     assert joints["command"] == record.output.command.position.tolist()
     assert {len(values) for values in joints.values()} == {3}

@@ -1,32 +1,41 @@
-"""Takes pictures of docs/console.md: `python tests/frontends/console/pictures.py docs/pictures`.
+"""Take the pictures of docs/console.md: `make picture`, or `python docs/console_pictures.py`.
 
-All but that of a page without connection. Each is a page of a real session in Chromium, which draws 3D in software.
+Each is a page of a real session in Chromium, which draws 3D in software: some minutes in all. Needs the extra
+`test-frontends` and a Chromium.
 """
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-PATIENCE = 60_000
+from PIL import Image
+
+PATIENCE = 120_000
 """ms."""
+PICTURES = Path(__file__).resolve().parent / "pictures"
 SCREEN, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
-CHARTS = (
-    "left_elbow_pitch: position and command, rad",
-    "positions of bodies: tracking error, mm",
-    "left_elbow_pitch: effort, N·m",
-    "joint_pos: observation, as observed",
-)
-FAULT = "over_temperature:left_elbow_pitch@24+60"
+ELBOW = "position and command: left_elbow_pitch"
+CHARTS = (ELBOW, "tracking error: positions of bodies")
+MODES = {
+    "damp": "DAMPING",
+    "load_a": "STANDBY",
+    "load_b": "STANDBY",
+    "start_locomotion": "LOCOMOTION",
+    "start_remote": "REMOTE",
+}
+"""Modes by the words that ask for them."""
+FAULT = "over_temperature:left_elbow_pitch@60+60"
 """While the policy drives."""
 
 
@@ -37,41 +46,33 @@ class Desk:
     play: subprocess.Popen[str]
     page: Any
 
-    def ask(self, intent: str) -> None:
-        """As soon as it is allowed."""
-        self.page.wait_for_selector(f'#intents [data-ask="{intent}"]:not(.refused)', timeout=PATIENCE)
-        self.page.click(f'#intents [data-ask="{intent}"]')
-
-    def damp(self) -> None:
-        self.page.click("#damp")
-        self.reach("DAMPING")
+    def ask(self, word: str) -> None:
+        """Ask for a mode as soon as it is offered, and again: a page that is drawn slowly may ask too late."""
+        self.page.wait_for_selector("#damp" if word == "damp" else f'#intents [data-ask="{word}"]:not(.refused)')
+        while self.page.get_attribute("#mode", "data-mode") != MODES[word]:
+            self.page.evaluate("(word) => ask(word)", word)
+            for _ in range(20):
+                if self.page.get_attribute("#mode", "data-mode") != MODES[word]:
+                    self.stay(0.2)
 
     def reach(self, mode: str) -> None:
-        self.page.wait_for_selector(f'#mode[data-mode="{mode}"]', timeout=PATIENCE)
+        """Wait for a mode."""
+        self.page.wait_for_selector(f'#mode[data-mode="{mode}"]')
 
     def stay(self, seconds: float) -> None:
+        """Let the robot go on."""
         self.page.wait_for_timeout(1000.0 * seconds)
 
-    def show_plots(self, names: Sequence[str]) -> None:
-        for name in names:
-            self.page.select_option("#add-plot", value=_option(self.page, name))
-
-    def take(self, path: Path) -> None:
-        self.page.screenshot(path=path)
-
-
-def _option(page: Any, title: str) -> str:
-    """The value in the list of plots of what has this title: its name, and the group that it is under."""
-    name, kind = title.split(",", maxsplit=1)[0].split(": ")
-    options = page.eval_on_selector_all(
-        "#add-plot option", "all => all.map(one => [one.value, one.label, one.parentElement.label || ''])"
-    )
-    return next(value for value, label, group in options if (label, group.split(",")[0]) == (name, kind))
+    def take(self, name: str, part: str = "") -> None:
+        """Store a picture, or one of a part of the page, in 256 colours."""
+        shown = self.page.locator(part) if part else self.page
+        with Image.open(io.BytesIO(shown.screenshot())) as picture:
+            picture.convert("RGB").quantize(256).save(PICTURES / f"console-{name}.png", optimize=True)
 
 
 @contextmanager
 def desk(driver: Any, folder: Path, *options: str, size: dict[str, int] = SCREEN) -> Iterator[Desk]:
-    """A session with a console, and its page once it shows the robot."""
+    """Run a session with a console; give its page once it shows the robot."""
     command = [sys.executable, "-m", "humanoid_sim.play", "--manual", "--console", "--pace", "realtime", *options]
     results = ["--viewer", "none", "--video", "none", "--record", "run.mcap", "--overwrite"]
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(folder), "NO_COLOR": "1"}
@@ -96,10 +97,13 @@ def desk(driver: Any, folder: Path, *options: str, size: dict[str, int] = SCREEN
                 assert line, said
                 said += line
             page = chromium.new_page(viewport=size)
+            page.set_default_timeout(PATIENCE)
             page.goto(found[1])
-            page.wait_for_selector("#cover", state="hidden", timeout=PATIENCE)
-            page.frame_locator("#view").locator("canvas").first.wait_for(timeout=PATIENCE)
-            page.add_style_tag(content="#session { visibility: hidden }")  # paths of this machine
+            page.wait_for_selector("#cover", state="hidden")
+            page.frame_locator("#view").locator("canvas").first.wait_for()
+            page.add_style_tag(
+                content="#session { visibility: hidden } #policy-text { display: none }"
+            )  # paths of this machine
             page.frame_locator("#view").locator(".mantine-Notification-closeButton").evaluate(
                 "it => it.click()"
             )  # WebGL in software
@@ -109,49 +113,49 @@ def desk(driver: Any, folder: Path, *options: str, size: dict[str, int] = SCREEN
             chromium.close()
 
 
-def simulated(driver: Any, folder: Path, pictures: Path) -> None:
-    """STANDBY, and LOCOMOTION with plots."""
+def simulated(driver: Any, folder: Path) -> None:
+    """Show STANDBY, and LOCOMOTION with plots."""
     with desk(driver, folder) as at:
         at.stay(3.0)
-        at.damp()
+        at.ask("damp")
         at.ask("load_a")
         at.stay(1.5)
-        at.take(pictures / "console-standby.png")
+        at.take("standby")
         at.ask("start_locomotion")
-        at.show_plots(CHARTS)
+        for name in CHARTS:
+            at.page.select_option("#add-plot", name)
+        at.page.select_option(f'[data-plot="{ELBOW}"] select', "effort: left_elbow_pitch")
         for name in ("motion's pose", "commanded pose"):
             box = at.page.locator("#figures").get_by_label(name)
             if not box.is_checked():
                 box.click()
         at.stay(5.0)
-        at.take(pictures / "console-locomotion.png")
+        at.take("locomotion")
 
 
-def on_motors(driver: Any, folder: Path, pictures: Path) -> None:
-    """REMOTE, a fault while the policy drives, and sliders."""
+def on_motors(driver: Any, folder: Path) -> None:
+    """Show REMOTE on emulated motors, and sliders."""
     given = ("--hardware", f"virtual:{folder.name}", "--policy", "lite_tracking", "--yes", "--no-gamepad")
     with desk(driver, folder, *given, "--remote", "gravity") as at:
-        at.damp()
+        at.ask("damp")
         at.ask("load_b")
         at.ask("start_remote")
-        at.reach("REMOTE")
         at.stay(3.0)
         at.page.locator("#motors").scroll_into_view_if_needed()
-        at.take(pictures / "console-remote.png")
+        at.take("remote")
     with desk(driver, folder) as at:
-        at.damp()
+        at.ask("damp")
         at.ask("load_b")
         at.ask("start_remote")
-        at.reach("REMOTE")
         at.page.select_option("#sliders-joint", "left_elbow_pitch")
         at.page.click("#sliders-take")
         at.stay(2.0)
         at.page.locator("#sliders").scroll_into_view_if_needed()
-        at.take(pictures / "console-sliders.png")
+        at.take("sliders")
 
 
-def damped(driver: Any, folder: Path, pictures: Path) -> None:
-    """A fault of a motor while the policy drives."""
+def damped(driver: Any, folder: Path) -> None:
+    """Have a motor report a fault while the policy drives."""
     channel = "udp_multicast:239.74.163.9"
     emulate = [sys.executable, "-m", "humanoid_sim.hardware", "emulate", "--channel", channel, "--fault", FAULT]
     with subprocess.Popen([*emulate, "--quiet"], stdout=subprocess.DEVNULL) as motors:
@@ -167,39 +171,55 @@ def damped(driver: Any, folder: Path, pictures: Path) -> None:
                 "--no-gamepad",
             )
             with desk(driver, folder, *given) as at:
-                at.damp()
+                at.ask("damp")
                 at.ask("load_a")
                 at.ask("start_locomotion")
-                at.reach("LOCOMOTION")
                 at.reach("DAMPING")
                 at.stay(1.0)
-                at.take(pictures / "console-damping.png")
+                at.take("damping")
         finally:
             motors.kill()
 
 
-def on_a_phone(driver: Any, folder: Path, pictures: Path) -> None:
-    """A narrow page."""
+def on_a_phone(driver: Any, folder: Path) -> None:
+    """Open a narrow page."""
     with desk(driver, folder, size=PHONE) as at:
-        at.damp()
+        at.ask("damp")
         at.ask("load_a")
         at.ask("start_locomotion")
-        at.reach("LOCOMOTION")
         at.stay(3.0)
-        at.take(pictures / "console-phone.png")
+        at.take("phone")
 
 
-def main(pictures: Path) -> None:
+def with_a_piano(driver: Any, folder: Path) -> None:
+    """Play a song, with a key that is missed and one that is wrong now and then."""
+    with desk(driver, folder, "--robot", "lite_piano", "--song", "ode_to_joy") as at:
+        at.ask("damp")
+        at.ask("load_a")
+        at.ask("start_locomotion")
+        at.page.wait_for_selector('#keys [data-state="hit"]')
+        at.take("keys", "#keys")
+
+
+def without_connection(driver: Any, folder: Path) -> None:
+    """Lose the console."""
+    with desk(driver, folder) as at:
+        at.ask("damp")
+        at.page.context.set_offline(True)
+        at.page.evaluate("socket.close()")
+        at.page.wait_for_selector("#cover", state="visible")
+        at.take("no-connection")
+
+
+def main() -> None:
     """Take all of them."""
     from playwright.sync_api import sync_playwright  # noqa: PLC0415 - not installed everywhere
 
-    pictures = pictures.absolute()
-    pictures.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as driver:
-        for scene in (on_motors, simulated, damped, on_a_phone):
+        for scene in (simulated, on_motors, damped, on_a_phone, with_a_piano, without_connection):
             with tempfile.TemporaryDirectory() as folder:
-                scene(driver, Path(folder), pictures)
+                scene(driver, Path(folder))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main()
