@@ -9,19 +9,6 @@ from types import MappingProxyType
 from humanoid_sim.controllers.base import DAMPING, REMOTE_POLICY, RL_POLICY, STANDBY_A, STANDBY_B, ZERO_TORQUE
 from humanoid_sim.messages import OK, Intent, Mode, SafetyFlag, SafetyStatus
 
-__all__ = [
-    "MODES",
-    "MOVING",
-    "RULES",
-    "Decision",
-    "Rule",
-    "choose_intent",
-    "describe_safety",
-    "granted_intent",
-    "merge_safety",
-    "transition",
-]
-
 MODES: Mapping[str, Mode] = MappingProxyType(
     {
         ZERO_TORQUE: Mode.ZERO_TORQUE,

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.parameters import joint_tuple, number
+from humanoid_sim.controllers.parameters import joint_tuple, number, per_joint_or_infinite, range_middle
 from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import FloatArray, MITCommand, MITState, frozen_array
 
@@ -93,11 +93,8 @@ class Guards:
     def __post_init__(self) -> None:
         owner, put = "Guards", object.__setattr__
         put(self, "joints", joint_tuple(owner, self.joints))
-        n = len(self.joints)
         for name in ("lower", "upper", "effort_limit", "following_effort", "limit_margin", "speed_limit"):
-            array = frozen_array(owner, name, getattr(self, name))
-            if array.shape != (n,) or np.isnan(array).any():
-                raise FieldError(f"{owner}.{name}: is {array}, expected {n} numbers, one per joint")
+            array = per_joint_or_infinite(owner, name, getattr(self, name), self.joints)
             if name not in ("lower", "upper") and (array <= 0.0).any():
                 raise FieldError(f"{owner}.{name}: is {array}, expected numbers > 0")
             put(self, name, array)
@@ -107,11 +104,10 @@ class Guards:
         bounded = np.isfinite(self.lower) & np.isfinite(self.upper)
         unbounded = np.isinf(self.lower) & np.isinf(self.upper)
         with np.errstate(invalid="ignore"):
-            middle = np.where(bounded, 0.5 * (self.lower + self.upper), 0.0)
             half = np.where(bounded, 0.5 * (self.upper - self.lower) + self.limit_margin, 0.0)
         # Where only one side is bounded, any position is looked at.
         reach = np.minimum(np.where(unbounded, np.inf, half), _FURTHEST)
-        put(self, "_middle", frozen_array(owner, "_middle", middle))
+        put(self, "_middle", frozen_array(owner, "_middle", range_middle(self.lower, self.upper)))
         put(self, "_reach", frozen_array(owner, "_reach", reach))
         times = np.array([[self.following_time], [self.limit_time], [self.speed_time]])
         put(self, "_times", frozen_array(owner, "_times", times - _ROUNDING))

@@ -88,6 +88,20 @@ def per_joint(
     return array
 
 
+def per_joint_or_infinite(owner: str, name: str, values: npt.ArrayLike, joints: tuple[str, ...]) -> FloatArray:
+    """Read-only array of shape (n,) from one number per joint, infinite ones included: limits, where there is none."""
+    array = frozen_array(owner, name, values)
+    if array.shape != (len(joints),) or np.isnan(array).any():
+        raise FieldError(f"{owner}.{name}: is {array}, expected {len(joints)} numbers, one per joint")
+    return array
+
+
+def range_middle(lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return the middle between limits, shape (n,), rad; 0 where one of them is infinite."""
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isfinite(lower) & np.isfinite(upper), 0.5 * (lower + upper), 0.0)
+
+
 def damping_values(owner: str, damping: npt.ArrayLike, damping_scalar: float, joints: tuple[str, ...]) -> FloatArray:
     """Return the parameters `damping` and `damping_scalar` as one read-only array of shape (n,), N·m·s/rad.
 

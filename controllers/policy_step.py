@@ -251,8 +251,7 @@ def advance_phase(
     step, standing = _advance(rule, command, policy_dt)
     moved = np.asarray(walked) + step
     shown = moved if rule.advance_first else np.asarray(walked)
-    phase = np.mod(shown[..., None] + rule.offsets + np.pi, 2.0 * np.pi) - np.pi
-    phase = np.where(standing[..., None], np.nan if rule.standing_value is None else rule.standing_value, phase)
+    phase = _phase(rule, shown, standing, np.nan if rule.standing_value is None else rule.standing_value)
     return np.where(standing & rule.standing_restarts, 0.0, moved), phase
 
 
@@ -279,9 +278,13 @@ def shown_phase(rule: PhaseRule, walked: FloatArray | float, command: FloatArray
         policy_dt: s.
     """
     step, standing = _advance(rule, command, policy_dt)
-    shown = np.asarray(walked) - (0.0 if rule.advance_first else step)
-    phase: FloatArray = np.mod(shown[..., None] + rule.offsets + np.pi, 2.0 * np.pi) - np.pi
-    return np.where(standing[..., None], np.nan, phase)
+    return _phase(rule, np.asarray(walked) - (0.0 if rule.advance_first else step), standing, np.nan)
+
+
+def _phase(rule: PhaseRule, walked: FloatArray, standing: npt.NDArray[np.bool_], value: float) -> FloatArray:
+    """Shape (..., k), rad in [-π, π), of feet that have walked so far, shape (...); `value` while the robot stands."""
+    phase = np.mod(walked[..., None] + rule.offsets + np.pi, 2.0 * np.pi) - np.pi
+    return np.where(standing[..., None], value, phase)
 
 
 def _gait_frequency(rule: PhaseRule, command: FloatArray, magnitude: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.parameters import joint_tuple
+from humanoid_sim.controllers.parameters import joint_tuple, per_joint_or_infinite, range_middle
 from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.mit import GRAVITY_LEVERS, FloatArray, MITCommand, MITState, frozen_array
 
@@ -103,17 +103,12 @@ class Signs:
         owner, put = "Signs", object.__setattr__
         put(self, "joints", joint_tuple(owner, self.joints))
         for name in ("lower", "upper"):
-            array = frozen_array(owner, name, getattr(self, name))
-            if array.shape != (len(self.joints),) or np.isnan(array).any():
-                raise FieldError(f"{owner}.{name}: is {array}, expected {len(self.joints)} numbers, one per joint")
-            put(self, name, array)
+            put(self, name, per_joint_or_infinite(owner, name, getattr(self, name), self.joints))
         put(self, "allowed", joint_tuple(owner, self.allowed, "allowed", may_be_empty=True))
         for name in self.allowed:
             if name not in self.joints:
                 raise FieldError(f"{owner}.allowed: {known_names('joint', name, self.joints)}")
-        bounded = np.isfinite(self.lower) & np.isfinite(self.upper)
-        with np.errstate(invalid="ignore"):
-            middle = np.where(bounded, 0.5 * (self.lower + self.upper), 0.0)
+        middle = range_middle(self.lower, self.upper)
         put(self, "_mirrors", frozen_array(owner, "_mirrors", np.stack([np.zeros(len(middle)), middle], axis=-1)))
 
     def watch(

@@ -61,30 +61,27 @@ class SupervisorMemory:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Outcome:
-    """The command that is sent, the controller that gave it, and the failures on the way to it."""
-
-    controller: str
-    memory: Any
-    command: MITCommand
-    faults: tuple[FaultReport, ...]
-    standby: StandbyState | None
-    policy_step: PolicyStep | None
-    policy_error: str | None
-    notice: str
-    guards: GuardMemory | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Result:
     """Result of one controller in this tick, after validation."""
 
     memory: Any
     command: MITCommand
-    standby: StandbyState | None
-    policy_step: PolicyStep | None
-    notice: str
+    standby: StandbyState | None = None
+    policy_step: PolicyStep | None = None
+    notice: str = ""
     guards: GuardMemory | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Outcome:
+    """The controller whose command is sent, its result, and the failures on the way to it."""
+
+    controller: str
+    result: _Result
+    faults: tuple[FaultReport, ...]
+    policy_step: PolicyStep | None
+    """That of the result, or of what failed before it."""
+    policy_error: str | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,17 +154,18 @@ class Supervisor:
         switch = decision.controller is not None
         wanted = decision.controller or memory.controller
         outcome = self._run(wanted, None if switch else memory.controller_memory, memory, tick_input)
+        result = outcome.result
         signs, standby = self._judge_signs(None if switch else judged, outcome, tick_input)
 
         refusals = tuple(
             text for text in (decision.refusal, *(_superseded(other, intent) for other in superseded)) if text
         )
-        words = [decision.message, *(_describe(fault) for fault in outcome.faults), outcome.notice, *refusals]
+        words = [decision.message, *(_describe(fault) for fault in outcome.faults), result.notice, *refusals]
         if signs is not None and signs.notice != ("" if judged is None else judged.notice):
             words.append(signs.notice)
         status = "; ".join(word for word in words if word) or memory.status_message
         output = TickOutput(
-            command=outcome.command,
+            command=result.command,
             control_mode=ControlMode(MODES[outcome.controller], outcome.controller, status),
             standby=standby,
             quit=decision.quit,
@@ -176,7 +174,7 @@ class Supervisor:
             policy_step=outcome.policy_step,
             policy_error=outcome.policy_error,
         )
-        return SupervisorMemory(outcome.controller, outcome.memory, status, outcome.guards, signs), output
+        return SupervisorMemory(outcome.controller, result.memory, status, result.guards, signs), output
 
     def unready(self, intent: Intent | None, tick_input: TickInput) -> str:
         """Return why the policy, or REMOTE, cannot start yet, if that is the intent; '' if it can."""
@@ -190,10 +188,10 @@ class Supervisor:
         self, signs: SignMemory | None, outcome: _Outcome, tick_input: TickInput
     ) -> tuple[SignMemory | None, StandbyState | None]:
         """Evidence in STANDBY, which has not finished before the joints have rested long enough for it."""
-        standby = outcome.standby
+        standby = outcome.result.standby
         if self.signs is None or standby is None or MODES[outcome.controller] is not Mode.STANDBY:
             return None, standby
-        signs = self.signs.watch(signs, tick_input.state, outcome.command, is_finished=standby.is_finished)
+        signs = self.signs.watch(signs, tick_input.state, outcome.result.command, is_finished=standby.is_finished)
         if signs is not None and standby.is_finished and not signs.is_ready:
             standby = replace(standby, is_finished=False)
         return signs, standby
@@ -210,16 +208,14 @@ class Supervisor:
         while True:
             result, is_bug = self._attempt(name, controller_memory, before.guards, tick_input)
             if not isinstance(result, Fault):
-                policy_step = result.policy_step or policy_step
-                told = policy_step, policy_error, result.notice, result.guards
-                return _Outcome(name, result.memory, result.command, tuple(faults), result.standby, *told)
+                return _Outcome(name, result, tuple(faults), result.policy_step or policy_step, policy_error)
             policy_step = policy_step or result.policy_step
             policy_error = result.policy_error if policy_error is None else policy_error
             fallback = self.controllers[name].fallback or ZERO_TORQUE
             faults.append(FaultReport(name, fallback, result.message, is_bug))
             if name == ZERO_TORQUE:
                 # Cannot happen with this package's controller; a foreign one in its place may do anything.
-                return _Outcome(ZERO_TORQUE, Memory(), self._zero, tuple(faults), None, policy_step, policy_error, "")
+                return _Outcome(name, _Result(Memory(), self._zero), tuple(faults), policy_step, policy_error)
             name, controller_memory = fallback, before.controller_memory if fallback == before.controller else None
 
     def _attempt(

@@ -6,8 +6,8 @@
 | `scenario` | robot, contract, motion and task, brought together from what a user names; where an episode begins |
 | `reference_states` | the beginning of an episode in the middle of a motion |
 | `curriculum` | how much of randomisation and commands counts while training goes on |
-| `randomised_robot` | one robot with what is drawn for its episodes, as of a batch |
-| `base` | what the environments of one robot and of many have in common |
+| `episode_robot` | one robot, as its description says or with what is drawn for its episodes |
+| `base` | what environments have in common: copies, and a policy's scenario |
 | `policy_env` | one robot: `LiteTracking-v0`, `BipedVelocity-v0`, `Policy-v0` |
 | `vector_env` | many robots at once, stepped natively: the same ids through `gymnasium.make_vec` |
 | `modes_env` | the whole control stack: `LiteModes-v0` |

@@ -1,24 +1,79 @@
-"""Common base of the environments of a policy, for one robot or many: scenario, curriculum, closed loop."""
+"""Bases of environments: what can be copied, and what a policy's have in common, for one robot or many.
+
+An environment that is pickled or deep-copied is built again from its arguments, then put into the same state. What it
+holds beside that state (MuJoCo's threads, views into its memory, windows) cannot be copied, and need not be.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from functools import partial
+from typing import Any, Self
 
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.envs.copying import CopyableEnv
 from humanoid_sim.envs.curriculum import Amounts, Curriculum, amounts_at
-from humanoid_sim.envs.episode_robot import EpisodeRobot
+from humanoid_sim.envs.episode_robot import EpisodeRobot, RandomisedRobot
 from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
-from humanoid_sim.envs.randomised_robot import RandomisedRobot
 from humanoid_sim.envs.scenario import Motions, Named, check_options, make_scenario
 from humanoid_sim.envs.spaces import observation_space
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation
+
+
+class CopyableEnv:
+    """First base of an environment that can be copied in the middle of an episode; both then go on alike.
+
+    A copy reads files that were named to the first one again, opens no window before it shows something, and is closed
+    where the first one was.
+    """
+
+    KEPT: tuple[str, ...] = ()
+    """Attributes that make up its state, beside those of `_snapshot`."""
+    max_episode_steps: int
+    """Steps after which every episode is truncated, if it is not over before."""
+    _arguments: tuple[tuple[Any, ...], dict[str, Any]]
+    _given_spec: EnvSpec | None = None
+
+    def __new__(cls, *arguments: Any, **options: Any) -> Self:
+        """Keep what it is built from."""
+        self = super().__new__(cls)
+        self._arguments = arguments, options
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For `pickle` and `copy`."""
+        arguments, options = self._arguments
+        return partial(type(self), *arguments, **options), (), self.snapshot()
+
+    def __setstate__(self, snapshot: dict[str, Any]) -> None:
+        """For `pickle` and `copy`, of one that was just built."""
+        self.restore(snapshot)
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """Return what Gymnasium made it from, with the length of its episodes; None if it was built directly."""
+        return self._given_spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None and spec.max_episode_steps is None:
+            spec = replace(spec, max_episode_steps=self.max_episode_steps)
+        self._given_spec = spec
+
+    def snapshot(self) -> dict[str, Any]:
+        """Its present state, for `restore` of one that was built alike; shares arrays with it until it is pickled."""
+        common = ("_np_random", "_np_random_seed", "_given_spec", "action_space", "observation_space", "fault_count")
+        return {name: vars(self)[name] for name in (*common, *self.KEPT) if name in vars(self)}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Take over a state."""
+        vars(self).update(snapshot)
 
 
 class PolicyEnvironment(CopyableEnv):

@@ -16,14 +16,13 @@ from humanoid_sim.controllers.reference import Frame
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
 from humanoid_sim.envs.base import PolicyEnvironment
 from humanoid_sim.envs.curriculum import Curriculum
-from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, recorded_start
+from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, RandomisedRobot, recorded_start
 from humanoid_sim.envs.privileged import PrivilegedTerm
-from humanoid_sim.envs.randomised_robot import RandomisedRobot
 from humanoid_sim.envs.rendering import RENDER_MODES, ShownEnv
 from humanoid_sim.envs.resets import refuse_others, velocity_option
 from humanoid_sim.envs.scenario import Motions, Named
 from humanoid_sim.envs.spaces import action_space, outlier
-from humanoid_sim.envs.tasks.reward_terms import require_finite
+from humanoid_sim.envs.tasks.task import require_finite
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput

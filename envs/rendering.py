@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.envs.copying import CopyableEnv
+from humanoid_sim.envs.base import CopyableEnv
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import FloatArray

@@ -27,7 +27,7 @@ from humanoid_sim.envs.resets import (
 )
 from humanoid_sim.envs.scenario import Motions, Named
 from humanoid_sim.envs.spaces import action_space, outlier
-from humanoid_sim.envs.tasks.reward_terms import require_finite
+from humanoid_sim.envs.tasks.task import require_finite
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
 from humanoid_sim.mit import FloatArray

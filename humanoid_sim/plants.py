@@ -21,6 +21,7 @@ from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.session.sources import parse_velocity
 from humanoid_sim.simulation.plant import Actuation, timestep_of
+from humanoid_sim.strict_json import finite
 
 __all__ = ["main", "measured_cost"]
 
@@ -85,7 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "seconds": len(commanded.commands) * period,
     }
     if config.json:
-        print(json.dumps({**what, "plants": [_document(error) for error in errors]}, indent=1))
+        print(json.dumps({**what, "plants": [finite(asdict(error)) for error in errors]}, indent=1))
     else:
         _print(what, errors)
     return 0
@@ -123,12 +124,6 @@ def _divides(period: float, step: float) -> bool:
     except InputError:
         return False
     return True
-
-
-def _document(error: PlantError) -> dict[str, Any]:
-    return {
-        name: None if isinstance(value, float) and math.isnan(value) else value for name, value in asdict(error).items()
-    }
 
 
 def _print(what: dict[str, Any], errors: Sequence[PlantError]) -> None:

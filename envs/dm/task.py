@@ -17,9 +17,8 @@ from dm_control.rl import control
 from dm_env import specs
 from gymnasium.spaces import Box
 
-from humanoid_sim.envs.episode_robot import EpisodeRobot
+from humanoid_sim.envs.episode_robot import EpisodeRobot, RandomisedRobot
 from humanoid_sim.envs.policy_env import PolicyEnv
-from humanoid_sim.envs.randomised_robot import RandomisedRobot
 
 Array = npt.NDArray[np.float32]
 

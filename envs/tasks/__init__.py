@@ -15,12 +15,10 @@ from typing import Any
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.envs.tasks.motion import MotionTask
 from humanoid_sim.envs.tasks.piano import PianoTask
 from humanoid_sim.envs.tasks.task import BalanceTask, Task
-from humanoid_sim.envs.tasks.tracking import TrackingTask
-from humanoid_sim.envs.tasks.velocity import VelocityTask
-from humanoid_sim.envs.tasks.walking import WalkingTask
+from humanoid_sim.envs.tasks.tracking import MotionTask, TrackingTask
+from humanoid_sim.envs.tasks.velocity import VelocityTask, WalkingTask
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.robots.schema import RobotDescription
 

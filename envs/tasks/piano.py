@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rotation import rotate
 from humanoid_sim.envs.tasks.task import BoolArray, Task
 from humanoid_sim.errors import InputError
@@ -48,19 +46,11 @@ class PianoTask(Task):
         {"keys_hit": 0.5, "no_wrong_key": 0.5, "reach": 0.25, "energy": -0.0005, "low_wrist": -5.0, **Task.WEIGHTS}
     )
 
-    def __init__(
-        self, description: RobotDescription, contract: PolicyContract, reference: MotionReference, **options: Any
-    ) -> None:
-        """As `Task`, with a reference that has `target_keys`, for a robot with a piano.
-
-        Raises:
-            InputError: the robot has no piano, or the song another number of keys.
-        """
-        super().__init__(description, contract, reference, **options)
+    def _prepare(self, description: RobotDescription) -> None:
         fingers = Fingers(description)
         self.bodies = fingers.wrists
         self._tips, self._strike_points = fingers.tips, fingers.strike_points
-        self._song = reference.terms["target_keys"] > 0.5
+        self._song = self.reference.terms["target_keys"] > 0.5
         if self._song.shape[1] != len(self._strike_points):
             raise InputError(f"motion: has {self._song.shape[1]} keys, and the piano {len(self._strike_points)}")
         self._lowest = float(self._strike_points[:, 2].min()) + _WRIST_HEIGHT

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import traceback
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from numbers import Real
 from types import MappingProxyType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +17,6 @@ import numpy.typing as npt
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.envs.tasks.reward_terms import RewardTerm, checked_terms, finite, term_value
 from humanoid_sim.errors import InputError, known_names, reason_of
 from humanoid_sim.evaluation.errors import total
 from humanoid_sim.evaluation.failure import describe_fall, has_fallen
@@ -23,9 +24,11 @@ from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
-__all__ = ["BalanceTask", "BoolArray", "Judgement", "RewardTerm", "Start", "Task"]
-
 BoolArray = npt.NDArray[np.bool_]
+RewardTerm = tuple[float, Callable[[StepSample], FloatArray | float]]
+"""A weight, 1/s per unit of the term, and the term's value of a policy step: shape (...), or a number for all."""
+
+_FORM = "expected (weight, function)"
 _STOP_MARGIN = 0.05
 """rad from a joint's limit within which it counts as at its stop."""
 
@@ -160,6 +163,11 @@ class Task(ABC):
         self._noise = joint_noise, velocity_noise
         self.draws = 2 * len(order) + 1
         """Random numbers that one start takes."""
+        self._prepare(description)
+
+    def _prepare(self, description: RobotDescription) -> None:
+        """Look up what the task needs beside this, and refuse a robot, contract or motion that lacks it."""
+        del description
 
     def start(self, numbers: FloatArray, around: tuple[FloatArray, FloatArray, BoolArray] | None = None) -> Start:
         """Return the start that uniform random numbers in [0, 1), shape (..., draws), stand for.
@@ -281,3 +289,67 @@ class BalanceTask(Task):
         velocity = sample.state.joint_velocity
         speed = total(velocity * velocity)
         return {"alive": np.ones_like(speed), "joint_velocity": speed}, np.zeros(speed.shape, dtype=np.bool_)
+
+
+def checked_terms(rewards: Mapping[str, RewardTerm] | None) -> dict[str, RewardTerm]:
+    """Return the terms by name.
+
+    Raises:
+        InputError: one is not a weight with a function.
+    """
+    if not isinstance(rewards, Mapping | None):
+        raise InputError(f"rewards: is {_kind(rewards)}, expected a (weight, function) by the name of each term")
+    for name, term in (rewards or {}).items():
+        if not isinstance(term, tuple | list) or len(term) != 2:
+            raise InputError(f"rewards: {name} is {_kind(term)}, {_FORM}")
+        if isinstance(term[0], bool) or not isinstance(term[0], Real) or not callable(term[1]):
+            raise InputError(f"rewards: {name} is ({_kind(term[0])}, {_kind(term[1])}), {_FORM}")
+    return dict(rewards or {})
+
+
+def _kind(value: Any) -> str:
+    if callable(value):
+        return "a function"
+    return f"{value}" if isinstance(value, Real) else f"a {type(value).__name__}"
+
+
+def finite(value: Any) -> bool:
+    """Return whether it is one finite number."""
+    return isinstance(value, Real) and math.isfinite(value)
+
+
+def term_value(name: str, term: RewardTerm, sample: StepSample, shape: tuple[int, ...]) -> FloatArray:
+    """Return what a term gives for a policy step, shape (...).
+
+    Raises:
+        InputError: it is neither a value for each robot, nor a number for all of them.
+    """
+    given = term[1](sample)
+    if type(given) in (float, int):  # not NumPy's scalars: in a batch they are a sum over all robots
+        return np.full(shape, given, dtype=np.float64)
+    try:
+        value = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"rewards: {name} gives {_kind(given)}, expected numbers") from None
+    if value.shape != shape:
+        raise InputError(f"rewards: {name} has shape {value.shape}, expected {shape}: one value for each robot")
+    return value
+
+
+def require_finite(reward: FloatArray, terms: Mapping[str, FloatArray]) -> None:
+    """Refuse rewards that are not finite.
+
+    Args:
+        reward: shape (...), 0 for robots that do not count.
+        terms: what each adds to it, shape (...).
+
+    Raises:
+        InputError: one is not; it names the term and the first robot.
+    """
+    # of one robot by `math`: NumPy takes 20 times as long for a single number
+    if math.isfinite(reward) if reward.ndim == 0 else np.isfinite(reward).all():
+        return
+    i = int(np.flatnonzero(~np.isfinite(np.ravel(reward)))[0])
+    values = {name: float(np.ravel(term)[i]) for name, term in terms.items()}
+    name, value = next(((n, v) for n, v in values.items() if not math.isfinite(v)), ("their sum", math.inf))
+    raise InputError(f"rewards: {name} is {'nan' if math.isnan(value) else 'infinite'} in environment {i}")

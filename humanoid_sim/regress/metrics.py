@@ -13,9 +13,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.envs.tasks.motion import MotionTask
 from humanoid_sim.envs.tasks.task import Task
-from humanoid_sim.envs.tasks.tracking import TrackingTask
+from humanoid_sim.envs.tasks.tracking import MotionTask, TrackingTask
 from humanoid_sim.evaluation.errors import length, rms
 from humanoid_sim.evaluation.feet import Feet
 from humanoid_sim.evaluation.piano_score import score, step_ratios

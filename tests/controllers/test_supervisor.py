@@ -6,8 +6,19 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from rig import BAD_ANSWERS, DAMPING_KD, JOINTS, KNOWN, PATHS, Run, command, good_answer, supervisor, tick
-from safety_properties import RigProperties
+from rig import (
+    BAD_ANSWERS,
+    DAMPING_KD,
+    JOINTS,
+    KNOWN,
+    PATHS,
+    RigProperties,
+    Run,
+    command,
+    good_answer,
+    supervisor,
+    tick,
+)
 
 from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
@@ -16,14 +27,10 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.testing import ScriptedPolicy, fingerprint
-from humanoid_sim.testing.properties import MODE_NUMBER
+from humanoid_sim.testing.properties import DAMPING, MODE_NUMBER, REMOTE, RL, ZERO
+from humanoid_sim.testing.properties import STANDBY_A as A
+from humanoid_sim.testing.properties import STANDBY_B as B
 
-ZERO = "zero_torque_controller"
-DAMPING = "damping_controller"
-A = "standby_controller_a"
-B = "standby_controller_b"
-RL = "rl_policy_controller"
-REMOTE = "remote_policy_controller"
 NAN, INF = np.nan, np.inf
 UNKNOWN = (NAN, NAN, NAN)
 FAULT = (SafetyStatus(2, 8, "can0", "over-current"),)

@@ -4,7 +4,6 @@ import pytest
 import rig
 from hypothesis import settings
 from hypothesis.stateful import run_state_machine_as_test
-from safety_properties import RigProperties
 
 from humanoid_sim.testing import DEFAULT_SETTINGS, StackMachine
 
@@ -17,7 +16,7 @@ class RigMachine(StackMachine):
     position = rig.KNOWN
     waiting_period = rig.PERIOD
     longest_standby = 4.5 * rig.PERIOD
-    properties_type = RigProperties
+    properties_type = rig.RigProperties
 
     def build(self, policy):
         return rig.supervisor(policy)

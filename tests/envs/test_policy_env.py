@@ -1,6 +1,7 @@
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -162,15 +163,7 @@ def test_observation_bounds_follow_scale_and_history():
     terms = [
         term if term.name != "joint_vel" else type(term)("joint_vel", scale=-0.5, history=2) for term in contract.terms
     ]
-    changed = type(contract)(
-        **{
-            name: getattr(contract, name)
-            for name in contract.__dataclass_fields__
-            if name not in ("observation", "provenance")
-        },
-        observation=terms,
-    )
-    env = PolicyEnv(changed, "lite")
+    env = PolicyEnv(replace(contract, observation=terms), "lite")
     low, high = env.observation_space.low, env.observation_space.high
     assert low.shape == (14 + 28 + 14,)
     np.testing.assert_allclose(high[14:42], 50.0, rtol=0.01)

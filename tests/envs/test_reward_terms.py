@@ -7,8 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from humanoid_sim.envs.tasks.reward_terms import checked_terms, require_finite
-from humanoid_sim.envs.tasks.task import Task
+from humanoid_sim.envs.tasks.task import Task, checked_terms, require_finite
 from humanoid_sim.errors import InputError
 
 ID = "humanoid_sim/LiteTracking-v0"

@@ -1,5 +1,7 @@
 """Bounds of observations and actions."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from humanoid_sim.controllers.policy_step import PolicyWiring
@@ -12,15 +14,10 @@ from humanoid_sim.robots.description import load_robot
 
 def wiring(action_limit=100.0, **terms):
     contract = placeholder_checkpoint(load_robot("lite")).contract
-    changed = type(contract)(
-        **{
-            name: getattr(contract, name)
-            for name in contract.__dataclass_fields__
-            if name not in ("observation", "provenance")
-        },
-        observation=tuple(Term(name, history=history) for name, history in terms.items()) or contract.observation,
+    observation = tuple(Term(name, history=history) for name, history in terms.items()) or contract.observation
+    return PolicyWiring(
+        contract.joint_names, replace(contract, observation=observation), no_reference(), {}, action_limit
     )
-    return PolicyWiring(contract.joint_names, changed, no_reference(), {}, action_limit)
 
 
 def test_what_lies_outside_is_named():

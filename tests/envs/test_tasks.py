@@ -8,9 +8,8 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference
 from humanoid_sim.controllers.rotation import multiply, rotate
 from humanoid_sim.envs.tasks import TASKS, make_task
-from humanoid_sim.envs.tasks.motion import MotionTask
 from humanoid_sim.envs.tasks.task import BalanceTask
-from humanoid_sim.envs.tasks.tracking import TrackingTask
+from humanoid_sim.envs.tasks.tracking import MotionTask, TrackingTask
 from humanoid_sim.envs.tasks.velocity import VelocityTask
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.errors import total

@@ -4,6 +4,7 @@ import pytest
 from humanoid_sim.controllers.rotation import multiply
 from humanoid_sim.evaluation import failure
 from humanoid_sim.evaluation.errors import PoseError
+from humanoid_sim.evaluation.failure import DEFINITIONS, differing
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import BatchSimulation
@@ -177,3 +178,17 @@ def test_one_robot_and_a_batch_fall_at_the_same_height(figure):
 
 def test_joints_that_no_motor_could_turn_as_fast_are_a_fault():
     assert failure.has_run_away(np.array([[0.0, -99.0], [0.0, -101.0]])).tolist() == [False, True]
+
+
+def test_definitions_name_their_numbers():
+    assert "below 0.6 of the height" in DEFINITIONS["fall"]
+    assert "more than 1 rad" in DEFINITIONS["fall"]
+    assert "0.3 m from the motion" in DEFINITIONS["loss"]
+    assert "0.35 m off its height or leans by more than 1.2 rad" in DEFINITIONS["loss"]
+
+
+def test_what_differs_is_named():
+    assert differing(DEFINITIONS) == ()
+    assert differing({**DEFINITIONS, "loss": "it is out of sight"}) == ("loss",)
+    assert differing({}) == ("fall", "loss", "errors")
+    assert differing({**DEFINITIONS, "more": "than there is today"}) == ()

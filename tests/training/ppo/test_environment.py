@@ -1,18 +1,32 @@
-"""What becomes of the options: arguments of the environments, and what a folder keeps of them."""
+"""What becomes of the options: arguments of the environments, what is trained, and what a folder keeps of them."""
 
 import inspect
 import json
+import math
 from dataclasses import fields
 from pathlib import Path
 
+import gymnasium
+import numpy as np
 import pytest
 
+from humanoid_sim.assets import motion_path
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.envs.scenario import make_scenario
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
+from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.simulation.terrain import Terrain
-from humanoid_sim.training.ppo.environment import ARGUMENTS, ONLY_TRAINED, arguments_of, as_options
+from humanoid_sim.training.ppo.environment import (
+    ARGUMENTS,
+    ONLY_TRAINED,
+    arguments_of,
+    as_options,
+    own_object,
+    subject_of,
+)
+from humanoid_sim.training.ppo.export import motion_file
+from humanoid_sim.training.ppo.learner import first_spread
 from humanoid_sim.training.ppo.options import TrainConfig
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -122,3 +136,102 @@ def test_what_an_environment_says_is_said_of_the_option():
     told = as_options(InputError("reference_start: is 2, expected a number from 0 to 1"))
     assert str(told) == "--reference-start: is 2, expected a number from 0 to 1"
     assert str(as_options(InputError("robot.yaml: no such file"))) == "robot.yaml: no such file"
+
+
+def test_a_robot_alone_is_trained_for_what_its_policy_does():
+    arms = subject_of(TrainConfig())
+    assert (arms.task, arms.told["contract"], arms.told["motion"]) == ("tracking", "lite_tracking", "wave")
+    legs = subject_of(TrainConfig(robot="lite_biped"))
+    assert (legs.task, legs.told["contract"], legs.told["motion"]) == ("velocity", "lite_biped_velocity", None)
+    assert legs.contract.phase is not None
+    assert subject_of(TrainConfig(robot="lite_biped", task="walking")).task == "walking"
+    # 0.2 rad of 0.5 rad per unit of action, and 0.1 rad of 0.25
+    assert first_spread(arms.contract, is_floating=False) == pytest.approx(0.4)
+    assert first_spread(legs.contract, is_floating=True) == pytest.approx(0.4)
+
+
+def test_the_environments_are_those_of_the_options():
+    envs = subject_of(TrainConfig(actuation="implicit", physics_timestep=0.005)).environments(2)
+    assert (envs.scenario.actuation, envs.scenario.physics_timestep) == ("implicit", 0.005)
+    assert envs.metadata["autoreset_mode"] is gymnasium.vector.AutoresetMode.SAME_STEP
+    plain = gymnasium.make_vec(
+        "humanoid_sim/LiteTracking-v0",
+        num_envs=2,
+        actuation="implicit",
+        physics_timestep=0.005,
+        autoreset_mode="SameStep",
+    )
+    np.testing.assert_array_equal(envs.reset(seed=3)[0], plain.reset(seed=3)[0])
+    action = np.full((2, 14), 0.1, dtype=np.float32)
+    np.testing.assert_array_equal(envs.step(action)[0], plain.step(action)[0])
+    envs.close()
+    plain.close()
+
+
+def test_what_the_critic_sees_is_rsl_rls_affair():
+    subject = subject_of(TrainConfig(algorithm="ppo-rsl_rl", privileged=("joint_torque",)))
+    envs = subject.environments(1)
+    assert envs.reset(seed=0)[1]["privileged"].shape == (1, 14)
+    envs.close()
+    with pytest.raises(InputError, match=r"^--privileged: base_height is of a floating base"):
+        subject_of(TrainConfig(algorithm="ppo-rsl_rl", privileged=("base_height",)))
+
+
+def test_ground_motions_and_starts_reach_the_environments():
+    walking = subject_of(TrainConfig(robot="lite_biped", terrain="steps"))
+    assert walking.scenario.terrain is not None
+    assert walking.told["terrain"]["kind"] == "steps"
+    several = subject_of(TrainConfig(motion=("wave", "circle"), reference_start=0.8))
+    starts = several.scenario.starts
+    assert (len(starts.reference.lengths), starts.reference_start) == (2, 0.8)
+    alone = several.environment()  # to be looked at: from the beginning
+    assert alone.scenario.starts.reference_start == 0.0
+    alone.close()
+
+
+def test_a_song_is_the_motion_of_the_piano(tmp_path):
+    subject = subject_of(TrainConfig(robot="lite_piano", motion=("twinkle",)))
+    assert (subject.task, subject.told["motion"]) == ("piano", "twinkle")
+    file = motion_file(subject.scenario.motion, tmp_path)
+    assert file == tmp_path / "motion.mcap"
+    song = read_motion(file)
+    assert (song.task_type, song.frames.shape[1]) == ("piano", 88)
+    assert len(song.frames) == subject.scenario.wiring.reference.frame_count
+    arms = subject_of(TrainConfig(motion=("circle", "wave")))
+    assert motion_file(arms.scenario.motion, tmp_path) == motion_path("circle")
+    assert motion_file(subject_of(TrainConfig(robot="lite_biped")).scenario.motion, tmp_path) is None
+
+
+def test_a_name_in_a_file_and_in_a_module(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text("from dataclasses import dataclass\n\n@dataclass\nclass Mine:\n    x: int = 7\n")
+    assert own_object("--task", f"{file}:Mine")().x == 7
+    assert own_object("--task", "math:tau") is math.tau
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("mine.py:", r"^--task: is 'mine.py:', expected FILE.py:NAME or MODULE:NAME$"),
+        (":Mine", r"^--task: is ':Mine', expected FILE.py:NAME or MODULE:NAME$"),
+        ("mine.py:a b", "expected FILE.py:NAME"),
+        ("no.py:Mine", r"^--task: 'no.py': no such file$"),
+        ("no_such_module:Mine", r"^--task: 'no_such_module' cannot be imported: no module 'no_such_module'$"),
+        ("mine.py:Mime", r"^--task: unknown name 'Mime' \(did you mean 'Mine'\?\) in 'mine.py'$"),
+        ("broken.py:Mine", r"^--task: 'broken.py' cannot be imported: ZeroDivisionError: division by zero$"),
+        ("wrong.py:Mine", r"^--task: 'wrong.py' cannot be imported: SyntaxError: "),
+        ("ends.py:Mine", r"^--task: 'ends.py' cannot be imported: SystemExit: 3$"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line(text, expected, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, code in {
+        "mine": "class Mine:\n    pass\n",
+        "broken": "1 / 0\n",
+        "wrong": "class\n",
+        "ends": "import sys\nsys.exit(3)\n",
+    }.items():
+        Path(f"{name}.py").write_text(code)
+    with pytest.raises(InputError, match=expected) as error:
+        own_object("--task", text)
+    assert "\n" not in str(error.value)
