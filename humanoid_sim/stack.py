@@ -34,7 +34,7 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.policy.contract_json import decode, encode
-from humanoid_sim.policy.labels import observation_labels
+from humanoid_sim.policy.describe import observation_labels
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
 from humanoid_sim.recording.start import START_DOCUMENT, start_document

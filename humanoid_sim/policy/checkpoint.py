@@ -15,12 +15,11 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
-from humanoid_sim.policy.external_tensors import external_file
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY
 from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
-from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, first_line, read_header
+from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy, external_file, first_line, read_header
 from humanoid_sim.policy.readers.contract_yaml import find_contract
 from humanoid_sim.policy.readers.sources import assemble_contract
 from humanoid_sim.robots.description import RobotDescription

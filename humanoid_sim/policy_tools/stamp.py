@@ -19,7 +19,6 @@ from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
-from humanoid_sim.policy.external_tensors import TENSORS_KEY, tensor_digest
 from humanoid_sim.policy.golden.make import blind_spots, own_samples, trainer_samples
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode_samples, encode_samples
 from humanoid_sim.policy.golden.trace import BodyReader, read_trace
@@ -27,7 +26,7 @@ from humanoid_sim.policy.golden.verify import verify_golden
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.motion import read_motion
-from humanoid_sim.policy.onnx_policy import first_line
+from humanoid_sim.policy.onnx_policy import TENSORS_KEY, first_line, tensor_digest
 from humanoid_sim.policy_tools import Stamp
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import RobotDescription, load_robot

@@ -17,8 +17,8 @@ from rich.table import Column, Table
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, read_contract
-from humanoid_sim.policy.external_tensors import external_file
 from humanoid_sim.policy.motion import Motion
+from humanoid_sim.policy.onnx_policy import external_file
 from humanoid_sim.prepare.acceptance import Findings
 from humanoid_sim.prepare.conventions import Conventions
 from humanoid_sim.prepare.motion_fit import Tolerance

@@ -17,7 +17,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import PolicyStep, SessionHeader
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.policy.contract_json import encode
-from humanoid_sim.policy.labels import observation_labels
+from humanoid_sim.policy.describe import observation_labels
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.recording.reader import messages_of
 from humanoid_sim.recording.topics import Labels, PolicyTopics, TopicMessage

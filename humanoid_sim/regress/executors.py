@@ -22,9 +22,8 @@ import msgspec
 from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.contract_json import decode, encode
-from humanoid_sim.policy.external_tensors import external_file
 from humanoid_sim.policy.motion import motion_bytes, parse_motion
-from humanoid_sim.policy.onnx_policy import OnnxPolicy
+from humanoid_sim.policy.onnx_policy import OnnxPolicy, external_file
 from humanoid_sim.regress.batched_policy import BatchedPolicy
 from humanoid_sim.regress.episodes import run_episodes
 from humanoid_sim.regress.preparation import PreparedCase, prepare_case

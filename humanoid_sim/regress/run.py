@@ -33,7 +33,7 @@ from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, distin
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
 from humanoid_sim.regress.results import Candidate, PolicyRun, Results, SuiteInfo
 from humanoid_sim.regress.show import say, show_candidate, show_detectable, show_run, show_verdict
-from humanoid_sim.regress.suite_file import chosen_suite, load_suite
+from humanoid_sim.regress.suite import chosen_suite, load_suite
 
 _RECORDINGS = Path("runs")
 """Folder in which --episode writes, unless --record-failures names one."""

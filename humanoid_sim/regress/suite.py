@@ -1,22 +1,31 @@
-"""Schema of a suite: a task, its cases and seeds, what disturbs the robot, and how much worse is still accepted.
+"""A suite: a task, its cases and seeds, what disturbs the robot, and how much worse is still accepted.
 
-A suite is one YAML file; `assets/suites/lite_tracking.yaml` is the example. These structs are its schema,
-`humanoid_sim.regress.suite_file.load_suite` reads it.
+A suite is one YAML file; `assets/suites/lite_tracking.yaml` is the example. The structs are its schema. Whatever is
+wrong with a file is one line with the file, the field and what is accepted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
 
+from humanoid_sim.assets import asset_path, shipped
+from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.files import is_file
 from humanoid_sim.regress.metrics import ALWAYS, METRICS, TaskName, has_metric
+from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.results import MetricInfo
+from humanoid_sim.robots.checks import refused_values
 from humanoid_sim.robots.schema import Accepted, NotNegative, Positive
-from humanoid_sim.simulation.batch.randomisation import Randomisation
+from humanoid_sim.simulation.batch.randomisation import LONGEST_DELAY, Randomisation
 from humanoid_sim.simulation.plant import BatchActuation
+from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
 SEEDS = 2**31
 """Least number that is not a seed any more."""
@@ -183,3 +192,142 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             InputError: naming the field that is wrong.
         """
         return Disturbance(Randomisation.of(self.randomisation), self.pushes)
+
+
+SUITE_OF = {"tracking": "lite_tracking", "velocity": "velocity", "walking": "velocity", "piano": "lite_piano"}
+"""The shipped suite for a task of the environments."""
+
+
+def load_suite(name_or_path: str) -> tuple[Suite, Path]:
+    """Return a shipped suite by its name, or the one in a YAML file; with the folder that its paths are relative to.
+
+    Raises:
+        InputError: one line, such as `mine.yaml: seeds: is 1, expected at least 2`.
+    """
+    known = shipped("suites")
+    if name_or_path not in known and not is_file(name_or_path):
+        meant = SUITE_OF.get(name_or_path)
+        named = known_names("suite", name_or_path, known)
+        if meant is not None:
+            named = f"unknown suite '{name_or_path}' (did you mean '{meant}'?); known: {', '.join(known)}"
+        raise InputError(f"--suite: {named}; or a suite's YAML file that exists")
+    path = asset_path("suites", f"{name_or_path}.yaml") if name_or_path in known else Path(name_or_path)
+    document = read_yaml(path)
+    if not isinstance(document, dict):
+        raise InputError(f"{path}: is not a suite, expected a mapping with name, task, cases, seeds and tolerances")
+    try:
+        suite = msgspec.convert(document, Suite)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{path}: {schema_problem(error, document, Suite)}") from None
+    for problem in suite_problems(suite):
+        raise InputError(f"{path}: {problem}")
+    return suite, path.resolve().parent
+
+
+def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
+    """Return the suite with the options' cases and seeds.
+
+    Raises:
+        InputError: naming the option.
+    """
+    names = [case.name for case in suite.cases]
+    cases = tuple(case for case in suite.cases if config.only is None or config.only in case.name)
+    if not cases:
+        raise InputError(f"--only: is '{config.only}', expected part of one of the suite's cases: {', '.join(names)}")
+    margins = suite.margins
+    if config.margins and margins is None:
+        raise InputError(f"--margins: the suite '{suite.name}' has no margins to measure")
+    if margins is not None:
+        left = tuple(name for name in margins.cases if name in {case.name for case in cases})
+        margins = msgspec.structs.replace(margins, cases=left)
+    given = {"seeds": config.seeds, "first_seed": config.first_seed, "actuation": config.actuation}
+    given = {name: value for name, value in given.items() if value is not None}
+    chosen = msgspec.structs.replace(suite, cases=cases, margins=margins, **given)
+    for problem in suite_problems(chosen):
+        place, _, text = problem.partition(": ")
+        raise InputError(f"--{place.replace('_', '-')}: {text}")
+    if config.episode is not None:
+        name, _, seed = config.episode.rpartition(":")
+        if name not in names:
+            raise InputError(f"--episode: {known_names('case', name, names)}")
+        if int(seed) >= SEEDS:
+            raise InputError(f"--episode: the seed is {seed}, expected 0 to {SEEDS - 1}")
+        only = tuple(case for case in cases if case.name == name)
+        chosen = msgspec.structs.replace(chosen, cases=only, first_seed=int(seed), seeds=1)
+    return chosen
+
+
+def suite_problems(suite: Suite) -> Iterator[str]:
+    """Yield what types cannot say, each as `place: what is wrong`."""
+    yield from _case_problems(suite)
+    yield from _name_problems(suite)
+    yield from refused_values(suite)
+    for i, sweep in enumerate(() if suite.margins is None else suite.margins.sweeps):
+        nominal, levels, expected = AXES[sweep.axis][1], sweep.levels, ""
+        away = [nominal, *levels]
+        rises = all(a < b for a, b in pairwise(away))
+        falls = nominal > 0.0 and all(a > b >= 0.0 for a, b in pairwise(away))
+        if not levels or not (rises or falls) or not all(map(math.isfinite, levels)):
+            expected = f"finite numbers that lead away from {nominal:g}"
+        elif sweep.axis in ("delay", "jitter") and max(levels) > LONGEST_DELAY:
+            expected = f"at most {LONGEST_DELAY:g} s"
+        elif sweep.axis == "mass" and min(levels) <= 0.0:
+            expected = "masses > 0"
+        if expected:
+            yield f"margins.sweeps[{i}].levels: is {list(levels)}, expected {expected}"
+    try:
+        drawn = suite.disturbance.randomisation
+    except InputError as error:
+        yield str(error)
+        return
+    if drawn.mass[0] <= 0.0:
+        yield f"randomisation: mass is {drawn.mass}, expected more than 0: there is no body without mass"
+    if drawn.command_jitter > LONGEST_DELAY:
+        yield f"randomisation: command_jitter is {drawn.command_jitter:g}, expected at most {LONGEST_DELAY:g} s"
+
+
+def _case_problems(suite: Suite) -> Iterator[str]:
+    if not suite.cases:
+        yield "cases: is empty, expected at least one"
+    seen: set[str] = set()
+    for i, case in enumerate(suite.cases):
+        place = f"cases[{i}]"
+        if not case.name.strip() or not case.name.isprintable():
+            yield f"{place}.name: is {case.name!r}, expected a printable name"
+        if case.name in seen:
+            yield f"{place}.name: '{case.name}' is given twice"
+        seen.add(case.name)
+        if case.duration is not None and not 0.0 < case.duration <= 3600.0:
+            yield f"{place}.duration: is {case.duration:g}, expected more than 0 and at most 3600 s"
+        wanted = {"tracking": "motion", "velocity": "command", "piano": "song"}[suite.task]
+        for name in ("motion", "command", "song"):
+            if name != wanted and getattr(case, name):
+                yield f"{place}.{name}: is of no use to a {suite.task} task, expected a {wanted}"
+        if suite.task == "piano" and not case.song:
+            yield f"{place}.song: is missing, expected a song"
+        if suite.task == "velocity":
+            if case.command is None or not all(math.isfinite(value) for value in case.command):
+                yield f"{place}.command: expected vx, vy in m/s and a yaw rate in rad/s"
+            if case.duration is None or case.duration <= suite.settle:
+                yield f"{place}.duration: expected more than settle ({suite.settle:g} s)"
+
+
+def _name_problems(suite: Suite) -> Iterator[str]:
+    """Metrics and cases that do not exist, and sweeps that are there twice."""
+    metrics, margins = METRICS[suite.task], suite.margins
+    if not suite.tolerances:
+        yield f"tolerances: is empty, expected some of {', '.join(metrics)}"
+    limits = {} if margins is None else margins.limits
+    for place, names in (("tolerances", suite.tolerances), ("margins.limits", limits)):
+        for name in names:
+            if name not in metrics:
+                yield f"{place}: {known_names(f'{suite.task} metric', name, metrics)}"
+    if margins is None:
+        return
+    cases = [case.name for case in suite.cases]
+    for name in margins.cases:
+        if name not in cases:
+            yield f"margins.cases: {known_names('case', name, cases)}"
+    sweeps = [sweep.name for sweep in margins.sweeps if sweep.levels]
+    if len(set(sweeps)) < len(sweeps):
+        yield "margins.sweeps: one is given twice"

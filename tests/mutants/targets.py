@@ -459,7 +459,7 @@ def _suite(folder: Path) -> bytes:
 
 def _read_suite(path: Path) -> None:
     from humanoid_sim.regress.preparation import prepare_suite  # noqa: PLC0415
-    from humanoid_sim.regress.suite_file import load_suite  # noqa: PLC0415
+    from humanoid_sim.regress.suite import load_suite  # noqa: PLC0415
 
     del prepare_suite
     load_suite(str(path))

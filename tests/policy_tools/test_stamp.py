@@ -13,11 +13,10 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY
-from humanoid_sim.policy.external_tensors import TENSORS_KEY
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, decode_samples
 from humanoid_sim.policy.golden.verify import golden_problem
 from humanoid_sim.policy.metadata import METADATA_KEYS, read_own, write_metadata
-from humanoid_sim.policy.onnx_policy import read_header
+from humanoid_sim.policy.onnx_policy import TENSORS_KEY, read_header
 from humanoid_sim.policy_tools.stamp import add_metadata
 from humanoid_sim.robots.description import load_robot
 

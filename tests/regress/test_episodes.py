@@ -16,8 +16,7 @@ from humanoid_sim.evaluation.tracking import TrackingErrors
 from humanoid_sim.regress.episodes import LONGEST_TRACE, EpisodeBatch, Step, episode_keys, run_episodes, thinned
 from humanoid_sim.regress.metrics import METRICS, VelocityMeasures
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
-from humanoid_sim.regress.suite import Case, Disturbance, Pushes, Suite, Tolerance
-from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.regress.suite import Case, Disturbance, Pushes, Suite, Tolerance, load_suite
 from humanoid_sim.simulation.batch import Randomisation
 
 QUIET = Disturbance(Randomisation())

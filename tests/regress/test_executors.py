@@ -16,7 +16,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.regress.episodes import run_episodes
 from humanoid_sim.regress.executors import RayExecutor, pack_case, unpack_case
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
-from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.regress.suite import load_suite
 
 
 def test_a_case_that_travelled_gives_the_same_episodes(tmp_path):

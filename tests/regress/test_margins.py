@@ -10,8 +10,7 @@ from humanoid_sim.regress.executors import run_locally
 from humanoid_sim.regress.margins import compare_margins, disturbance_at, measure_margins, planned_levels
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.results import Margin
-from humanoid_sim.regress.suite import Pushes, Sweep
-from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.regress.suite import Pushes, Sweep, load_suite
 from humanoid_sim.simulation.batch import Randomisation
 
 

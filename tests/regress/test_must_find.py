@@ -19,7 +19,7 @@ from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.results import describe_share
 from humanoid_sim.regress.run import run_policy
-from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.regress.suite import load_suite
 
 pytestmark = pytest.mark.slow
 

@@ -17,8 +17,7 @@ from humanoid_sim.recording.repeat import repeat_run
 from humanoid_sim.regress.episodes import run_episodes
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
-from humanoid_sim.regress.suite import Case, Pushes, Suite, Tolerance
-from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.regress.suite import Case, Pushes, Suite, Tolerance, load_suite
 from humanoid_sim.replay import main as replay
 from humanoid_sim.stack import rebuild_supervisor
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from humanoid_sim.regress.compare import compare_runs, detectable_changes
 from humanoid_sim.regress.results import Candidate, Episode, Margin, MarginComparison, PolicyRun, Results, SuiteInfo
-from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.regress.suite import load_suite
 
 SUITE, _ = load_suite("lite_tracking")
 CASES = tuple(case.name for case in SUITE.cases)

@@ -14,8 +14,8 @@ from rich.console import Console
 from humanoid_sim.errors import MissingPackageError
 from humanoid_sim.regress import run
 from humanoid_sim.regress.options import RegressConfig
-from humanoid_sim.regress.report.drawing import LIGHT
 from humanoid_sim.regress.report.page import Picture, interval_bar, report_page, scale_end, worst_moment
+from humanoid_sim.regress.report.plots import LIGHT
 from humanoid_sim.regress.results import Comparison, MetricInfo
 
 VOID = {"img", "meta", "br"}

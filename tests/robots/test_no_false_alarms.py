@@ -13,7 +13,7 @@ from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.regress import episodes
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
-from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.regress.suite import load_suite
 from humanoid_sim.robots.description import with_contract_physics
 from humanoid_sim.robots.guards import guards_of
 

@@ -19,8 +19,7 @@ from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.mit import FloatArray, MITCommand
 from humanoid_sim.regress.episodes import EpisodeBatch, Step
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
-from humanoid_sim.regress.suite import Disturbance
-from humanoid_sim.regress.suite_file import load_suite
+from humanoid_sim.regress.suite import Disturbance, load_suite
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.model import build_model

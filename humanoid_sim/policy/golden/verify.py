@@ -17,10 +17,9 @@ from humanoid_sim.files import is_file
 from humanoid_sim.messages import PolicyStep
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.policy.checkpoint import Checkpoint
-from humanoid_sim.policy.external_tensors import external_file
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode_samples
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
-from humanoid_sim.policy.onnx_policy import OnnxPolicy
+from humanoid_sim.policy.onnx_policy import OnnxPolicy, external_file
 
 OBSERVATION_TOLERANCE = 1e-4
 """Absolute for values up to 1, relative beyond: float32 sums in another order stay below, wrong wiring does not."""

@@ -18,9 +18,16 @@ from PIL import Image
 from humanoid_sim.regress.episodes import Step, run_episodes
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy
 from humanoid_sim.regress.recordings import recording_name
-from humanoid_sim.regress.report.drawing import COLOURS, SETTINGS, candidate_colour
 from humanoid_sim.regress.report.pairs import Pair, mean_over_cases, pair_up, trace, worst
-from humanoid_sim.regress.report.plots import case_plot, margin_plot, moved_metrics, trace_plot
+from humanoid_sim.regress.report.plots import (
+    COLOURS,
+    SETTINGS,
+    candidate_colour,
+    case_plot,
+    margin_plot,
+    moved_metrics,
+    trace_plot,
+)
 from humanoid_sim.regress.results import (
     Candidate,
     Comparison,

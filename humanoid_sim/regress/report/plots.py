@@ -1,20 +1,84 @@
-"""The three pictures of the page, as SVG: what changed in which case, the traces of an episode, and the margins."""
+"""The three pictures of the page: what changed in which case, the traces of an episode, and the margins.
+
+Matplotlib draws them as SVG inside the page: no display, no global state, the same bytes every time, light and dark.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import get_args
+import io
+import re
+from collections.abc import Mapping, Sequence
+from html import escape
+from types import MappingProxyType
+from typing import Any, Literal, get_args
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.regress.report.drawing import COLUMNS, LIGHT, candidate_colour, panels, style_axes, svg_of
 from humanoid_sim.regress.report.pairs import Pair, by_case, metric_values, pair_up, trace, trace_difference
 from humanoid_sim.regress.results import Episode, Margin, MetricInfo, PolicyRun, Results, Verdict, displayed_unit
 
+COLOURS: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "ink": ("#1c2733", "#e3e8ed"),
+        "faint": ("#66727f", "#98a4b0"),
+        "grid": ("#dfe4e9", "#313b46"),
+        "paper": ("#ffffff", "#12181e"),
+        "baseline": ("#7c8a99", "#8f9dab"),
+        "candidate1": ("#2563b8", "#6ea8f5"),
+        "candidate2": ("#b8650f", "#eda350"),
+        "candidate3": ("#7a3fb0", "#bd90ea"),
+        "candidate4": ("#0f7f7a", "#4fc3bd"),
+        "worse": ("#c42f3d", "#f0707b"),
+        "better": ("#1e8a4f", "#58c98a"),
+        "unclear": ("#a87800", "#e0b34a"),
+    }
+)
+"""Colours by meaning, in light and in dark. Colour-blind readers can tell worse from better, and candidates apart."""
+
+LIGHT: Mapping[str, str] = MappingProxyType({meaning: light for meaning, (light, _) in COLOURS.items()})
+"""Colours that plots are drawn in; on the page these colours become variables."""
+
+_COLUMNS = 3
+_CANDIDATES = 4
+_WIDTH = 11.1
+"""Inches of 72 points: the page's column."""
+_DPI = 72.0
+"""Resolution of SVG output: one figure inch is 72 points."""
+
+SETTINGS: dict[Any, Any] = {
+    "svg.fonttype": "none",  # text stays text: small, sharp, and found by the browser's search
+    "svg.hashsalt": "humanoid_sim",  # names of clip paths, random otherwise
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],  # comes with Matplotlib: the layout does not depend on the machine's fonts
+    "font.size": 9.0,
+    "text.parse_math": False,  # a dollar in a name is a dollar
+    "axes.edgecolor": LIGHT["grid"],
+    "axes.labelcolor": LIGHT["faint"],
+    "axes.titlecolor": LIGHT["ink"],
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "text.color": LIGHT["ink"],
+    "xtick.labelcolor": LIGHT["faint"],
+    "ytick.labelcolor": LIGHT["faint"],
+    "grid.color": LIGHT["grid"],
+    "grid.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.4,
+    "lines.solid_capstyle": "round",
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+}
+"""Settings of Matplotlib while a figure is made, drawn on and written."""
 _SPREAD = 0.618033988749895
 """Multiples of it, less their whole part, spread evenly over an interval however many there are."""
 _LONGEST_NAME = 30
@@ -46,7 +110,7 @@ def case_plot(results: Results, metrics: Sequence[MetricInfo], *, paired: bool, 
     """
     cases = results.suite.cases
     shown = _policies(results)[1 if paired else 0 :]
-    figure, places = panels(len(metrics), 0.7 + 0.30 * len(cases), header=0.35)
+    figure, places = _panels(len(metrics), 0.7 + 0.30 * len(cases), header=0.35)
     for number, (axes, metric) in enumerate(zip(places, metrics, strict=True)):
         factor, unit = displayed_unit(metric.unit)
         for i, (run, colour) in enumerate(shown):
@@ -58,15 +122,15 @@ def case_plot(results: Results, metrics: Sequence[MetricInfo], *, paired: bool, 
                 _draw_row(axes, factor * values.get(case, np.empty(0)), y, 0.7 / len(shown), colour, metric)
         if paired:
             _shade_worse(axes, results, metric)
-        names = [_short(case) for case in cases] if number % COLUMNS == 0 else []
+        names = [_short(case) for case in cases] if number % _COLUMNS == 0 else []
         axes.set_yticks([-place for place in range(len(names))], names)
         axes.set_ylim(0.5 - len(cases), 0.5)
         title = metric.name.replace("_", " ")
         axes.set_title(f"change of {title} [{unit}]" if paired else f"{title} [{unit}]")
-        style_axes(axes, grid="x")
+        _style_axes(axes, grid="x")
     if len(shown) > 1:
         _name_policies(figure, shown)
-    return svg_of(figure, name, "the metrics that moved, by case")
+    return _svg_of(figure, name, "the metrics that moved, by case")
 
 
 def _policies(results: Results) -> list[tuple[PolicyRun, str]]:
@@ -118,13 +182,13 @@ def trace_plot(results: Results, pair: Pair, colour: str, name: str) -> str:
     names = list(pair.candidate.traces)
     if pair.baseline is not None:
         sizes = {name: trace_difference(pair, name) / _usual(pair.baseline, name) for name in names}
-        largest = sorted(sizes, key=lambda name: -sizes[name])[:COLUMNS]
+        largest = sorted(sizes, key=lambda name: -sizes[name])[:_COLUMNS]
         names = [name for name in names if name in largest and sizes[name] > 0.0]
-    names = names[:COLUMNS]
+    names = names[:_COLUMNS]
     if not names:
         return ""
     others = [e for e in (results.baseline.episodes if results.baseline else ()) if e.case == pair.candidate.case]
-    figure, places = panels(len(names), 2.4)
+    figure, places = _panels(len(names), 2.4)
     for axes, trace_name in zip(places, names, strict=True):
         unit = next((metric.unit for metric in results.metrics if metric.name == trace_name), "")
         factor, shown = displayed_unit(unit)
@@ -135,8 +199,8 @@ def trace_plot(results: Results, pair: Pair, colour: str, name: str) -> str:
         axes.set_title(trace_name.replace("_", " ") + (f" [{shown}]" if unit else ""))
         axes.set_xlabel("time [s]")
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-        style_axes(axes)
-    return svg_of(figure, name, f"traces of {pair.candidate.label}")
+        _style_axes(axes)
+    return _svg_of(figure, name, f"traces of {pair.candidate.label}")
 
 
 def _usual(episode: Episode, name: str) -> float:
@@ -172,7 +236,7 @@ def margin_plot(results: Results, name: str) -> str:
     disturbances = list(dict.fromkeys(margin.axis for run, _ in policies for margin in run.margins))
     if not disturbances:
         return ""
-    figure, places = panels(len(disturbances), 1.75, header=0.4)
+    figure, places = _panels(len(disturbances), 1.75, header=0.4)
     for axes, disturbance in zip(places, disturbances, strict=True):
         for run, colour in policies:
             for margin in run.margins:
@@ -180,9 +244,9 @@ def margin_plot(results: Results, name: str) -> str:
                     _draw_margin(axes, margin, colour, 4.0 if run is results.baseline else 1.4)
         axes.set_ylabel("failed [%]")
         axes.set_ylim(-5.0, 105.0)
-        style_axes(axes)
+        _style_axes(axes)
     _name_policies(figure, policies)
-    return svg_of(figure, name, "share of failed episodes over each disturbance")
+    return _svg_of(figure, name, "share of failed episodes over each disturbance")
 
 
 def _draw_margin(axes: Axes, margin: Margin, colour: str, width: float) -> None:
@@ -192,3 +256,52 @@ def _draw_margin(axes: Axes, margin: Margin, colour: str, width: float) -> None:
     axes.plot(levels[: len(shares)], shares, color=colour, linewidth=width, marker="o", markersize=3.5)
     axes.axvline(factor * margin.limit, color=colour, linewidth=0.7 * width, dashes=(3, 2))
     axes.set_title(f"{margin.axis.replace('_', ' ')} [{unit}]")
+
+
+def candidate_colour(index: int) -> str:
+    """Return the colour of the candidate at `index`; the fifth has the first one's again."""
+    return LIGHT[f"candidate{index % _CANDIDATES + 1}"]
+
+
+def _panels(count: int, height: float, header: float = 0.0) -> tuple[Figure, list[Axes]]:
+    """Return a figure with `count` places for plots, `_COLUMNS` in a row at most.
+
+    Args:
+        height: inches of 72 points, of a row.
+        header: likewise, above the first one.
+    """
+    rows = -(-count // _COLUMNS)
+    figure = Figure(figsize=(_WIDTH, header + rows * height), layout="constrained")
+    FigureCanvasSVG(figure)
+    grid = list(figure.subplots(rows, min(count, _COLUMNS), squeeze=False).flat)
+    for axes in grid[count:]:
+        axes.set_visible(False)
+    return figure, grid[:count]
+
+
+def _style_axes(axes: Axes, *, grid: Literal["both", "x"] = "both") -> None:
+    """Ticks without marks, and a grid along x alone where y counts nothing."""
+    axes.tick_params(length=0)
+    axes.grid(visible=True, axis=grid)
+
+
+def _svg_of(figure: Figure, name: str, description: str) -> str:
+    """Return the `svg` element of a figure, its colours those of the page in light and dark.
+
+    Args:
+        figure: drawn under `SETTINGS`.
+        name: unique in the page: what the SVG defines must not be confused with another's.
+        description: for readers who cannot see it.
+    """
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", dpi=_DPI, metadata={"Date": None, "Creator": None})
+    svg = buffer.getvalue()
+    opening, body = svg[svg.index("<svg") :].split(">", 1)
+    box = re.search(r'viewBox="[^"]*"', opening)
+    assert box is not None
+    body = re.sub(r"<metadata>.*?</metadata>\s*", "", body, flags=re.DOTALL)
+    body = re.sub(r'\bid="', f'id="{name}-', body)
+    body = body.replace("url(#", f"url(#{name}-").replace('xlink:href="#', f'href="#{name}-')
+    for meaning, colour in LIGHT.items():
+        body = body.replace(colour, f"var(--{meaning})")
+    return f'<svg {box.group()} role="img" aria-label="{escape(description)}">{body.strip()}'

@@ -25,7 +25,7 @@ from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, Tick
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.run import regress
-from humanoid_sim.regress.suite_file import SUITE_OF, load_suite
+from humanoid_sim.regress.suite import SUITE_OF, load_suite
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.strict_json import parse_json
