@@ -51,7 +51,9 @@ def robots(folder):
 
 def read(description):
     text = urdf_of(bare_model(description), description)
-    return yourdfpy.URDF.load(BytesIO(text.encode()), load_meshes=False, build_scene_graph=True)
+    return yourdfpy.URDF.load(
+        BytesIO(text.encode()), load_meshes=False, build_collision_scene_graph=True, force_collision_mesh=False
+    )
 
 
 @pytest.mark.parametrize(
@@ -116,6 +118,40 @@ def test_every_geom_that_is_shown_has_its_shapes():
     assert len(root.findall(".//visual/geometry/sphere")) == 2 * capsules + kinds.count(mujoco.mjtGeom.mjGEOM_SPHERE)
     assert capsules > 10
     assert root.find(".//mesh") is None
+
+
+@pytest.mark.parametrize(("name", "least"), [("lite", 10), ("lite_neck", 10), ("lite_biped", 9), ("hopper", 2)])
+def test_another_library_has_the_collision_shapes_where_mujoco_has_them(name, least, tmp_path):
+    description = dict(robots(tmp_path))[name]
+    model = bare_model(description)
+    urdf, data = read(description), mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    links = {link.body: link for link in links_of(model)}
+    checked = 0
+    for geom in np.flatnonzero(model.geom_contype | model.geom_conaffinity):
+        kind, body = mujoco.mjtGeom(int(model.geom_type[geom])), int(model.geom_bodyid[geom])
+        if body == 0 or kind == mujoco.mjtGeom.mjGEOM_PLANE:
+            continue
+        link = links[body]
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
+        expected = np.linalg.inv(_pose(data, body, link.shift)) @ pose
+        size = model.geom_size[geom]
+        found = [
+            shape
+            for shape in urdf.link_map[link.name].collisions
+            if np.abs(np.eye(4) if shape.origin is None else shape.origin - expected).max() < 1e-6
+        ]
+        geometries = [shape.geometry for shape in found]
+        if kind == mujoco.mjtGeom.mjGEOM_BOX:
+            assert any(one.box is not None and np.allclose(one.box.size, 2.0 * size) for one in geometries)
+        else:
+            assert kind in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER)
+            drums = [one.cylinder for one in geometries if one.cylinder is not None]
+            assert any(np.allclose((drum.radius, drum.length), (size[0], 2.0 * size[1])) for drum in drums)
+        checked += 1
+    assert checked >= least
+    assert len(urdf.collision_scene.geometry) >= checked
 
 
 def test_limits_inertia_and_the_imu(tmp_path):
