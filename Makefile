@@ -140,7 +140,7 @@ $(ROS)/test.done: constraints-ros.txt
 	touch $@
 
 # The compiler takes minutes where it is slow: not the time of a test.
-$(ROS)/interfaces.done: $(ROS)/test.done $(wildcard examples/ros2/humanoid_control_msgs/*/*) tests/ros2_live/interface_package.py
+$(ROS)/interfaces.done: $(ROS)/test.done $(wildcard examples/ros2/humanoid_control_msgs/*/* tests/ros2_live/interfaces/*/*/*) tests/ros2_live/interface_package.py
 	@echo "Compiling the message types of ROS 2: a minute or two."
 	$(PYTHON) tests/ros2_live/interface_package.py
 	touch $@

@@ -1,7 +1,8 @@
-"""The modes as ROS 2 services, `std_srvs/Trigger`, on this machine only: `python -m humanoid_sim.ros2_services`.
+"""The modes as ROS 2 services and `/diagnostics`, on this machine only: `python -m humanoid_sim.ros2_services`.
 
 For the Python of a ROS 2 installation, 3.9 or later: this needs `rclpy`, `std_srvs`, the standard library, and
-`client.py`. The two files work without the package, side by side in any folder: `python ros2_services.py`.
+`client.py`; for `/diagnostics` also `diagnostic_msgs` and NumPy. The two files work without the package, side by side
+in any folder: `python ros2_services.py`.
 
 A service changes a mode, so none may be reached from another machine. The middleware is configured for the loopback
 interface before it starts, its sockets are bound to that device, and where either fails there is no node.
@@ -9,26 +10,54 @@ interface before it starts, its sockets are bound to that device, and where eith
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import tempfile
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from collections.abc import Mapping, Sequence
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING or __package__:
-    from humanoid_sim.client import Looks, SessionError, ask_sessions, find_session, network_on
+    from humanoid_sim.client import (
+        Answer,
+        Feed,
+        Looks,
+        Sample,
+        SessionError,
+        SessionInfo,
+        ask_sessions,
+        find_session,
+        network_on,
+        running_sessions,
+    )
 else:
-    from client import Looks, SessionError, ask_sessions, find_session, network_on
+    from client import Feed, Looks, SessionError, ask_sessions, find_session, network_on, running_sessions
 
-__all__ = ["LOOPBACK", "SERVICES", "ServiceError", "answer", "loopback_environment", "main"]
+__all__ = [
+    "LOOPBACK",
+    "MODES",
+    "SERVICES",
+    "Diagnosis",
+    "Finding",
+    "ServiceError",
+    "answer",
+    "find_robot",
+    "loopback_environment",
+    "main",
+    "mode_name",
+    "options_of",
+    "serve",
+]
 
 WORDS = ("damp", "load_a", "load_b", "start_remote", "start_locomotion", "quit")
 SERVICES = {f"/humanoid_control/mode/{word}": word for word in WORDS}
 """Names, and what each asks the session for."""
 LOOPBACK = "lo"
+MODES = ("ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "REMOTE")
+"""By number."""
 
 LARGEST_DOMAIN = 232
 """Beyond it there are no UDP ports for one (DDSI-RTPS 2.5, 9.6.2)."""
@@ -77,15 +106,30 @@ _TURN = 0.05
 _LOOK = 10
 """Turns between two looks at whether the session goes on."""
 
+_DIAGNOSTICS = "/diagnostics"
+_DIAGNOSTICS_PERIOD = 1.0
+"""s"""
+_SLOW = 0.95
+"""Part of its rate below which a loop is reported."""
+_OK, _WARN, _ERROR = range(3)
+"""Levels of a `diagnostic_msgs/DiagnosticStatus`."""
+
 _HELP = """\
 Serve the modes of a running session as ROS 2 services of the type std_srvs/srv/Trigger:
 
   /humanoid_control/mode/{damp,load_a,load_b,start_remote,start_locomotion,quit}
 
 success says whether the intent was granted, message what became of it, or why it was refused. damp
-goes to all sessions that run. Without --session it serves whichever session runs when it is called,
-and goes on when that one ends. Only programs on this machine can reach it. ROS_DOMAIN_ID is the domain.
+goes to all sessions that run. Once a second /diagnostics says how the robot is, where diagnostic_msgs
+are installed. Without --session it serves whichever session runs when it is called, and goes on when
+that one ends; with --namespace robot1 the one that was started with --dds-namespace robot1, and every
+name begins with /robot1. Only programs on this machine can reach it. ROS_DOMAIN_ID is the domain.
 """
+
+
+def mode_name(mode: int) -> str:
+    """Return the name of a mode; of one that is not known here, its number."""
+    return MODES[mode] if mode < len(MODES) else f"mode {mode}"
 
 
 class ServiceError(Exception):
@@ -117,16 +161,58 @@ def loopback_environment(middleware: str, profiles: Path) -> Mapping[str, str | 
     )
 
 
-def answer(word: str, process: int | None, seen: int | None = None) -> tuple[bool, str]:
+def _sessions_under(namespace: str) -> list[SessionInfo]:
+    """Return the running sessions that were started with that `--dds-namespace`. Raises `SessionError` for none."""
+    found = [session for session in running_sessions() if _namespace_of(session) == namespace.strip("/")]
+    if not found:
+        raise SessionError(f"no session with --dds-namespace {namespace.strip('/')} is running")
+    return found
+
+
+def _namespace_of(session: SessionInfo) -> str:
+    try:
+        with Feed(session) as feed:
+            options = json.loads(feed.document("settings") or "{}").get("options", {})
+    except SessionError:  # it has just ended
+        return ""
+    return str(options.get("dds_namespace", "")).strip("/")
+
+
+def find_robot(process: int | None, namespace: str = "") -> SessionInfo:
+    """Return the session that is served.
+
+    Args:
+        process: its id; None: the only one that runs, of those under the namespace.
+        namespace: that it was started with; empty: any.
+
+    Raises:
+        SessionError: there is none, or several.
+    """
+    if process is not None or not namespace:
+        return find_session(process)
+    first, *others = _sessions_under(namespace)
+    if others:
+        raise SessionError(f"--session: is needed where several sessions run; running: {first}; {others[0]}")
+    return first
+
+
+def answer(word: str, process: int | None, seen: int | None = None, namespace: str = "") -> tuple[bool, str]:
     """Return what a session makes of an intent: whether it is granted, and the text that says so, or why not.
 
     Args:
         word: the intent.
         process: id of the session; None for the only one that runs, and all of them for `damp`.
         seen: ns, since when it may have been asked for; None: now.
+        namespace: of the sessions that count if there is no process id; empty: all.
     """
+    answers: list[tuple[SessionInfo, Answer | SessionError]] = []
     try:
-        answers = list(ask_sessions(word, process, producer="ROS 2 service", seen=seen))
+        processes = [process]
+        if process is None and namespace:
+            found = _sessions_under(namespace) if word == "damp" else [find_robot(None, namespace)]
+            processes = [session.process for session in found]
+        for one in processes:
+            answers += ask_sessions(word, one, producer="ROS 2 service", seen=seen)
     except SessionError as error:
         return False, str(error)
     if len(answers) == 1 and not isinstance(answers[0][1], SessionError):
@@ -135,63 +221,153 @@ def answer(word: str, process: int | None, seen: int | None = None) -> tuple[boo
     return all(not isinstance(told, SessionError) and told.granted for _, told in answers), "; ".join(texts)
 
 
+class Finding(NamedTuple):
+    """One entry of `/diagnostics`."""
+
+    name: str
+    level: int
+    """0 OK, 1 WARN, 2 ERROR."""
+    message: str
+    values: Mapping[str, str]
+
+
+class Diagnosis:
+    """Findings about the served session: its loop, mode, safety, buses and motors."""
+
+    def __init__(self, process: int | None, namespace: str = "") -> None:
+        """Look at nothing yet; arguments as of `find_robot`."""
+        self._wanted = process, namespace
+        self._feed: Feed | None = None
+        self._last: Sample | None = None
+
+    def look(self) -> tuple[Finding, ...]:
+        """Return the present findings; the loop's are of the time since the last look."""
+        try:
+            if self._feed is None:
+                self._feed, self._last = Feed(find_robot(*self._wanted)), None
+            if not self._feed.is_running():
+                raise SessionError(f"{self._feed.session}: has ended")
+            return tuple(self._findings(self._feed))
+        except (SessionError, ArithmeticError, LookupError, TypeError, ValueError) as error:  # or of another version
+            self.close()
+            return (Finding("session", _ERROR, str(error), {}),)
+
+    def close(self) -> None:
+        """Let the session go. May be called twice."""
+        if self._feed is not None:
+            self._feed.close()
+            self._feed = None
+
+    def _findings(self, feed: Feed) -> Iterator[Finding]:
+        before, newest = self._last, feed.latest()
+        if newest is None:
+            raise SessionError(f"{feed.session}: has not begun")
+        self._last = newest
+        robot, tick, figures = feed.session.robot, feed.decode(newest), feed.status().get("robot") or {}
+        wanted = 1.0 / feed.control_period
+        told = {"wanted": f"{wanted:.1f} Hz"}
+        if before is None:
+            yield Finding(f"{robot}: loop", _OK, "not measured yet", told)
+        elif newest.number == before.number:
+            yield Finding(f"{robot}: loop", _ERROR, f"no tick for {newest.age():.1f} s", told)
+        else:
+            rate = 1e9 * (newest.number - before.number) / (newest.stamp - before.stamp)
+            yield Finding(f"{robot}: loop", _OK if rate > _SLOW * wanted else _WARN, f"{rate:.1f} Hz", told)
+        mode = mode_name(tick["mode"])
+        text = f"{mode}: {tick['status_message']}" if tick["status_message"] else mode
+        yield Finding(f"{robot}: mode", _OK, text, {"mode": mode, "controller": tick["controller_name"]})
+        levels = {}
+        for status in tick["safety"]:
+            levels[status["source"].rsplit("/", 1)[-1]] = level = min(status["level"], _ERROR)
+            message = status["message"] or ("OK" if level == _OK else f"flags {status['flags']:#x}")
+            yield Finding(f"{robot}: safety of {status['source']}", level, message, {"flags": f"{status['flags']:#x}"})
+        for bus in figures.get("channels", ()):
+            counters = {name: str(value) for name, value in bus["counters"].items()}
+            message = f"{counters['sent']} frames sent, {counters['received']} received"
+            yield Finding(f"{robot}: bus {bus['source']}", levels.get(bus["source"], _OK), message, counters)
+        temperatures = {joint: value for joint, value in figures.get("temperature", {}).items() if value is not None}
+        faults = [f"{joint}: {', '.join(map(str, of))}" for joint, of in figures.get("faults", {}).items() if of]
+        if temperatures or faults:
+            warmest = max(temperatures, key=temperatures.__getitem__, default="")
+            message = "; ".join(faults) or f"warmest: {warmest}, {temperatures[warmest]:.1f} °C"
+            told = {joint: f"{value:.1f} °C" for joint, value in temperatures.items()}
+            yield Finding(f"{robot}: motors", _ERROR if faults else _OK, message, told)
+
+
+def options_of(program: str, description: str, arguments: Sequence[str] | None) -> Namespace:
+    """Parse the options of a program that serves a session to ROS 2: `session` and `namespace`."""
+    parser = ArgumentParser(program, description=description, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("--session", type=int, help="process id of the session; default: the only one that runs")
+    parser.add_argument("--namespace", default="", help="before all names, such as robot1; default: none")
+    return parser.parse_args(arguments)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until a signal, or the end of the session that was asked for; returns the exit status."""
-    parser = ArgumentParser(
-        "python -m humanoid_sim.ros2_services", description=_HELP, formatter_class=RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--session", type=int, help="process id of the session; default: the only one that runs")
-    config = parser.parse_args(arguments)
+    config = options_of("python -m humanoid_sim.ros2_services", _HELP, arguments)
+    # Five services and the diagnostics, which run one at a time each, and damps, which wait for none of them.
+    return serve(config, "mode_services", _advertise, threads=len(SERVICES) + _DAMPS_AT_ONCE)
+
+
+def serve(
+    config: Namespace, name: str, advertise: Callable[[Any, Namespace], tuple[str, Callable[[], object]]], threads: int
+) -> int:
+    """Run a node on this machine until a signal, or the end of the session that was asked for; returns the exit status.
+
+    Args:
+        config: of `options_of`.
+        name: of the node.
+        advertise: gives a node what it serves, and returns a line that says what, and what to do at each turn.
+        threads: of its executor.
+    """
     try:
         if config.session is not None:
             find_session(config.session)
         with tempfile.TemporaryDirectory(prefix="humanoid_sim-") as folder:
-            _serve(config.session, Path(folder) / "fastdds.xml")
+            _serve(config, name, advertise, threads, Path(folder) / "fastdds.xml")
     except (ServiceError, SessionError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     return 0
 
 
-def _serve(process: int | None, profiles: Path) -> None:
+def _serve(
+    config: Namespace,
+    name: str,
+    advertise: Callable[[Any, Namespace], tuple[str, Callable[[], object]]],
+    threads: int,
+    profiles: Path,
+) -> None:
     try:
         import rclpy  # noqa: PLC0415 - a user's own; whoever lacks it is told in a line
         from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor  # noqa: PLC0415
         from rclpy.utilities import get_rmw_implementation_identifier  # noqa: PLC0415
-        from std_srvs.srv import Trigger  # noqa: PLC0415
     except ImportError as error:
-        raise ServiceError(
-            f"the services need ROS 2's Python ({error}): source /opt/ros/<distribution>/setup.bash and run them there"
-        ) from None
-    for name, value in loopback_environment(get_rmw_implementation_identifier(), profiles).items():
-        if value is None:
-            os.environ.pop(name, None)
-        else:
-            os.environ[name] = value
-    domain = os.environ.get("ROS_DOMAIN_ID", "") or "0"
-    if not (domain.isascii() and domain.isdigit() and int(domain) <= LARGEST_DOMAIN):  # Fast DDS would exit
-        raise ServiceError(f"ROS_DOMAIN_ID: is '{domain}', expected a whole number from 0 to {LARGEST_DOMAIN}")
+        raise _missing(error) from None
+    _confine(get_rmw_implementation_identifier(), profiles)
     try:
         rclpy.init(args=[])
     except RuntimeError as error:  # of rclpy
         raise ServiceError(f"ROS 2 does not start: {str(error).splitlines()[0]}") from None
     try:
-        # Five services that run one at a time each, and damps, which wait for none of them.
-        looks = Looks()
-        executor = MultiThreadedExecutor(num_threads=len(SERVICES) - 1 + _DAMPS_AT_ONCE)
+        executor = MultiThreadedExecutor(num_threads=threads)
         try:
             with network_on(LOOPBACK):
-                node = rclpy.create_node("mode_services", start_parameter_services=False)
-                _advertise(node, Trigger, process, looks)
+                node = rclpy.create_node(name, namespace=config.namespace, start_parameter_services=False)
+                serves, each_turn = advertise(node, config)
+        except ImportError as error:
+            raise _missing(error) from None
         except OSError as error:
             raise ServiceError(f"the sockets of ROS 2 cannot be bound to the device {LOOPBACK}: {error}") from None
+        except ValueError as error:  # of rclpy
+            raise ServiceError(f"--namespace: {str(error).splitlines()[0]}") from None
         executor.add_node(node)
-        print(f"services {', '.join(SERVICES)} on this machine, domain {node.context.get_domain_id()}", flush=True)
+        print(f"{serves} on this machine, domain {node.context.get_domain_id()}", flush=True)
         try:
             for turn in count():
-                if not rclpy.ok() or not (process is None or turn % _LOOK or find_session(process)):
+                if not rclpy.ok() or not (config.session is None or turn % _LOOK or find_session(config.session)):
                     break
-                looks.look()
+                each_turn()
                 executor.spin_once(timeout_sec=_TURN)
         except (KeyboardInterrupt, ExternalShutdownException, SessionError):
             pass
@@ -199,16 +375,67 @@ def _serve(process: int | None, profiles: Path) -> None:
         rclpy.try_shutdown()
 
 
-def _advertise(node: Any, kind: Any, process: int | None, looks: Looks) -> None:
+def _confine(middleware: str, profiles: Path) -> None:
+    """Keep the middleware on this machine. Raises `ServiceError` if it cannot be, or for a domain that is none."""
+    for variable, value in loopback_environment(middleware, profiles).items():
+        if value is None:
+            os.environ.pop(variable, None)
+        else:
+            os.environ[variable] = value
+    domain = os.environ.get("ROS_DOMAIN_ID", "") or "0"
+    if not (domain.isascii() and domain.isdigit() and int(domain) <= LARGEST_DOMAIN):  # Fast DDS would exit
+        raise ServiceError(f"ROS_DOMAIN_ID: is '{domain}', expected a whole number from 0 to {LARGEST_DOMAIN}")
+
+
+def _missing(error: ImportError) -> ServiceError:
+    return ServiceError(
+        f"the services need ROS 2's Python ({error}): source /opt/ros/<distribution>/setup.bash and run them there"
+    )
+
+
+def _advertise(node: Any, config: Namespace) -> tuple[str, Callable[[], object]]:
     from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup  # noqa: PLC0415
+    from std_srvs.srv import Trigger  # noqa: PLC0415
+
+    looks, is_diagnosed = Looks(), _diagnose(node, config)
+    under = node.get_namespace().rstrip("/")
 
     def respond(word: str, response: Any) -> Any:
-        response.success, response.message = answer(word, process, looks.called())
+        response.success, response.message = answer(word, config.session, looks.called(), config.namespace)
         return response
 
     for name, word in SERVICES.items():
         group = ReentrantCallbackGroup() if word == "damp" else MutuallyExclusiveCallbackGroup()
-        node.create_service(kind, name, lambda _, response, word=word: respond(word, response), callback_group=group)
+        node.create_service(
+            Trigger, under + name, lambda _, response, word=word: respond(word, response), callback_group=group
+        )
+
+    names = ", ".join(under + name for name in SERVICES)
+    return f"services {names}{f' and {under}{_DIAGNOSTICS}' if is_diagnosed else ''}", looks.look
+
+
+def _diagnose(node: Any, config: Namespace) -> bool:
+    """Publish `/diagnostics` once a second; False without its messages, or NumPy."""
+    try:
+        import numpy  # noqa: F401, PLC0415 - the feed's decoder
+        from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue  # noqa: PLC0415
+    except ImportError:
+        return False
+    publisher = node.create_publisher(DiagnosticArray, node.get_namespace().rstrip("/") + _DIAGNOSTICS, 10)
+    diagnosis = Diagnosis(config.session, config.namespace)
+
+    def publish() -> None:
+        message = DiagnosticArray()
+        message.header.stamp = node.get_clock().now().to_msg()
+        for name, level, text, values in diagnosis.look():
+            pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
+            status = DiagnosticStatus(name=name, level=bytes([level]), message=text, values=pairs)
+            status.hardware_id = name.partition(":")[0]
+            message.status.append(status)
+        publisher.publish(message)
+
+    node.create_timer(_DIAGNOSTICS_PERIOD, publish)
+    return True
 
 
 if __name__ == "__main__":

@@ -42,7 +42,8 @@ def qpos_addresses(model: mujoco.MjModel) -> str:
 def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
     """Return the robot as URDF: links, joints with their limits, inertia, and geoms as spheres, cylinders and boxes.
 
-    A capsule is a cylinder and two spheres; a mesh or an ellipsoid is the box around it. The IMU is a link of its own.
+    A capsule is a cylinder and two spheres; a mesh or an ellipsoid is the box around it. Geoms that MuJoCo's viewer
+    shows are `visual`, those that can collide are `collision`, and some are both. The IMU is a link of its own.
     A floating base hangs on the link `world` by a joint of type `floating`.
     """
     root = ElementTree.Element("robot", name=description.name)
@@ -129,15 +130,17 @@ def _inertial(element: _Element, mass: float, inertia: FloatArray) -> _Element:
 def _add_geoms(element: _Element, model: mujoco.MjModel, body: int, shift: FloatArray) -> None:
     first = int(model.body_geomadr[body])
     for geom in range(first, first + int(model.body_geomnum[body])):
-        if model.geom_group[geom] >= _SHOWN_GROUPS:
-            continue
+        is_shown = model.geom_group[geom] < _SHOWN_GROUPS
+        collides = bool(model.geom_contype[geom] | model.geom_conaffinity[geom])
         position, quaternion = model.geom_pos[geom] - shift, model.geom_quat[geom]
-        for tag, attributes, offset in _shapes(model, geom):
-            visual = ElementTree.SubElement(element, "visual")
-            _add_origin(visual, position + matrix(quaternion) @ offset, quaternion)
-            ElementTree.SubElement(ElementTree.SubElement(visual, "geometry"), tag, attributes)
-            material = ElementTree.SubElement(visual, "material", name=f"geom_{geom}")
-            ElementTree.SubElement(material, "color", rgba=_numbers(_colour(model, geom)))
+        for shape, attributes, offset in _shapes(model, geom):
+            for tag in (*(("visual",) if is_shown else ()), *(("collision",) if collides else ())):
+                part = ElementTree.SubElement(element, tag)
+                _add_origin(part, position + matrix(quaternion) @ offset, quaternion)
+                ElementTree.SubElement(ElementTree.SubElement(part, "geometry"), shape, attributes)
+                if tag == "visual":
+                    material = ElementTree.SubElement(part, "material", name=f"geom_{geom}")
+                    ElementTree.SubElement(material, "color", rgba=_numbers(_colour(model, geom)))
 
 
 def _shapes(model: mujoco.MjModel, geom: int) -> Iterator[tuple[str, dict[str, str], FloatArray]]:

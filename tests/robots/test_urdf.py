@@ -51,7 +51,9 @@ def robots(folder):
 
 def read(description):
     text = urdf_of(bare_model(description), description)
-    return yourdfpy.URDF.load(BytesIO(text.encode()), load_meshes=False, build_scene_graph=True)
+    return yourdfpy.URDF.load(
+        BytesIO(text.encode()), load_meshes=False, build_collision_scene_graph=True, force_collision_mesh=False
+    )
 
 
 @pytest.mark.parametrize(
@@ -116,6 +118,27 @@ def test_every_geom_that_is_shown_has_its_shapes():
     assert len(root.findall(".//visual/geometry/sphere")) == 2 * capsules + kinds.count(mujoco.mjtGeom.mjGEOM_SPHERE)
     assert capsules > 10
     assert root.find(".//mesh") is None
+
+
+@pytest.mark.parametrize(("name", "count"), [("lite", 10), ("lite_neck", 10), ("lite_biped", 9), ("hopper", 2)])
+def test_another_library_has_the_collision_shapes_where_mujoco_has_them(name, count, tmp_path):
+    description = dict(robots(tmp_path))[name]
+    model, urdf = bare_model(description), read(description)
+    links = {link.body: link for link in links_of(model)}
+    colliding = [geom for geom in range(model.ngeom) if model.geom_contype[geom] and model.geom_bodyid[geom]]
+    assert len(colliding) == count
+    for geom in colliding:
+        link, radius, half = links[int(model.geom_bodyid[geom])], *model.geom_size[geom, :2]
+        pose = np.eye(4)
+        pose[:3, 3] = model.geom_pos[geom] - link.shift
+        mujoco.mju_quat2Mat(turn := np.zeros(9), model.geom_quat[geom])
+        pose[:3, :3] = turn.reshape(3, 3)
+        shapes = [one for one in urdf.link_map[link.name].collisions if np.allclose(one.origin, pose, atol=1e-6)]
+        boxes = [one.geometry.box.size for one in shapes if one.geometry.box]
+        drums = [
+            (one.geometry.cylinder.radius, one.geometry.cylinder.length) for one in shapes if one.geometry.cylinder
+        ]
+        assert np.allclose(boxes or drums, 2.0 * model.geom_size[geom] if boxes else (radius, 2.0 * half))
 
 
 def test_limits_inertia_and_the_imu(tmp_path):

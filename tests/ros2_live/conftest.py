@@ -8,7 +8,7 @@ import pytest
 # The machines have a name for all test modules; importlib mode leaves sys.path alone.
 sys.path.append(str(Path(__file__).parent))
 
-from interface_package import build, build_tf2_msgs, missing_tools, variables_of
+from interface_package import MADE, build, missing_tools, variables_of
 from machines import Machine, plug_in, why_not
 
 
@@ -29,9 +29,9 @@ def interfaces(able):
 
 
 @pytest.fixture(scope="session")
-def messages(interfaces, tmp_path_factory):
+def messages(interfaces):
     """The environment with all message types."""
-    return variables_of(interfaces, build_tf2_msgs(tmp_path_factory.mktemp("tf2")))
+    return variables_of(interfaces, *map(build, MADE))
 
 
 @pytest.fixture(scope="module")

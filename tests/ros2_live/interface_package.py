@@ -1,7 +1,7 @@
 """Builds interface packages with the wheels of ROS 2, as colcon would with an installation.
 
-`examples/ros2/humanoid_control_msgs` is the one under test; there is no wheel of `tf2_msgs`. As a program it builds
-both, so that no test waits for the compiler.
+`examples/ros2/humanoid_control_msgs` is the one under test; those in `interfaces/` have no wheels, and hold what is on
+`/tf` and in the action. As a program it builds all, so that no test waits for the compiler.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ import hashlib
 import os
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
 from machines import ROOT, ROS_PYTHON
 
 PACKAGE = ROOT / "examples" / "ros2" / "humanoid_control_msgs"
+MADE = tuple(sorted(Path(__file__).with_name("interfaces").iterdir()))
 TOOLS = ("cmake", "ninja", "g++")
 _WHEELS = Path(__file__).with_name("wheels.cmake")
 
@@ -59,20 +59,6 @@ def build(package: Path = PACKAGE) -> Path:
     return installed
 
 
-def build_tf2_msgs(folder: Path) -> Path:
-    """The one message of `tf2_msgs` that is on `/tf`."""
-    package = folder / "tf2_msgs"
-    (package / "msg").mkdir(parents=True)
-    for name in ("CMakeLists.txt", "package.xml"):
-        text = (PACKAGE / name).read_text(encoding="utf-8")
-        text = text.replace("humanoid_control_msgs", "tf2_msgs").replace("std_msgs", "geometry_msgs")
-        lines = [line for line in text.splitlines() if "msg/" not in line or "ControlMode" in line]
-        text = "\n".join(lines).replace("msg/ControlMode.msg", "msg/TFMessage.msg")
-        (package / name).write_text(text, encoding="utf-8")
-    (package / "msg" / "TFMessage.msg").write_text("geometry_msgs/TransformStamped[] transforms\n", encoding="utf-8")
-    return build(package)
-
-
 def variables_of(*installed: Path) -> Mapping[str, str]:
     """The environment in which ROS 2's Python finds packages, as their `setup.bash` would set it."""
     python = ".".join(map(str, _version()))
@@ -93,6 +79,5 @@ def _version() -> tuple[int, int]:
 if __name__ == "__main__":
     if missing_tools():
         raise SystemExit(f"needs {', '.join(missing_tools())}")
-    build()
-    with tempfile.TemporaryDirectory() as folder:
-        build_tf2_msgs(Path(folder))
+    for package in (PACKAGE, *MADE):
+        build(package)

@@ -169,12 +169,13 @@ sys.exit("no session began")
 """
 
 
-def serve(machine: Machine, folder: Path = ROOT, **environment: str) -> subprocess.Popen[str]:
+def serve(machine: Machine, folder: Path = ROOT, *options: str, **environment: str) -> subprocess.Popen[str]:
     """Start the services on a machine, as a user of ROS 2 does."""
     program = machine.start(
         str(ROS_PYTHON),
         "-m",
         "humanoid_sim.ros2_services",
+        *options,
         environment={**environment, "PYTHONPATH": str(ROOT)},
         cwd=folder,
     )

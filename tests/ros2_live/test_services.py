@@ -8,7 +8,8 @@ import threading
 import time
 
 import pytest
-from machines import play, read_until, serve, wait_for_session
+from machines import ROOT, Machine, play, read_until, serve, wait_for_session
+from strangers import heard
 
 pytestmark = pytest.mark.ros
 
@@ -30,6 +31,12 @@ class Caller:
         self._program.stdin.write(word + "\n")
         self._program.stdin.flush()
         return json.loads(self._program.stdout.readline())
+
+    def on_time(self, word):
+        """Call until no busy machine has made it late."""
+        while "too late" in (answer := self(word))[1]:
+            time.sleep(0.5)
+        return answer
 
     def until_granted(self, word):
         """Call until it is granted; every refusal is for the pose that is not reached yet."""
@@ -98,3 +105,60 @@ def test_another_domain_does_not_see_them_and_can_have_its_own(robot, services):
     assert json.loads(robot.ask_ros("trigger.py", "list", "6", "10", environment=domain)) == SERVICES
     other.terminate()
     assert other.wait(10.0) == 0
+
+
+def diagnosed(machine, topic="/diagnostics"):
+    """What the services have said of a session, by the end of its name."""
+    for _ in range(8):  # of two default nodes in a namespace one in three never finds the other
+        program = machine.ros("listen.py", "3", "", topic, "diagnostic_msgs/msg/DiagnosticArray", "plain")
+        read_until(program, "ready")
+        told = heard(program)
+        if told["counts"][topic]:
+            break
+    assert 1 <= told["counts"][topic] <= 4, "once a second"
+    found = {status["name"].removeprefix("lite: "): status for status in told["last"][topic][""]["status"]}
+    return {
+        name: {**one, "values": {pair["key"]: pair["value"] for pair in one["values"]}} for name, one in found.items()
+    }
+
+
+@pytest.mark.usefixtures("services")
+def test_diagnostics_say_how_the_robot_is(robot):
+    assert diagnosed(robot)["session"]["message"] == "no session is running; start one with play"
+    session = play(robot, script="damp; hold 300")
+    try:
+        read_until(session, "DAMPING")
+        told = diagnosed(robot)
+        assert told["mode"]["message"] == "DAMPING: DAMP requested"
+        assert told["loop"]["values"] == {"wanted": "200.0 Hz"}
+        assert told["loop"]["message"].endswith(" Hz")
+        assert told["safety of mujoco"]["message"] == "OK"
+        assert {one["hardware_id"] for one in told.values()} == {"lite"}
+        assert {one["level"] for name, one in told.items() if name != "loop"} == {0}
+    finally:
+        session.terminate()
+        session.wait(30.0)
+
+
+def test_of_two_robots_neither_s_services_answer_for_the_other(tmp_path):
+    with Machine(tmp_path) as machine:  # that another test's services do not reach
+        names = ("left", "right")
+        for name in names:
+            serve(machine, ROOT, "--namespace", name)
+        left, right = (Caller(machine, UNDER=f"/{name}") for name in names)
+        one, other = (play(machine, "--dds", "--dds-namespace", name) for name in names)
+        for session in (one, other):
+            read_until(session, "domain 0 on lo, topics of /")
+        assert left("damp") == [True, "DAMPING (damping_controller): DAMP requested"]
+        refused = "ZERO_TORQUE (zero_torque_controller): LOAD_A refused: requires DAMPING, mode is ZERO_TORQUE"
+        assert right.on_time("load_a") == [False, refused]
+        assert right("damp")[0] is True
+        assert left.on_time("load_a")[0] is True
+        assert diagnosed(machine, "/left/diagnostics")["mode"]["values"]["mode"] == "STANDBY"
+        assert diagnosed(machine, "/right/diagnostics")["mode"]["values"]["mode"] == "DAMPING"
+        assert left("damp")[0] is True
+        assert left.on_time("quit")[0] is True
+        assert one.wait(30.0) == 0
+        for word in ("damp", "quit"):
+            assert left(word) == [False, "no session with --dds-namespace left is running"]
+        assert right.on_time("load_a")[0] is True, "it was not damped"

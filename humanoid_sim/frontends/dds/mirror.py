@@ -221,6 +221,9 @@ def _described(urdf: str) -> tuple[RobotDescription, mujoco.MjModel]:
         raise InputError(f"{DESCRIPTION_TOPIC}: is not a URDF: {error}") from None
     moves = any(joint.get("type") == "floating" for joint in root.iter("joint"))
     root.insert(0, ElementTree.fromstring(_KEEP_SHAPES))
+    for link in root.iter("link"):
+        for shape in link.findall("collision"):  # for planners; this image is only looked at
+            link.remove(shape)
     with tempfile.TemporaryDirectory(prefix="humanoid_sim-") as name:
         folder = Path(name)
         source, target = folder / "robot.urdf", folder / "robot.xml"

@@ -23,6 +23,8 @@ def plain(value):
     """A message as JSON has it."""
     if hasattr(value, "get_fields_and_field_types"):
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if isinstance(value, bytes):
+        return int.from_bytes(value, "little")
     if hasattr(value, "tolist"):  # of array and NumPy
         return value.tolist()
     if isinstance(value, (list, tuple)):
