@@ -1,7 +1,7 @@
 // Motors and buses on hardware, and the second figures in the 3D view.
 "use strict";
 
-const FIGURES = { reference: "motion's pose", command: "commanded pose" };
+const FIGURES = { reference: "motion's pose", command: "commanded pose", contacts: "contacts", follow: "camera follows" };
 
 function showMotors(hardware) {
   get("hardware").hidden = hardware === null;
