@@ -622,12 +622,13 @@ class Intake:
     def ask(self, word: str, timeout: float = 2.0, *, seen: int | None = None) -> Answer:
         """Ask for something, and wait for what became of it in the session's next tick.
 
-        All but `damp`, `mark` and `safety` are refused if the robot has changed since they were meant: if what was seen
-        is more than 0.5 s old, or from before the robot last went to DAMPING or ZERO_TORQUE.
+        All but `damp`, `pause`, `mark` and `safety` are refused if the robot has changed since they were meant: if what
+        was seen is more than 0.5 s old, or from before the robot last went to DAMPING or ZERO_TORQUE.
 
         Args:
             word: `damp`, `load_a`, `load_b`, `start_locomotion`, `start_remote`, `quit`, `reactivate`, or
-                `mark TEXT`, which puts a text into the recording.
+                `mark TEXT`, which puts a text into the recording; of a simulation alone `pause`, `resume`,
+                `speed 0.5`, `push VX,VY` with or without a body, and `reset`.
             timeout: s; `reactivate` asks every motor for its identity and takes longer.
             seen: ns, the stamp of the newest tick that whoever asks had seen (`Sample.stamp`), or the time of the
                 press (`Looks`); None: that of this call, for what a program decides by itself.

@@ -244,6 +244,8 @@ class EventKind(IntEnum):
     """The robot fell, or lost the motion that it follows."""
     POLICY = 7
     """The policy was replaced between two ticks; the recording holds the new one before this event."""
+    PUSH = 8
+    """An operator pushed the simulated robot, from the tick that follows on."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,10 @@ from humanoid_sim.mit import MITCommand, MITState
         (messages.SafetyLevel, {"OK": 0, "WARNING": 1, "FAULT": 2, "CRITICAL": 3}),
         (
             messages.EventKind,
-            {"NOTE": 0, "FRESH_START": 1, "SUPPORT": 2, "FAILURE": 3, "LOSS": 4, "ENDING": 5, "FALL": 6, "POLICY": 7},
+            {
+                **{"NOTE": 0, "FRESH_START": 1, "SUPPORT": 2, "FAILURE": 3, "LOSS": 4, "ENDING": 5, "FALL": 6},
+                **{"POLICY": 7, "PUSH": 8},
+            },
         ),
         (
             messages.Intent,

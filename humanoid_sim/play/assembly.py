@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -17,6 +18,7 @@ from humanoid_sim.evaluation.joint_use import JointUse
 from humanoid_sim.frontends.launcher import FrontEnds
 from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, SessionHeader
 from humanoid_sim.mit import MITState
+from humanoid_sim.play.conflicts import free_path
 from humanoid_sim.play.console import ConsoleSink, Told
 from humanoid_sim.play.front_ends import expected_duration, has_keys, needs_gamepad
 from humanoid_sim.play.loading import JudgedPolicy, PolicyLoader
@@ -41,9 +43,13 @@ from humanoid_sim.session.registration import Registration
 from humanoid_sim.session.script import OverriddenScript, Planned, Script
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.shadow import ShadowSink
+from humanoid_sim.session.simulation_controls import RESET, SPEED, SimulationControls
+from humanoid_sim.session.sinks import Sink, SinkGroup
 from humanoid_sim.session.sources import ExternSource, IntentSource, RemoteInbox
 from humanoid_sim.simulation.gravity import LeverSamples
 from humanoid_sim.simulation.model import model_bytes
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.simulation.push import Push
 from humanoid_sim.stack import run_header
 
 _STANDSTILL = 0.1
@@ -71,8 +77,7 @@ class Run:
         self.plan, self.policy, self.config = plan, policy, config
         """The plan; the policy that was loaded last, and the options with those of that policy."""
         is_hardware = config.hardware is not None
-        self._watch(console)
-        shown = self.console
+        shown = self._watch(console)
         header, self._made = _header(plan), time.monotonic_ns()
         reactivation = Reactivation(lambda: _warnings(setup.bring_up))
         self._loader = loader = PolicyLoader(self, header)
@@ -84,11 +89,14 @@ class Run:
         elif not config.manual:
             self.script = self._inputs
         self.interruption = Interruption(plan.control_period, _STANDSTILL) if is_hardware else None
+        self.simulation = self._controls(plan)
         with ExitStack() as stack:
             registration = Registration()
             stack.callback(registration.close)
             self._outside_safety = OutsideSafety(parse_watchdogs(config.watchdog))
-            intents = IntentSocket(registration.intents, reactivation, self._note, self._outside_safety, loading)
+            intents = IntentSocket(
+                registration.intents, reactivation, self._note, self._outside_safety, loading, self.simulation
+            )
             stack.callback(intents.close)
             inbox = RemoteInbox(description.joint_names, plan.clock)
             self.data = DataSocket(
@@ -122,7 +130,7 @@ class Run:
             self.rename_policy = registration.rename_policy
             if plan.shadow is not None:
                 self.shadow = self._shadow_sink(plan.shadow, header)
-            keyboard = _keyboard(plan, reactivation, shown, self._note)
+            keyboard = self._keyboard(reactivation, shown)
             if keyboard is not None:
                 stack.callback(keyboard.close)
             self.keyboard = keyboard
@@ -134,7 +142,7 @@ class Run:
             sources.insert(0, DeviceWatch("gamepad", lambda: self.data.heartbeats, self._note))
         # The last one is closed first: what monitor and shadow find in the last ticks still reaches the others. The
         # front ends wait in `start` until they work, and then set the header's time: those behind them get that header.
-        shows = (self.feed, shown, self.front_ends, self.recorder, self.video, self.monitor, self.shadow)
+        shows = (self.feed, shown, self.front_ends, *self.recorders, self.video, self.monitor, self.shadow)
         sinks = (*shows, intents, self.data, loading)
         self.session = plan.clock.session = Session(
             setup.robot,
@@ -147,7 +155,7 @@ class Run:
                 punctual=is_hardware,
             ),
             header=header,
-            intents=sources if self.script is None else (OverriddenScript(self.script, sources),),
+            intents=sources if self.script is None else (OverriddenScript(self.script, sources, self._is_paused),),
             remote=plan.injector.remote(inbox if self._inputs is None else self._inputs.remote(inbox)),
             sinks=[sink for sink in sinks if sink is not None],
             safety_filter=self._with_other_safety,
@@ -157,11 +165,45 @@ class Run:
             reactivation=reactivation,
             loading=loading,
             interruption=self.interruption,
+            simulation=self.simulation,
             memory=None if plan.branch is None else plan.branch.memory,
         )
 
-    def _watch(self, console: Console) -> None:
-        """Make what shows, records and judges the run."""
+    def _controls(self, plan: Plan) -> SimulationControls:
+        """Return what operators may do to a simulated robot, and to no other."""
+        robot, problems = plan.setup.robot, {}
+        if not isinstance(robot, MujocoRobot):
+            return SimulationControls()
+        if not plan.realtime:
+            problems[SPEED] = "the run does not keep real time; start play with --pace realtime"
+        if plan.branch is not None:
+            problems[RESET] = "the run began in a recorded instant, not at the start"
+        return SimulationControls(
+            lambda vx, vy, body: robot.pushes.add(Push(vx, vy, robot.time, body)),
+            lambda text: self.session.event(text, EventKind.PUSH),
+            robot.pushes.bodies,
+            self._stand,
+            self._start_over,
+            problems,
+        )
+
+    def _is_paused(self) -> bool:
+        return self.simulation.is_paused
+
+    def _stand(self, seconds: float) -> None:
+        """Have programs outside see, and be heard, while the robot's time stands still."""
+        self.feed.repeat()
+        self.data.stand(seconds)
+
+    def _start_over(self, sinks: SinkGroup) -> None:
+        """Record what follows in another file, from the velocity command on with which the policy began."""
+        self.plan.velocity.restart()
+        if self.recorders:
+            self.recorders.append(self._recorder(free_path(self.recorders[0].path)))
+            sinks.replace(self.recorders[-2], self.recorders[-1], self._loader.header)
+
+    def _watch(self, console: Console) -> ConsoleSink:
+        """Make what shows, records and judges the run; what shows it."""
         plan, config, description, setup = self.plan, self.config, self.plan.description, self.plan.setup
         is_drawn = plan.outputs.video is not None
         self.judged = judged = JudgedPolicy.of(description, plan.driving, is_drawn=is_drawn)
@@ -174,14 +216,8 @@ class Run:
             expected_duration=expected_duration(config, plan.steps, plan.policy.motion, description),
         )
         self.console = ConsoleSink(console, told)
-        self.recorder: McapRecorder | None = None
-        if plan.outputs.record is not None:
-            self.recorder = McapRecorder(
-                plan.outputs.record,
-                overwrite=config.overwrite,
-                encoded=lambda record: self.feed.encoded(record),  # noqa: PLW0108 - the feed comes later
-                tell=lambda text: self.session.event(text, EventKind.FAILURE),
-            )
+        self.recorders = [] if plan.outputs.record is None else [self._recorder(plan.outputs.record)]
+        """Those of a run that was reset are several; the last one records."""
         self.monitor = RunMonitor(
             JointUse(description.joint_names, description.effort_limit, description.lower, description.upper),
             judged,
@@ -191,6 +227,27 @@ class Run:
         self.video: VideoSink | None = None
         if plan.outputs.video is not None:
             self.video = VideoSink(plan.outputs.video, setup.model, ghost=judged.ghost, goals=judged.goals)
+        return self.console
+
+    def _keyboard(self, reactivation: Reactivation, shown: ConsoleSink) -> Keyboard | None:
+        """Return the keyboard, if somebody sits at it. Raises `InputError` if it cannot be taken over."""
+        if not has_keys(self.config):
+            return None
+        return Keyboard(
+            self.plan.velocity if self.policy.walks else None,
+            reactivation=reactivation,
+            tell=lambda text: shown.event(Event(self.plan.clock(), text)),
+            record=self._note,
+            is_paused=self._is_paused,
+        )
+
+    def _recorder(self, path: Path) -> McapRecorder:
+        return McapRecorder(
+            path,
+            overwrite=self.config.overwrite,
+            encoded=lambda record: self.feed.encoded(record),  # noqa: PLW0108 - the feed comes later
+            tell=lambda text: self.session.event(text, EventKind.FAILURE),
+        )
 
     def follow(self, policy: PolicyChoice, config: PlayConfig, judged: JudgedPolicy) -> None:
         """Have what watches the run watch another policy; between two ticks, on the control thread."""
@@ -231,29 +288,30 @@ class Run:
 
     def _tell(self, event: Event) -> None:
         """Hand an event that a sink has found to the others."""
-        for sink in (self.console, self.recorder, self.feed):
-            if sink is not None:
-                sink.event(event)
+        sinks: list[Sink] = [self.console, *self.recorders[-1:], self.feed]
+        for sink in sinks:
+            sink.event(event)
 
     def _status(self) -> Mapping[str, Any]:
-        recorder = self.recorder
+        recorder = self.recorders[-1] if self.recorders else None
         return {
             **self.data.status(),
             "front_ends": dict(self.front_ends.running),
             "start_time_ns": self._start_time_ns,
             "robot": self.plan.setup.figures(),
             "recording": recorder and {"file": str(recorder.path.absolute()), "error": recorder.error},
+            "simulation": self.simulation.told(),
             "shadow": None if self.shadow is None else self.shadow.figures(),
         }
 
     def _shadow_sink(self, controller: RLPolicyController, header: SessionHeader) -> ShadowSink:
         """Return the sink in which a shadow policy runs, and whose steps go to the feed and the recording."""
-        self._shadow_topics, recorder = ShadowTopics(header), self.recorder
+        self._shadow_topics = ShadowTopics(header)
 
         def publish(step: ShadowStep) -> None:
             encoded = encode_shadow_step(step)
             self.feed.shadow(encoded)
-            if recorder is not None:
+            for recorder in self.recorders[-1:]:
                 recorder.beside(step.time, tuple(self._shadow_topics.messages(step, encoded)))
 
         limit, source = self.plan.description.effort_limit, self.plan.policy.source
@@ -313,18 +371,3 @@ def _header(plan: Plan) -> SessionHeader:
     motion = policy.settings["motion"]
     beside = shadow_documents(policy.checkpoint.source, policy.checkpoint.sha256, motion, policy.loaded)
     return replace(header, documents={**header.documents, **beside})
-
-
-def _keyboard(
-    plan: Plan, reactivation: Reactivation, shown: ConsoleSink, record: Callable[[str], None]
-) -> Keyboard | None:
-    """Return the keyboard, if somebody sits at it. Raises `InputError` if it cannot be taken over."""
-    if not has_keys(plan.config):
-        return None
-    velocity = plan.velocity if plan.policy.walks else None
-    return Keyboard(
-        velocity,
-        reactivation=reactivation,
-        tell=lambda text: shown.event(Event(plan.clock(), text)),
-        record=record,
-    )

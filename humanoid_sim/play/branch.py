@@ -19,7 +19,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory, start_reason
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import EventKind, Mode, TickRecord
+from humanoid_sim.messages import Event, EventKind, Mode, TickRecord
 from humanoid_sim.mit import GRAVITY_LEVERS, VELOCITY_COMMAND, FloatArray
 from humanoid_sim.play.options import PlayConfig, parse_branch
 from humanoid_sim.play.played_robot import RobotSetup
@@ -138,7 +138,7 @@ def _repeated(
     """
     path, header = point.recording.path, point.recording.header
     tolerance = 0.5 * header.control_period
-    policy, entries = RecordedPolicy(), point.recording.entries()
+    policy, entries = RecordedPolicy(), _known_entries(point)
     contract, stack = recorded_contract(header), rebuild_supervisor(header, policy)
     setup.measure(contract)()
     memory, record = stack.initial(), None
@@ -182,7 +182,19 @@ def _repeated(
     raise InputError(f"--branch: {point.time:g} s is behind the end of '{path}', which has {end}")
 
 
+def _known_entries(point: BranchPoint) -> Iterator[Entry]:
+    """Yield what is recorded. Raises `InputError` for a push of an operator, if it would have to be simulated again."""
+    until = point.time - 0.5 * point.recording.header.control_period if point.is_simulated else -math.inf
+    for entry in point.recording.entries():
+        if isinstance(entry, Event) and entry.kind is EventKind.PUSH and entry.time < until:
+            path, at = point.recording.path, f"{entry.time:g} s"
+            raise InputError(f"--branch: '{path}' has a push of an operator at {at}; expected no later instant")
+        yield entry
+
+
 def _compare(point: BranchPoint, record: TickRecord, robot: MujocoRobot) -> None:
+    if record.index == 0:  # a run that was reset goes on by the clock of the one before
+        robot.begin_clock(float(record.input.state.time))
     difference = state_difference(point.recording.header, record.input.state, robot.read()[0])
     if difference is not None:
         place = f" of {difference.where}" if difference.where else ""

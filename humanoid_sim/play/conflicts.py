@@ -215,7 +215,7 @@ def choose_outputs(config: PlayConfig, motion: Path | None = None) -> Outputs:
         if value == "":
             raise InputError(f"{option}: is empty, expected a file name")
         if value == "auto" and (name == "record" or (name == "video" and is_drawn)):
-            automatic[name] = _free(_RUNS / f"{stem}{suffix}")
+            automatic[name] = free_path(_RUNS / f"{stem}{suffix}")
         elif value not in ("auto", "none", None):
             path = named[name] = Path(value)
             output_file(path, option, suffix, overwrite=config.overwrite)
@@ -231,7 +231,7 @@ def choose_outputs(config: PlayConfig, motion: Path | None = None) -> Outputs:
     return Outputs(**named, **automatic)
 
 
-def _free(path: Path) -> Path:
+def free_path(path: Path) -> Path:
     """Return the path, or the first numbered one beside it that does not exist."""
     candidate, number = path, 1
     while candidate.exists():

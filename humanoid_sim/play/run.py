@@ -74,8 +74,8 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
             raise RobotError(flattened(str(error))) from None
         finally:
             run.close()
-            if run.recorder is not None:
-                run.recorder.discard_if_empty()
+            for recorder in run.recorders:
+                recorder.discard_if_empty()
             if run.console.error is not None or run.console.is_alive:
                 mute_output()  # what is printed from here on would fail as well, or wait as that thread does
                 console = PlayConsole(quiet=console.quiet)  # that thread may hold the lock of the other one
@@ -110,7 +110,7 @@ def _introduce(console: Console, plan: Plan) -> None:
 def _problems(run: Run, result: SessionResult) -> list[str]:
     """Parts of the run that failed while it went on."""
     parts = (
-        ("recording", run.recorder and run.recorder.error),
+        *(("recording", recorder.error) for recorder in run.recorders),
         ("final table", run.monitor.error),
         ("console", run.console.error),
         ("front ends", run.front_ends.error),
@@ -124,8 +124,8 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
         found.append(f"piano: {hit}, the limit is {touch['limit']:g} N")
     if run.plan.config.script is None and isinstance(run.script, Script):  # of a given one they are part of the plan
         found += [f"the automatic script: {refusal}" for refusal in run.script.refusals]
-    if run.recorder is not None and run.recorder.lost:
-        found.append(f"recording: {run.recorder.lost} ticks left out, the disk was too slow")
+    if lost := sum(recorder.lost for recorder in run.recorders):
+        found.append(f"recording: {lost} ticks left out, the disk was too slow")
     for part, sink in (("final table", run.monitor), ("console", run.console)):
         if sink.lost:
             found.append(f"{part}: {sink.lost} ticks and events left out, it could not keep up")
@@ -164,9 +164,8 @@ def _write_files(console: Console, run: Run, problems: list[str]) -> None:
             console.print(f"{kind:<9}  {text}", markup=False)
 
     outputs, setup = run.plan.outputs, run.plan.setup
-    if outputs.record is not None and outputs.record.exists():
-        check = f"(check it; nothing moves: python -m humanoid_sim.replay {outputs.record})"
-        say("recording", f"{outputs.record}   {check}")
+    for path in (recorder.path for recorder in run.recorders if recorder.path.exists()):
+        say("recording", f"{path}   (check it; nothing moves: python -m humanoid_sim.replay {path})")
     if run.video is not None:  # it has been drawn since the run began
         try:
             with _noting(problems):

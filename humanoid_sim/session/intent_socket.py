@@ -1,7 +1,7 @@
 """Intents from other programs on the machine: a Unix datagram socket that only its user can reach.
 
-It carries intents, `reactivate`, `load`, safety statuses and marks, and nothing else, so no flood of data can keep a
-DAMP waiting. It is drained completely in every tick before anything else comes in, and everything in it is answered.
+It carries intents, `reactivate`, `load`, a simulation's controls, safety statuses and marks alone, so no flood of data
+can keep a DAMP waiting. It is drained completely in every tick before anything else comes in, and all of it answered.
 What was asked for too long ago is refused there, before the supervisor sees it: see `sources.Freshness`.
 `humanoid_sim.client.Intake.ask` is the other end.
 """
@@ -20,6 +20,7 @@ from humanoid_sim.messages import Intent, Mode, TickOutput, TickRecord
 from humanoid_sim.session.loading import Loading
 from humanoid_sim.session.outside_safety import OutsideSafety
 from humanoid_sim.session.reactivation import REACTIVATE, Answer, Reactivation
+from humanoid_sim.session.simulation_controls import PAUSE, PUSH, SIMULATION_WORDS, SimulationControls
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import Freshness, IntentSource
 from humanoid_sim.session.telling import BoundedTelling
@@ -30,7 +31,7 @@ MARK = "mark"
 """Followed by a text, puts that text into the recording."""
 SAFETY = "safety"
 """Followed by a status as JSON, says how another program is."""
-_FRESH = frozenset({*(intent.value for intent in Intent), REACTIVATE, LOAD}) - {Intent.DAMP.value}
+_FRESH = frozenset({*(one.value for one in Intent), REACTIVATE, LOAD, *SIMULATION_WORDS}) - {Intent.DAMP.value, PAUSE}
 """Words that count only if they were meant for the robot as it is."""
 _LONGEST = 1 << 14
 """Bytes; no message is longer: a policy that is to be loaded comes with the paths of its files."""
@@ -86,6 +87,7 @@ class IntentSocket(IntentSource, Sink):
         tell: Callable[[str], None] = lambda _: None,
         safety: OutsideSafety | None = None,
         loading: Loading | None = None,
+        simulation: SimulationControls | None = None,
     ) -> None:
         """Open the socket.
 
@@ -95,6 +97,7 @@ class IntentSocket(IntentSource, Sink):
             tell: records a line: who asked for what, marks, and safety statuses.
             safety: takes the statuses of other programs.
             loading: what `load` asks for; None where no policy can be loaded.
+            simulation: what only a simulation can be asked for; None for motors.
 
         Raises:
             InputError: if it cannot be opened.
@@ -108,7 +111,7 @@ class IntentSocket(IntentSource, Sink):
         self._safety = safety
         self._waiting: list[_Asked] = []
         self._reactivating: list[_Asked] = []
-        self._loading = loading
+        self._loading, self._simulation = loading, simulation or SimulationControls()
         self._awaiting_load: list[_Asked] = []
         self._freshness = Freshness()
 
@@ -143,8 +146,9 @@ class IntentSocket(IntentSource, Sink):
     def _staleness(self, word: str, seen: str) -> str:
         """Refuse what its sender meant for a robot that is not like that any more: all that could move it."""
         name = word.partition(" ")[0]
-        if name not in _FRESH:
-            return ""
+        refusal = self._simulation.refusal(name)
+        if refusal or name not in _FRESH:
+            return refusal
         if seen.isascii() and seen.isdecimal():
             problem = self._freshness.problem(int(seen))
         else:
@@ -160,6 +164,8 @@ class IntentSocket(IntentSource, Sink):
             self._answer([asked], self._reported(self._safety, word.partition(" ")[2], who))
         elif word.partition(" ")[0] == LOAD:
             self._load(word.partition(" ")[2], who, asked)
+        elif word.partition(" ")[0] in SIMULATION_WORDS:
+            self._control(*word.partition(" ")[::2], who, asked)
         elif word.partition(" ")[0] == MARK:
             is_told = self._tell(f"mark of {who[:80] or 'somebody'}: {word.partition(' ')[2]}".rstrip(": "))
             self._answer([asked], Answer(is_told, "marked" if is_told else "not marked: too many lines in a second"))
@@ -167,7 +173,8 @@ class IntentSocket(IntentSource, Sink):
             try:
                 intent = Intent(word)
             except ValueError:
-                known = ", ".join([*(intent.value for intent in Intent), REACTIVATE, LOAD, SAFETY, MARK])
+                others = () if self._simulation.push is None else SIMULATION_WORDS
+                known = ", ".join([*(intent.value for intent in Intent), REACTIVATE, LOAD, SAFETY, MARK, *others])
                 self._answer([asked], Answer(False, f"'{word[:40]}' means nothing, expected one of {known}"))
             else:
                 self._waiting.append(replace(asked, intent=intent))
@@ -194,6 +201,14 @@ class IntentSocket(IntentSource, Sink):
         else:
             self._tell(f"load requested by {who[:80] or 'somebody'}: {options[:200]}")
             self._awaiting_load.append(asked)
+
+    def _control(self, word: str, rest: str, who: str, asked: _Asked) -> None:
+        """Have the simulation controlled, or answer why not."""
+        answer = self._simulation.request(word, rest)
+        is_push = word == PUSH and answer.granted
+        tell = self._simulation.record_push if is_push else self._tell
+        tell(f"{answer.text}; requested by {who[:80] or 'somebody'}")
+        self._answer([asked], answer)
 
     def tick(self, record: TickRecord) -> None:
         """Answer whoever asked for something that this tick decided."""

@@ -119,6 +119,7 @@ class Keyboard(IntentSource):
         reactivation: Reactivation | None = None,
         tell: Callable[[str], None] = lambda _: None,
         record: Callable[[str], None] = lambda _: None,
+        is_paused: Callable[[], bool] = lambda: False,
     ) -> None:
         """Take over the terminal.
 
@@ -127,6 +128,7 @@ class Keyboard(IntentSource):
             reactivation: what the key for it asks for.
             tell: shows the operator a line; called on the reading thread. Must not wait.
             record: records a line, and shows it; called on the loop's thread.
+            is_paused: whether the robot's time stands still; then no key but DAMP, QUIT and a stop moves it later.
 
         Raises:
             InputError: if standard input is not a terminal.
@@ -136,7 +138,7 @@ class Keyboard(IntentSource):
         self.velocity = velocity
         """Command that the velocity keys change; None where the robot does not walk."""
         self._reactivation = reactivation
-        self._tell = tell
+        self._tell, self._is_paused = tell, is_paused
         self._stop = threading.Event()
         try:
             self._fd = sys.stdin.fileno()
@@ -219,7 +221,10 @@ class Keyboard(IntentSource):
 
     def _press(self, key: str) -> bool:
         """Do what a key means; whether it means anything."""
-        if key in KEYS:
+        moves = KEYS.get(key) not in (Intent.DAMP, Intent.QUIT) and key not in ("0", *HELP_KEYS)
+        if moves and self._is_paused():
+            self._tell(f"the key {key!r} is left out: the robot's time is paused")
+        elif key in KEYS:
             self._queue.put(KEYS[key], monotonic_ns())
         elif key in HELP_KEYS:
             for line in self._help():

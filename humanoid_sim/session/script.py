@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -166,15 +166,18 @@ class OverriddenScript:
     So does a fresh start, for which an operator asked: it is seen by the outputs of ticks beginning again.
     """
 
-    def __init__(self, script: Planned, operators: Sequence[IntentSource]) -> None:
+    def __init__(
+        self, script: Planned, operators: Sequence[IntentSource], is_paused: Callable[[], bool] = lambda: False
+    ) -> None:
         """Prepare.
 
         Args:
             script: plays until an operator acts.
             operators: a keyboard, a socket; each is asked every tick.
+            is_paused: whether the robot's time stands still, and with it the script.
         """
         self._script = script
-        self._operators = tuple(operators)
+        self._operators, self._is_paused = tuple(operators), is_paused
         self._taken_over = False
         self._has_begun = False
 
@@ -191,4 +194,4 @@ class OverriddenScript:
         if (intents or starts_afresh) and not self._taken_over:
             self._taken_over = True
             self._script.cancel()
-        return intents if self._taken_over else self._script.poll(time, output)
+        return intents if self._taken_over or self._is_paused() else self._script.poll(time, output)

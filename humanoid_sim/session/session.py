@@ -16,7 +16,7 @@ from typing import Protocol
 from humanoid_sim.controllers.base import RL_POLICY, Controller
 from humanoid_sim.controllers.live_inputs import LiveInputs
 from humanoid_sim.controllers.supervisor import NOT_DRIVEN, STARTED, Supervisor, SupervisorMemory
-from humanoid_sim.errors import RobotError
+from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import (
     EventKind,
     Intent,
@@ -36,6 +36,7 @@ from humanoid_sim.session.pace import DurationHistogram, LoopSettings, Pace
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.realtime import punctual_threads, real_time
 from humanoid_sim.session.rest import RestDetector, damp_without_supervisor
+from humanoid_sim.session.simulation_controls import SimulationControls
 from humanoid_sim.session.sinks import Sink, SinkGroup
 from humanoid_sim.session.sources import ExternSource, IntentSource, RemoteSource
 
@@ -97,6 +98,7 @@ class Session:
         reactivation: Reactivation | None = None,
         loading: Loading | None = None,
         interruption: Interruption | None = None,
+        simulation: SimulationControls | None = None,
         memory: SupervisorMemory | None = None,
     ) -> None:
         """Put the parts together; nothing moves before `run`.
@@ -118,6 +120,7 @@ class Session:
             reactivation: an operator's wish to begin afresh.
             loading: prepares policies that are loaded while the session runs.
             interruption: notices that the loop stood still; one of the sources of `intents` too.
+            simulation: what operators may ask of a simulation alone; None for motors.
             memory: of the control stack, with which a run goes on; the robot is not activated then. None: it begins.
         """
         self._robot = robot
@@ -135,6 +138,7 @@ class Session:
         self._reactivation = reactivation
         self._loading = loading
         self._interruption = interruption
+        self._simulation = simulation or SimulationControls()
         self._failures: list[str] = []
         self._stop_reason = ""
         self._hurry = threading.Event()
@@ -143,6 +147,7 @@ class Session:
         self._output: TickOutput | None = None
         self._state = MITState.unknown(len(robot.joints))
         self._index = 0
+        self._ticks = 0
         self._pace = Pace(settings.control_period, realtime=settings.realtime)
         self._first_time: float | None = None
 
@@ -216,9 +221,9 @@ class Session:
                 raise
         first = self.time if self._first_time is None else self._first_time
         return SessionResult(
-            ticks=self._index,
+            ticks=self._ticks,
             reason=self._stop_reason,
-            duration=self.time - first + self._settings.control_period * bool(self._index),
+            duration=self.time - first + self._settings.control_period * bool(self._ticks),
             wall_time=perf_counter() - begin,
             overruns=self._pace.overruns,
             skipped=self._pace.skipped,
@@ -231,11 +236,17 @@ class Session:
         """Ticks until something ends the run."""
         period, limit = self._settings.control_period, self._settings.duration
         while not self._stop_reason:
+            intents = None
+            self._pace.period = period / self._simulation.speed
+            if self._simulation.takes_reset():
+                self._start_over()
+            if self._simulation.is_paused and not (intents := self._while_paused()):
+                continue
             if self._reactivation is not None and self._reactivation.is_asked:
                 self._begin_afresh(self._reactivation)
             if self._loading is not None and self._loading.is_ready:
                 self._replace_policy(self._loading)
-            self.tick()
+            self.tick(intents)
             if self._first_time is None:
                 self._first_time = self.time
             if self._output is not None and self._output.quit:
@@ -244,6 +255,30 @@ class Session:
                 self._stop_reason = f"duration of {limit:g} s reached"
             elif any(source.finished for source in self._intents):
                 self._stop_reason = "script finished"
+
+    def _while_paused(self) -> tuple[Intent, ...]:
+        """Wait for a control period, and return DAMP and QUIT if they were asked for: each gets a tick even then."""
+        begun = perf_counter()
+        self._pace.restart()
+        sleep(self._settings.control_period)
+        refused = {intent: self._simulation.refusal(intent.value) for intent in self._collect()}
+        for refusal in filter(None, refused.values()):
+            self._sinks.event(refusal)
+        self._simulation.stand(perf_counter() - begun)
+        return tuple(intent for intent, refusal in refused.items() if not refusal)
+
+    def _start_over(self) -> None:
+        """End the recording, and begin another one with the robot at its start."""
+        self._sinks.event("ending: reset", EventKind.ENDING)
+        try:
+            self._simulation.start_over(self._sinks)
+        except InputError as error:
+            self._failures.append(f"recording: {error}")
+            self._sinks.event(f"nothing is recorded from here on: {error}", EventKind.FAILURE)
+        self._robot.activate()
+        self._memory, self._output, self._index = self._supervisor.initial(), None, 0
+        self._pace.restart()
+        self._sinks.event("reset: the simulated robot is at its start")
 
     def _begin_afresh(self, reactivation: Reactivation) -> None:
         """Activate the robot again, if the mode allows it, and put the control stack back to its start."""
@@ -319,6 +354,7 @@ class Session:
         duration = (decided if self._settings.simulated else written) - start
         record = TickRecord(self._index, tick_input, output, duration, overrun, qpos)
         self._index += 1
+        self._ticks += 1
         self._sinks.tick(record)
         self._wait()
 

@@ -72,9 +72,17 @@ class SinkGroup:
         Raises:
             InputError: if one cannot start.
         """
+        self._stack = stack
         for sink in self._sinks:
             header = sink.start(header) or header
             stack.callback(sink.close)
+
+    def replace(self, sink: Sink, successor: Sink, header: SessionHeader) -> None:
+        """Close a sink, and start another one in its place. Raises `InputError` if that cannot start."""
+        sink.close()
+        successor.start(header)
+        self._stack.callback(successor.close)
+        self._sinks = tuple(successor if other is sink else other for other in self._sinks)
 
     def tick(self, record: TickRecord) -> None:
         """Hand out a tick."""

@@ -170,7 +170,8 @@ class MujocoRobot:
         # The implicit plant's steps depend on how many are taken at a time.
         self._steps_at_once = 1 if self._keys is not None and actuation != "implicit" else steps
 
-        self._pushes = Pushes(pushes, self._plant.model, description)
+        self.pushes = Pushes(pushes, self._plant.model, description)
+        """Those, and others that are added as they come."""
 
         self._steps = steps
         # A command written at the start of a period arrives `whole` periods and `offset` steps later. Samples for
@@ -293,6 +294,7 @@ class MujocoRobot:
         if self._is_closed:
             raise RobotError(f"{self._description.name}: the simulated robot is closed")
         self._plant.reset()
+        self.pushes.forget()
         if self._base is not None:
             self._base.place(self._plant.data)
             self.set_support(self._starts_held)
@@ -336,6 +338,11 @@ class MujocoRobot:
         if self._base is not None:
             inverse = self._body_sample().imu.quaternion * (1.0, -1.0, -1.0, -1.0)
             self._base.stand(data, multiply(imu_quaternion, inverse))
+        self._begin()
+
+    def begin_clock(self, time: float) -> None:
+        """Begin with the clock at `time`, s, to the nearest physics step, as a recording that another one preceded."""
+        self._step = round(time / self._timestep)
         self._begin()
 
     def _begin(self) -> None:
@@ -387,7 +394,7 @@ class MujocoRobot:
             return
         if self._is_lifted and self._base is not None:
             self._base.lift(self._plant.data, self._control_period)
-        self._pushes.apply(self._plant.data, self.time)
+        self.pushes.apply(self._plant.data, self.time)
         self._pending.append(command)
         if self._arrival_offset < self._sample_offset:
             self._advance(self._arrival_offset)

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 
@@ -22,13 +22,19 @@ _FASTEST = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """A force on the base that lasts `PUSH_DURATION`, as large as it takes to speed the whole robot up by this."""
+    """A force that lasts `PUSH_DURATION`, as large as it takes to speed up all that hangs on its body by this."""
 
     vx: float
     """m/s, world frame."""
     vy: float
     time: float
     """s, robot's clock, at which it begins."""
+    body: str = ""
+    """Name; empty for the base, on which the whole robot hangs."""
+
+    def acts(self, time: float) -> bool:
+        """Return whether it is in force in the control period that begins at `time`, s."""
+        return -1e-9 <= time - self.time < PUSH_DURATION - 1e-9
 
 
 def parse_pushes(texts: Sequence[str]) -> tuple[Push, ...]:
@@ -61,22 +67,45 @@ def push_wrench(velocity: npt.ArrayLike, mass: float) -> FloatArray:
 
 
 class Pushes:
-    """Applies pushes to the floating base of a robot, control period by control period."""
+    """Applies pushes to a robot, control period by control period: planned ones to its base, others as they come."""
 
     def __init__(self, pushes: Sequence[Push], model: mujoco.MjModel, description: RobotDescription) -> None:
-        """Find the base. Raises `InputError` if there are pushes and the base is fixed."""
+        """Find the bodies. Raises `InputError` if there are pushes and the base is fixed."""
         if pushes and not description.is_floating:
             raise InputError(f"push: '{description.name}' has a fixed base, which no push moves")
-        self._pushes = tuple(pushes)
-        self._body = model.body(description.base.body).id if pushes else 0
-        self._mass = float(model.body_subtreemass[self._body])
+        self._planned, self._given = tuple(pushes), list[Push]()
+        bodies = [int(model.joint(name).bodyid[0]) for name in description.joint_names]
+        if description.is_floating:
+            bodies.insert(0, model.body(description.base.body).id)
+        self._bodies = {model.body(body).name: body for body in bodies if model.body(body).name}
+        self._base = description.base.body
+        self._mass = model.body_subtreemass.copy()
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the bodies that can be pushed: a floating base, and the body that each joint moves."""
+        return tuple(self._bodies)
+
+    def add(self, push: Push) -> None:
+        """Push. Raises `InputError` if there is no such body, it is too fast, or the push before has not ended."""
+        if not (abs(push.vx) <= _FASTEST and abs(push.vy) <= _FASTEST):
+            raise InputError(f"is {push.vx:g},{push.vy:g} m/s, expected VX,VY within ±{_FASTEST:g} in the world frame")
+        if (push.body or self._base) not in self._bodies:
+            raise InputError(known_names("body", push.body or "base, which is fixed", self.bodies))
+        if any(given.acts(push.time) for given in self._given):
+            raise InputError(f"the push before has not ended; each takes {PUSH_DURATION:g} s")
+        self._given = [*self._given[-1:], push]  # the one before may still have to be taken out of force
+
+    def forget(self) -> None:
+        """Forget the pushes that were added."""
+        self._given.clear()
 
     def apply(self, data: mujoco.MjData, time: float) -> None:
         """Put the forces of the control period that begins at `time`, s, in force."""
-        if not self._pushes:
-            return
-        velocity = np.zeros(2)
-        for push in self._pushes:
-            if -1e-9 <= time - push.time < PUSH_DURATION - 1e-9:
+        velocities: dict[int, FloatArray] = {}
+        for push in (*self._planned, *self._given):
+            velocity = velocities.setdefault(self._bodies[push.body or self._base], np.zeros(2))
+            if push.acts(time):
                 velocity += push.vx, push.vy
-        data.xfrc_applied[self._body] = push_wrench(velocity, self._mass)
+        for body, velocity in velocities.items():
+            data.xfrc_applied[body] = push_wrench(velocity, float(self._mass[body]))

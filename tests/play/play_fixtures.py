@@ -33,7 +33,8 @@ def quick_robot(folder: Path, name: str = "lite", change: Callable[[Document], A
     document = yaml.safe_load(asset_path("robots", f"{name}.yaml").read_text(encoding="utf-8"))
     document["mjcf"] = str((asset_path("robots") / document["mjcf"]).resolve())
     for pose in ("a", "b"):
-        document[f"standby_controller_{pose}"]["segment_durations"] = [0.2, 0.2]
+        standby = document[f"standby_controller_{pose}"]
+        standby["segment_durations"] = [0.2] * len(standby["pose_segments"])
     change(document)
     path = folder / f"quick_{name}.yaml"
     path.write_text(yaml.safe_dump(document), encoding="utf-8")

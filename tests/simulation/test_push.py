@@ -29,6 +29,34 @@ def test_a_push_speeds_the_whole_robot_up(actuation):
     assert not robot.data.xfrc_applied.any()
 
 
+def test_a_push_as_it_comes_is_the_planned_one_bit_for_bit():
+    biped = load_robot("lite_biped")
+    planned = MujocoRobot(biped, support=False, base_height=5.0, pushes=parse_pushes(["0.5,-0.25@0.05"]))
+    given = MujocoRobot(biped, support=False, base_height=5.0)
+    for tick in range(30):
+        if tick == round(0.05 / given.control_period):
+            given.pushes.add(Push(0.5, -0.25, given.time))
+            with pytest.raises(InputError, match=r"the push before has not ended; each takes 0.1 s"):
+                given.pushes.add(Push(0.5, 0.0, given.time))
+        for robot in (planned, given):
+            robot.write(MITCommand.zeros(len(robot.joints)))
+        assert np.array_equal(planned.qpos, given.qpos)
+    given.pushes.add(Push(0.5, 0.0, given.time))
+    given.activate()
+    given.write(MITCommand.zeros(len(given.joints)))
+    assert not given.data.xfrc_applied.any()
+
+
+def test_a_robot_whose_base_is_fixed_is_pushed_at_a_body():
+    robot = MujocoRobot(load_robot("lite"))
+    body = robot.model.body(robot.pushes.bodies[3])
+    with pytest.raises(InputError, match="unknown body 'base, which is fixed'"):
+        robot.pushes.add(Push(0.0, 1.0, 0.0))
+    robot.pushes.add(Push(0.0, 1.0, 0.0, body.name))
+    robot.write(MITCommand.zeros(len(robot.joints)))
+    assert robot.data.xfrc_applied[body.id][1] == pytest.approx(body.subtreemass[0] / 0.1)
+
+
 def test_a_fixed_base_is_not_pushed():
     with pytest.raises(InputError, match="push: 'lite' has a fixed base"):
         MujocoRobot(load_robot("lite"), pushes=[Push(1.0, 0.0, 1.0)])

@@ -40,6 +40,7 @@ from humanoid_sim.messages import Intent, TickRecord
 from humanoid_sim.recording.shadow import decode_shadow_step
 from humanoid_sim.session.intent_socket import MARK
 from humanoid_sim.session.reactivation import REACTIVATE
+from humanoid_sim.session.simulation_controls import SIMULATION_WORDS
 
 _PERIOD = 0.1
 """s between two states that are sent to a page."""
@@ -60,7 +61,7 @@ _CHOICES_PER_SECOND, _CHOICES_AT_ONCE = 5.0, 20
 _WISHES_PER_SECOND, _WISHES_AT_ONCE = 60.0, 60
 """Rate limit of one page's heartbeats, sliders and keys; taking a joint counts as a request, as intents do."""
 _WATCHING = "this address is for watching only"
-_WORDS = frozenset({*(intent.value for intent in Intent), MARK, REACTIVATE})
+_WORDS = frozenset({*(intent.value for intent in Intent), MARK, REACTIVATE, *SIMULATION_WORDS})
 
 
 class Hub:
@@ -84,6 +85,8 @@ class Hub:
         self._stamp = monotonic_ns()
         self._number = self._event_number = self._shadow_number = 0
         self._mode: tuple[str, str] | None = None
+        self._is_paused = False
+        """True if the newest tick was there before: a simulation whose time stands still shows it again and again."""
         self._events: deque[tuple[int, float, str]] = deque(maxlen=_EVENTS)
         self._told = 0
         self._marks = 0
@@ -120,9 +123,12 @@ class Hub:
             self._showing.shadow(decode_shadow_step(sample.data))
         for sample in feed.since(self._number):
             self._number, self._stamp = sample.number, sample.stamp
-            newest = self._attachment.record(sample)
+            newest, before = self._attachment.record(sample), newest or self._record
+            self._is_paused = before is not None and newest.input.state.time == before.input.state.time
+            self._commanding.look(newest, is_paused=self._is_paused)
+            if self._is_paused:
+                continue
             self._showing.look(newest)
-            self._commanding.look(newest)
             self._reasons.look(newest)
             output, now = newest.output, float(newest.input.state.time)
             control = output.control_mode
@@ -211,6 +217,8 @@ class Hub:
                 told |= self._reasons.told(self._record)
                 told["vitals"] = self._vitals(self._record)
                 told["owners"], told["lost"] = (self._status.get(name, {}) for name in ("owners", "lost"))
+                if (simulation := self._status.get("simulation")) is not None:
+                    told["simulation"] = simulation | {"paused": self._is_paused}
                 told |= self._showing.told(self._record) | self._commanding.told(self._record)
                 told["events"] = [event for event in self._events if event[0] > shown]
                 told["answers"] = [answers.popleft() for _ in range(len(answers))]
@@ -276,7 +284,7 @@ class Hub:
             except SessionError as error:
                 return _answer(False, str(error))
             return _answer(True, "DAMP requested")
-        if word not in _WORDS:
+        if word.partition(" ")[0] not in _WORDS:
             return _answer(False, f"not understood, expected one of {', '.join(sorted(_WORDS))}")
         if not limit.admits(time.monotonic()):
             return _answer(False, f"{word} left out: more than {_ASKS_PER_SECOND:g} requests a second")

@@ -86,6 +86,7 @@ function show(told) {
   showMotors(told.hardware);
   showFigures(told.figures);
   showKeys(told.keys);
+  showSimulation(told.simulation || null);
   const owners = Object.entries(told.owners).filter(([, who]) => who).map(([what, who]) => `${what}: ${who}`);
   get("owners").textContent = owners.length ? `Driven by ${owners.join(", ")}` : "";
   for (const answer of told.answers) showAnswer(answer);

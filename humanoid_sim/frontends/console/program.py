@@ -75,7 +75,7 @@ async def _serve(
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ending.set)
     socket = Path(attachment.session.intents).parent / f"{os.getpid()}.viser"
     scene = Scene(socket, attachment.model(), attachment.description, attachment.reference_ghost())
-    hub = Hub(attachment, Showing(attachment, scene.ghosts))
+    hub = Hub(attachment, Showing(attachment, scene))
     try:
         async with serving(host, port, socket, hub.page) as gate:
             if refresh is None:

@@ -21,6 +21,8 @@ from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import joint_addresses
 
+FOLLOW, CONTACTS = "follow", "contacts"
+"""Names, for pages, of what is switched beside the figures."""
 VISER_PAGE = Path(viser.__file__).parent / "client" / "build" / "index.html"
 """viser's own page, which is one file."""
 _FROM_PAGES = frozenset({"ViewerCameraMessage"})
@@ -80,7 +82,7 @@ class Scene:
         self._server.initial_camera.look_at = tuple(center)
         self._server.initial_camera.position = tuple(center + extent * np.array([1.0, 0.35, 0.25]))
         self._scene = mjviser.ViserMujocoScene(self._server, model, num_envs=1)
-        self._scene.camera_tracking_enabled = bool(is_free)
+        self._scene.camera_tracking_enabled = self._is_free = bool(is_free)
         self.ghosts = Ghosts(self._server, model, self._addresses, reference)
 
     def show(self, record: TickRecord) -> None:
@@ -91,10 +93,40 @@ class Scene:
             position = record.input.state.joint_position
             known = np.isfinite(position)
             self._data.qpos[self._addresses.qpos[known]] = position[known]
-        mujoco.mj_kinematics(self._model, self._data)
+        place = mujoco.mj_fwdPosition if self._scene.show_contact_points else mujoco.mj_kinematics
+        place(self._model, self._data)
         with self._server.atomic():
             self._scene.update_from_mjdata(self._data)
             self.ghosts.show(record, self._data.qpos, self._scene.fixed_bodies_frame.position)
+
+    def told(self) -> dict[str, dict[str, object]]:
+        """For pages: of each figure, and other thing to be seen, whether it is switched on, and why it is not seen."""
+        own = {CONTACTS: self._scene.show_contact_points}
+        if self._is_free:
+            own[FOLLOW] = self._scene.camera_tracking_enabled
+        return {**self.ghosts.told(), **{name: {"on": on, "why": ""} for name, on in own.items()}}
+
+    def switch(self, name: str, *, on: bool) -> str:
+        """Switch what `told` tells; why not, if it is refused."""
+        if name == CONTACTS:
+            self._scene.show_contact_points = on
+        elif name == FOLLOW and self._is_free:
+            self._follow(on=on)
+        else:
+            return self.ghosts.switch(name, on=on)
+        return ""
+
+    def _follow(self, *, on: bool) -> None:
+        """Let the camera follow the robot, or stand; what it sees at this moment stays."""
+        if on == self._scene.camera_tracking_enabled:
+            return
+        self._scene.camera_tracking_enabled = on
+        base = self._data.xpos[int(self._model.jnt_bodyid[0])]
+        offset = -base if on else base  # the scene moves with the base, or stands where the world is
+        initial = self._server.initial_camera
+        initial.position, initial.look_at = tuple(initial.position + offset), tuple(initial.look_at + offset)
+        for client in self._server.get_clients().values():
+            client.camera.position = client.camera.position + offset
 
     def close(self) -> None:
         """End viser and remove its socket."""

@@ -45,6 +45,8 @@ _FILES = {
     "page.js": "page.js",
     "plots.js": "plots.js",
     "showing.js": "showing.js",
+    "simulation.css": "simulation.css",
+    "simulation.js": "simulation.js",
 }
 """Files by path."""
 _PLOTLY = "plotly.js"

@@ -1,7 +1,7 @@
 // The loop, the link and the recording; motors and buses on hardware; and the second figures in the 3D view.
 "use strict";
 
-const FIGURES = { reference: "motion's pose", command: "commanded pose" };
+const FIGURES = { reference: "motion's pose", command: "commanded pose", contacts: "contacts", follow: "camera follows" };
 
 const fixed = (value, digits) => (value === null ? "–" : value.toFixed(digits).replace(/^-(0\.0*)$/, "$1"));
 

@@ -20,7 +20,7 @@ from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.stack import no_policy, recorded_policy
 
 if TYPE_CHECKING:  # viser, which the rest of this module does without
-    from humanoid_sim.frontends.console.ghosts import Ghosts
+    from humanoid_sim.frontends.console.scene import Scene
 
 _SHOWN = 0.1
 """s for which a stroke is shown at least: pages are updated ten times a second."""
@@ -64,12 +64,13 @@ class ShownKeys:
 class Showing:
     """Views of one session, for all pages."""
 
-    def __init__(self, attachment: Attachment, ghosts: Ghosts) -> None:
+    def __init__(self, attachment: Attachment, scene: Scene) -> None:
         """Know what there is. Raises `InputError` if the session's header is damaged."""
         self._attachment, self._description = attachment, attachment.description
         self._robot: Mapping[str, Any] | None = None
         self._loads: Mapping[str, float] = {}
-        self._ghosts = ghosts
+        self._scene, self._ghosts = scene, scene.ghosts
+        self._switched: Any = scene.ghosts
         robot = attachment.feed.status().get("robot")
         self._channels = [] if robot is None else [channel["source"] for channel in robot["channels"]]
         self._prepare()
@@ -87,6 +88,7 @@ class Showing:
 
     def hear(self, status: Mapping[str, Any]) -> None:
         """Take the feed's status."""
+        self._switched = self._ghosts if status.get("simulation") is None else self._scene
         robot = status.get("robot")
         if robot != self._robot:
             self._loads = bus_loads(self._robot, robot)
@@ -115,7 +117,7 @@ class Showing:
         """For all pages, again and again; `record` is the newest tick."""
         return {
             "hardware": motor_table(self._description, self._robot, self._loads, record),
-            "figures": self._ghosts.told(),
+            "figures": self._switched.told(),
             "keys": self._keys.told(record),
         }
 
@@ -127,7 +129,7 @@ class Showing:
         """Switch a figure in the 3D view; why not, if it is refused."""
         if not isinstance(name, str) or not isinstance(on, bool):
             return "show not understood, expected the name of a figure, and on: true or false"
-        return self._ghosts.switch(name, on=on)
+        return str(self._switched.switch(name, on=on))
 
 
 def motor_table(

@@ -92,6 +92,7 @@ class Telemetry:
         self._messages = ViewerTopics(attachment.header, every_state=True)
         self._writers: dict[tuple[str, str], Writer] = {}
         self._topics: dict[str, Topic] = {}
+        self._time_ns = -1
         self.follow()
         for topic in self._fixed:
             if topic != SAFETY_TOPIC:  # announced by its sources
@@ -108,9 +109,12 @@ class Telemetry:
         """Publish a tick."""
         record = self._attachment.record(sample)
         time_ns = self._attachment.time_ns(float(record.input.state.time))
+        is_again, self._time_ns = time_ns == self._time_ns, time_ns  # while a simulation is paused
         if CLOCK_TOPIC in self._topics:
             self._put(TopicMessage(CLOCK_TOPIC, CLOCK, encode_clock(time_ns)))
         for message in self._messages.messages(record, time_ns):
+            if message.topic == TF_TOPIC and is_again:
+                continue  # tf2 warns of every transform whose stamp it has
             if message.topic == CONTROL_MODE_TOPIC:
                 self._put(message._replace(data=self._control_mode(record, time_ns, message.data)))
             else:

@@ -154,6 +154,39 @@ def test_figures_are_switched_for_all_pages(browser, played):
         watching.wait_for_selector('[data-figure="command"][data-on="false"]')
 
 
+def clock(page):
+    return float(page.inner_text("#clock").removesuffix(" s"))
+
+
+def test_a_simulation_is_paused_paced_pushed_and_reset_on_the_page(browser, played):
+    with opened(browser, played.control) as page, opened(browser, played.read_only) as watching:
+        assert not watching.is_visible("#simulation")
+        page.click("#damp")
+        in_mode(page, "DAMPING")
+        page.click("#simulation-pause")
+        for one in (page, watching):
+            one.wait_for_selector("#pace:text-is('PAUSED')")
+        stood = clock(page)
+        page.wait_for_timeout(1500)  # longer than a session may stand still, and the page is not covered
+        assert (clock(page), page.is_visible("#cover")) == (stood, False)
+        page.click('#intents [data-ask="load_a"]')
+        page.wait_for_selector("#answer.refused >> text=the robot's time is paused")
+        page.click("#simulation-pause:text-is('Resume')")
+        page.wait_for_function("(stood) => parseFloat(document.getElementById('clock').textContent) > stood", arg=stood)
+        in_mode(page, "DAMPING")
+        page.select_option("#simulation-speed", "0.5")
+        watching.wait_for_selector("#pace:text-is('0.5 × real time')")
+        page.select_option("#simulation [name=body]", index=2)
+        page.select_option("#simulation [name=direction]", "−y")
+        page.click("#simulation-push button")
+        page.wait_for_selector("#events >> text=by 0,-0.5 m/s; requested by console")
+        page.click("#simulation-reset")
+        in_mode(watching, "ZERO_TORQUE")
+        until((played.folder / "run-2.mcap").exists)
+        watching.evaluate("ask('pause')")
+        watching.wait_for_selector("#answer.refused >> text=this address is for watching only")
+
+
 def test_a_phone_shows_everything_in_its_width_and_damp_always(browser, played):
     with opened(browser, played.control, PHONE) as page:
         page.select_option("#add-plot", ELBOW)
@@ -222,3 +255,8 @@ def test_on_hardware_motors_and_buses_are_listed(browser, start_play):
         assert float(cells[2]) < 10_000.0
         page.select_option("#add-plot", "bus load: virtual:console")
         page.wait_for_function(DRAWN, arg="bus load: virtual:console")
+        for part in ("#simulation", "#pace", '[data-figure="contacts"]', '[data-figure="follow"]'):
+            assert not page.is_visible(part), part
+        for word in ("pause", "speed 2", "push 1,0", "reset"):
+            page.evaluate("(word) => ask(word)", word)
+            page.wait_for_selector(f"#answer.refused >> text={word.split()[0].upper()} refused: it is for a simulation")

@@ -371,6 +371,17 @@ def test_a_key_steps_from_anothers_command_and_a_stop_stops_it(walking):
     assert present(walking) == [0.0, 0.0, 0.0]
 
 
+def test_a_key_in_a_pause_moves_nothing_after_it_and_a_stop_counts(walking):
+    walking.commanding.hear(1, Steer(0, 0.5))
+    walking.turn(0.1)
+    walking.commanding.look(walking.record, is_paused=True)
+    with pytest.raises(FieldError, match="velocity: the robot's time is paused"):
+        walking.commanding.hear(1, Press("w"))
+    walking.commanding.hear(1, Press("0"))
+    walking.turn(0.1)
+    assert present(walking) == [0.0, 0.0, 0.0]
+
+
 def test_who_took_the_velocity_keeps_it(walking):
     walking.commanding.hear(1, Steer(0, 0.5))
     walking.turn(0.4)

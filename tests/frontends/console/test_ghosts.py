@@ -1,5 +1,6 @@
 """The second figures, in viser itself."""
 
+import contextlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,10 +12,12 @@ pytest.importorskip("mjviser", reason="viser and mjviser are not installed (extr
 
 from humanoid_sim.frontends.console.scene import Scene
 from humanoid_sim.messages import Mode
+from humanoid_sim.mit import MITCommand
 from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.rendering.ghost import ReferenceGhost
-from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.stack import no_policy, recorded_policy
 
 RECORDING = Path(__file__).parents[2] / "data" / "recordings" / "simulated_locomotion.mcap"
@@ -92,9 +95,32 @@ def test_the_commanded_pose_is_drawn_where_something_is_commanded(scene, ticks):
     assert np.linalg.norm(hand(scene, "command") - hand_at(scene, record.qpos)) > 0.005
 
 
+def test_contacts_are_drawn_and_a_camera_that_stands_sees_at_first_what_it_saw(runtime, ticks):
+    robot = MujocoRobot(load_robot("lite_biped"), support=False, base_position=(2.0, 1.0))
+    for _ in range(40):
+        robot.write(MITCommand.zeros(len(robot.joints)))
+    record, base = replace(ticks[0], qpos=robot.qpos), robot.qpos[:3]
+    with contextlib.closing(Scene(runtime / "b", build_model(robot.description), robot.description)) as scene:
+        camera, drawn = scene._server.initial_camera, scene._scene._decor_handles
+        seen = camera.look_at + base
+        for on in (True, False):
+            assert scene.switch("contacts", on=on) == ""
+            scene.show(record)
+            places = np.concatenate([one.batched_positions for one in drawn.values()]) if drawn else np.zeros((0, 3))
+            assert len(places) >= 4 if on else not any(one.visible for one in drawn.values())
+            assert np.all(np.abs(places[:, 2] + base[2]) < 0.02)  # on the floor, as the scene is shifted
+        for on, shift in ((False, 0.0), (False, 0.0), (True, base)):
+            assert scene.switch("follow", on=on) == ""
+            scene.show(record)
+            assert scene.told()["follow"] == {"on": on, "why": ""}
+            np.testing.assert_allclose(camera.look_at + shift, seen)
+            np.testing.assert_allclose(scene._scene.fixed_bodies_frame.position, -np.ones(3) * shift, atol=1e-9)
+
+
 def test_what_cannot_be_drawn_is_refused(scene, ticks):
     assert scene.ghosts.switch("halo", on=True) == "show: is 'halo', expected one of reference, command"
     scene.ghosts._reference = None
     assert scene.ghosts.switch("reference", on=True) == "show: the policy follows no motion that can be shown"
     assert list(scene.ghosts.told()) == ["command"]
+    assert scene.switch("follow", on=True) == "show: is 'follow', expected one of reference, command"  # it stands still
     scene.show(replace(ticks[0], qpos=None))  # as on hardware
