@@ -6,7 +6,6 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-from guard_runs import limited
 from published import HOLOSOMA_REST, POLICIES, needs_policies
 
 from humanoid_sim.assets import SAMPLE_POLICY
@@ -16,6 +15,7 @@ from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.suite import load_suite
 from humanoid_sim.robots.description import with_contract_physics
 from humanoid_sim.robots.guards import guards_of
+from tools.studies.guard_runs import limited
 
 G1 = "models/unitree_g1/scene.xml"
 LITE_LEGS = "models/berkeley_humanoid_lite_biped/scene.xml"

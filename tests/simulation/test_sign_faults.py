@@ -1,7 +1,8 @@
-"""The table of `sign_faults.py`: no sound robot is accused, and no fewer planted faults are found than before."""
+"""The table of `tools.studies.sign_faults`: no sound robot is accused, no fewer faults are found than before."""
 
 import pytest
-from sign_faults import robots, study
+
+from tools.studies.sign_faults import robots, study
 
 FOUND = {
     "lite": (8, 8),

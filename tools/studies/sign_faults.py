@@ -1,6 +1,6 @@
 """What the judgement of signs sees of planted faults, and that it accuses no sound robot: a table over robots.
 
-    python tests/simulation/sign_faults.py [--variations 40] [NAME ...]
+    python -m tools.studies.sign_faults [--variations 40] [NAME ...]
 
 A robot hangs at rest: its pose is the equilibrium of K_p, gravity, friction and stops, in a model whose every mass is
 off by up to 10 %, with a payload of up to 0.5 kg on any body, up to 0.3 N·m of friction (or the MJCF's, if that is
@@ -33,7 +33,7 @@ from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.sensors import Imu
 from humanoid_sim.testing import healthy_state
 
-sys.path.append(str(Path(__file__).parents[1] / "policy"))
+sys.path.append(str(Path(__file__).parents[2] / "tests" / "policy"))
 
 from published import HOLOSOMA_REST, POLICIES
 
@@ -84,7 +84,7 @@ class Hanging:
         self._hangs = _turn(generator, 0.1)
 
     def rest(self, pose: FloatArray, sign: FloatArray, offset: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Readings, rad, efforts, N·m, and the IMU's quaternion, where a pose is asked of joints with these faults.
+        """Return readings, rad, efforts, N·m, and the IMU's quaternion in a pose of joints with these faults.
 
         A joint reads `sign * position + offset`; efforts have the sign as well.
         """
@@ -135,7 +135,7 @@ class Judge:
         self._poses = [np.array(pose) for pose in (standby, *(check_poses(robot, standby) if checks else ()))]
 
     def __call__(self, hanging: Hanging, joint: int = 0, sign: float = 1.0, offset: float = 0.0) -> SignMemory:
-        """What is remembered of a robot, one of whose joints may be faulty."""
+        """Return what is remembered of a robot, one of whose joints may be faulty."""
         n = self._robot.joint_count
         signs, offsets, zeros = np.ones(n), np.zeros(n), np.zeros(n)
         signs[joint], offsets[joint] = sign, offset
@@ -195,7 +195,7 @@ def study(robot: RobotDescription, variations: int, *, checks: bool = False) -> 
 
 
 def robots(names: Sequence[str] = ()) -> Iterator[tuple[str, RobotDescription]]:
-    """The robots of the table, those that are here; all, or those of some names."""
+    """Yield the robots of the table, those that are here; all, or those of some names."""
     for name in ("lite", "lite_sito", "lite_biped"):
         if not names or name in names:
             yield name, load_robot(name)

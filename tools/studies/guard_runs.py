@@ -1,7 +1,7 @@
 """Record healthy and faulty runs of policies, and judge them with the guards under other rules.
 
-    python tests/robots/guard_runs.py record FOLDER [POLICY ...]
-    python tests/robots/guard_runs.py judge FOLDER [POLICY ...]
+    python -m tools.studies.guard_runs record FOLDER [POLICY ...]
+    python -m tools.studies.guard_runs judge FOLDER [POLICY ...]
 
 `record` simulates each policy once, guards off; `judge` replays what was recorded through `Guards.watch`, rule by rule,
 and prints the table. The published policies are those that the tests use.
@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 import msgspec
 import numpy as np
 
-sys.path.append(str(Path(__file__).parents[1] / "policy"))
+sys.path.append(str(Path(__file__).parents[2] / "tests" / "policy"))
 
 from published import HOLOSOMA_REST, POLICIES
 
@@ -155,7 +155,7 @@ SAME = Randomisation(
 
 
 def limited(robot: RobotDescription) -> RobotDescription:
-    """The robot with the real one's effort limits, where its model has none."""
+    """Return the robot with the real one's effort limits, where its model has none."""
     if np.isfinite(robot.effort_limit).all():
         return robot
     efforts = (next(effort for part, effort in EFFORT.items() if part in joint.name) for joint in robot.joints)
@@ -176,6 +176,7 @@ class FaultyRobots:
         self.tick = 0
 
     def state(self) -> MITState:
+        """Return what the faulty joints report."""
         seen = self.simulation.state()
         return replace(
             seen,
@@ -185,6 +186,7 @@ class FaultyRobots:
         )
 
     def step(self, command: MITCommand, *, wrench: Any = None, where: Any = None) -> None:
+        """Do what a command asks for, for one policy step, beside a wrench on a body."""
         for _ in range(SUB):
             state = self.state()
             arrays = {
@@ -193,7 +195,7 @@ class FaultyRobots:
                 "measured": state.joint_effort,
                 "wanted": command.position,
             }
-            self.ticks.append({name: np.float32(array) for name, array in arrays.items()})
+            self.ticks.append({name: array.astype(np.float32) for name, array in arrays.items()})
             applied = {name: getattr(command, name) for name in COMMAND_FIELDS}
             applied |= {name: self.sign * applied[name] for name in ("velocity", "effort")}
             applied["position"] = self.sign * (command.position - self.offset)
@@ -204,6 +206,7 @@ class FaultyRobots:
                 self.begin(i, row)
 
     def begin(self, i: int, row: Row) -> None:
+        """Put the fault of a row in force."""
         if row.fault == "flip":
             self.sign[i, row.joint] = -1.0
         elif row.fault == "offset":
@@ -214,7 +217,7 @@ class FaultyRobots:
 
 
 def without_ground(mjcf: Path, folder: Path) -> Path:
-    """A copy of a scene without its floor, so that it can stand on any."""
+    """Copy a scene without its floor, so that it can stand on any."""
     tree = ElementTree.parse(mjcf)
     for part in tree.getroot().iter():
         for child in list(part):
@@ -226,6 +229,7 @@ def without_ground(mjcf: Path, folder: Path) -> Path:
 
 
 def scenario_of(subject: Subject, folder: Path, terrain: Terrain | None) -> tuple[Scenario, BatchedPolicy]:
+    """Return a subject's scenario, on a terrain, and its policy."""
     path = policy_path(subject.policy) if "/" not in subject.policy else POLICIES / subject.policy
     robot = load_robot(subject.robot if "/" not in subject.robot else without_ground(POLICIES / subject.robot, folder))
     contract = None
@@ -283,6 +287,7 @@ def batches(subject: Subject, joints: tuple[str, ...], tracks: bool) -> Iterator
 
 
 def record(folder: Path, name: str) -> None:
+    """Simulate a subject's runs, and store them."""
     subject = SUBJECTS[name]
     first, policy = scenario_of(subject, folder, None)
     contract = first.contract
@@ -331,7 +336,7 @@ def record(folder: Path, name: str) -> None:
                     break
         assert command is not None
         description = scenario.description
-        ticks = {key: np.stack([tick[key] for tick in robots.ticks]) for key in robots.ticks[0]}
+        ticks: dict[str, Any] = {key: np.stack([tick[key] for tick in robots.ticks]) for key in robots.ticks[0]}
         np.savez(
             folder / f"{name}.{batch}.npz",
             **ticks,
@@ -354,7 +359,7 @@ def record(folder: Path, name: str) -> None:
 
 
 def rules(robot: RobotDescription) -> dict[str, Guards]:
-    """What the table compares, by name; the last is what the package does."""
+    """Return what the table compares, by name; the last is what the package does."""
     guards = guards_of(robot)
     assert guards is not None
     trained = 0.8 * robot.effort_limit
@@ -371,7 +376,7 @@ def rules(robot: RobotDescription) -> dict[str, Guards]:
 
 
 def trips(run: Any, guards: Guards) -> tuple[np.ndarray, list[str]]:
-    """s at which each robot's guards first trip, infinity for never, and what they say."""
+    """S at which each robot's guards first trip, infinity for never, and what they say."""
     count, n = run["position"].shape[1:]
     when, texts = np.full(count, np.inf), [""] * count
     memory, zeros = None, np.zeros((count, n))
@@ -393,6 +398,7 @@ def trips(run: Any, guards: Guards) -> tuple[np.ndarray, list[str]]:
 
 
 def judge(folder: Path, names: list[str]) -> None:
+    """Print the table of what the guards, under each rule, see in stored runs."""
     totals: dict[str, np.ndarray] = {}
     alarms = []
     for path in sorted(file for name in names for file in folder.glob(f"{name}.*.npz")):
