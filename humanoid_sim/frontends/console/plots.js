@@ -15,7 +15,7 @@ const plots = (() => {
   let layout = []; // each plot is a list of keys; of some there may be nothing at present, as without a policy
   let shown = []; // { entry of the layout, keys, figure, host, isChanged, isDrawn }
   const live = new Map(); // by key: columns, the first are the times
-  let end = null; // s, the end of what is shown, while the plots are paused
+  let end = null; // s, the end of what is shown, while the plots are frozen
   let held = new Map(); // as `live` was then: nothing replaces what somebody looks at
   let library = null; // Plotly is large: it comes with the first plot, and keeps nothing waiting
   let turn = 0; // whose turn it is to be drawn
@@ -223,8 +223,8 @@ const plots = (() => {
     slider.min = first;
     slider.max = last;
     slider.value = to;
-    get("plots-shown").textContent = `${end === null ? "" : "paused: "}${from.toFixed(1)} to ${to.toFixed(1)} s`;
-    get("plots-pause").textContent = end === null ? "Pause" : "Live";
+    get("plots-shown").textContent = `${end === null ? "" : "frozen: "}${from.toFixed(1)} to ${to.toFixed(1)} s`;
+    get("plots-pause").textContent = end === null ? "Freeze" : "Live";
     get("plots").classList.toggle("paused", end !== null);
   }
 

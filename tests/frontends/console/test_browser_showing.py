@@ -54,7 +54,7 @@ def test_plots_are_drawn_go_on_after_a_reconnection_and_are_kept_by_the_browser(
         assert page.locator("#charts figure").count() == 1
 
 
-def test_a_plot_of_several_signals_is_paused_and_looked_back_in(browser, played):
+def test_a_plot_of_several_signals_is_frozen_and_looked_back_in(browser, played):
     with opened(browser, played.control) as page:
         page.set_default_timeout(120_000)  # the robot's clock is slow on a machine that has other things to do
         page.select_option("#add-plot", ELBOW)
@@ -73,7 +73,7 @@ def test_a_plot_of_several_signals_is_paused_and_looked_back_in(browser, played)
         page.wait_for_timeout(1000)
         assert page.inner_text("#plots-shown") == shown
         page.locator("#plots-time").fill("2")
-        page.wait_for_selector("#plots-shown:text-is('paused: 0.0 to 2.0 s')")
+        page.wait_for_selector("#plots-shown:text-is('frozen: 0.0 to 2.0 s')")
         page.wait_for_function(
             "(path) => document.querySelector('#charts .js-line').getAttribute('d') !== path", arg=path
         )
@@ -81,7 +81,7 @@ def test_a_plot_of_several_signals_is_paused_and_looked_back_in(browser, played)
         page.wait_for_selector("#cover", state="visible")
         page.wait_for_selector("#cover", state="hidden")
         page.wait_for_function(DRAWN, arg=both)
-        assert page.inner_text("#plots-shown") == "paused: 0.0 to 2.0 s"
+        assert page.inner_text("#plots-shown") == "frozen: 0.0 to 2.0 s"
         page.click("#plots-pause")
         page.wait_for_function(
             "() => /^[0-9.]+ to ([4-9]|[0-9]{2,})/.test(document.getElementById('plots-shown').innerText)"
