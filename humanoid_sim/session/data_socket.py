@@ -31,10 +31,9 @@ from humanoid_sim.client import (
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITCommand
-from humanoid_sim.session.intent_socket import listening, queue_length
+from humanoid_sim.session.intent_socket import BoundedTelling, listening, queue_length
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import ExternSource, RemoteInbox, VelocityCommand
-from humanoid_sim.session.telling import BoundedTelling
 
 
 @dataclass(frozen=True, slots=True)

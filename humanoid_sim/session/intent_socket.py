@@ -8,6 +8,7 @@ What was asked for too long ago is refused there, before the supervisor sees it:
 
 from __future__ import annotations
 
+import math
 import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -23,9 +24,8 @@ from humanoid_sim.session.reactivation import REACTIVATE, Answer, Reactivation
 from humanoid_sim.session.simulation_controls import PAUSE, PUSH, SIMULATION_WORDS, SimulationControls
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import Freshness, IntentSource
-from humanoid_sim.session.telling import BoundedTelling
 
-__all__ = ["MARK", "IntentSocket", "listening", "queue_length"]
+__all__ = ["MARK", "BoundedTelling", "IntentSocket", "RateLimit", "listening", "queue_length"]
 
 MARK = "mark"
 """Followed by a text, puts that text into the recording."""
@@ -37,7 +37,43 @@ _LONGEST = 1 << 14
 """Bytes; no message is longer: a policy that is to be loaded comes with the paths of its files."""
 _MOST_ANSWERS = 64
 """Senders that are answered in one tick: more are a flood."""
+_MOST_LINES = 10
+"""Per second, and at once, that the events get from a socket: what other programs do may be worth one in every tick."""
 _QUEUE_LENGTH = Path("/proc/sys/net/unix/max_dgram_qlen")
+
+
+class RateLimit:
+    """So many a second, and so many at once."""
+
+    def __init__(self, rate: float, burst: int) -> None:
+        """Begin with the whole burst; `rate` in 1/s."""
+        self._rate, self._burst = rate, burst
+        self._left, self._time = float(burst), -math.inf
+
+    def admits(self, time: float) -> bool:
+        """Return whether one more may pass now; `time` in s."""
+        if time > self._time:
+            self._left = min(self._left + self._rate * (time - self._time), float(self._burst))
+        self._time = time
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+
+class BoundedTelling:
+    """Tells a line, unless there were too many."""
+
+    def __init__(self, tell: Callable[[str], None], clock: Callable[[], float]) -> None:
+        """Start with a second's lines; `clock` in s."""
+        self._tell, self._clock, self._limit = tell, clock, RateLimit(_MOST_LINES, _MOST_LINES)
+
+    def __call__(self, text: str) -> bool:
+        """Return whether the line was told."""
+        if not self._limit.admits(self._clock()):
+            return False
+        self._tell(text)
+        return True
 
 
 def queue_length() -> int:

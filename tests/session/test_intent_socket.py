@@ -10,7 +10,7 @@ from local_session import datagram
 from humanoid_sim.client import Answer, Feed, SessionError, monotonic_ns
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode, SafetyLevel, SafetyStatus
-from humanoid_sim.session.intent_socket import IntentSocket, queue_length
+from humanoid_sim.session.intent_socket import IntentSocket, RateLimit, queue_length
 
 
 def asked(local, *words, more=()):
@@ -206,3 +206,10 @@ def test_marks_are_told_at_a_bounded_rate(local):
     assert 10 <= len(told) <= 60
     assert len(told) == sum(answer.granted for answer in answers)
     assert answers[-1].text in {"marked", "not marked: too many lines in a second"}
+
+
+def test_a_rate_is_bounded_and_recovers():
+    limit = RateLimit(5.0, 10)
+    assert [limit.admits(100.0) for _ in range(12)] == [True] * 10 + [False] * 2
+    assert [limit.admits(100.4) for _ in range(3)] == [True, True, False]
+    assert [limit.admits(1000.0) for _ in range(11)] == [True] * 10 + [False]

@@ -36,7 +36,7 @@ _PARTS: dict[str, tuple[str, ...]] = {
         for name in ("plant", "mujoco_robot", "sensors", "delay", "floating_base", "gravity", "push", "keys")
     ),
 }
-_TELLING = {"statistics", "losses", "telling", "monitor", "registration", "parameters"}
+_TELLING = {"statistics", "losses", "monitor", "registration", "parameters"}
 """Modules of these parts that tell people something, or name it, and decide nothing."""
 _FURTHER = {"robstride": ("adapter", "tools"), "sito": ("adapter", "tools")}
 """Folders whose tests show what a folder's modules do, beside its own."""

@@ -94,21 +94,3 @@ class Gate:
         if found is None:
             raise RefusedError(404, "not found")
         return found, rest
-
-
-class RateLimit:
-    """So many a second, and so many at once."""
-
-    def __init__(self, rate: float, burst: int) -> None:
-        """Begin with the whole burst; `rate` in 1/s."""
-        self._rate, self._burst = rate, burst
-        self._left, self._time = float(burst), 0.0
-
-    def admits(self, time: float) -> bool:
-        """Return whether one more may pass now; `time` in s, monotonic."""
-        self._left = min(self._left + self._rate * max(time - self._time, 0.0), float(self._burst))
-        self._time = time
-        if self._left < 1.0:
-            return False
-        self._left -= 1.0
-        return True

@@ -29,7 +29,7 @@ from humanoid_sim.client import (
 )
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.attach import Attachment
-from humanoid_sim.frontends.console.access import Access, RateLimit
+from humanoid_sim.frontends.console.access import Access
 from humanoid_sim.frontends.console.commanding import Commanding
 from humanoid_sim.frontends.console.plots import Watch
 from humanoid_sim.frontends.console.server import encoded
@@ -38,7 +38,7 @@ from humanoid_sim.frontends.console.state import LoopRate, Reasons, base_velocit
 from humanoid_sim.frontends.console.wishes import Beat, LetGo, Snap, Take, parse_wish
 from humanoid_sim.messages import Intent, TickRecord
 from humanoid_sim.recording.shadow import decode_shadow_step
-from humanoid_sim.session.intent_socket import MARK
+from humanoid_sim.session.intent_socket import MARK, RateLimit
 from humanoid_sim.session.reactivation import REACTIVATE
 from humanoid_sim.session.simulation_controls import SIMULATION_WORDS
 

@@ -1,7 +1,7 @@
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends.console.access import Access, Gate, RateLimit, RefusedError, checked_host
+from humanoid_sim.frontends.console.access import Access, Gate, RefusedError, checked_host
 
 HOST = "127.0.0.1:4000"
 ORIGIN = f"http://{HOST}"
@@ -62,10 +62,3 @@ def test_a_host_that_is_no_one_address_is_refused(host):
     with pytest.raises(InputError, match="--host: is "):
         checked_host(host)
     assert checked_host("192.168.1.20") == "192.168.1.20"
-
-
-def test_a_rate_is_bounded_and_recovers():
-    limit = RateLimit(5.0, 10)
-    assert [limit.admits(100.0) for _ in range(12)] == [True] * 10 + [False] * 2
-    assert [limit.admits(100.4) for _ in range(3)] == [True, True, False]
-    assert [limit.admits(1000.0) for _ in range(11)] == [True] * 10 + [False]
