@@ -33,7 +33,7 @@ _PARTS: dict[str, tuple[str, ...]] = {
     "protocols": ("hardware/robstride/*.py", "hardware/sito/*.py"),
     "plants": tuple(
         f"humanoid_sim/simulation/{name}.py"
-        for name in ("plant", "mujoco_robot", "sensors", "delay", "floating_base", "gravity", "push", "keys")
+        for name in ("plant", "mujoco_robot", "sensors", "floating_base", "gravity", "push", "keys")
     ),
 }
 _TELLING = {"statistics", "losses", "monitor", "registration", "parameters"}
