@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.client import LIVE_TIMEOUT
 from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout, ObservationTerm
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
@@ -80,6 +79,8 @@ def term_lines(contract: PolicyContract, layout: ObservationLayout) -> list[Term
 
 def _meaning(kind: TermKind, term: Term) -> str:
     if kind.topic:
+        from humanoid_sim.client import LIVE_TIMEOUT  # noqa: PLC0415 - sessions need a Unix, which policies do not
+
         timeout = LIVE_TIMEOUT if term.timeout is None else term.timeout
         stale = "never stale" if math.isinf(timeout) else f"stale after {timeout:g} s"
         return f"{kind.meaning}; from other programs by {term.topic or kind.topic}, {stale}"

@@ -12,9 +12,9 @@ from humanoid_sim.session.session import Session
 
 tick, known = Session.tick, set()
 
-def watched(self):
+def watched(self, *intents):
     before = set(known)
-    tick(self)
+    tick(self, *intents)
     known.update(sys.modules)
     if before and known - before:
         print("loaded in a tick:", *sorted(known - before))
