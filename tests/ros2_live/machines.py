@@ -120,8 +120,9 @@ class Machine:
         return self.start(str(ROS_PYTHON), str(PROGRAMS / program), *arguments, **options)
 
     def ask_ros(self, program: str, *arguments: str, environment: Mapping[str, str] | None = None) -> str:
-        """Run one of `programs/` with ROS 2's Python to its end; its output."""
-        return self.run(str(ROS_PYTHON), str(PROGRAMS / program), *arguments, environment=environment)
+        """Run one of `programs/` with ROS 2's Python to its end; its output without Fast DDS's own log."""
+        output = self.run(str(ROS_PYTHON), str(PROGRAMS / program), *arguments, environment=environment)
+        return "".join(line for line in output.splitlines(keepends=True) if not line.startswith("\x1b["))
 
 
 def plug_in(one: Machine, other: Machine, device: str = CABLE, network: int = 7) -> None:
