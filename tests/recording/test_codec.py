@@ -115,7 +115,7 @@ def test_an_event_comes_back(time, text, kind):
 
 def test_an_event_of_a_later_version_is_refused():
     message = encode_event(Event(1.0, "news", EventKind.ENDING))
-    with pytest.raises(CdrError, match="event of kind 99, expected one below 8"):
+    with pytest.raises(CdrError, match="event of kind 99, expected one below 9"):
         decode_event(message[:-1] + b"c")
     with pytest.raises(CdrError):
         decode_event(message[:-1])
