@@ -16,8 +16,8 @@ from humanoid_sim.hardware.emulated_motor import Firmware
 from humanoid_sim.hardware.motors import FrameEncoder, MotorGroup, MotorLink, Rescue, SessionTerms
 from humanoid_sim.hardware.robstride.codec import RobstrideEncoder
 from humanoid_sim.hardware.robstride.session import RobstrideSession
+from humanoid_sim.hardware.sito.codec import SitoEncoder, rescue_frames
 from humanoid_sim.hardware.sito.emulated import SitoFirmware
-from humanoid_sim.hardware.sito.frames import SitoEncoder, rescue_frames
 from humanoid_sim.hardware.sito.session import SitoSession
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.motors import MotorModel

@@ -9,7 +9,6 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 import numpy as np
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.adapter.activation import enable_motors, gain_warnings, prepare_motors
 from humanoid_sim.hardware.adapter.control import (
     MotorControl,
     damp_until_rest,
@@ -20,7 +19,7 @@ from humanoid_sim.hardware.adapter.control import (
 )
 from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.adapter.joint_tracking import unheard
-from humanoid_sim.hardware.adapter.robot_motors import RobotMotors
+from humanoid_sim.hardware.adapter.robot_motors import RobotMotors, enable_motors, gain_warnings, prepare_motors
 from humanoid_sim.hardware.adapter.statistics import RobotStatistics, gather_statistics
 from humanoid_sim.hardware.adapter.wiring import make_settings
 from humanoid_sim.hardware.bus.address import BusAddress

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.hardware.emulation.motor_state import MotorIdentity
-from humanoid_sim.hardware.robstride.fields import Scale
+from humanoid_sim.hardware.emulation.firmware import MotorIdentity
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, emulated_version, firmware_of, parse_version
+from humanoid_sim.hardware.robstride.messages import Scale
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS, motor_model
 

@@ -12,7 +12,7 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.motors import EncodedFrames
 from humanoid_sim.hardware.robstride import messages
-from humanoid_sim.hardware.robstride.fields import (
+from humanoid_sim.hardware.robstride.messages import (
     BROADCAST_ID,
     DATA_LENGTH,
     SIGNED_STEPS,

@@ -14,9 +14,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
-from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, flag_names
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion
 from humanoid_sim.hardware.robstride.identification import identify
+from humanoid_sim.hardware.robstride.messages import FaultBit, MotorMode, flag_names
 from humanoid_sim.hardware.robstride.motor_table import MotorSlot
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,

@@ -16,8 +16,19 @@ import numpy as np
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.motors import NEVER, ChannelNotes, MotorGroup, Note, Readings
 from humanoid_sim.hardware.robstride.codec import decode_reply
-from humanoid_sim.hardware.robstride.fields import BROADCAST_ID, FrameType, Identifier, MotorMode, split_identifier
-from humanoid_sim.hardware.robstride.messages import DeviceId, FaultReport, Ignored, Malformed, Reply, Status
+from humanoid_sim.hardware.robstride.messages import (
+    BROADCAST_ID,
+    DeviceId,
+    FaultReport,
+    FrameType,
+    Identifier,
+    Ignored,
+    Malformed,
+    MotorMode,
+    Reply,
+    Status,
+    split_identifier,
+)
 
 Inbox = Callable[[int, Reply, float], None]
 """Takes an answer to a request: the channel it came from, the answer, its time (s, robot's clock)."""

@@ -16,9 +16,8 @@ from humanoid_sim.hardware.robstride.enabling import (
     set_reports,
     stop_motors,
 )
-from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit, flag_names
 from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, firmware_of
-from humanoid_sim.hardware.robstride.messages import Status
+from humanoid_sim.hardware.robstride.messages import FaultBit, MotorMode, Status, StatusFault, WarningBit, flag_names
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, report_interval
 from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.messages import SafetyFlag

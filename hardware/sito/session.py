@@ -39,9 +39,10 @@ from humanoid_sim.hardware.sito.codec import (
     SelectMode,
     decode,
     encode,
+    limp_frames,
+    reset_frames,
     split_identifier,
 )
-from humanoid_sim.hardware.sito.frames import limp_frames, reset_frames
 from humanoid_sim.messages import SafetyFlag
 
 _LISTENING = 0.3

@@ -12,8 +12,7 @@ from humanoid_sim.cli import complain
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT, enable_motors, examine, make_ready, stop_motors
-from humanoid_sim.hardware.robstride.fields import MotorMode, flag_names
-from humanoid_sim.hardware.robstride.messages import OperationControl, Status
+from humanoid_sim.hardware.robstride.messages import MotorMode, OperationControl, Status, flag_names
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
 from humanoid_sim.hardware.tools.bench import silence, write_value

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import InputError
-from humanoid_sim.hardware.robstride.fields import MotorMode
 from humanoid_sim.hardware.robstride.firmware import model_name
 from humanoid_sim.hardware.robstride.identification import read_versions
-from humanoid_sim.hardware.robstride.messages import SaveParameters
+from humanoid_sim.hardware.robstride.messages import MotorMode, SaveParameters
 from humanoid_sim.hardware.robstride.parameters import (
     PARAMETERS,
     Parameter,

@@ -8,10 +8,9 @@ from contextlib import nullcontext
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import parse_address
-from humanoid_sim.hardware.robstride.fields import FaultBit, flag_names
 from humanoid_sim.hardware.robstride.firmware import firmware_of, model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
-from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId
+from humanoid_sim.hardware.robstride.messages import DeviceId, FaultBit, GetDeviceId, flag_names
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, fault_word
 from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import (

@@ -13,7 +13,7 @@ from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.codec import decode_command, encode_reply
-from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit
+from humanoid_sim.hardware.robstride.messages import FaultBit, MotorMode, StatusFault, WarningBit
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, default_value, fault_word, pack_value
 from humanoid_sim.robots.motors import MOTORS
 

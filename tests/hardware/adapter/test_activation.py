@@ -18,14 +18,15 @@ from humanoid_sim.hardware.bus.address import BusAddress, open_bus
 from humanoid_sim.hardware.checks import Verdict
 from humanoid_sim.hardware.imu.interface import upright_at_rest
 from humanoid_sim.hardware.robstride.codec import encode_command
-from humanoid_sim.hardware.robstride.fields import MotorMode, StatusFault
 from humanoid_sim.hardware.robstride.messages import (
     Enable,
     GetDeviceId,
+    MotorMode,
     OperationControl,
     ReadParameter,
     ReadVersion,
     SetActiveReport,
+    StatusFault,
     Stop,
     WriteParameter,
 )

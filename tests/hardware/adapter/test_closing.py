@@ -8,8 +8,7 @@ from waiting import wait_until
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.adapter import control
 from humanoid_sim.hardware.robstride import requests
-from humanoid_sim.hardware.robstride.fields import MotorMode
-from humanoid_sim.hardware.robstride.messages import OperationControl, Stop
+from humanoid_sim.hardware.robstride.messages import MotorMode, OperationControl, Stop
 from humanoid_sim.mit import MITCommand
 
 

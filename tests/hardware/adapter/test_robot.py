@@ -16,8 +16,18 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import open_bus
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.robstride.codec import encode_command
-from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit, join_identifier
-from humanoid_sim.hardware.robstride.messages import Enable, GetDeviceId, OperationControl, Status, Stop
+from humanoid_sim.hardware.robstride.messages import (
+    Enable,
+    FaultBit,
+    GetDeviceId,
+    MotorMode,
+    OperationControl,
+    Status,
+    StatusFault,
+    Stop,
+    WarningBit,
+    join_identifier,
+)
 from humanoid_sim.messages import SafetyFlag, SafetyLevel
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.motors import MOTORS

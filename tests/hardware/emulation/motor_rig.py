@@ -4,8 +4,7 @@ from dataclasses import dataclass, field
 
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.emulated_motor import Reaction, Sensed
-from humanoid_sim.hardware.emulation.firmware import RobstrideFirmware
-from humanoid_sim.hardware.emulation.motor_state import MotorIdentity, MotorState
+from humanoid_sim.hardware.emulation.firmware import MotorIdentity, MotorState, RobstrideFirmware
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.codec import decode_reply, encode_command
 from humanoid_sim.hardware.robstride.firmware import firmware_of, parse_version

@@ -11,8 +11,16 @@ from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.robstride.codec import decode_command, encode_command
-from humanoid_sim.hardware.robstride.fields import MotorMode, Scale, StatusFault
-from humanoid_sim.hardware.robstride.messages import DeviceId, Enable, OperationControl, Status, WriteParameter
+from humanoid_sim.hardware.robstride.messages import (
+    DeviceId,
+    Enable,
+    MotorMode,
+    OperationControl,
+    Scale,
+    Status,
+    StatusFault,
+    WriteParameter,
+)
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 

@@ -8,7 +8,7 @@ import can
 from humanoid_sim.hardware.bus.address import open_bus as open_python_can
 from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.bus.lock import ChannelLock
+from humanoid_sim.hardware.bus.open_channels import ChannelLock
 from humanoid_sim.hardware.guardian.guardian import Guardian
 from humanoid_sim.hardware.guardian.plan import GuardedMotor, GuardianPlan
 

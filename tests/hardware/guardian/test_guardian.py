@@ -16,7 +16,7 @@ from waiting import until
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import open_bus, parse_address
-from humanoid_sim.hardware.bus.lock import ChannelLock
+from humanoid_sim.hardware.bus.open_channels import ChannelLock
 from humanoid_sim.hardware.guardian import guardian as guardian_module
 from humanoid_sim.hardware.guardian.guardian import Guardian, can_share
 from humanoid_sim.messages import SafetyLevel

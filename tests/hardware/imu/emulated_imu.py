@@ -9,7 +9,7 @@ import time
 import tty
 from collections.abc import Callable, Sequence
 
-from humanoid_sim.hardware.imu.mip import Field, Packet, PacketReader, encode_packet
+from humanoid_sim.hardware.imu.microstrain import Field, Packet, PacketReader, encode_packet
 
 BASE_RATE = 1000
 

@@ -15,7 +15,7 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.client import running_sessions
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.bus.address import parse_address
-from humanoid_sim.hardware.bus.lock import ChannelLock
+from humanoid_sim.hardware.bus.open_channels import ChannelLock
 from humanoid_sim.hardware.emulation.faults import parse_fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors

@@ -17,7 +17,7 @@ from humanoid_sim.hardware.robstride.codec import (
     encode_command,
     encode_reply,
 )
-from humanoid_sim.hardware.robstride.fields import (
+from humanoid_sim.hardware.robstride.messages import (
     SIGNED_STEPS,
     UNSIGNED_STEPS,
     FaultBit,

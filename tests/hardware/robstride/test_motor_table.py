@@ -9,7 +9,7 @@ from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.motors import MotorGroup
 from humanoid_sim.hardware.robstride import messages
 from humanoid_sim.hardware.robstride.codec import encode_command, encode_reply
-from humanoid_sim.hardware.robstride.fields import FaultBit, MotorMode, StatusFault, WarningBit, join_identifier
+from humanoid_sim.hardware.robstride.messages import FaultBit, MotorMode, StatusFault, WarningBit, join_identifier
 from humanoid_sim.hardware.robstride.motor_table import MotorTable
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS

@@ -19,7 +19,7 @@ from humanoid_sim.hardware.robstride.codec import (
     encode_command,
     encode_reply,
 )
-from humanoid_sim.hardware.robstride.fields import Scale, flag_names
+from humanoid_sim.hardware.robstride.messages import Scale, flag_names
 from humanoid_sim.hardware.robstride.parameters import ParameterType, pack_value, unpack_value
 from humanoid_sim.robots.motors import MOTORS
 

@@ -4,7 +4,7 @@ import pytest
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import parse_address
-from humanoid_sim.hardware.bus.lock import ChannelLock
+from humanoid_sim.hardware.bus.open_channels import ChannelLock
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.robstride.requests import Unreadable

@@ -1,7 +1,7 @@
 import pytest
 
 from humanoid_sim.hardware.bus.address import parse_address
-from humanoid_sim.hardware.bus.lock import ChannelLock
+from humanoid_sim.hardware.bus.open_channels import ChannelLock
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.tools import bench

@@ -4,12 +4,12 @@ import pytest
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import parse_address
-from humanoid_sim.hardware.emulation import firmware, motor_state
+from humanoid_sim.hardware.emulation import firmware
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT
-from humanoid_sim.hardware.robstride.fields import MotorMode
+from humanoid_sim.hardware.robstride.messages import MotorMode
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.tools.bench import open_bench, read_value, some_motors
 from humanoid_sim.hardware.tools.enabled_motor import EnabledMotor
@@ -44,7 +44,7 @@ def test_what_a_motor_is_told_stays_within_the_torque_that_was_allowed(bench, mo
 
 
 def test_a_motor_without_a_torque_limit_is_not_enabled_with_torque(bench, motors, monkeypatch):
-    known = motor_state.written_parameters
+    known = firmware.written_parameters
     index = PARAMETERS["limit_torque"].index
     monkeypatch.setattr(
         firmware,
@@ -92,7 +92,7 @@ def test_a_motor_that_loses_its_mode_is_noticed(bench, motors, inject):
 @pytest.mark.parametrize("is_taken", [True, False])
 def test_a_timeout_that_cannot_be_read_is_tried_out_without_torque(monkeypatch, is_taken):
     """Manuals that have 0x7021 to 0x7029 as write-only: the motor must have stopped by itself before it is driven."""
-    told, known, hidden = [], motor_state.written_parameters, PARAMETERS["canTimeout"].index
+    told, known, hidden = [], firmware.written_parameters, PARAMETERS["canTimeout"].index
     if not is_taken:
         monkeypatch.setattr(
             firmware, "written_parameters", lambda state, i, value: known(state, 0 if i == hidden else i, value)

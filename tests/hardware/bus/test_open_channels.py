@@ -6,14 +6,14 @@ import time
 import pytest
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.bus import lock as lock_module
+from humanoid_sim.hardware.bus import open_channels
 from humanoid_sim.hardware.bus.address import BusAddress
-from humanoid_sim.hardware.bus.lock import ChannelLock
+from humanoid_sim.hardware.bus.open_channels import ChannelLock
 
 
 @pytest.fixture(autouse=True)
 def _own_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(lock_module, "_SHARED", tmp_path)
+    monkeypatch.setattr(open_channels, "_SHARED", tmp_path)
 
 
 CAN0 = BusAddress("socketcan", "can0")
@@ -44,10 +44,10 @@ def test_the_lock_of_a_killed_process_is_gone(tmp_path):
     script = (
         "import sys, time\n"
         "from pathlib import Path\n"
-        "from humanoid_sim.hardware.bus import lock\n"
+        "from humanoid_sim.hardware.bus import open_channels\n"
         "from humanoid_sim.hardware.bus.address import BusAddress\n"
-        f"lock._SHARED = Path({str(tmp_path)!r})\n"
-        "held = lock.ChannelLock(BusAddress('socketcan', 'can0'))\n"
+        f"open_channels._SHARED = Path({str(tmp_path)!r})\n"
+        "held = open_channels.ChannelLock(BusAddress('socketcan', 'can0'))\n"
         "print('held', flush=True)\n"
         "time.sleep(60)\n"
     )
