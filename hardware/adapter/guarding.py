@@ -14,7 +14,7 @@ from humanoid_sim.hardware.bus.open_channels import Locks
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.hardware.guardian.guardian import SOURCE, Guardian, can_share
-from humanoid_sim.hardware.guardian.plan import GuardedMotor, GuardianPlan
+from humanoid_sim.hardware.guardian.protocol import GuardedMotor, GuardianPlan
 from humanoid_sim.messages import SafetyStatus
 from humanoid_sim.mit import FloatArray
 

@@ -13,14 +13,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import can
+import msgspec
 
 import humanoid_sim
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, PassingBus
 from humanoid_sim.hardware.bus.channel import OpenBus
-from humanoid_sim.hardware.guardian.heartbeat import Heartbeat, Phase, Stage
-from humanoid_sim.hardware.guardian.plan import GuardianPlan
-from humanoid_sim.hardware.guardian.process import READY
+from humanoid_sim.hardware.guardian import process
+from humanoid_sim.hardware.guardian.protocol import GuardianPlan, Heartbeat, Phase, Stage
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 
 SOURCE = "guardian"
@@ -71,7 +71,7 @@ class Guardian:
         """Measures for timely scheduling that it was granted."""
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", __package__, *map(str, (self._heartbeat.descriptor, *locks))],
+                [sys.executable, "-P", "-m", process.__name__, *map(str, (self._heartbeat.descriptor, *locks))],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 pass_fds=(self._heartbeat.descriptor, *locks),
@@ -94,12 +94,12 @@ class Guardian:
         assert self._process.stdout is not None
         line = b""
         with contextlib.suppress(BrokenPipeError):
-            self._process.stdin.write(self._plan.to_json().encode() + b"\n")
+            self._process.stdin.write(msgspec.json.encode(self._plan) + b"\n")
             self._process.stdin.flush()
         if select.select([self._process.stdout], [], [], _START)[0]:
             line = self._process.stdout.readline()
         word, _, rest = line.decode(errors="replace").strip().partition(": ")
-        if word != READY:
+        if word != process.READY:
             why = rest if word == "error" else word or f"no answer within {_START:g} s"
             raise RobotError(f"the guardian does not start: {why}")
         return rest

@@ -17,12 +17,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 
 import can
+import msgspec
 
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, message_of, open_bus
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.guardian.heartbeat import Heartbeat, Phase, Stage
-from humanoid_sim.hardware.guardian.plan import GuardianPlan
+from humanoid_sim.hardware.guardian.protocol import GuardianPlan, Heartbeat, Phase, Stage
 from humanoid_sim.session.realtime import real_time
 
 READY = "ready"
@@ -154,7 +154,7 @@ def main(arguments: Sequence[str]) -> int:
     for number in _IGNORED:
         signal.signal(number, signal.SIG_IGN)
     memory, *locks = map(int, arguments)
-    plan = GuardianPlan.from_json(_first_line())
+    plan = msgspec.json.decode(_first_line(), type=GuardianPlan)
     heartbeat = Heartbeat(memory, len(plan.channels))
     with contextlib.ExitStack() as left:
         left.callback(heartbeat.close)
@@ -180,14 +180,14 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _first_line() -> str:
+def _first_line() -> bytes:
     text = b""
     while not text.endswith(b"\n"):
         read = os.read(_INPUT, 65536)
         if not read:
             sys.exit(1)  # the loop's process ended before it had enabled anything
         text += read
-    return text.decode()
+    return text
 
 
 def _say(line: str) -> None:
@@ -202,3 +202,7 @@ def _sign(locks: Sequence[int]) -> None:
         with contextlib.suppress(OSError):
             os.ftruncate(descriptor, 0)
             os.pwrite(descriptor, f"process {os.getpid()}, guardian, which brakes motors\n".encode(), 0)
+
+
+if __name__ == "__main__":  # started by whoever drives motors that need a guardian, never by hand
+    sys.exit(main(sys.argv[1:]))

@@ -10,7 +10,7 @@ import numpy as np
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.adapter import guarding
 from humanoid_sim.hardware.adapter.robot import HardwareRobot
-from humanoid_sim.hardware.guardian.plan import GuardianPlan
+from humanoid_sim.hardware.guardian.protocol import GuardianPlan
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 

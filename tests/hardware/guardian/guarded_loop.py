@@ -10,7 +10,7 @@ from humanoid_sim.hardware.bus.address import parse_address
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.open_channels import ChannelLock
 from humanoid_sim.hardware.guardian.guardian import Guardian
-from humanoid_sim.hardware.guardian.plan import GuardedMotor, GuardianPlan
+from humanoid_sim.hardware.guardian.protocol import GuardedMotor, GuardianPlan
 
 COMMAND, GAINS, DAMPING, RESET = 0x05061609, 0x05061645, 0x05061709, 0x05061600
 PERIOD = 0.01

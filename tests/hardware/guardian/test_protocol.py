@@ -1,11 +1,12 @@
 from dataclasses import replace
 
+import msgspec
 import pytest
 
 from humanoid_sim.errors import FieldError
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.guardian.plan import GuardedMotor, GuardianPlan
+from humanoid_sim.hardware.guardian.protocol import GuardedMotor, GuardianPlan
 
 _LEFT, _RIGHT = BusAddress("socketcan", "can0"), BusAddress("udp_multicast", "ff15:7079:7468:6f6e::1")
 _PLAN = GuardianPlan(
@@ -24,9 +25,9 @@ _PLAN = GuardianPlan(
 
 
 def test_a_plan_reaches_the_other_process_unchanged():
-    text = _PLAN.to_json()
-    assert "\n" not in text
-    assert GuardianPlan.from_json(text) == _PLAN
+    text = msgspec.json.encode(_PLAN)
+    assert b"\n" not in text
+    assert msgspec.json.decode(text, type=GuardianPlan) == _PLAN
 
 
 def test_each_channel_is_there_once():

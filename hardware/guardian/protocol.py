@@ -1,16 +1,72 @@
-"""The memory that a loop and its guardian share: counters, each written by one of the two, without a lock.
+"""What a loop and its guardian share: what to do once the loop is gone, as data, and counters as signs of life.
 
-The loop counts its commands and the frames that left on each channel; the guardian counts its own looks. Whoever reads
-notices when a counter stands still, by a clock of its own: a reader that was held up itself is not misled. Nothing here
-is a system call once the memory is there.
+The counters are in shared memory, each written by one of the two, without a lock. The loop counts its commands and the
+frames that left on each channel; the guardian counts its own looks. Whoever reads notices when a counter stands still,
+by a clock of its own: a reader that was held up itself is not misled. Nothing here is a system call once the memory is
+there.
 """
 
 from __future__ import annotations
 
+import math
 import mmap
 import os
 import tempfile
+from dataclasses import dataclass
 from enum import IntEnum
+
+from humanoid_sim.errors import FieldError
+from humanoid_sim.hardware.bus.address import BusAddress
+from humanoid_sim.hardware.bus.frame import Frame
+
+
+@dataclass(frozen=True, slots=True)
+class GuardedMotor:
+    """One motor without a dead-man of its own, and the frames that brake it. The family's module makes them."""
+
+    name: str
+    channel: BusAddress
+    damping: tuple[Frame, ...]
+    """In the order in which they are sent, together, every period: damping gains without stiffness, and a command
+    without effort. They must be harmless in any position of the joint and whatever was commanded before, also where one
+    of them is lost: gains that matter go before the command that needs them, and may be there twice."""
+    reset: tuple[Frame, ...]
+    """After the damping: what makes the motor let go."""
+
+
+@dataclass(frozen=True, slots=True)
+class GuardianPlan:
+    """All motors of a robot that need a guardian, and the times. One that would protect nothing is a `FieldError`."""
+
+    motors: tuple[GuardedMotor, ...]
+    timeout: float = 0.1
+    """s without a heartbeat after which the guardian takes over."""
+    damping_time: float = 3.0
+    """s of damping before the motors are reset, as at the end of a session: the arms sink meanwhile."""
+    period: float = 0.02
+    """s between two rounds of frames."""
+    reset_rounds: int = 5
+    """Rounds in which the reset is sent."""
+
+    def __post_init__(self) -> None:
+        for name, largest in (("timeout", 1.0), ("damping_time", 60.0), ("period", 0.1)):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and 0.0 < value <= largest):
+                raise FieldError(f"GuardianPlan.{name}: is {value}, expected more than 0 and at most {largest:g} s")
+        if self.reset_rounds < 1:
+            raise FieldError(f"GuardianPlan.reset_rounds: is {self.reset_rounds}, expected 1 or more")
+        for motor in self.motors:
+            if not (motor.damping and motor.reset):
+                missing = "reset" if motor.damping else "damping"
+                raise FieldError(
+                    f"GuardianPlan.motors: {motor.name} has no frames for {missing}, expected at least one"
+                )
+
+    @property
+    def channels(self) -> tuple[BusAddress, ...]:
+        """The channels of the motors, each once, in order of appearance."""
+        return tuple(dict.fromkeys(motor.channel for motor in self.motors))
+
 
 _PHASE, _BEATS, _STAGE, _LOOKS, _SENT = range(5)
 """Places of 8 bytes: whole and aligned, so that a reader sees the old number or the new one."""
