@@ -5,15 +5,13 @@ A family's folder has a `MotorLink` and a `FrameEncoder`; `families` says which.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.hardware.bus.events import BurstDetector
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.messages import SafetyFlag
@@ -68,45 +66,6 @@ class MotorGroup:
             torque_limit=tuple(self.torque_limit[i] for i in indices),
             current_limit=tuple(self.current_limit[i] for i in indices),
         )
-
-
-class Note(NamedTuple):
-    """Something that happened."""
-
-    time: float
-    """s, robot's clock."""
-    text: str
-
-
-NEVER = Note(-float("inf"), "")
-
-
-@dataclass(slots=True)
-class ChannelNotes:
-    """Records of what was received on one channel and belongs to none of its motors."""
-
-    intruder: Note = NEVER
-    """The latest sign of another host that commands our motors."""
-    intrusions: int = 0
-    strangers: Counter[str] = field(default_factory=Counter)
-    """Frames that concern none of our motors, by what they are."""
-    flood: Note = NEVER
-    """The latest of so many of these that they take two fifths of a bus of 1 Mbit/s."""
-    _burst: BurstDetector = field(default_factory=lambda: BurstDetector(600))
-
-    def add_stranger(self, what: str, time: float) -> None:
-        """Count a frame that concerns none of our motors, at `time`, s, robot's clock."""
-        self.strangers[what] += 1
-        if self._burst.add(time):
-            text = f"the bus is flooded: more than {self._burst.rate:g} frames a second that concern none of its motors"
-            self.flood = Note(time, text)
-
-
-def check_intruders(sources: Sequence[str], notes: Iterable[ChannelNotes], checks: CheckList) -> None:
-    """Another master is a problem of its channel."""
-    for source, note in zip(sources, notes, strict=True):
-        if note.intrusions:
-            checks.problem(source, f"another master drives these motors: {note.intruder.text}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,10 +155,6 @@ class MotorLink(Protocol):
     @property
     def motors(self) -> MotorGroup:
         """The motors."""
-
-    @property
-    def notes(self) -> Sequence[ChannelNotes]:
-        """Return what else was heard of this family's frames, by channel."""
 
     @property
     def uids(self) -> Mapping[str, bytes]:

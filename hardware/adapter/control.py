@@ -47,7 +47,7 @@ class MotorControl:
         self._joints = self._heard()
         self._watch: SafetyWatch | None = None
         self._bad_command = -math.inf
-        self.encoder = CommandEncoder(wiring, len(motors.channels), 2.0 * settings.control_period)
+        self.encoder = CommandEncoder(wiring, len(motors.line.channels), 2.0 * settings.control_period)
         self.last_command: MITCommand | None = None
         self.refused = 0
         """Commands that were not sent as they were: not enabled, or not finite."""
@@ -122,7 +122,7 @@ class MotorControl:
         self.last_command = command
         batches = self.encoder.encode(command, self._joints, self._tracker)
         self._motors.count_commands()
-        for channel, batch in zip(self._motors.channels, batches, strict=True):
+        for channel, batch in zip(self._motors.line.channels, batches, strict=True):
             channel.send(batch, _LIFETIME * self._settings.control_period)
         self._guard.beat()
 

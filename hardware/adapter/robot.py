@@ -240,7 +240,7 @@ class HardwareRobot:
         """
         motors, checks = self._motors, self._checks
         if motors is not None and (self._may_run or not motors.has_intruders):
-            motors.forget_queues()
+            motors.line.forget_queues()
             self._may_run &= frozenset(motors.stop(range(self._settings.wiring.count)))
         self._guard.release(self._may_run)
         for joint in sorted(self._may_run):
@@ -331,7 +331,7 @@ class HardwareRobot:
                     if control is not None:
                         self._damp(control)
                 finally:
-                    self._guard.take_back(motors.forget_queues)
+                    self._guard.take_back(motors.line.forget_queues)
                     left = disable(self._settings, motors)
                     self._may_run &= frozenset(left)
                     if control is not None:
@@ -356,6 +356,6 @@ class HardwareRobot:
     def _dismiss_guardian(self) -> None:
         """Before everything begins afresh: disable the motors that a guardian watches, and end it."""
         if self._guard.joints and self._may_run and self._motors is not None:
-            self._guard.take_back(self._motors.forget_queues)
+            self._guard.take_back(self._motors.line.forget_queues)
             self._may_run = (self._may_run - self._guard.joints) | frozenset(self._motors.stop(self._guard.joints))
         self._guard.release(self._may_run)

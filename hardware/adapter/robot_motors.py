@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
@@ -14,7 +13,7 @@ from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.families import DRIVERS
-from humanoid_sim.hardware.motors import Finding, MotorFigures, MotorLink, Note, Readings, SessionTerms, check_intruders
+from humanoid_sim.hardware.motors import Finding, MotorFigures, MotorLink, Readings, SessionTerms
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.schema import RobotDescription
 
@@ -45,7 +44,6 @@ class RobotMotors:
         bursts = tuple(wiring.period_frames(channel) for channel in range(len(settings.addresses)))
         period = settings.control_period
         self.line = OpenChannels(settings.addresses, bursts, checks, clock=clock, open_bus=open_bus, period=period)
-        self.channels, self.sources, self.opened = self.line.channels, self.line.sources, self.line.opened
         terms = SessionTerms(settings.host_id, settings.can_timeout, period, bursts, known_uids)
         self._joints = {family: np.array(wiring.of_family(family), dtype=int) for family in DRIVERS}
         self._links = tuple(
@@ -72,39 +70,10 @@ class RobotMotors:
         """Unique ids that were found, by joint."""
         return {name: uid for link in self._links for name, uid in link.uids.items()}
 
-    # --- what else is on the channels
-
     @property
     def has_intruders(self) -> bool:
         """Return whether another host commands these motors."""
-        return any(notes.intrusions for link in self._links for notes in link.notes)
-
-    def intruder(self, channel: int) -> Note:
-        """Return the latest sign of one on a channel."""
-        return max((link.notes[channel].intruder for link in self._links), key=lambda note: note.time)
-
-    def flood(self, channel: int) -> Note:
-        """Return the latest sign that a channel is flooded."""
-        return max((link.notes[channel].flood for link in self._links), key=lambda note: note.time)
-
-    def intrusions(self, channel: int) -> int:
-        """Frames by which another host commands these motors."""
-        return sum(link.notes[channel].intrusions for link in self._links)
-
-    def strangers(self, channel: int) -> dict[str, int]:
-        """Frames that concern none of these motors, by what they are."""
-        found: Counter[str] = Counter()
-        for link in self._links:
-            found.update(dict(link.notes[channel].strangers))
-        return dict(found)
-
-    def check(self, checks: CheckList) -> None:
-        """Another master, and a channel that is down, are problems."""
-        for link in self.links:
-            check_intruders(self.sources, link.notes, checks)
-        self.line.check(checks)
-
-    # --- what they do
+        return any(notes.intrusions for notes in self.line.notes)
 
     def readings(self) -> Readings:
         """Return the latest state of every motor, shape (n,)."""
@@ -168,10 +137,6 @@ class RobotMotors:
         link, motor = self._place[joint]
         return link.state_text(motor)
 
-    def forget_queues(self) -> None:
-        """Drop what waits to be sent."""
-        self.line.forget_queues()
-
     def close(self) -> None:
         """Close all channels. May be called twice."""
         for link in self._links:
@@ -199,7 +164,7 @@ def prepare_motors(wiring: Wiring, motors: RobotMotors, checks: CheckList) -> Fl
     checks.refuse()
     for link in motors.links:
         link.start(checks)
-    motors.check(checks)
+    motors.line.check(checks)
     checks.refuse()
     return turns
 

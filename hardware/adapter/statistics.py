@@ -125,9 +125,9 @@ def gather_statistics(
     found: list[ChannelStatistics] = []
     temperature: dict[str, float] = {}
     if motors is not None:
-        for i, (source, channel) in enumerate(zip(motors.sources, motors.channels, strict=True)):
-            strangers, elapsed = motors.strangers(i), now - motors.opened
-            found.append(ChannelStatistics(source, channel.counters, strangers, motors.intrusions(i), elapsed))
+        for i, (source, channel) in enumerate(zip(motors.line.sources, motors.line.channels, strict=True)):
+            notes, elapsed = motors.line.notes[i], now - motors.line.opened
+            found.append(ChannelStatistics(source, channel.counters, dict(notes.strangers), notes.intrusions, elapsed))
         figures = motors.figures()
         warmth = zip(settings.wiring.names, motors.readings().temperature.tolist(), strict=True)
         temperature = {name: value for name, value in warmth if not math.isnan(value)}

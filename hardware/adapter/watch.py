@@ -46,7 +46,7 @@ class SafetyWatch:
         wiring = settings.wiring
         self._names = wiring.names
         self._motors = motors
-        self._channels = channels = motors.channels
+        self._channels = channels = motors.line.channels
         self._joints = tuple(wiring.on_channel(index) for index in range(len(channels)))
         self._rx_timeout = settings.rx_timeout
         self._since = self._beat = since
@@ -118,19 +118,19 @@ class SafetyWatch:
         return SafetyStatus(level, flags, self._ok[index].source, words)
 
     def _bus(self, index: int, recent: float) -> Iterator[Finding]:
-        channel, intruder, flood = self._channels[index], self._motors.intruder(index), self._motors.flood(index)
+        channel, notes = self._channels[index], self._motors.line.notes[index]
         if down := channel.down:
             yield SafetyFlag.BUS_OFF, f"down: {down}", ""
-        if flood.time >= recent:
-            yield SafetyFlag.NONE, flood.text, ""
+        if notes.flood.time >= recent:
+            yield SafetyFlag.NONE, notes.flood.text, ""
         if text := channel.recent(BusEvent.TX_FULL, recent):
             yield SafetyFlag.TX_QUEUE_OVERRUN, text, ""
         if text := channel.recent(BusEvent.BURST, recent):
             yield SafetyFlag.NONE, text, ""
         if text := channel.recent(BusEvent.UNREADABLE, recent):
             yield SafetyFlag.INVALID_FRAME, text, ""
-        if intruder.time >= recent:
-            yield SafetyFlag.INVALID_FRAME, intruder.text, ""
+        if notes.intruder.time >= recent:
+            yield SafetyFlag.INVALID_FRAME, notes.intruder.text, ""
 
     def _motor(self, joint: int, recent: float, tracker: JointTracker) -> Iterator[Finding]:
         name = self._names[joint]

@@ -1,10 +1,11 @@
-"""Errors on a channel: error frames, read by the bits of Linux' `linux/can/error.h`, and counters."""
+"""Events on a channel: error frames, read by the bits of Linux' `linux/can/error.h`, foreign frames, counters."""
 
 from __future__ import annotations
 
 from collections import Counter, deque
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import NamedTuple
 
 
 class BusEvent(Enum):
@@ -147,3 +148,35 @@ class ChannelCounters:
     """Commands that a newer one replaced before they could leave."""
     overruns: int = 0
     """Frames that found the outgoing queue full, and commands replaced although none had left for 60 ms."""
+
+
+class Note(NamedTuple):
+    """Something that happened."""
+
+    time: float
+    """s, robot's clock."""
+    text: str
+
+
+NEVER = Note(-float("inf"), "")
+
+
+@dataclass(slots=True)
+class ChannelNotes:
+    """Records of what was received on one channel and belongs to none of its motors."""
+
+    intruder: Note = NEVER
+    """The latest sign of another host that commands our motors."""
+    intrusions: int = 0
+    strangers: Counter[str] = field(default_factory=Counter)
+    """Frames that concern none of our motors, by what they are."""
+    flood: Note = NEVER
+    """The latest of so many of these that they take two fifths of a bus of 1 Mbit/s."""
+    _burst: BurstDetector = field(default_factory=lambda: BurstDetector(600))
+
+    def add_stranger(self, what: str, time: float) -> None:
+        """Count a frame that concerns none of our motors, at `time`, s, robot's clock."""
+        self.strangers[what] += 1
+        if self._burst.add(time):
+            text = f"the bus is flooded: more than {self._burst.rate:g} frames a second that concern none of its motors"
+            self.flood = Note(time, text)

@@ -18,6 +18,7 @@ from typing import Self
 from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.bus.address import BusAddress, bus_hints, open_bus
 from humanoid_sim.hardware.bus.channel import Channel, OpenBus
+from humanoid_sim.hardware.bus.events import BusEvent, ChannelNotes
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.checks import CheckList
 
@@ -197,6 +198,7 @@ class OpenChannels:
             for hint in bus_hints(address, burst):
                 checks.warn(str(address), hint)
         self.channels = tuple(opened)
+        self.forget_notes()
         if checks.problems:
             self.close()
             checks.refuse()
@@ -204,11 +206,25 @@ class OpenChannels:
     def _receive(self, channel: int, frame: Frame, when: float) -> None:
         any(listener(channel, frame, when) for listener in self.listeners)
 
+    def check_intruders(self, checks: CheckList) -> None:
+        """Report another master of the motors on a channel as a problem."""
+        for source, notes in zip(self.sources, self.notes, strict=True):
+            if notes.intrusions:
+                checks.problem(source, f"another master drives these motors: {notes.intruder.text}")
+
     def check(self, checks: CheckList) -> None:
-        """Report each channel that is down as a problem."""
+        """Report another master, and each channel that is down, as a problem."""
+        self.check_intruders(checks)
         for source, channel in zip(self.sources, self.channels, strict=True):
             if channel.down:
                 checks.problem(source, f"down: {channel.down}")
+
+    def troubles(self, index: int) -> tuple[str, ...]:
+        """Return what a channel itself says about why nothing comes back, the most telling first."""
+        channel = self.channels[index]
+        kinds = (BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.UNREADABLE)
+        texts = (channel.down, *(channel.recent(event, self.opened) for event in kinds))
+        return tuple(text for text in texts if text)
 
     def wait(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Wait for what the receivers hear, `timeout` s at most; whether it came."""
@@ -223,6 +239,10 @@ class OpenChannels:
         """Drop what waits to be sent: after a jam, what comes next must not stand behind what is no longer wanted."""
         for channel in self.channels:
             channel.forget_queue()
+
+    def forget_notes(self) -> None:
+        """Forget frames that belong to no motor."""
+        self.notes = tuple(ChannelNotes() for _ in self.channels)
 
     def forget_events(self) -> None:
         """Drop past events of every channel."""

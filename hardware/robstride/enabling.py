@@ -26,7 +26,7 @@ from humanoid_sim.hardware.robstride.parameters import (
     pack_value,
     unpack_value,
 )
-from humanoid_sim.hardware.robstride.requests import Requests, RobstrideLink, Unreadable
+from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
 
 CAN_TIMEOUT = 0.1
 """s without a command after which a motor stops by itself, unless somebody asks for another time."""
@@ -52,7 +52,7 @@ _RUN_MODE, _TIMEOUT = PARAMETERS["run_mode"], PARAMETERS["canTimeout"]
 
 
 def examine(
-    channels: RobstrideLink,
+    link: RobstrideLink,
     joints: Sequence[int],
     checks: CheckList,
     *,
@@ -76,13 +76,13 @@ def examine(
         RobotError: with everything that is wrong.
     """
     time.sleep(_LISTENING)
-    channels.check_intruders(checks)
+    link.line.check_intruders(checks)
     checks.refuse()
-    found = identify(channels, joints, checks, known_uids or {}, asks_everyone=takes_over, is_limp=is_limp)
+    found = identify(link, joints, checks, known_uids or {}, asks_everyone=takes_over, is_limp=is_limp)
     checks.refuse()
     if not takes_over:
-        for joint, mode in channels.requests.read(dict.fromkeys(joints, _RUN_MODE)).items():
-            name = channels.motors.names[joint]
+        for joint, mode in link.read(dict.fromkeys(joints, _RUN_MODE)).items():
+            name = link.motors.names[joint]
             if isinstance(mode, Unreadable):
                 checks.problem(name, "does not tell its run_mode")
             elif mode != RunMode.OPERATION:
@@ -93,7 +93,7 @@ def examine(
 
 
 def make_ready(
-    channels: RobstrideLink,
+    link: RobstrideLink,
     joints: Sequence[int],
     can_timeout: float,
     checks: CheckList,
@@ -112,46 +112,45 @@ def make_ready(
         takes_over: whether faults are cleared, and run mode and the robot description's limits written.
         torque: N·m that a tool lets these motors have; None: no limit is written.
     """
-    requests = channels.requests
-    _stop_and_check(requests, joints, checks, clears_faults=takes_over)
+    _stop_and_check(link, joints, checks, clears_faults=takes_over)
     if checks.problems and not takes_over:
         return
     if takes_over:
-        _write_exactly(requests, "run_mode", dict.fromkeys(joints, float(RunMode.OPERATION)), checks)
-    _write_timeout(requests, joints, can_timeout, checks)
+        _write_exactly(link, "run_mode", dict.fromkeys(joints, float(RunMode.OPERATION)), checks)
+    _write_timeout(link, joints, can_timeout, checks)
     if takes_over:
-        torques, currents = requests.motors.torque_limit, requests.motors.current_limit
-        _write_limit(requests, "limit_torque", {i: torques[i] for i in joints}, checks, is_needed=True)
+        torques, currents = link.motors.torque_limit, link.motors.current_limit
+        _write_limit(link, "limit_torque", {i: torques[i] for i in joints}, checks, is_needed=True)
         # Documented for the velocity and position modes only: operation mode is held by the torque limit.
-        _write_limit(requests, "limit_cur", {i: currents[i] for i in joints}, checks, is_needed=False)
+        _write_limit(link, "limit_cur", {i: currents[i] for i in joints}, checks, is_needed=False)
     elif torque is not None:
-        _write_limit(requests, "limit_torque", dict.fromkeys(joints, torque), checks, is_needed=True)
-    _check_stored_hosts(channels, joints, checks)
+        _write_limit(link, "limit_torque", dict.fromkeys(joints, torque), checks, is_needed=True)
+    _check_stored_hosts(link, joints, checks)
 
 
 # --- stopping
 
 
-def stop_motors(requests: Requests, joints: Iterable[int], *, clear_faults: bool = False) -> tuple[int, ...]:
+def stop_motors(link: RobstrideLink, joints: Iterable[int], *, clear_faults: bool = False) -> tuple[int, ...]:
     """Stop these motors, and clear their faults if so asked; those that did not confirm it."""
-    motor_id = requests.motors.motor_id
-    commands = {i: [messages.Stop(motor_id[i], clear_faults, host_id=requests.host_id)] for i in joints}
+    motor_id = link.motors.motor_id
+    commands = {i: [messages.Stop(motor_id[i], clear_faults, host_id=link.host_id)] for i in joints}
 
     def is_done(status: messages.Status) -> bool:
         return status.mode is MotorMode.RESET and not (clear_faults and status.faults)
 
-    confirmed = requests.until_status(commands, is_done)
+    confirmed = link.until_status(commands, is_done)
     return tuple(i for i in commands if i not in confirmed)
 
 
-def _stop_and_check(requests: Requests, joints: Sequence[int], checks: CheckList, *, clears_faults: bool) -> None:
+def _stop_and_check(link: RobstrideLink, joints: Sequence[int], checks: CheckList, *, clears_faults: bool) -> None:
     """Stop these motors, clear the faults of those that report some if so told; what is left of them is a problem.
 
     The fault words are asked for as well: they show what no status does, overvoltage.
     """
-    names, slots = requests.motors.names, requests.table.slots
-    silent = stop_motors(requests, joints)
-    words = _fault_words(requests, joints)
+    names, slots = link.motors.names, link.table.slots
+    silent = stop_motors(link, joints)
+    words = _fault_words(link, joints)
 
     def faults(i: int) -> str:
         sample = slots[i].sample
@@ -162,8 +161,8 @@ def _stop_and_check(requests: Requests, joints: Sequence[int], checks: CheckList
         faulty = [i for i in joints if faults(i)]
         for i in faulty:
             checks.warn(names[i], f"had faults, cleared: {faults(i)}")
-        stop_motors(requests, [i for i in faulty if i not in silent], clear_faults=True)
-        words.update(_fault_words(requests, faulty))
+        stop_motors(link, [i for i in faulty if i not in silent], clear_faults=True)
+        words.update(_fault_words(link, faulty))
     for i in joints:
         if i in silent:
             checks.problem(names[i], f"does not confirm that it is stopped ({mode_text(slots[i])})")
@@ -173,18 +172,18 @@ def _stop_and_check(requests: Requests, joints: Sequence[int], checks: CheckList
             checks.warn(names[i], "its fault word cannot be read: overvoltage would not be seen here")
 
 
-def _fault_words(requests: Requests, joints: Iterable[int]) -> dict[int, int]:
+def _fault_words(link: RobstrideLink, joints: Iterable[int]) -> dict[int, int]:
     """Return the fault words of these motors; those that cannot be read are left out."""
-    found = requests.read({i: fault_word(requests.motors.model[i].name) for i in joints})
+    found = link.read({i: fault_word(link.motors.model[i].name) for i in joints})
     return {i: int(word) for i, word in found.items() if not isinstance(word, Unreadable)}
 
 
 # --- configuring
 
 
-def _write_exactly(requests: Requests, name: str, values: Mapping[int, float], checks: CheckList) -> None:
-    for joint, found in requests.write(PARAMETERS[name], values).items():
-        motor = requests.motors.names[joint]
+def _write_exactly(link: RobstrideLink, name: str, values: Mapping[int, float], checks: CheckList) -> None:
+    for joint, found in link.write(PARAMETERS[name], values).items():
+        motor = link.motors.names[joint]
         if isinstance(found, Unreadable):
             checks.problem(motor, f"{name} cannot be verified ({found.reason})")
         elif found != values[joint]:
@@ -193,12 +192,12 @@ def _write_exactly(requests: Requests, name: str, values: Mapping[int, float], c
             checks.passed(motor, f"{name} {found:g}")
 
 
-def _write_timeout(requests: Requests, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
+def _write_timeout(link: RobstrideLink, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
     """Write the CAN timeout and read it back; some manuals have it as a parameter that cannot be read."""
     ticks = float(CanTimeout.to_ticks(can_timeout))
-    for joint, found in requests.write(_TIMEOUT, dict.fromkeys(joints, ticks)).items():
-        motor = requests.motors.names[joint]
-        requests.table.slots[joint].hides_timeout = isinstance(found, Unreadable)
+    for joint, found in link.write(_TIMEOUT, dict.fromkeys(joints, ticks)).items():
+        motor = link.motors.names[joint]
+        link.table.slots[joint].hides_timeout = isinstance(found, Unreadable)
         if isinstance(found, Unreadable):
             text = (
                 f"does not tell its CAN timeout ({found.reason}): it must show it, without torque, once it is enabled"
@@ -211,14 +210,14 @@ def _write_timeout(requests: Requests, joints: Sequence[int], can_timeout: float
 
 
 def _write_limit(
-    requests: Requests, name: str, limits: Mapping[int, float], checks: CheckList, *, is_needed: bool
+    link: RobstrideLink, name: str, limits: Mapping[int, float], checks: CheckList, *, is_needed: bool
 ) -> None:
     """Write a limit, but never one above the peak of the motor's data sheet; 0 leaves the firmware's own."""
     parameter, (title, peak) = PARAMETERS[name], _LIMITS[name]
-    models = requests.motors.model
+    models = link.motors.model
     values = {i: min(limit, getattr(models[i], peak)) for i, limit in limits.items() if limit > 0.0}
-    for joint, found in requests.write(parameter, values).items():
-        motor, wanted = requests.motors.names[joint], values[joint]
+    for joint, found in link.write(parameter, values).items():
+        motor, wanted = link.motors.names[joint], values[joint]
         if isinstance(found, Unreadable):
             note = checks.problem if is_needed else checks.warn
             note(motor, f"{name} cannot be verified ({found.reason})")
@@ -232,16 +231,16 @@ def _write_limit(
             checks.passed(motor, f"{title} {found:g} {parameter.unit}{sheet}")
 
 
-def set_reports(requests: Requests, joints: Iterable[int], *, is_on: bool) -> None:
+def set_reports(link: RobstrideLink, joints: Iterable[int], *, is_on: bool) -> None:
     """Switch the active reports of these motors on or off; not verified."""
-    motor_id = requests.motors.motor_id
-    requests.send({i: [messages.SetActiveReport(motor_id[i], is_on, host_id=requests.host_id)] for i in joints})
+    motor_id = link.motors.motor_id
+    link.send({i: [messages.SetActiveReport(motor_id[i], is_on, host_id=link.host_id)] for i in joints})
 
 
 # --- enabling
 
 
-def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
+def enable_motors(link: RobstrideLink, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
     """Enable these motors, without torque; one that does not run afterwards, or has booted meanwhile, is a problem.
 
     A command without gains or effort goes before and after each enable: some firmware keeps its last command, and
@@ -252,18 +251,18 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
     and gets it once more right before it is enabled.
 
     Args:
-        requests: asks motors that were made ready, and so have told a status.
+        link: to motors that were made ready, and so have told a status.
         can_timeout: s, what was written.
     """
-    motors, slots = requests.motors, requests.table.slots
-    _try_timeouts(requests, [i for i in joints if slots[i].hides_timeout], can_timeout, checks)
+    motors, slots = link.motors, link.table.slots
+    _try_timeouts(link, [i for i in joints if slots[i].hides_timeout], can_timeout, checks)
     if checks.problems:
         return
     before = {i: slots[i].sample for i in joints}
     ticks = CanTimeout.to_ticks(can_timeout)
     payload = pack_value(_TIMEOUT.type, ticks)
     confirmed: dict[int, float] = {}
-    requests.received()
+    link.take_answers()
     deadline = time.monotonic() + _LONGEST
     while True:
         running = [i for i in joints if slots[i].sample is not before[i] and _runs(slots[i])]
@@ -272,16 +271,16 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
         if len(confirmed) == len(joints) or time.monotonic() > deadline:
             break
         for i in joints:  # one motor after the other: no other's frames between enable and limp
-            motor_id, limp = motors.motor_id[i], _limp_command(requests, i)
+            motor_id, limp = motors.motor_id[i], _limp_command(link, i)
             commands: list[messages.Command] = [limp]
             if i not in running and slots[i].hides_timeout:
-                commands.append(messages.WriteParameter(motor_id, _TIMEOUT.index, payload, host_id=requests.host_id))
+                commands.append(messages.WriteParameter(motor_id, _TIMEOUT.index, payload, host_id=link.host_id))
             if i not in running:
-                commands += [messages.Enable(motor_id, host_id=requests.host_id), limp]
+                commands += [messages.Enable(motor_id, host_id=link.host_id), limp]
             elif i not in confirmed:
-                commands.append(messages.ReadParameter(motor_id, _TIMEOUT.index, host_id=requests.host_id))
-            requests.send({i: commands})
-        _listen(requests, joints, confirmed)
+                commands.append(messages.ReadParameter(motor_id, _TIMEOUT.index, host_id=link.host_id))
+            link.send({i: commands})
+        _listen(link, joints, confirmed)
     for i in joints:
         name = motors.names[i]
         if i not in running:
@@ -290,10 +289,10 @@ def enable_motors(requests: Requests, joints: Sequence[int], can_timeout: float,
             checks.problem(name, "does not tell its CAN timeout after it was enabled")
         elif confirmed[i] != ticks:
             checks.problem(name, f"has booted since it was configured: its canTimeout reads {confirmed[i]:g}")
-    _note_stored_hosts(requests, joints, checks)
+    _note_stored_hosts(link, joints, checks)
 
 
-def _try_timeouts(requests: Requests, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
+def _try_timeouts(link: RobstrideLink, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:
     """Run these motors without torque, be silent for longer than the timeout, and reject those that run on.
 
     Nothing at all is sent to them meanwhile: no document says which frames restart the timeout. Where this program was
@@ -304,33 +303,33 @@ def _try_timeouts(requests: Requests, joints: Sequence[int], can_timeout: float,
         if not untried:
             return
         begin = time.monotonic()
-        limp = {i: _limp_command(requests, i) for i in untried}
+        limp = {i: _limp_command(link, i) for i in untried}
         enable: dict[int, Sequence[messages.Command]] = {
-            i: [limp[i], messages.Enable(limp[i].motor_id, host_id=requests.host_id), limp[i]] for i in untried
+            i: [limp[i], messages.Enable(limp[i].motor_id, host_id=link.host_id), limp[i]] for i in untried
         }
-        running = requests.until_status(enable, lambda status: status.mode is MotorMode.RUN and not status.faults)
+        running = link.until_status(enable, lambda status: status.mode is MotorMode.RUN and not status.faults)
         time.sleep(_SILENCE * can_timeout)
-        found = requests.until_status({i: [limp[i]] for i in running}, lambda _: True)
+        found = link.until_status({i: [limp[i]] for i in running}, lambda _: True)
         if time.monotonic() - begin > _TOO_LONG * can_timeout:
             continue
         for i, status in found.items():
             if status.mode is MotorMode.RESET and not status.faults:
                 untried.remove(i)
-                checks.passed(requests.motors.names[i], "was seen to stop without commands")
-    stop_motors(requests, untried)
+                checks.passed(link.motors.names[i], "was seen to stop without commands")
+    stop_motors(link, untried)
     for i in untried:
         checks.problem(
-            requests.motors.names[i],
+            link.motors.names[i],
             f"does not tell its CAN timeout, and was not seen to stop {1000.0 * _SILENCE * can_timeout:g} ms after the "
             "last command: it would execute that for ever if this program died",
         )
 
 
-def _listen(requests: Requests, asked: Sequence[int], confirmed: dict[int, float]) -> None:
+def _listen(link: RobstrideLink, asked: Sequence[int], confirmed: dict[int, float]) -> None:
     """Take answers for one round, or until all that were asked have answered."""
     end = time.monotonic() + _PERIOD
     while time.monotonic() < end:
-        for joint, reply in requests.received():
+        for joint, reply in link.take_answers():
             if joint in asked and isinstance(reply, messages.ParameterReply) and reply.index == _TIMEOUT.index:
                 confirmed[joint] = float(unpack_value(_TIMEOUT.type, reply.payload)) if reply.is_success else -1.0
         if len(confirmed) == len(asked):
@@ -354,45 +353,45 @@ _ANSWER_TIME = 0.05
 """s in which a stopped motor answers operation control, if it does at all."""
 
 
-def _check_stored_hosts(channels: RobstrideLink, joints: Sequence[int], checks: CheckList) -> None:
+def _check_stored_hosts(link: RobstrideLink, joints: Sequence[int], checks: CheckList) -> None:
     """Ask these motors, which are stopped, with a command that exerts nothing; reject those that answer another host.
 
     The frame of type 1 has no room for a host's id; where the motor takes that from is not documented, and there is one
     stored in it. A motor that answers a stored host would run, and never be heard.
     One that does not answer while it is stopped is found out when it is enabled: `note_stored_hosts`.
     """
-    slots = channels.table.slots
+    slots = link.table.slots
     before = {i: slots[i].statuses for i in joints}
     for i in joints:
         slots[i].answers_to = None
-    channels.table.expects_strays = True
+    link.table.expects_strays = True
     try:
-        channels.requests.send({i: [_limp_command(channels.requests, i)] for i in joints})
-        channels.line.wait(
+        link.send({i: [_limp_command(link, i)] for i in joints})
+        link.line.wait(
             lambda: all(slots[i].statuses > before[i] or slots[i].answers_to is not None for i in joints), _ANSWER_TIME
         )
     finally:
-        channels.table.expects_strays = False
-    _note_stored_hosts(channels.requests, joints, checks)
+        link.table.expects_strays = False
+    _note_stored_hosts(link, joints, checks)
 
 
-def _note_stored_hosts(requests: Requests, joints: Iterable[int], checks: CheckList) -> None:
+def _note_stored_hosts(link: RobstrideLink, joints: Iterable[int], checks: CheckList) -> None:
     """Those of these motors that have answered another host since they were asked are a problem."""
     for i in joints:
-        host = requests.table.slots[i].answers_to
+        host = link.table.slots[i].answers_to
         if host is None:
             continue
-        ours = requests.host_id
+        ours = link.host_id
         start = f"start with --host-id {host}, or " if host > LARGEST_MOTOR_ID else ""
         checks.problem(
-            requests.motors.names[i],
+            link.motors.names[i],
             f"answers operation control to host {host}, which is stored in the motor, and not to {ours}, this host: "
             f"{start}store {ours} in it (CAN_MASTER, with the vendor's program)",
         )
 
 
-def _limp_command(requests: Requests, joint: int) -> messages.OperationControl:
+def _limp_command(link: RobstrideLink, joint: int) -> messages.OperationControl:
     """Return a command without gains or effort, at the motor's position if that is known."""
-    sample = requests.table.slots[joint].sample
+    sample = link.table.slots[joint].sample
     position = 0.0 if sample is None else sample.status.position
-    return messages.OperationControl(requests.motors.motor_id[joint], position, 0.0, 0.0, 0.0, 0.0)
+    return messages.OperationControl(link.motors.motor_id[joint], position, 0.0, 0.0, 0.0, 0.0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
-from humanoid_sim.hardware.bus.events import BusEvent
 from humanoid_sim.hardware.bus.frame import BITRATE
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
@@ -17,7 +16,7 @@ from humanoid_sim.hardware.robstride.firmware import (
     version_text,
 )
 from humanoid_sim.hardware.robstride.messages import DeviceId, GetDeviceId, ReadVersion, Reply, Version
-from humanoid_sim.hardware.robstride.requests import Requests, RobstrideLink
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 
 Answers = dict[tuple[int, int], set[bytes]]
 """Unique ids that answered, by channel and motor id."""
@@ -27,7 +26,7 @@ _QUIET = 0.1
 
 
 def identify(
-    channels: RobstrideLink,
+    link: RobstrideLink,
     joints: Sequence[int],
     checks: CheckList,
     known_uids: Mapping[int, bytes],
@@ -45,20 +44,20 @@ def identify(
     Returns:
         Unique ids and firmware versions by joint, of the motors that answered.
     """
-    motors = channels.motors
+    motors = link.motors
     ids = range(1, LARGEST_MOTOR_ID + 1) if asks_everyone else sorted({motors.motor_id[i] for i in joints})
     answers: Answers = defaultdict(set)
-    for channel, reply in channels.requests.scan(ids, _QUIET):
+    for channel, reply in link.scan(ids, _QUIET):
         answers[channel, reply.motor_id].add(reply.uid)
-    _ask_again(channels.requests, joints, answers)
+    _ask_again(link, joints, answers)
     uids: dict[int, bytes] = {}
-    for channel, source in enumerate(channels.sources):
+    for channel, source in enumerate(link.sources):
         here = [i for i in motors.on_channel(channel) if i in joints]
         if len(here) > 1 and not any(answered == channel for answered, _ in answers):
-            checks.problem(source, _dead_channel(channels, channel))
+            checks.problem(source, _dead_channel(link, channel))
             continue
         for i in here:
-            problem = _problem(channel, motors.motor_id[i], answers, channels.sources)
+            problem = _problem(channel, motors.motor_id[i], answers, link.sources)
             if problem:
                 checks.problem(motors.names[i], problem)
             uids.update((i, uid) for uid in answers.get((channel, motors.motor_id[i]), ()))
@@ -67,31 +66,29 @@ def identify(
                 checks.problem(motors.names[i], text)
     for channel, motor_id in sorted(answers):
         if motor_id not in motors.motor_id:
-            checks.warn(channels.sources[channel], f"motor {motor_id} is not a joint of this robot; it is left alone")
-    return uids, _check_versions(channels, uids, checks, is_limp=is_limp)
+            checks.warn(link.sources[channel], f"motor {motor_id} is not a joint of this robot; it is left alone")
+    return uids, _check_versions(link, uids, checks, is_limp=is_limp)
 
 
-def _dead_channel(channels: RobstrideLink, channel: int) -> str:
+def _dead_channel(link: RobstrideLink, channel: int) -> str:
     """Return what to look at when nobody answers on a channel."""
-    interface = channels.channels[channel]
-    kinds = (BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.UNREADABLE)
-    events = [interface.down, *(interface.recent(event, channels.opened) for event in kinds)]
-    events += [channels.table.slots[i].invalid.text for i in channels.motors.on_channel(channel)]
+    invalid = (link.table.slots[i].invalid.text for i in link.motors.on_channel(channel))
+    events = (*link.line.troubles(channel), *invalid)
     heard = "; ".join(dict.fromkeys(event for event in events if event))
     rate = BITRATE // 1_000_000
     question = f"no motor answers: are they powered, is the bus terminated, is it set to {rate} Mbit/s?"
     return f"{question} What was noticed: {heard}" if heard else question
 
 
-def _ask_again(requests: Requests, joints: Sequence[int], answers: Answers) -> None:
+def _ask_again(link: RobstrideLink, joints: Sequence[int], answers: Answers) -> None:
     """Ask those once more whose answer may have been lost."""
-    motors = requests.motors
+    motors = link.motors
     missing = {
-        i: [GetDeviceId(motors.motor_id[i], host_id=requests.host_id)]
+        i: [GetDeviceId(motors.motor_id[i], host_id=link.host_id)]
         for i in joints
         if (motors.channel[i], motors.motor_id[i]) not in answers
     }
-    found = requests.ask(missing, lambda _, reply: reply.uid if isinstance(reply, DeviceId) else None)
+    found = link.ask(missing, lambda _, reply: reply.uid if isinstance(reply, DeviceId) else None)
     for joint, uid in found.items():
         answers[motors.channel[joint], motors.motor_id[joint]].add(uid)
 
@@ -110,22 +107,22 @@ def _problem(channel: int, motor_id: int, answers: Answers, sources: Sequence[st
     return ""
 
 
-def read_versions(requests: Requests, joints: Sequence[int]) -> dict[int, FirmwareVersion]:
+def read_versions(link: RobstrideLink, joints: Sequence[int]) -> dict[int, FirmwareVersion]:
     """Return the firmware of these motors; one that does not know the question takes it for a stop, and is left out."""
 
     def version(_: int, reply: Reply) -> FirmwareVersion | None:
         return reply.version if isinstance(reply, Version) else None
 
-    motor_id = requests.motors.motor_id
-    return requests.ask({i: [ReadVersion(motor_id[i], host_id=requests.host_id)] for i in joints}, version)
+    motor_id = link.motors.motor_id
+    return link.ask({i: [ReadVersion(motor_id[i], host_id=link.host_id)] for i in joints}, version)
 
 
 def _check_versions(
-    channels: RobstrideLink, uids: Mapping[int, bytes], checks: CheckList, *, is_limp: bool
+    link: RobstrideLink, uids: Mapping[int, bytes], checks: CheckList, *, is_limp: bool
 ) -> dict[int, FirmwareVersion]:
-    motors = channels.motors
+    motors = link.motors
     note = checks.warn if is_limp else checks.problem
-    versions = read_versions(channels.requests, list(uids))
+    versions = read_versions(link, list(uids))
     for joint in sorted(uids):
         name, model = motors.names[joint], motors.model[joint]
         if joint not in versions:
@@ -135,7 +132,7 @@ def _check_versions(
         if problem:
             note(name, problem)
             continue
-        where = f"motor {motors.motor_id[joint]} on {channels.sources[motors.channel[joint]]}"
+        where = f"motor {motors.motor_id[joint]} on {link.sources[motors.channel[joint]]}"
         checks.passed(name, f"{where}, {model.name}, firmware {version_text(versions[joint])}, uid {uids[joint].hex()}")
         warning = firmware_warning(model, versions[joint])
         if warning:

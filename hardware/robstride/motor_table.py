@@ -7,14 +7,15 @@ fault bit in one frame, a mode that fell and came back) is kept beside the lates
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from humanoid_sim.hardware.bus.events import NEVER, ChannelNotes, Note
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.motors import NEVER, ChannelNotes, MotorGroup, Note, Readings
+from humanoid_sim.hardware.motors import MotorGroup, Readings
 from humanoid_sim.hardware.robstride.codec import decode_reply
 from humanoid_sim.hardware.robstride.messages import (
     BROADCAST_ID,
@@ -90,14 +91,14 @@ class MotorSlot:
 class MotorTable:
     """The slots of a group of motors."""
 
-    def __init__(self, motors: MotorGroup, host_id: int, channel_count: int) -> None:
+    def __init__(self, motors: MotorGroup, host_id: int, notes: Sequence[ChannelNotes]) -> None:
         """Start with nothing heard.
 
         Args:
             host_id: replies to this host are ours. A robot's is above 127, so that no motor can be taken for it.
+            notes: by channel, takes what belongs to no motor.
         """
         self.slots = tuple(MotorSlot(i) for i in range(motors.count))
-        self.channels = tuple(ChannelNotes() for _ in range(channel_count))
         self.inbox: Inbox | None = None
         """Takes answers to requests, on a receiver's thread; none: they are dropped."""
         self.counts_answers = True
@@ -105,17 +106,17 @@ class MotorTable:
         self.expects_strays = False
         """True if statuses to another host may be answers to this one, and so are not a sign of another master."""
         self._host_id = host_id
+        self.notes = notes
         self._by_address = {(motors.channel[i], motors.motor_id[i]): slot for i, slot in enumerate(self.slots)}
         self._models = tuple(
-            {motors.motor_id[i]: motors.model[i] for i in motors.on_channel(channel)}
-            for channel in range(channel_count)
+            {motors.motor_id[i]: motors.model[i] for i in motors.on_channel(channel)} for channel in range(len(notes))
         )
 
     # --- receiver threads
 
     def receive(self, channel: int, frame: Frame, time: float) -> None:
         """Take a frame that came from a channel."""
-        notes = self.channels[channel]
+        notes = self.notes[channel]
         if not frame.is_extended or frame.is_remote or frame.is_error:
             notes.add_stranger("remote frame" if frame.is_remote else "11-bit identifier", time)
             return

@@ -1,7 +1,5 @@
 """Questions to many motors at once, and their answers: one outstanding question per motor, asked again if need be.
 
-And `RobstrideLink`, the host's end of motors on open channels, which asks and hears them.
-
 Every question of the adapter and of the bench tools goes through here, parameters included.
 """
 
@@ -14,11 +12,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from humanoid_sim.hardware.bus.channel import Channel
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
-from humanoid_sim.hardware.checks import CheckList
-from humanoid_sim.hardware.motors import ChannelNotes, MotorGroup, check_intruders
+from humanoid_sim.hardware.motors import MotorGroup
 from humanoid_sim.hardware.robstride.codec import encode_command
 from humanoid_sim.hardware.robstride.messages import (
     Command,
@@ -62,18 +58,33 @@ class Unreadable:
 _SILENT = Unreadable("no answer", is_silent=True)
 
 
-class Requests:
-    """Asks motors by their index, while nothing is moving. Each call waits for its answers and never raises."""
+class RobstrideLink:
+    """Motors on open channels: hears them, and asks them by their index. Give it every frame that is no other family's.
 
-    def __init__(self, motors: MotorGroup, table: MotorTable, channels: Sequence[Channel], host_id: int) -> None:
-        """Prepare; the table's answers come here from now on."""
-        self.motors = motors
-        self.table = table
+    What asks waits for the answers, while nothing is moving, and never raises.
+    """
+
+    def __init__(self, line: OpenChannels, motors: MotorGroup, host_id: int) -> None:
+        """Talk to motors."""
+        self.line = line
+        self.channels, self.sources, self.opened = line.channels, line.sources, line.opened
         self.host_id = host_id
-        self._channels = channels
-        self._answers: queue.SimpleQueue[tuple[int, Reply]] = queue.SimpleQueue()
+        self.expect(motors)
+
+    def expect(self, motors: MotorGroup) -> None:
+        """Talk to these motors from here on; what was heard of others is forgotten."""
+        self.motors = motors
         self._by_address = {(motors.channel[i], motors.motor_id[i]): i for i in range(motors.count)}
-        table.inbox = lambda channel, reply, _: self._answers.put((channel, reply))
+        self._answers: queue.SimpleQueue[tuple[int, Reply]] = queue.SimpleQueue()
+        answers = self._answers
+        self.line.forget_notes()
+        self.table = MotorTable(motors, self.host_id, self.line.notes)
+        self.table.inbox = lambda channel, reply, _: answers.put((channel, reply))
+
+    def receive(self, channel: int, frame: Frame, time: float) -> bool:
+        """Take a frame, whatever it is; True."""
+        self.table.receive(channel, frame, time)
+        return True
 
     def send(self, commands: Mapping[int, Sequence[Command]]) -> None:
         """Send commands to motors, those of one motor in order; motors take turns.
@@ -87,7 +98,7 @@ class Requests:
                     command = group[step]
                     frame = encode_command(command, self.motors.model[joint])
                     lifetime = _LIFETIME if isinstance(command, (Enable, OperationControl)) else math.inf
-                    channel = self._channels[self.motors.channel[joint]]
+                    channel = self.channels[self.motors.channel[joint]]
                     channel.send([((type(command), joint, step), frame)], lifetime)
 
     def ask(
@@ -138,7 +149,7 @@ class Requests:
         found: dict[int, Answer] = {}
         deadline = time.monotonic() + wait
         while True:
-            for joint, reply in self.received():
+            for joint, reply in self.take_answers():
                 answer = accept(joint, reply) if joint in commands else None
                 if answer is not None:
                     found[joint] = answer
@@ -176,7 +187,7 @@ class Requests:
                         found[joint] = sample.status
         return found
 
-    def received(self) -> list[tuple[int, Reply]]:
+    def take_answers(self) -> list[tuple[int, Reply]]:
         """Index and answer of every answer that has come since; waits for none."""
         found = []
         while not self._answers.empty():
@@ -198,11 +209,11 @@ class Requests:
         found: list[tuple[int, DeviceId]] = []
         for motor_id in motor_ids:
             frame = encode_command(GetDeviceId(motor_id, host_id=self.host_id), some_model)
-            for channel in self._channels:
+            for channel in self.channels:
                 channel.send([(None, frame)])
             if pace:
                 time.sleep(pace)
-        for channel in self._channels:
+        for channel in self.channels:
             channel.flush(1.0)
         while True:
             try:
@@ -267,6 +278,12 @@ class Requests:
                 questions[joint] = [read]
         return questions
 
+    @property
+    def unanswered(self) -> int:
+        """Commands that no status has answered yet; those that never left are left out."""
+        unsent = sum(channel.counters.superseded + channel.counters.stale for channel in self.channels)
+        return sum(slot.commanded - slot.acknowledged for slot in self.table.slots) - unsent
+
 
 def _values_of(parameters: Mapping[int, Parameter]) -> Callable[[int, Reply], float | Unreadable | None]:
     """Return what accepts the answers to questions for these parameters."""
@@ -277,49 +294,3 @@ def _values_of(parameters: Mapping[int, Parameter]) -> Callable[[int, Reply], fl
         return float(unpack_value(parameters[joint].type, reply.payload)) if reply.is_success else Unreadable("refused")
 
     return value
-
-
-class RobstrideLink:
-    """Motors on some channels. Give it every frame that is no other family's."""
-
-    def __init__(self, line: OpenChannels, motors: MotorGroup, host_id: int) -> None:
-        """Talk to motors."""
-        self.line = line
-        self.channels, self.sources, self.opened = line.channels, line.sources, line.opened
-        self.host_id = host_id
-        self.expect(motors)
-
-    def receive(self, channel: int, frame: Frame, time: float) -> bool:
-        """Take a frame, whatever it is; True."""
-        self.table.receive(channel, frame, time)
-        return True
-
-    def expect(self, motors: MotorGroup) -> None:
-        """Talk to these motors from here on; what was heard of others is forgotten."""
-        self.table = MotorTable(motors, self.host_id, len(self.channels))
-        self.requests = Requests(motors, self.table, self.channels, self.host_id)
-
-    @property
-    def motors(self) -> MotorGroup:
-        """That are talked to."""
-        return self.requests.motors
-
-    @property
-    def notes(self) -> Sequence[ChannelNotes]:
-        """Return what else was heard, by channel."""
-        return self.table.channels
-
-    @property
-    def unanswered(self) -> int:
-        """Commands that no status has answered yet; those that never left are left out."""
-        unsent = sum(channel.counters.superseded + channel.counters.stale for channel in self.channels)
-        return sum(slot.commanded - slot.acknowledged for slot in self.table.slots) - unsent
-
-    def check_intruders(self, checks: CheckList) -> None:
-        """Another master is a problem."""
-        check_intruders(self.sources, self.notes, checks)
-
-    def check(self, checks: CheckList) -> None:
-        """Another master, and a channel that is down, are problems."""
-        self.check_intruders(checks)
-        self.line.check(checks)

@@ -68,7 +68,7 @@ class RobstrideSession(RobstrideLink):
     def make_ready(self, checks: CheckList) -> None:
         """See `MotorLink`."""
         make_ready(self, self._joints, self._terms.can_timeout, checks, takes_over=True)
-        found = self.requests.read(dict.fromkeys(self._joints, PARAMETERS["VBUS"]))
+        found = self.read(dict.fromkeys(self._joints, PARAMETERS["VBUS"]))
         for channel, source in enumerate(self.sources):
             here = self.motors.on_channel(channel)
             volts = [v for i in here if isinstance(v := found[i], float)]
@@ -80,7 +80,7 @@ class RobstrideSession(RobstrideLink):
 
     def counted(self) -> Mapping[int, float | None]:
         """See `MotorLink`: `mechPos`."""
-        found = self.requests.read(dict.fromkeys(self._joints, PARAMETERS["mechPos"]))
+        found = self.read(dict.fromkeys(self._joints, PARAMETERS["mechPos"]))
         return {i: own if isinstance(own, float) else None for i, own in found.items()}
 
     def start(self, checks: CheckList) -> None:
@@ -98,7 +98,7 @@ class RobstrideSession(RobstrideLink):
                 checks.passed(source, f"no active reports: they would load the bus to {100.0 * load:.0f} %")
             else:
                 wanted += [i for i in here if i in able]
-        self.requests.write(PARAMETERS["EPScan_time"], dict.fromkeys(wanted, float(_SCAN_TIME)))
+        self.write(PARAMETERS["EPScan_time"], dict.fromkeys(wanted, float(_SCAN_TIME)))
         slots = self.table.slots
         before = [slot.reports + slot.statuses for slot in slots]
 
@@ -106,7 +106,7 @@ class RobstrideSession(RobstrideLink):
             """Motors that sent no more than one status: that may have answered the request."""
             return [i for i in wanted if slots[i].reports + slots[i].statuses <= before[i] + 1]
 
-        set_reports(self.requests, wanted, is_on=True)
+        set_reports(self, wanted, is_on=True)
         self.line.wait(lambda: not silent(), _REPORT_WAIT)
         for i in silent():
             checks.warn(motors.names[i], "sends no active reports: its state is a control period old")
@@ -117,11 +117,11 @@ class RobstrideSession(RobstrideLink):
 
     def enable(self, checks: CheckList) -> None:
         """See `MotorLink`."""
-        enable_motors(self.requests, self._joints, self._terms.can_timeout, checks)
+        enable_motors(self, self._joints, self._terms.can_timeout, checks)
 
     def stop(self, motors: Iterable[int]) -> tuple[int, ...]:
         """See `MotorLink`."""
-        return stop_motors(self.requests, motors)
+        return stop_motors(self, motors)
 
     def state_text(self, motor: int) -> str:
         """See `MotorLink`."""
@@ -184,7 +184,7 @@ class RobstrideSession(RobstrideLink):
         self.line.wait(lambda: self.unanswered <= 0, _LAST_ANSWERS)
         self.table.counts_answers = False
         self.line.forget_queues()
-        set_reports(self.requests, self._reporting, is_on=False)
+        set_reports(self, self._reporting, is_on=False)
 
 
 def _alarm(name: str, status: Status) -> Iterator[Finding]:

@@ -14,19 +14,16 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from humanoid_sim.hardware.bus.channel import Channel
+from humanoid_sim.hardware.bus.events import NEVER, ChannelNotes, Note
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.bus.open_channels import OpenChannels
 from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.motors import (
-    NEVER,
-    ChannelNotes,
     Finding,
     MotorFigures,
     MotorGroup,
-    Note,
     Readings,
     SessionTerms,
-    check_intruders,
 )
 from humanoid_sim.hardware.sito.codec import (
     FROM_MOTOR,
@@ -113,7 +110,6 @@ class SitoSession:
         self._line = line
         self.motors = motors
         self.uids: Mapping[str, bytes] = {}
-        self.notes = tuple(ChannelNotes() for _ in line.channels)
         self.slots = tuple(SitoSlot(i) for i in range(motors.count))
         self.interval = min(max(round(1000.0 * terms.control_period), 1), LARGEST_INTERVAL)
         """ms between two frames of one kind of feedback."""
@@ -128,7 +124,7 @@ class SitoSession:
         if parts is None:
             return False
         device_id, kind = parts
-        notes, slot = self.notes[channel], self._by_address.get((channel, device_id))
+        notes, slot = self._line.notes[channel], self._by_address.get((channel, device_id))
         if slot is None:
             notes.add_stranger("frame of no motor of this robot", time)
         elif kind in FROM_MOTOR:
@@ -181,7 +177,7 @@ class SitoSession:
         """
         before = [slot.reports for slot in self.slots]
         self._wait(_LISTENING)
-        check_intruders(self._line.sources, self.notes, checks)
+        self._line.check_intruders(checks)
         checks.refuse()
         for slot, count in zip(self.slots, before, strict=True):
             motor = slot.motor

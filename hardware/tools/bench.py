@@ -13,7 +13,6 @@ from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
 from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_address
 from humanoid_sim.hardware.bus.channel import OpenBus
-from humanoid_sim.hardware.bus.events import BusEvent
 from humanoid_sim.hardware.bus.frame import BITRATE
 from humanoid_sim.hardware.bus.link import LinkSettings, check_link, read_links
 from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
@@ -27,8 +26,6 @@ from humanoid_sim.robots.motors import MOTORS, MotorModel
 
 _ANY_MODEL = MOTORS["rs-00"]
 """Model of motors that are not known: it scales only the values of statuses, which are then not shown."""
-_TROUBLE = (BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.UNREADABLE)
-"""Events that explain silence, the most telling first."""
 _EMULATED = frozenset({"virtual", "udp_multicast"})
 """Interfaces on which no real motor can be."""
 
@@ -109,13 +106,6 @@ def motor_bench(channel: str, motor_id: int, host_id: int) -> Iterator[Robstride
         yield channels
 
 
-def channel_trouble(channels: RobstrideLink, index: int) -> str:
-    """Return what a channel itself says about why nothing comes back; empty where it says nothing."""
-    channel = channels.channels[index]
-    events = (channel.recent(event, channels.opened) for event in _TROUBLE)
-    return channel.down or next((text for text in events if text), "")
-
-
 def advice_for_silence(source: str) -> tuple[str, ...]:
     """Say what to check where nobody answers on a channel, one line each: the kernel's word, then the likeliest."""
     address = parse_address(source)
@@ -167,16 +157,16 @@ def nobody(channels: RobstrideLink, index: int) -> HumanoidSimError:
 
 
 def _no_answer(channels: RobstrideLink, index: int, what: str) -> HumanoidSimError:
-    source, trouble = channels.sources[index], channel_trouble(channels, index)
+    source, troubles = channels.sources[index], channels.line.troubles(index)
     if channels.channels[index].down:
-        return RobotError(f"{source}: {trouble}")
-    return SilentMotorError(f"{what} on {source}{f' ({trouble})' if trouble else ''}")
+        return RobotError(f"{source}: {troubles[0]}")
+    return SilentMotorError(f"{what} on {source}{f' ({troubles[0]})' if troubles else ''}")
 
 
 def read_device_id(channels: RobstrideLink, motor: int = 0) -> DeviceId:
     """Return who a motor is."""
     question = GetDeviceId(channels.motors.motor_id[motor], host_id=channels.host_id)
-    found = channels.requests.ask({motor: [question]}, lambda _, reply: reply if isinstance(reply, DeviceId) else None)
+    found = channels.ask({motor: [question]}, lambda _, reply: reply if isinstance(reply, DeviceId) else None)
     if motor not in found:
         raise silence(channels, motor)
     return found[motor]
@@ -184,7 +174,7 @@ def read_device_id(channels: RobstrideLink, motor: int = 0) -> DeviceId:
 
 def command_motor(channels: RobstrideLink, command: Command, motor: int = 0) -> Status:
     """Send a command that is answered by a status; the status."""
-    found = channels.requests.until_status({motor: [command]}, lambda _: True)
+    found = channels.until_status({motor: [command]}, lambda _: True)
     if motor not in found:
         raise silence(channels, motor)
     return found[motor]
@@ -192,7 +182,7 @@ def command_motor(channels: RobstrideLink, command: Command, motor: int = 0) -> 
 
 def read_value(channels: RobstrideLink, parameter: Parameter, motor: int = 0) -> float | None:
     """Return a parameter's value; none if the motor has no such parameter."""
-    return _known(channels, channels.requests.read({motor: parameter})[motor], motor)
+    return _known(channels, channels.read({motor: parameter})[motor], motor)
 
 
 def write_value(channels: RobstrideLink, parameter: Parameter, value: float, motor: int = 0) -> None:
@@ -202,7 +192,7 @@ def write_value(channels: RobstrideLink, parameter: Parameter, value: float, mot
         FieldError: the value does not fit the parameter's type.
         RobotError: it reads back differently.
     """
-    found = _known(channels, channels.requests.write(parameter, {motor: value})[motor], motor)
+    found = _known(channels, channels.write(parameter, {motor: value})[motor], motor)
     if found is None or not parameter.is_same(found, value):
         reads = "nothing" if found is None else f"{found:g}"
         who = channels.motors.names[motor]

@@ -96,7 +96,7 @@ def _poll(
     """
     require_up(channels)
     asked = [i for i in tracks if i not in limp]
-    found = channels.requests.poll_values(PARAMETERS["mechPos"], asked, _ANSWER_TIME) if asked else {}
+    found = channels.poll_values(PARAMETERS["mechPos"], asked, _ANSWER_TIME) if asked else {}
     positions = {i: position() for i, position in limp.items()}
     found |= {i: position for i, position in positions.items() if math.isfinite(position)}
     for i, position in found.items():

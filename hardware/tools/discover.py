@@ -15,7 +15,7 @@ from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
 from humanoid_sim.hardware.robstride.requests import RobstrideLink
-from humanoid_sim.hardware.tools.bench import advice_for_silence, channel_trouble, open_bench, require_up, some_motors
+from humanoid_sim.hardware.tools.bench import advice_for_silence, open_bench, require_up, some_motors
 from humanoid_sim.hardware.tools.options import Discover
 from humanoid_sim.hardware.tools.terminal import make_console, make_table
 from humanoid_sim.hardware.tools.unasked import LISTENING, Ear, Heard, no_question, title
@@ -46,13 +46,13 @@ def discover(config: Discover) -> int:
         ears = {name: Ear(name, channels) for name, family in FAMILIES.items() if not family.has_questions}
         end = time.monotonic() + LISTENING
         found: dict[_Place, set[bytes]] = {}
-        for channel, reply in channels.requests.scan(range(config.first, config.last + 1), _LATE, config.wait):
+        for channel, reply in channels.scan(range(config.first, config.last + 1), _LATE, config.wait):
             found.setdefault((channel, reply.motor_id), set()).add(reply.uid)
         time.sleep(max(end - time.monotonic(), 0.0))
         require_up(channels)
         found = dict(sorted(found.items()))
         firmware = _firmware(channels, found) if config.firmware else None
-        troubles = {i: channel_trouble(channels, i) for i in range(len(addresses))}
+        troubles = [channels.line.troubles(i) for i in range(len(addresses))]
         heard = {name: ear.heard() for name, ear in ears.items()}
     joints = {} if wiring is None else _joints(wiring, [name for name in FAMILIES if name not in heard])
     if found:
@@ -62,7 +62,7 @@ def discover(config: Discover) -> int:
     speaking = {*found, *(place for motors in heard.values() for place in motors)}
     for i, address in enumerate(addresses):
         if not any(channel == i for channel, _ in speaking):
-            trouble = f" ({troubles[i]})" if troubles[i] else ""
+            trouble = f" ({troubles[i][0]})" if troubles[i] else ""
             complain(f"no motor answers on {address}{trouble}: ids {config.first} to {config.last} were asked")
             for line in advice_for_silence(str(address)):
                 complain(f"  {line}")
@@ -76,7 +76,7 @@ def discover(config: Discover) -> int:
 
 def _firmware(channels: RobstrideLink, found: _Found) -> dict[_Place, str]:
     channels.expect(some_motors(list(found), channels.sources))
-    versions = read_versions(channels.requests, range(len(found)))
+    versions = read_versions(channels, range(len(found)))
     texts = {}
     for i, place in enumerate(found):
         version = versions.get(i)

@@ -68,15 +68,15 @@ class EnabledMotor:
         examine(channels, joints, checks, takes_over=False, is_limp=self._torque is None)
         checks.refuse_questions()
         for name in ("canTimeout",) if self._torque is None else ("canTimeout", "limit_torque"):
-            old = channels.requests.read({self._motor: PARAMETERS[name]})[self._motor]
+            old = channels.read({self._motor: PARAMETERS[name]})[self._motor]
             self._old[name] = None if isinstance(old, Unreadable) else old
         try:
             make_ready(channels, joints, CAN_TIMEOUT, checks, takes_over=False, torque=self._torque)
-            channels.check(checks)
+            channels.line.check(checks)
             checks.refuse()
             for warning in checks.warnings:
                 complain(f"warning: {warning}")
-            enable_motors(channels.requests, joints, CAN_TIMEOUT, checks)
+            enable_motors(channels, joints, CAN_TIMEOUT, checks)
             checks.refuse()
         except BaseException:
             self._stop()
@@ -99,7 +99,7 @@ class EnabledMotor:
         )
         self.status = status = self._exchange(command)
         checks = CheckList()
-        self._channels.check(checks)
+        self._channels.line.check(checks)
         if status.faults:
             checks.problem(self._who, f"reports {', '.join(flag_names(status.faults))}")
         elif status.mode is not MotorMode.RUN:
@@ -113,11 +113,10 @@ class EnabledMotor:
 
     def _exchange(self, command: OperationControl) -> Status:
         """Send a command in every period until a status follows: a lost answer must not make the motor time out."""
-        requests = self._channels.requests
         for _ in range(round(_PATIENCE / self._period)):
             now = time.monotonic()
             self._longest, self._sent = max(self._longest, now - self._sent), now
-            found = requests.until_status({self._motor: [command]}, lambda _: True, (self._period,))
+            found = self._channels.until_status({self._motor: [command]}, lambda _: True, (self._period,))
             if found:
                 return found[self._motor]
         raise silence(self._channels, self._motor)
@@ -136,7 +135,7 @@ class EnabledMotor:
 
     def _stop(self) -> None:
         """Stop the motor, verify it, and give it its own CAN timeout and torque limit back."""
-        if stop_motors(self._channels.requests, [self._motor]):
+        if stop_motors(self._channels, [self._motor]):
             raise RobotError(
                 f"{self._who}: does not confirm that it stopped; without commands it stops by itself after "
                 f"{1000.0 * CAN_TIMEOUT:g} ms; if it does not, switch its power off"

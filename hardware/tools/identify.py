@@ -90,7 +90,7 @@ def _confirm(config: Identify, wiring: Wiring, joint: int, channels: RobstrideLi
 def _positions(channels: RobstrideLink) -> dict[int, float]:
     """`mechPos` of every motor that tells it, rad, motor frame, by joint."""
     motors = range(channels.motors.count)
-    found = channels.requests.read(dict.fromkeys(motors, PARAMETERS["mechPos"]), (_ANSWER_TIME,))
+    found = channels.read(dict.fromkeys(motors, PARAMETERS["mechPos"]), (_ANSWER_TIME,))
     return {i: position for i, position in found.items() if not isinstance(position, Unreadable)}
 
 
@@ -139,14 +139,14 @@ def _move(
             if abs(status.position - start) > _FARTHEST * config.angle:
                 raise RobotError(f"{config.joint}: has moved by {status.position - start:+.2f} rad: let go")
             if missing := [i for i in asked if i not in there]:
-                there.update(channels.requests.poll_values(PARAMETERS["mechPos"], missing, 0.0))
+                there.update(channels.poll_values(PARAMETERS["mechPos"], missing, 0.0))
             elif asked:
                 break
             time.sleep(max(begin + elapsed + _PERIOD - time.monotonic(), 0.0))
 
     follow(0.0, 1.0, _RAMP)
     follow(1.0, 1.0, _HOLD)
-    channels.requests.received()  # late answers to earlier questions
+    channels.take_answers()  # late answers to earlier questions
     follow(1.0, 1.0, _ANSWER_TIME, asked)
     if isinstance(motor, MovedMotor):
         there[joint] = motor.position

@@ -26,7 +26,6 @@ from humanoid_sim.hardware.robstride.parameters import PARAMETERS, RunMode, defa
 from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import (
     SilentMotorError,
-    channel_trouble,
     command_motor,
     nobody,
     open_bench,
@@ -78,28 +77,28 @@ def only_motor(channel: str, host_id: int) -> Iterator[OnlyMotor]:
     with open_bench([address], host_id, some_motors([], [])) as channels:
         uids: dict[int, set[bytes]] = {}
         for _ in range(_LOOKS):
-            for _, reply in channels.requests.scan(range(1, LARGEST_MOTOR_ID + 1), _QUIET, _PACE):
+            for _, reply in channels.scan(range(1, LARGEST_MOTOR_ID + 1), _QUIET, _PACE):
                 uids.setdefault(reply.motor_id, set()).add(reply.uid)
         require_up(channels)
         motor_id, uid = _only(channels, uids)
         channels.expect(some_motors([(0, motor_id)], channels.sources))
         _stop(channels)
-        version = read_versions(channels.requests, [0]).get(0)
+        version = read_versions(channels, [0]).get(0)
         model = None if version is None else model_name(version)
         yield OnlyMotor(channels, motor_id, uid, model, "unknown" if version is None else version_text(version))
 
 
 def _only(channels: RobstrideLink, uids: dict[int, set[bytes]]) -> tuple[int, bytes]:
     """Id and unique id of the one that answered."""
-    source, trouble = channels.sources[0], channel_trouble(channels, 0)
-    because = f" ({trouble})" if trouble else ""
+    source, troubles = channels.sources[0], channels.line.troubles(0)
     if not uids:
         raise nobody(channels, 0)
     found = sorted((motor_id, uid) for motor_id, same in uids.items() for uid in same)
     if len(found) > 1:
         told = ", ".join(f"{motor_id} (unique id {uid.hex()})" for motor_id, uid in found)
         raise RobotError(f"{source}: {len(found)} motors answer, expected one alone on the bus: {told}")
-    if trouble or channels.channels[0].counters.error_frames:
+    if troubles or channels.channels[0].counters.error_frames:
+        because = f" ({troubles[0]})" if troubles else ""
         raise RobotError(f"{source}: the bus has errors{because}: two motors with one id, or bad wiring")
     return found[0]
 
@@ -107,14 +106,14 @@ def _only(channels: RobstrideLink, uids: dict[int, set[bytes]]) -> tuple[int, by
 def _stop(channels: RobstrideLink) -> None:
     """Stop it, once it is clear that nobody else speaks on the bus."""
     time.sleep(_LISTENING)
-    strangers = channels.table.channels[0].strangers
+    strangers = channels.line.notes[0].strangers
     if strangers:
         told = ", ".join(f"{count} × {what}" for what, count in strangers.items())
         raise RobotError(f"{channels.sources[0]}: somebody else speaks there ({told}), expected one motor alone")
     checks = CheckList()
-    channels.check(checks)
+    channels.line.check(checks)
     checks.refuse()
-    if stop_motors(channels.requests, [0]):
+    if stop_motors(channels, [0]):
         raise SilentMotorError(f"{channels.motors.names[0]}: does not confirm that it is stopped")
 
 
@@ -175,9 +174,9 @@ def _rename(motor: OnlyMotor, new_id: int) -> OnlyMotor:
     channels = motor.channels
     answers: dict[int, set[bytes]] = {}
     for _ in range(_ATTEMPTS):
-        channels.requests.send({0: [messages.SetDeviceId(motor.motor_id, new_id, host_id=channels.host_id)]})
+        channels.send({0: [messages.SetDeviceId(motor.motor_id, new_id, host_id=channels.host_id)]})
         answers = {}
-        for _, reply in channels.requests.scan([motor.motor_id, new_id, motor.motor_id, new_id], _QUIET):
+        for _, reply in channels.scan([motor.motor_id, new_id, motor.motor_id, new_id], _QUIET):
             answers.setdefault(reply.motor_id, set()).add(reply.uid)
         if motor.motor_id not in answers:
             break

@@ -102,7 +102,7 @@ def _check(parameter: Parameter, value: float, model: MotorModel | None) -> None
 
 def _model(channels: RobstrideLink, parameter: Parameter) -> MotorModel:
     """Return the motor's model, as its firmware's version tells."""
-    version = read_versions(channels.requests, [0]).get(0)
+    version = read_versions(channels, [0]).get(0)
     name = None if version is None else model_name(version)
     if name is None:
         raise InputError(f"--model: is needed for {parameter.name}, as the motor does not tell its own; such as rs-02")

@@ -85,14 +85,14 @@ def _time_answers(channels: RobstrideLink, config: Ping) -> None:
     times = []
     for _ in range(config.count):
         begin = time.perf_counter()
-        if channels.requests.ask(question, lambda _, reply: isinstance(reply, DeviceId) or None, (_ANSWER_TIME,)):
+        if channels.ask(question, lambda _, reply: isinstance(reply, DeviceId) or None, (_ANSWER_TIME,)):
             times.append(1e3 * (time.perf_counter() - begin))
     summary = f"median {statistics.median(times):.2f} ms, max {max(times):.2f} ms" if times else "none came back"
     print(f"  answered      {len(times)} of {config.count}, {summary}")
 
 
 def _read_status(channels: RobstrideLink, config: Ping) -> None:
-    version = read_versions(channels.requests, [0]).get(0)
+    version = read_versions(channels, [0]).get(0)
     name = config.model or (None if version is None else model_name(version))
     if name is None:
         raise InputError("--model: is needed, the motor does not tell its firmware; expected such as rs-02")

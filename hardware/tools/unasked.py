@@ -177,8 +177,5 @@ class MovedMotor:
             time.sleep(_POLL)
         checks = CheckList()
         self._channels.line.check(checks)
-        for notes in self._session.notes:
-            if notes.intrusions:
-                checks.problem(motors.names[0], f"another master drives it: {notes.intruder.text}")
         checks.refuse()
         return Place(self.position)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.hardware.adapter.wiring import make_wiring
+from humanoid_sim.hardware.bus.events import ChannelNotes
 from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.motors import MotorGroup
 from humanoid_sim.hardware.robstride import messages
@@ -31,7 +32,7 @@ PAIR = MotorGroup(
 
 @pytest.fixture
 def table():
-    return MotorTable(PAIR, HOST, 2)
+    return MotorTable(PAIR, HOST, (ChannelNotes(), ChannelNotes()))
 
 
 def _status(motor_id=11, host=HOST, position=1.0, mode=MotorMode.RUN, faults=NOTHING, is_report=False):
@@ -123,8 +124,8 @@ def test_a_frame_of_a_motor_that_cannot_be_read_is_noted(table, frame, text):
 )
 def test_a_strangers_frame_is_counted_and_stops_nothing(table, frame):
     table.receive(0, frame, 1.0)
-    assert sum(table.channels[0].strangers.values()) == 1
-    assert table.channels[0].intrusions == 0
+    assert sum(table.notes[0].strangers.values()) == 1
+    assert table.notes[0].intrusions == 0
     assert table.slots[0].invalid_frames == 0
     assert _is_unheard(table)
 
@@ -140,8 +141,8 @@ def test_a_strangers_frame_is_counted_and_stops_nothing(table, frame):
 )
 def test_another_master_is_noticed_by_its_commands(table, command, text):
     table.receive(0, encode_command(command, RS02), 3.0)
-    assert table.channels[0].intruder == (3.0, text)
-    assert table.channels[0].intrusions == 1
+    assert table.notes[0].intruder == (3.0, text)
+    assert table.notes[0].intrusions == 1
     assert _is_unheard(table)
 
 
@@ -149,7 +150,7 @@ def test_a_motor_of_the_other_channel_is_a_stranger(table):
     _tell(table, _status(motor_id=11), channel=1)
     _tell(table, _status(motor_id=21), channel=0)
     assert _is_unheard(table)
-    assert [sum(notes.strangers.values()) for notes in table.channels] == [1, 1]
+    assert [sum(notes.strangers.values()) for notes in table.notes] == [1, 1]
 
 
 def test_a_fault_between_two_readings_is_kept(table):
@@ -223,7 +224,7 @@ def _fuzz(seconds, least_frames, seed):
     generator = random.Random(seed)
     deadline, count = time.monotonic() + seconds, 0
     while count < least_frames or time.monotonic() < deadline:
-        table, heard = MotorTable(LITE, HOST, 2), set[int]()
+        table, heard = MotorTable(LITE, HOST, (ChannelNotes(), ChannelNotes())), set[int]()
         table.inbox = lambda *_: None
         for _ in range(200):
             channel, frame = generator.randrange(2), random_frame(generator)

@@ -15,21 +15,21 @@ _ADDRESS = parse_address("virtual:bench-client")
 
 def test_a_lost_question_is_asked_again(bench, monkeypatch):
     sent = []
-    send = bench.requests.send
+    send = bench.send
 
     def send_all_but_the_first(commands):
         sent.append(commands)
         if len(sent) > 1:
             send(commands)
 
-    monkeypatch.setattr(bench.requests, "send", send_all_but_the_first)
+    monkeypatch.setattr(bench, "send", send_all_but_the_first)
     assert len(read_device_id(bench).uid) == 8
     assert sent[1] == sent[0]
 
 
 def test_a_late_answer_is_not_the_next_questions(bench, motors, inject):
     inject(motors, Fault("delayed", ("left_wrist_yaw",), value=0.06))
-    assert isinstance(bench.requests.read({0: PARAMETERS["VBUS"]}, (0.02,))[0], Unreadable)
+    assert isinstance(bench.read({0: PARAMETERS["VBUS"]}, (0.02,))[0], Unreadable)
     assert read_value(bench, PARAMETERS["canTimeout"]) == 0
 
 
@@ -38,15 +38,15 @@ def test_polling_takes_late_answers_the_next_time(bench, motors, inject):
     begin = time.monotonic()
     polled = {}
     while not polled and time.monotonic() < begin + 5.0:
-        polled = bench.requests.poll_values(PARAMETERS["VBUS"], [0], 0.01)
+        polled = bench.poll_values(PARAMETERS["VBUS"], [0], 0.01)
     assert polled == {0: 48.0}
 
 
 def test_motors_that_are_silent_are_left_out(bench, motors, inject):
     inject(motors, Fault("silent", ("left_wrist_yaw",)))
     bench.expect(some_motors([(0, 14), (0, 15), (0, 16)], bench.sources))
-    assert bench.requests.poll_values(PARAMETERS["VBUS"], range(3), 0.1) == {0: 48.0, 2: 48.0}
-    found = bench.requests.read(dict.fromkeys(range(3), PARAMETERS["VBUS"]), (0.1,))
+    assert bench.poll_values(PARAMETERS["VBUS"], range(3), 0.1) == {0: 48.0, 2: 48.0}
+    found = bench.read(dict.fromkeys(range(3), PARAMETERS["VBUS"]), (0.1,))
     assert found == {0: 48.0, 1: Unreadable("no answer", is_silent=True), 2: 48.0}
 
 

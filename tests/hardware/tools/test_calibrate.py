@@ -12,7 +12,7 @@ from humanoid_sim.hardware.calibration import CalibrationEntry, Sweep, load_cali
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.robstride.requests import Requests
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools import calibrate as tool
 from humanoid_sim.hardware.tools.calibrate import JointTrack
 from humanoid_sim.hardware.tools.options import Calibrate
@@ -96,13 +96,13 @@ def test_swept_joints_are_calibrated_and_the_others_kept(run, table_rows, swept,
 
 def test_no_motor_is_enabled_or_written_to(run, motors, tmp_path, monkeypatch):
     sent = []
-    send = Requests.send
+    send = RobstrideLink.send
 
     def watched(requests, commands):
         sent.extend(type(command).__name__ for group in commands.values() for command in group)
         send(requests, commands)
 
-    monkeypatch.setattr(Requests, "send", watched)
+    monkeypatch.setattr(RobstrideLink, "send", watched)
     run("calibrate", _CHANNEL, "--output", str(tmp_path / "c.yaml"), *_JOINTS, "--duration", "0.2")
     assert set(sent) == {"ReadParameter"}
     assert len(sent) >= 3  # one reading of each joint, however busy the machine is

@@ -9,7 +9,7 @@ from humanoid_sim.assets import asset_path
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
-from humanoid_sim.hardware.robstride.requests import Requests
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools import enabled_motor
 from humanoid_sim.hardware.tools import identify as tool
 from humanoid_sim.hardware.tools.bench import motor_bench, read_value, write_value
@@ -59,14 +59,14 @@ def test_a_joint_that_is_wired_to_another_motor_is_told(run, lite_motors, tmp_pa
     path.write_text(yaml.safe_dump(document), encoding="utf-8")
     before = lite_motors.truth.joint_position.copy()
     positions = []
-    told = Requests.poll_values
+    told = RobstrideLink.poll_values
 
     def look(*arguments):
         positions.append(lite_motors.truth.joint_position.copy())
         return told(*arguments)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Requests, "poll_values", look)
+        patch.setattr(RobstrideLink, "poll_values", look)
         run("identify", _CHANNEL, "left_wrist_yaw", "--yes", "--robot", str(path))
     there = positions[0] - before
     assert abs(there[5]) > 0.1  # the roll moved

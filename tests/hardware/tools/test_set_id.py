@@ -5,7 +5,7 @@ from lone_motor import cycle_power, lone_motors
 
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.messages import SetDeviceId
-from humanoid_sim.hardware.robstride.requests import Requests
+from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.robots.description import load_robot
 
 pytestmark = pytest.mark.usefixtures("quick_search")
@@ -80,7 +80,7 @@ def test_without_a_terminal_and_yes_nothing_is_changed(run, monkeypatch):
 
 @pytest.mark.parametrize(("lost", "expected"), [(2, 0), (3, 2)])
 def test_a_lost_frame_is_sent_again(run, monkeypatch, lost, expected):
-    send, renames = Requests.send, []
+    send, renames = RobstrideLink.send, []
 
     def send_not_always(self, commands):
         if isinstance(next(iter(commands.values()))[0], SetDeviceId):
@@ -89,7 +89,7 @@ def test_a_lost_frame_is_sent_again(run, monkeypatch, lost, expected):
                 return
         send(self, commands)
 
-    monkeypatch.setattr(Requests, "send", send_not_always)
+    monkeypatch.setattr(RobstrideLink, "send", send_not_always)
     with lone_motors(_CHANNEL) as motors:
         status, _, complained = run("set-id", _CHANNEL, "14", "--yes")
         assert _ids(motors, 3) == [14 if expected == 0 else 127]
