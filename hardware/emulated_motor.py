@@ -55,9 +55,8 @@ class Drive(NamedTuple):
 class Firmware(Protocol[State]):
     """One motor's firmware, as pure functions of its state. Times are s on the emulator's clock."""
 
-    @property
-    def model(self) -> MotorModel:
-        """With this firmware's position range."""
+    model: MotorModel
+    """With this firmware's position range."""
 
     def power_on(self, before: State | None, sensed: Sensed) -> State:
         """Return the state after booting; `before`, when it lost its power: what it has stored stays."""
@@ -85,9 +84,11 @@ class Firmware(Protocol[State]):
 
     def announcement(self, state: State) -> tuple[Frame, ...]:
         """Return what it sends when it has booted."""
+        return ()
 
     def zero_torque(self, state: State) -> tuple[Frame, ...]:
         """Return what a computer sends that wants no torque of it."""
 
     def question(self, state: State) -> tuple[Frame, ...]:
         """Say what another computer sends that only asks it something; nothing where the protocol has no questions."""
+        return ()

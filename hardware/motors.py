@@ -6,7 +6,7 @@ A family's folder has a `MotorLink` and a `FrameEncoder`; `families` says which.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Protocol
 
 import numpy as np
@@ -58,14 +58,8 @@ class MotorGroup:
 
     def select(self, indices: Sequence[int]) -> MotorGroup:
         """Return some of these motors as a group of their own, in this order."""
-        return MotorGroup(
-            names=tuple(self.names[i] for i in indices),
-            channel=tuple(self.channel[i] for i in indices),
-            motor_id=tuple(self.motor_id[i] for i in indices),
-            model=tuple(self.model[i] for i in indices),
-            torque_limit=tuple(self.torque_limit[i] for i in indices),
-            current_limit=tuple(self.current_limit[i] for i in indices),
-        )
+        values = (getattr(self, field.name) for field in fields(MotorGroup))
+        return MotorGroup(*(tuple(value[i] for i in indices) for value in values))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,17 +146,11 @@ class MotorLink(Protocol):
     line of the checks.
     """
 
-    @property
-    def motors(self) -> MotorGroup:
-        """The motors."""
-
-    @property
-    def uids(self) -> Mapping[str, bytes]:
-        """Unique ids by joint, as far as they were found."""
-
-    @property
-    def knows_positions(self) -> bool:
-        """Return whether a motor tells its position before it is enabled."""
+    motors: MotorGroup
+    uids: Mapping[str, bytes]
+    """Unique ids by joint, as far as they were found."""
+    knows_positions: bool
+    """True if a motor tells its position before it is enabled."""
 
     def receive(self, channel: int, frame: Frame, time: float) -> bool:
         """Take a frame, on its receiver's thread; whether it is one of this family's."""
@@ -177,6 +165,7 @@ class MotorLink(Protocol):
 
     def counted(self) -> Mapping[int, float | None]:
         """By motor what it counts by itself, turns included, rad; None: it does not say. Empty: no such question."""
+        return {}
 
     def start(self, checks: CheckList) -> None:
         """Have motors that can report by themselves do so: the last step before enabling."""

@@ -44,7 +44,7 @@ class MotorControl:
         self._guard = guard
         self._tracker = JointTracker(wiring, turns)
         self._warmest = np.full(wiring.count, np.nan)
-        self._joints = self._heard()
+        self._joints = self.read()
         self._watch: SafetyWatch | None = None
         self._bad_command = -math.inf
         self.encoder = CommandEncoder(wiring, len(motors.line.channels), 2.0 * settings.control_period)
@@ -78,13 +78,10 @@ class MotorControl:
 
     def read(self) -> JointReadings:
         """Return the joints' latest state."""
-        self._joints = self._heard()
-        return self._joints
-
-    def _heard(self) -> JointReadings:
         readings = self._motors.readings()
         self._warmest = np.fmax(self._warmest, readings.temperature)
-        return self._tracker.update(readings)
+        self._joints = self._tracker.update(readings)
+        return self._joints
 
     @property
     def warmest(self) -> Mapping[str, float]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.hardware.adapter.joint_tracking import find_turns, turn_problems
 from humanoid_sim.hardware.adapter.wiring import AdapterSettings, Wiring
@@ -45,30 +44,21 @@ class RobotMotors:
         period = settings.control_period
         self.line = OpenChannels(settings.addresses, bursts, checks, clock=clock, open_bus=open_bus, period=period)
         terms = SessionTerms(settings.host_id, settings.can_timeout, period, bursts, known_uids)
-        self._joints = {family: np.array(wiring.of_family(family), dtype=int) for family in DRIVERS}
-        self._links = tuple(
-            driver.link(self.line, wiring.select(self._joints[family].tolist()), terms)
-            for family, driver in DRIVERS.items()
-        )
-        self.line.listeners += [link.receive for link in self._links]
-        self._place = {
-            joint: (link, motor)
-            for link, joints in self._with_joints(self._links)
-            for motor, joint in enumerate(joints.tolist())
-        }
-
-    def _with_joints(self, links: Iterable[MotorLink]) -> Iterator[tuple[MotorLink, npt.NDArray[np.int64]]]:
-        return zip(links, self._joints.values(), strict=True)
-
-    @property
-    def links(self) -> tuple[MotorLink, ...]:
+        self._joints: list[tuple[MotorLink, list[int]]] = []
+        """Every link, and the joints of its motors in their order."""
+        for family, driver in DRIVERS.items():
+            joints = list(wiring.of_family(family))
+            link = driver.link(self.line, wiring.select(joints), terms)
+            self.line.listeners.append(link.receive)
+            self._joints.append((link, joints))
+        self.links = tuple(link for link, joints in self._joints if joints)
         """Those that have motors of the robot."""
-        return tuple(link for link in self._links if link.motors.count)
+        self._place = {joint: (link, i) for link, joints in self._joints for i, joint in enumerate(joints)}
 
     @property
     def uids(self) -> dict[str, bytes]:
         """Unique ids that were found, by joint."""
-        return {name: uid for link in self._links for name, uid in link.uids.items()}
+        return {name: uid for link in self.links for name, uid in link.uids.items()}
 
     @property
     def has_intruders(self) -> bool:
@@ -78,20 +68,14 @@ class RobotMotors:
     def readings(self) -> Readings:
         """Return the latest state of every motor, shape (n,)."""
         arrays = np.full((5, self._count), np.nan)
-        for link, joints in self._with_joints(self._links):
-            if len(joints):
-                found = link.readings()
-                arrays[:, joints] = found.time, found.position, found.velocity, found.effort, found.temperature
+        for link, joints in self._joints:
+            found = link.readings()
+            arrays[:, joints] = found.time, found.position, found.velocity, found.effort, found.temperature
         return Readings(*arrays)
 
     def counted(self) -> dict[int, float | None]:
         """By joint what its motor counts by itself, rad; None: it does not say. Without those of which nobody asks."""
-        return {
-            int(joints[motor]): own
-            for link, joints in self._with_joints(self._links)
-            if link.motors.count
-            for motor, own in link.counted().items()
-        }
+        return {joints[i]: own for link, joints in self._joints for i, own in link.counted().items()}
 
     def unknown_positions(self) -> frozenset[int]:
         """Joints whose motors tell nothing before they are enabled."""
@@ -99,7 +83,7 @@ class RobotMotors:
 
     def begin(self) -> None:
         """Begin to watch: the motors are enabled, and only what happens next counts."""
-        for link in self._links:
+        for link, _ in self._joints:
             link.begin()
         self.line.forget_events()
 
@@ -110,12 +94,12 @@ class RobotMotors:
 
     def count_commands(self) -> None:
         """One command goes to every motor."""
-        for link in self._links:
+        for link in self.links:
             link.count_commands()
 
     def figures(self) -> list[MotorFigures]:
         """Return what happened so far, by joint."""
-        return [link.figures(motor) for link, motor in (self._place[joint] for joint in range(self._count))]
+        return [link.figures(motor) for _, (link, motor) in sorted(self._place.items())]
 
     def finish(self) -> None:
         """Before the motors are disabled."""
@@ -126,10 +110,10 @@ class RobotMotors:
         """Disable motors; those that did not confirm it."""
         wanted = set(joints)
         left: list[int] = []
-        for link, own in self._with_joints(self._links):
-            motors = [motor for motor, joint in enumerate(own.tolist()) if joint in wanted]
+        for link, own in self._joints:
+            motors = [motor for motor, joint in enumerate(own) if joint in wanted]
             if motors:
-                left += [int(own[motor]) for motor in link.stop(motors)]
+                left += [own[motor] for motor in link.stop(motors)]
         return tuple(sorted(left))
 
     def state_text(self, joint: int) -> str:
@@ -139,7 +123,7 @@ class RobotMotors:
 
     def close(self) -> None:
         """Close all channels. May be called twice."""
-        for link in self._links:
+        for link, _ in self._joints:
             link.begin()
         self.line.close()
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 from humanoid_sim.hardware.adapter.control import MotorControl
@@ -150,42 +149,18 @@ def gather_statistics(
 
 def _together(past: RobotStatistics, latest: RobotStatistics) -> RobotStatistics:
     """Return sums and maxima of both; what tells of the present is the latest's."""
-    channels = {channel.source: channel for channel in past.channels}
-    for channel in latest.channels:
-        before = channels.get(channel.source)
-        channels[channel.source] = channel if before is None else _both(before, channel)
-    saturations = {
-        joint: _sums(past.saturations.get(joint, {}), latest.saturations.get(joint, {}))
-        for joint in dict.fromkeys((*past.saturations, *latest.saturations))
-    }
-    joints = dict.fromkeys((*past.warmest, *latest.warmest))
-    unheard = -math.inf
     counts = ("commanded", "acknowledged", "unconfirmed", "reports", "invalid_frames", "refused")
-    sums: dict[str, Any] = {name: getattr(past, name) + getattr(latest, name) for name in counts}
-    return replace(
-        latest,
-        channels=tuple(channels.values()),
-        saturations=saturations,
-        bounded=_sums(past.bounded, latest.bounded),
-        warmest={joint: max(past.warmest.get(joint, unheard), latest.warmest.get(joint, unheard)) for joint in joints},
-        **sums,
-    )
+    sums = {name: _sum(getattr(past, name), getattr(latest, name)) for name in (*counts, "saturations", "bounded")}
+    before, after = ({channel.source: channel for channel in each.channels} for each in (past, latest))
+    warmest = {joint: max(warmth, past.warmest.get(joint, warmth)) for joint, warmth in latest.warmest.items()}
+    return replace(latest, channels=tuple(_sum(before, after).values()), warmest={**past.warmest, **warmest}, **sums)
 
 
-def _both(past: ChannelStatistics, latest: ChannelStatistics) -> ChannelStatistics:
-    names = [field.name for field in fields(ChannelCounters)]
-    counters = {name: getattr(past.counters, name) + getattr(latest.counters, name) for name in names}
-    return ChannelStatistics(
-        latest.source,
-        ChannelCounters(**counters),
-        _sums(past.strangers, latest.strangers),
-        past.intrusions + latest.intrusions,
-        past.elapsed + latest.elapsed,
-    )
-
-
-def _sums(*counts: Mapping[str, int]) -> dict[str, int]:
-    total: Counter[str] = Counter()
-    for count in counts:
-        total.update(count)
-    return dict(total)
+def _sum(past: Any, latest: Any) -> Any:
+    """Return the sums of all numbers, of the same names in mappings and of the same fields; a text stays."""
+    if isinstance(latest, Mapping):
+        both = {name: _sum(past[name], latest[name]) for name in past if name in latest}
+        return type(latest)({**past, **latest, **both})
+    if is_dataclass(latest):
+        return type(latest)(*(_sum(getattr(past, field.name), getattr(latest, field.name)) for field in fields(latest)))
+    return latest if isinstance(latest, str) else past + latest

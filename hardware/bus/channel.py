@@ -81,7 +81,7 @@ class Channel:
         self._down = ""
         self._latest: dict[BusEvent, tuple[float, str]] = {}
         """By kind: when, s on the robot's clock, and what."""
-        self._outbox = Outbox(capacity, clock)
+        self._outbox = Outbox(capacity, self.counters, clock)
         self._patience = patience
         self._refused_since = math.inf
         self._burst = BurstDetector()
@@ -122,10 +122,9 @@ class Channel:
             lifetime: s after which those that have not left are dropped.
         """
         self._outbox.put(frames, lifetime)
-        if self._outbox.overruns != self._overruns_seen:
-            self._overruns_seen = self._outbox.overruns
+        if self.counters.overruns != self._overruns_seen:
+            self._overruns_seen = self.counters.overruns
             self._note(BusEvent.TX_FULL, "commands do not leave in time")
-        self.counters.superseded, self.counters.overruns = self._outbox.superseded, self._outbox.overruns
 
     def forget_queue(self) -> None:
         """Drop frames that wait to be sent; one that the driver has at this moment may still leave."""
@@ -196,13 +195,13 @@ class Channel:
             self._receive_frame(frame, self._arrival(message.timestamp))
 
     def _take_error(self, message: can.Message) -> None:
-        report = read_error_frame(self.address.interface, message.arbitration_id, bytes(message.data))
-        if report.event is BusEvent.NORMAL:
+        event, errors = read_error_frame(self.address.interface, message.arbitration_id, bytes(message.data))
+        if event is BusEvent.NORMAL:
             self.counters.lost_arbitration += 1
             return
         self.counters.error_frames += 1
-        self.counters.error_classes.update(report.classes)
-        self._note(report.event, report.text)
+        self.counters.error_classes.update(errors)
+        self._note(event, ", ".join(errors))
         self._watch_for_burst()
 
     def _watch_for_burst(self) -> None:
@@ -243,7 +242,6 @@ class Channel:
     def _send(self) -> None:
         while True:
             item = self._outbox.take(_POLL)
-            self.counters.stale = self._outbox.stale
             if item is None:
                 self._refused_since = math.inf
                 if self._outbox.is_closed:
@@ -307,8 +305,10 @@ class Outbox:
     renewed it, because the whole process stood still, and the robot is elsewhere by now.
     """
 
-    def __init__(self, capacity: int, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, capacity: int, counters: ChannelCounters, clock: Callable[[], float] = time.monotonic) -> None:
         """Start empty; at most `capacity` frames wait. `clock` in s."""
+        self.counters = counters
+        """Takes what was superseded, what has become stale, and overruns."""
         self._capacity = capacity
         self._clock = clock
         self._ready = threading.Condition()
@@ -316,13 +316,8 @@ class Outbox:
         # by key: until when the frame may leave, and the frame
         self._jammed_since: dict[Hashable, float] = {}
         self._serial = 0
-        self._is_closed = False
-        self.superseded = 0
-        """Commands that a newer one replaced before they were sent."""
-        self.overruns = 0
-        """Frames that found the queue full, and commands replaced although none had left for too long."""
-        self.stale = 0
-        """Frames that outlived their lifetime here."""
+        self.is_closed = False
+        """True once `close` was called."""
 
     def put(self, frames: Sequence[tuple[Hashable, Frame]], lifetime: float = math.inf) -> None:
         """Queue keyed frames; a key None keeps a frame apart from all others. Never blocks on the bus.
@@ -332,7 +327,7 @@ class Outbox:
         """
         until = self._clock() + lifetime
         with self._ready:
-            if self._is_closed:
+            if self.is_closed:
                 return
             for key, frame in frames:
                 self._put(key, frame, until)
@@ -345,14 +340,14 @@ class Outbox:
         if key in self._waiting:
             self._count_replaced(key)
         elif len(self._waiting) >= self._capacity:
-            self.overruns += 1
+            self.counters.overruns += 1
             return
         self._waiting[key] = until, frame  # a replaced frame keeps its place: a dict remembers the first insertion
 
     def _count_replaced(self, key: Hashable) -> None:
         now = self._clock()
-        self.superseded += 1
-        self.overruns += now - self._jammed_since.setdefault(key, now) > _PATIENCE
+        self.counters.superseded += 1
+        self.counters.overruns += now - self._jammed_since.setdefault(key, now) > _PATIENCE
 
     def take(self, timeout: float) -> tuple[Hashable, Frame, float] | None:
         """Return the next frame, or None if `timeout` (s) passes without one. A frame that cannot be sent: `give_back`.
@@ -361,7 +356,7 @@ class Outbox:
             Its key, itself, and until when it may leave.
         """
         with self._ready:
-            if not self._waiting and not self._is_closed:
+            if not self._waiting and not self.is_closed:
                 self._ready.wait(timeout)
             now = self._clock()
             while self._waiting:
@@ -369,7 +364,7 @@ class Outbox:
                 until, frame = self._waiting.pop(key)
                 if now <= until:
                     return key, frame, until
-                self.stale += 1
+                self.counters.stale += 1
             return None
 
     def sent(self, key: Hashable) -> None:
@@ -381,7 +376,7 @@ class Outbox:
     def give_back(self, key: Hashable, frame: Frame, until: float = math.inf) -> None:
         """Put a frame that could not be sent back in front, unless a newer one with its key has come."""
         with self._ready:
-            if self._is_closed:
+            if self.is_closed:
                 return
             if key in self._waiting:
                 self._count_replaced(key)
@@ -402,10 +397,5 @@ class Outbox:
     def close(self) -> None:
         """Take no more frames, and let the taker go once those that wait are gone."""
         with self._ready:
-            self._is_closed = True
+            self.is_closed = True
             self._ready.notify_all()
-
-    @property
-    def is_closed(self) -> bool:
-        """Return whether `close` was called."""
-        return self._is_closed

@@ -26,21 +26,6 @@ class BusEvent(Enum):
     """Part of a CAN bus's working, worth a count only."""
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorReport:
-    """One error frame, read."""
-
-    event: BusEvent
-    """Most severe of the reported events."""
-    classes: tuple[str, ...]
-    """Reported errors, in words that never change, so that they can be counted."""
-
-    @property
-    def text(self) -> str:
-        """All of it."""
-        return ", ".join(self.classes)
-
-
 _LINUX_BITS = frozenset({"socketcan", "socketcand", "gs_usb", "virtual", "udp_multicast"})
 _CLASSES = (
     (0x040, BusEvent.DOWN, "bus-off"),
@@ -50,11 +35,9 @@ _CLASSES = (
     (0x010, BusEvent.ERROR, "transceiver error"),
     (0x020, BusEvent.ERROR, "no acknowledgement on transmission"),
     (0x080, BusEvent.ERROR, "bus error"),
+    (0x002, BusEvent.NORMAL, "arbitration lost"),  # another frame had a lower id, and the controller sends again
 )
-"""CAN_ERR_BUSOFF, _RESTARTED, _TX_TIMEOUT, _PROT, _TRX, _ACK, _BUSERROR."""
-
-_LOST_ARBITRATION = 0x002
-"""CAN_ERR_LOSTARB: another frame had a lower id. The controller sends again."""
+"""CAN_ERR_BUSOFF, _RESTARTED, _TX_TIMEOUT, _PROT, _TRX, _ACK, _BUSERROR, _LOSTARB."""
 _CONTROLLER = 0x004
 """CAN_ERR_CRTL: byte 1 says what."""
 _CONTROLLER_STATES = (
@@ -71,29 +54,29 @@ _COUNTERS = 0x200
 _BY_WEIGHT = (BusEvent.DOWN, BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.NORMAL)
 
 
-def read_error_frame(interface: str, arbitration_id: int, data: bytes) -> ErrorReport:
-    """Return the heaviest event of an error frame, and all of them in words. An unknown one counts as a bus error.
+def read_error_frame(interface: str, arbitration_id: int, data: bytes) -> tuple[BusEvent, tuple[str, ...]]:
+    """Return the heaviest event of an error frame, and all in words that never change, so that they can be counted.
+
+    An unknown one counts as a bus error.
 
     Args:
         interface: python-can's name of the driver; many have error frames of their own, in which the bits mean others.
         arbitration_id: the frame's, whose bits are error classes.
     """
     if interface not in _LINUX_BITS:
-        return ErrorReport(BusEvent.ERROR, ("error frame",))
+        return BusEvent.ERROR, ("error frame",)
     found = [(event, text) for bit, event, text in _CLASSES if arbitration_id & bit]
     if arbitration_id & _CONTROLLER:
         state = data[1] if len(data) > 1 else 0
         found += [(event, text) for bit, event, text in _CONTROLLER_STATES if state & bit] or [
             (BusEvent.ERROR, "controller problem")
         ]
-    if arbitration_id & _LOST_ARBITRATION:
-        found.append((BusEvent.NORMAL, "arbitration lost"))
     if not found:
         is_counters_only = arbitration_id & 0x1FFFFFFF == _COUNTERS
         event = BusEvent.NORMAL if is_counters_only else BusEvent.ERROR
         found.append((event, "error counters" if is_counters_only else "error frame of an unknown class"))
     heaviest = min((event for event, _ in found), key=_BY_WEIGHT.index)
-    return ErrorReport(heaviest, tuple(text for _, text in found))
+    return heaviest, tuple(text for _, text in found)
 
 
 class BurstDetector:

@@ -36,14 +36,6 @@ class Arrival(NamedTuple):
     frame: Frame
 
 
-class BusLoad(NamedTuple):
-    """Traffic that a bus has carried so far."""
-
-    frames: int
-    busy: float
-    """s for which it was occupied."""
-
-
 @dataclass(slots=True, eq=False)
 class _Injected:
     """A fault that has not ended."""
@@ -85,7 +77,8 @@ class Emulator:
             raise InputError(f"{description.name}: {bus_count} channels, but its motors are on {accepted}")
         self._bus_of = [motor.bus if bus_count > 1 else 0 for motor in driven]
         self._on_bus = [[i for i, bus in enumerate(self._bus_of) if bus == b] for b in range(bus_count)]
-        self._wires = [Wire(settings.bitrate) for _ in range(bus_count)]
+        self.wires = tuple(Wire(settings.bitrate) for _ in range(bus_count))
+        """By bus: what is on it, and what it has carried."""
         self._reply_delay = settings.reply_delay
         self._is_off = [False] * bus_count
         self._frame_faults = FrameFaults(settings.seed)
@@ -101,15 +94,11 @@ class Emulator:
     @property
     def bus_count(self) -> int:
         """Channels."""
-        return len(self._wires)
-
-    def load(self, bus: int) -> BusLoad:
-        """Return what a bus has carried so far."""
-        return BusLoad(self._wires[bus].frames, self._wires[bus].busy)
+        return len(self.wires)
 
     def waiting(self, bus: int) -> int:
         """Frames of the computer that have not got onto a bus yet: what its driver's queue would hold."""
-        return self._wires[bus].waiting(HOST)
+        return self.wires[bus].waiting(HOST)
 
     def host_fault(self, bus: int) -> str:
         """Return what is wrong with the computer's end of a bus: `bus_off`, `enobufs`, or nothing (empty).
@@ -127,16 +116,16 @@ class Emulator:
     def submit(self, bus: int, frame: Frame, time: float) -> None:
         """Take a frame that the computer sends at `time`, s; the past counts as now. A bus that is off takes none."""
         if not self._is_off[bus]:
-            self._wires[bus].submit(HOST, frame, max(time, self.time))
+            self.wires[bus].submit(HOST, frame, max(time, self.time))
 
     def hurry(self) -> None:
         """Let what waits for the buses pass at once, see `Wire.hurry`."""
-        for wire in self._wires:
+        for wire in self.wires:
             wire.hurry()
 
     def advance(self, until: float) -> list[Arrival]:
         """Go on to `until`, s; what the computer has received until then, in order."""
-        motors, wires, due = self.motors, self._wires, self._due
+        motors, wires, due = self.motors, self.wires, self._due
         while True:
             step_at = motors.next_time
             wire_at, bus = math.inf, 0
@@ -236,7 +225,7 @@ class Emulator:
         kind = injected.fault.kind
         if kind == "bus_off":
             self._is_off[bus] = True
-            self._wires[bus].clear()
+            self.wires[bus].clear()
             self._arrive(self.time, bus, _BUS_OFF)
         elif kind in {"other_master", "foreign_host", "error_frames"}:
             self._interfere(injected, bus)
@@ -253,13 +242,13 @@ class Emulator:
         for motor in () if self._is_off[bus] or kind == "error_frames" else self._on_bus[bus]:
             firmware, state = self.motors.firmwares[motor], self.motors.states[motor]
             for frame in firmware.zero_torque(state) if kind == "other_master" else firmware.question(state):
-                self._wires[bus].submit(OTHER_HOST, frame, self.time)
+                self.wires[bus].submit(OTHER_HOST, frame, self.time)
         self._at(self.time + 1.0 / injected.fault.amount, lambda: self._interfere(injected, bus))
 
     def _send(self, motor: int, frame: Frame, time: float) -> None:
         bus = self._bus_of[motor]
         if not self._is_off[bus]:
-            self._wires[bus].submit(motor, frame, time)
+            self.wires[bus].submit(motor, frame, time)
 
     def _pass_on(self, bus: int, transmission: Transmission) -> None:
         """Pass on a frame that has come over the bus: to the motor that it names, or to the computer."""

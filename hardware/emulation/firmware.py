@@ -224,12 +224,8 @@ class RobstrideFirmware:
     def __init__(self, identity: MotorIdentity, can_id: int) -> None:
         """Make a motor with its id, everything else as it comes."""
         self.identity = identity
+        self.model = identity.model
         self._stored = Stored(can_id)
-
-    @property
-    def model(self) -> MotorModel:
-        """See `Firmware`."""
-        return self.identity.model
 
     def power_on(self, before: MotorState | None, sensed: Sensed) -> MotorState:
         """See `Firmware`: not enabled, parameters as saved, turns lost.

@@ -25,7 +25,7 @@ from humanoid_sim.hardware.bus.address import (
     open_bus,
     parse_address,
 )
-from humanoid_sim.hardware.emulation.emulator import BusLoad, Emulator
+from humanoid_sim.hardware.emulation.emulator import Emulator
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.motors import Told
 from humanoid_sim.hardware.emulation.plant import PlantTruth
@@ -137,13 +137,13 @@ class VirtualMotors:
         """The driven joints, one per motor."""
         return tuple(joint.name for joint in self._emulator.motors.plant.joints)
 
-    def bus_load(self, bus: int = 0) -> float:
-        """Part of the time since power-on for which a bus was occupied, 0 to 1; 0 where no bus time is modelled."""
-        return self.load(bus).busy / max(self.time, 1e-9)
+    def bus_load(self, bus: int = 0) -> tuple[int, float]:
+        """Return the frames that a bus has carried since power-on, and for which part of that time it was occupied.
 
-    def load(self, bus: int = 0) -> BusLoad:
-        """Return what a bus has carried since power-on; no time where none is modelled."""
-        return self._emulator.load(bus)
+        The part is 0 to 1; 0 where no bus time is modelled.
+        """
+        wire = self._emulator.wires[bus]
+        return wire.frames, wire.busy / max(self.time, 1e-9)
 
     def clear_faults(self) -> None:
         """End every fault that has begun, and forget those to come. What firmwares have latched stays."""

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass, replace
 
 from humanoid_sim.hardware.bus.frame import Frame
-from humanoid_sim.hardware.emulated_motor import Drive, Reaction, Sensed
+from humanoid_sim.hardware.emulated_motor import Drive, Firmware, Reaction, Sensed
 from humanoid_sim.hardware.sito.codec import (
     Command,
     Feedback,
@@ -52,7 +52,7 @@ class SitoState:
     """Times at which the next ones are due."""
 
 
-class SitoFirmware:
+class SitoFirmware(Firmware[SitoState]):
     """See `Firmware`."""
 
     def __init__(self, model: MotorModel, device_id: int, is_deaf: bool = False) -> None:
@@ -137,18 +137,10 @@ class SitoFirmware:
             return ()
         return ("enabled" if state.is_running else "disabled",)
 
-    def announcement(self, state: SitoState) -> tuple[Frame, ...]:
-        """See `Firmware`: none."""
-        return ()
-
     def zero_torque(self, state: SitoState) -> tuple[Frame, ...]:
         """See `Firmware`."""
         messages = Gains(state.can_id, 0.0, 0.0), Command(state.can_id, 0.0, 0.0, 0.0)
         return tuple(encode(message, self.model) for message in messages)
-
-    def question(self, state: SitoState) -> tuple[Frame, ...]:
-        """See `Firmware`."""
-        return ()
 
 
 def _has_tripped(sensed: Sensed) -> bool:

@@ -22,6 +22,7 @@ from humanoid_sim.hardware.motors import (
     Finding,
     MotorFigures,
     MotorGroup,
+    MotorLink,
     Readings,
     SessionTerms,
 )
@@ -96,7 +97,7 @@ class SitoSlot:
         return min(self.feedback.time, self.position.time)
 
 
-class SitoSession:
+class SitoSession(MotorLink):
     """See `MotorLink`."""
 
     knows_positions = False
@@ -191,13 +192,6 @@ class SitoSession:
         for i in self._reset(range(self.motors.count)):
             checks.warn(self.motors.names[i], "goes on sending feedback after a reset: whether it obeyed is not known")
 
-    def counted(self) -> Mapping[int, float | None]:
-        """See `MotorLink`: no such question."""
-        return {}
-
-    def start(self, checks: CheckList) -> None:
-        """See `MotorLink`: feedback begins with enabling."""
-
     def enable(self, checks: CheckList) -> None:
         """See `MotorLink`: zero gains and zero current before selecting MIT mode and directly after it.
 
@@ -291,9 +285,6 @@ class SitoSession:
         return "sends feedback" if self._is_sending(motor) else "no feedback"
 
     # --- control
-
-    def begin(self) -> None:
-        """See `MotorLink`."""
 
     def readings(self) -> Readings:
         """See `MotorLink`: position and velocity come in two frames, and the older one gives the time."""

@@ -41,15 +41,10 @@ class ChannelBudget:
     """bit/s"""
     reports_per_second: float
     """Active reports of each motor that can send some."""
-    frames: tuple[int, int]
-    """In each period, at most: to motors, and from them."""
+    frames: int
+    """To motors in each period, at most, and as many from them. They get into the outgoing queue at once."""
     reporting: int
     """Motors that can send active reports."""
-
-    @property
-    def burst(self) -> int:
-        """Frames that a control period puts into the outgoing queue at once."""
-        return self.frames[0]
 
     @property
     def frame_time(self) -> tuple[float, float]:
@@ -60,19 +55,19 @@ class ChannelBudget:
     def period_time(self) -> tuple[float, float]:
         """The bus's time for the commands and statuses of one period, s."""
         fast, slow = self.frame_time
-        return sum(self.frames) * fast, sum(self.frames) * slow
+        return 2 * self.frames * fast, 2 * self.frames * slow
 
     @property
     def load(self) -> tuple[float, float]:
         """Share of the bus's time, reports included; above 1 it cannot be had."""
-        frames = sum(self.frames) * self.rate + self.reporting * self.reports_per_second
+        frames = 2 * self.frames * self.rate + self.reporting * self.reports_per_second
         return frames * self.frame_time[0], frames * self.frame_time[1]
 
     @property
     def highest_rate(self) -> tuple[float, float]:
         """Hz at which the bus is full; 0 where the reports alone fill it."""
         reports = self.reporting * self.reports_per_second
-        fast, slow = (max(0.0, (1.0 / time - reports) / sum(self.frames)) for time in self.frame_time)
+        fast, slow = (max(0.0, (1.0 / time - reports) / 2 * self.frames) for time in self.frame_time)
         return fast, slow
 
 
@@ -97,7 +92,7 @@ def channel_budgets(
         frames = sum(family.period_frames for family in families)
         reporting = sum(family.has_reports for family in families)
         names = tuple(name for name, _ in here)
-        budgets.append(ChannelBudget(names, rate, bitrate, reports_per_second, (frames, frames), reporting))
+        budgets.append(ChannelBudget(names, rate, bitrate, reports_per_second, frames, reporting))
     return tuple(budgets)
 
 
@@ -126,9 +121,9 @@ def budget(config: Budget) -> int:
         names = [str(address) for address in addresses if address is not None] or _unnamed(count)
         console.print(_table(description, names, budgets))
         fits.append(all(channel.load[1] <= 1.0 for channel in budgets))
-        bursts.append(max(channel.burst for channel in budgets))
+        bursts.append(max(channel.frames for channel in budgets))
         for address, channel in zip(addresses, budgets, strict=True):
-            for hint in bus_hints(address, channel.burst) if address is not None else ():
+            for hint in bus_hints(address, channel.frames) if address is not None else ():
                 print(f"{address}: {hint}")
     burst = max(bursts)
     print(_NO_BUFFER.format(queue=DEFAULT_QUEUE, burst=burst, wanted=max(4 * burst, 100)))

@@ -63,8 +63,8 @@ def emulate(config: Emulate) -> int:
             print(f"{who} of {description.name} on {channels}; {punctuality}", flush=True)
             _wait(config, motors, HandSweep(description, motors.truth.joint_position), news, ending)
             for bus, address in enumerate(addresses):
-                load = 100.0 * motors.bus_load(bus)
-                print(f"{address}: {motors.load(bus).frames} frames, {load:.1f} % load on average")
+                frames, load = motors.bus_load(bus)
+                print(f"{address}: {frames} frames, {100.0 * load:.1f} % load on average")
             if motors.slipped:
                 print(f"the motors stood still for {motors.slipped:.2f} s because this computer was too slow for them")
             if motors.send_errors:

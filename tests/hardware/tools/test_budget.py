@@ -8,7 +8,7 @@ _LITE = load_robot("lite")
 
 def test_the_protocols_figures_for_one_bus_at_200_hz():
     (channel,) = channel_budgets(_LITE, 1, 200.0, 1e6, 0.0)
-    assert channel.burst == 14
+    assert channel.frames == 14
     assert channel.period_time == pytest.approx((3.668e-3, 4.48e-3))
     assert channel.load == pytest.approx((0.7336, 0.896))
     assert channel.highest_rate == pytest.approx((272.6, 223.2), abs=0.1)
@@ -54,7 +54,7 @@ def test_a_channels_name_is_printed_as_it_is(run):
 
 def test_a_sito_motor_takes_two_frames_each_way_and_sends_no_reports():
     (mixed,) = channel_budgets(load_robot("lite_sito"), 1, 50.0, 1e6, 100.0)
-    assert (mixed.frames, mixed.reporting, mixed.burst) == ((18, 18), 10, 18)
+    assert (mixed.frames, mixed.reporting) == (18, 10)
     assert mixed.load == pytest.approx(tuple((36 * 50.0 + 10 * 100.0) * time for time in (131e-6, 160e-6)))
     (lite,) = channel_budgets(load_robot("lite"), 1, 50.0, 1e6, 100.0)
     assert lite.load[0] == pytest.approx((28 * 50.0 + 14 * 100.0) * 131e-6)
