@@ -61,23 +61,17 @@ def silent(message: str) -> SafetyStatus:
     return SafetyStatus(SafetyLevel.FAULT, SafetyFlag.RX_TIMEOUT, SOURCE, message)
 
 
-class SimulatedImu:
+class SimulatedImu(Imu):
     """Reads a simulation that runs by itself. Ideal: no noise, and no age."""
 
     def __init__(self, sample: Callable[[], ImuSample]) -> None:
         """Prepare; `sample` gives the plant's present reading, and may be called from the control thread."""
         self._sample = sample
 
-    def open(self) -> None:
-        """Nothing to do: a simulation answers at once."""
-
     def read(self, time: float) -> ImuReading:
         """Return the plant's present reading."""
         sample = self._sample()
         return ImuReading(sample.quaternion, sample.angular_velocity, sample.linear_acceleration, OK)
-
-    def close(self) -> None:
-        """Nothing to release."""
 
 
 DEFAULT_MOUNTING = ",".join(f"{value:g}" for value in LABEL_UP)

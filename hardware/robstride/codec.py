@@ -320,15 +320,12 @@ def decode_reply(
 
 
 def _decode_device_id(data: bytes, parts: Identifier) -> messages.DeviceId | messages.Malformed:
-    if len(data) != DATA_LENGTH:
-        return _bad_length(data, parts)
-    return messages.DeviceId(parts.low, data)
+    return messages.DeviceId(parts.low, data) if len(data) == DATA_LENGTH else _bad_length(data, parts)
 
 
 def _bad_length(data: bytes, parts: Identifier) -> messages.Malformed:
-    return messages.Malformed(
-        parts.low, f"{_NAMES[FrameType(parts.type)]} with {len(data)} bytes, expected {DATA_LENGTH}"
-    )
+    name = _NAMES[FrameType(parts.type)]
+    return messages.Malformed(parts.low, f"{name} with {len(data)} bytes, expected {DATA_LENGTH}")
 
 
 def _decode_addressed(  # noqa: PLR0911 - one for each kind of reply

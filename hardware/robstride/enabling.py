@@ -116,7 +116,7 @@ def make_ready(
     if checks.problems and not takes_over:
         return
     if takes_over:
-        _write_exactly(link, "run_mode", dict.fromkeys(joints, float(RunMode.OPERATION)), checks)
+        _write_run_mode(link, joints, checks)
     _write_timeout(link, joints, can_timeout, checks)
     if takes_over:
         torques, currents = link.motors.torque_limit, link.motors.current_limit
@@ -181,15 +181,16 @@ def _fault_words(link: RobstrideLink, joints: Iterable[int]) -> dict[int, int]:
 # --- configuring
 
 
-def _write_exactly(link: RobstrideLink, name: str, values: Mapping[int, float], checks: CheckList) -> None:
-    for joint, found in link.write(PARAMETERS[name], values).items():
+def _write_run_mode(link: RobstrideLink, joints: Sequence[int], checks: CheckList) -> None:
+    wanted = float(RunMode.OPERATION)
+    for joint, found in link.write(_RUN_MODE, dict.fromkeys(joints, wanted)).items():
         motor = link.motors.names[joint]
         if isinstance(found, Unreadable):
-            checks.problem(motor, f"{name} cannot be verified ({found.reason})")
-        elif found != values[joint]:
-            checks.problem(motor, f"{name} reads {found:g} after {values[joint]:g} was written")
+            checks.problem(motor, f"run_mode cannot be verified ({found.reason})")
+        elif found != wanted:
+            checks.problem(motor, f"run_mode reads {found:g} after {wanted:g} was written")
         else:
-            checks.passed(motor, f"{name} {found:g}")
+            checks.passed(motor, f"run_mode {found:g}")
 
 
 def _write_timeout(link: RobstrideLink, joints: Sequence[int], can_timeout: float, checks: CheckList) -> None:

@@ -188,20 +188,20 @@ class RobstrideSession(RobstrideLink):
 
 
 def _alarm(name: str, status: Status) -> Iterator[Finding]:
-    for fault in flag_names(status.faults):
-        yield SafetyFlag.MOTOR_FAULT, fault, name
-    if status.faults & StatusFault.MOTOR_OVERTEMPERATURE:
-        yield SafetyFlag.TEMPERATURE_LIMIT, _HOT, name
+    yield from _faults(name, status.faults)
     if status.mode is not MotorMode.RUN:
         is_reset = status.mode is MotorMode.RESET
         yield SafetyFlag.MOTOR_FAULT, STOPPED if is_reset else f"left run mode (mode {status.mode.name.lower()})", name
 
 
 def _report(name: str, faults: FaultBit, warnings: WarningBit) -> Iterator[Finding]:
+    yield from _faults(name, faults)
+    for warning in flag_names(warnings):
+        yield SafetyFlag.TEMPERATURE_LIMIT if warning == _WARNS else SafetyFlag.MOTOR_FAULT, warning, name
+
+
+def _faults(name: str, faults: StatusFault | FaultBit) -> Iterator[Finding]:
     for fault in flag_names(faults):
         yield SafetyFlag.MOTOR_FAULT, fault, name
-    if faults & FaultBit.MOTOR_OVERTEMPERATURE:
-        yield SafetyFlag.TEMPERATURE_LIMIT, _HOT, name
-    hot = warnings & WarningBit.MOTOR_OVERTEMPERATURE_WARNING
-    for warning in flag_names(warnings):
-        yield SafetyFlag.TEMPERATURE_LIMIT if hot else SafetyFlag.MOTOR_FAULT, warning, name
+        if fault == _HOT:
+            yield SafetyFlag.TEMPERATURE_LIMIT, fault, name

@@ -117,12 +117,13 @@ def _adapters(texts: Sequence[str], names: Sequence[str]) -> dict[str, Adapter]:
 
 
 def _settings(config: BringUp) -> LinkSettings:
-    if not 10_000 <= config.bitrate <= 1_000_000:
-        raise InputError(f"--bitrate: is {config.bitrate}, expected 10000 to 1000000 bit/s; motors come with 1000000")
-    if not 0 <= config.restart_ms <= 10_000:
-        raise InputError(f"--restart-ms: is {config.restart_ms}, expected 0 to 10000 ms; 0: never by itself")
-    if not 10 <= config.queue <= 10_000:
-        raise InputError(f"--queue: is {config.queue}, expected 10 to 10000 frames")
+    for name, value, lowest, highest, what in (
+        ("--bitrate", config.bitrate, 10_000, 1_000_000, "bit/s; motors come with 1000000"),
+        ("--restart-ms", config.restart_ms, 0, 10_000, "ms; 0: never by itself"),
+        ("--queue", config.queue, 10, 10_000, "frames"),
+    ):
+        if not lowest <= value <= highest:
+            raise InputError(f"{name}: is {value}, expected {lowest} to {highest} {what}")
     return LinkSettings(config.bitrate, config.restart_ms, config.queue)
 
 

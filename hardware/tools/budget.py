@@ -67,7 +67,7 @@ class ChannelBudget:
     def highest_rate(self) -> tuple[float, float]:
         """Hz at which the bus is full; 0 where the reports alone fill it."""
         reports = self.reporting * self.reports_per_second
-        fast, slow = (max(0.0, (1.0 / time - reports) / 2 * self.frames) for time in self.frame_time)
+        fast, slow = (max(0.0, (1.0 / time - reports) / (2 * self.frames)) for time in self.frame_time)
         return fast, slow
 
 

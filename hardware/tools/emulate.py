@@ -36,9 +36,8 @@ def emulate(config: Emulate) -> int:
         raise InputError("--channel: is not given, expected a channel such as vcan0 or udp_multicast:239.74.163.2")
     description = load_robot(config.robot)
     addresses = parse_addresses(config.channel)
-    _refuse_virtual(addresses)
     faults = [parse_fault(text, description) for text in config.fault]
-    _refuse_host_faults(faults)
+    _refuse_unreachable(addresses, faults)
     if config.duration is not None and not (math.isfinite(config.duration) and config.duration > 0.0):
         raise InputError(f"--duration: is {config.duration}, expected a finite number above 0")
     if config.midi is not None and description.piano is None:
@@ -92,16 +91,14 @@ def _print_all(news: SimpleQueue[str]) -> None:
         print(news.get(), flush=True)
 
 
-def _refuse_virtual(addresses: Sequence[BusAddress]) -> None:
+def _refuse_unreachable(addresses: Sequence[BusAddress], faults: Sequence[Fault]) -> None:
+    """Refuse what this process cannot reach: channels within another one, and its end of a channel."""
     for address in addresses:
         if address.interface == "virtual":
             raise InputError(
                 f"--channel: is '{address}', which no other process can reach; expected a CAN interface such as "
                 "vcan0, or udp_multicast:239.74.163.2"
             )
-
-
-def _refuse_host_faults(faults: Sequence[Fault]) -> None:
     for fault in faults:
         if fault.info.scope == "host":
             raise InputError(
