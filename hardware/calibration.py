@@ -53,11 +53,7 @@ class Calibration:
     """Disagreements of the file with the robot description, one line each."""
 
     def homing_offsets(self, description: RobotDescription) -> dict[str, float]:
-        """Return the offset of every joint of the robot, in its order: rad, motor frame.
-
-        Raises:
-            InputError: joints are not calibrated.
-        """
+        """Return every joint's offset, in the robot's order: rad, motor frame; an `InputError` names missing ones."""
         missing = [name for name in description.joint_names if name not in self.entries]
         if missing:
             raise InputError(
@@ -135,11 +131,7 @@ def _disagreements(
 
 
 def save_calibration(path: str | os.PathLike[str], entries: Mapping[str, CalibrationEntry]) -> None:
-    """Write a calibration: whole, or not at all, whatever happens meanwhile.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Write a calibration: whole, or not at all, whatever happens meanwhile; an `InputError` where it cannot be."""
     path = Path(path)
     document = {
         name: {"id": entry.id, "direction": entry.direction, "homing_offset": round(entry.homing_offset, 6)}

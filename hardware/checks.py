@@ -31,11 +31,6 @@ class Check:
     about: str = ""
     """Item that the answer to a question accepts, such as a firmware's version."""
 
-    @property
-    def passed(self) -> bool:
-        """Return whether this check does not keep the robot from being enabled, once its question is answered."""
-        return self.verdict is not Verdict.PROBLEM
-
     def __str__(self) -> str:
         mark = "" if self.verdict is Verdict.PASSED else f"{self.verdict.value}: "
         return f"{mark}{self.subject}: {self.text}"
@@ -55,30 +50,31 @@ class CheckList:
         self._answered = answered
         self._checks: list[Check] = []
 
+    def add(self, verdict: Verdict, subject: str, text: str, about: str = "") -> None:
+        """Note a finding; one line collects all that is right with a subject."""
+        if verdict is Verdict.PASSED:
+            for i, check in enumerate(self._checks):
+                if check.subject == subject and check.verdict is verdict:
+                    self._checks[i] = Check(verdict, subject, f"{check.text}; {text}")
+                    return
+        self._checks.append(Check(verdict, subject, text, about))
+
     def passed(self, subject: str, text: str) -> None:
-        """Note what was found to be right; one line collects all that is right with a subject."""
-        for i, check in enumerate(self._checks):
-            if check.subject == subject and check.verdict is Verdict.PASSED:
-                self._checks[i] = Check(Verdict.PASSED, subject, f"{check.text}; {text}")
-                return
-        self._checks.append(Check(Verdict.PASSED, subject, text))
+        """Note what was found to be right."""
+        self.add(Verdict.PASSED, subject, text)
 
     def warn(self, subject: str, text: str) -> None:
         """Note what an operator should know."""
-        self._checks.append(Check(Verdict.WARNING, subject, text))
+        self.add(Verdict.WARNING, subject, text)
 
     def question(self, subject: str, text: str, about: str) -> None:
-        """Ask the operator to accept what nobody knows; a warning where he has accepted the same already.
-
-        Args:
-            about: what is accepted by the answer, for this robot's other motors too.
-        """
+        """Ask the operator to accept what nobody knows; a warning where he has accepted the same, `about`, already."""
         is_answered = about in self._answered
-        self._checks.append(Check(Verdict.WARNING if is_answered else Verdict.QUESTION, subject, text, about))
+        self.add(Verdict.WARNING if is_answered else Verdict.QUESTION, subject, text, about)
 
     def problem(self, subject: str, text: str) -> None:
         """Note what keeps the robot from being enabled."""
-        self._checks.append(Check(Verdict.PROBLEM, subject, text))
+        self.add(Verdict.PROBLEM, subject, text)
 
     @property
     def all(self) -> tuple[Check, ...]:
@@ -88,17 +84,20 @@ class CheckList:
     @property
     def problems(self) -> tuple[str, ...]:
         """Return what keeps the robot from being enabled, one line each."""
-        return tuple(f"{check.subject}: {check.text}" for check in self._checks if not check.passed)
+        return self._lines(Verdict.PROBLEM)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return what an operator should know, one line each."""
+        return self._lines(Verdict.WARNING)
+
+    def _lines(self, verdict: Verdict) -> tuple[str, ...]:
+        return tuple(f"{check.subject}: {check.text}" for check in self._checks if check.verdict is verdict)
 
     @property
     def questions(self) -> tuple[Check, ...]:
         """Return what nobody has accepted yet."""
         return tuple(check for check in self._checks if check.verdict is Verdict.QUESTION)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Return what an operator should know, one line each."""
-        return tuple(f"{check.subject}: {check.text}" for check in self._checks if check.verdict is Verdict.WARNING)
 
     def refusal(self) -> str:
         """All problems as the message of one error."""
@@ -109,23 +108,15 @@ class CheckList:
         return f"{self._robot}: not enabled, {count}:" + "".join(f"\n  - {problem}" for problem in problems)
 
     def refuse_questions(self) -> None:
-        """Go no further while an operator has not accepted what nobody knows.
-
-        Raises:
-            RobotError: with every question.
-        """
+        """Raise a `RobotError` with every question that an operator has not answered."""
         if not self.questions:
             return
         accepted = " ".join(f"--accept-firmware {about}" for about in sorted({q.about for q in self.questions}))
-        asked = "; ".join(f"{check.subject}: {check.text}" for check in self.questions)
+        asked = "; ".join(self._lines(Verdict.QUESTION))
         head = f"{self._robot}: not enabled: " if self._robot else ""
         raise RobotError(f"{head}{asked}. If you know it better, add {accepted}")
 
     def refuse(self) -> None:
-        """Go no further if there is a problem.
-
-        Raises:
-            RobotError: with everything that is wrong.
-        """
+        """Raise a `RobotError` with everything that is wrong, if something is."""
         if self.problems:
             raise RobotError(self.refusal())

@@ -33,11 +33,7 @@ class MotorControl:
     """Control of the motors from one activation to the next. Nothing here waits or raises for what happens on a bus."""
 
     def __init__(self, settings: AdapterSettings, motors: RobotMotors, turns: FloatArray, guard: MotorGuard) -> None:
-        """Begin with motors that were prepared; commands are sent once they are enabled.
-
-        Args:
-            turns: shape (n,), see `find_turns`.
-        """
+        """Begin with prepared motors and the `turns` of `find_turns`; commands are sent once the motors are enabled."""
         wiring = settings.wiring
         self._settings = settings
         self._motors = motors
@@ -132,11 +128,7 @@ class CommandEncoder:
     """Joint commands to frames, counting what was cut off."""
 
     def __init__(self, wiring: Wiring, channel_count: int, lead: float) -> None:
-        """Prepare.
-
-        Args:
-            lead: s, see `bounded_position`.
-        """
+        """Prepare; `lead` in s, see `bounded_position`."""
         self._wiring = wiring
         self._lead = lead
         self._channel_count = channel_count

@@ -251,11 +251,7 @@ class HardwareRobot:
             raise refusal from error
 
     def _explain(self, refusal: BaseException, *, is_off: bool) -> None:
-        """Note why nothing is enabled, and what to do about it, for the safety statuses.
-
-        Args:
-            is_off: whether every motor has confirmed that it is disabled; nobody is told so otherwise.
-        """
+        """Note why nothing is enabled, and what to do; `is_off`: every motor has confirmed that it is disabled."""
         reason = flattened(str(refusal)) or type(refusal).__name__
         head = "the motors are off" if is_off else "no motor is driven"
         own = reason.removeprefix(f"{self._settings.name}: ")

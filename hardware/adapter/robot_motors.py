@@ -33,11 +33,7 @@ class RobotMotors:
         clock: Callable[[], float],
         open_bus: OpenBus,
     ) -> None:
-        """Open every channel, see `OpenChannels`.
-
-        Args:
-            known_uids: of motors at an earlier activation, by joint.
-        """
+        """Open every channel, see `OpenChannels`; `known_uids` by joint are those of an earlier activation."""
         wiring = settings.wiring
         self._count = wiring.count
         bursts = tuple(wiring.period_frames(channel) for channel in range(len(settings.addresses)))

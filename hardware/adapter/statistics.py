@@ -114,12 +114,7 @@ def gather_statistics(
     now: float,
     past: RobotStatistics | None = None,
 ) -> RobotStatistics:
-    """Return the statistics since the channels were opened, or of none, together with those of earlier activations.
-
-    Args:
-        now: s, robot's clock.
-        past: of the activations before this one.
-    """
+    """Return the statistics at `now`, s, robot's clock, since the channels were opened, added to those of the past."""
     figures: list[MotorFigures] = []
     found: list[ChannelStatistics] = []
     temperature: dict[str, float] = {}

@@ -38,11 +38,7 @@ class SafetyWatch:
     """
 
     def __init__(self, settings: AdapterSettings, motors: RobotMotors, *, since: float) -> None:
-        """Begin to watch enabled motors.
-
-        Args:
-            since: s, robot's clock; what happened before is past.
-        """
+        """Begin to watch motors that were enabled at `since`, s, robot's clock; what happened before is past."""
         wiring = settings.wiring
         self._names = wiring.names
         self._motors = motors
@@ -65,12 +61,7 @@ class SafetyWatch:
         self._beat = now
 
     def statuses(self, now: float, age: FloatArray, tracker: JointTracker) -> tuple[SafetyStatus, ...]:
-        """One status per channel.
-
-        Args:
-            now: s, robot's clock.
-            age: shape (n,), s since each joint was heard.
-        """
+        """Return one status per channel at `now`, s, robot's clock; `age`: shape (n,), s since each joint was heard."""
         self.beat(now)
         recent = max(now - self._rx_timeout, self._since)
         silent = age > self._rx_timeout

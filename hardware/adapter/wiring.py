@@ -148,11 +148,7 @@ def make_settings(
     can_timeout: float,
     allow_no_timeout: bool,
 ) -> AdapterSettings:
-    """Return settings for a robot; the arguments are those of `HardwareRobot`.
-
-    Raises:
-        InputError: a channel, the calibration or a number does not fit.
-    """
+    """Return settings for a robot; arguments and errors are those of `HardwareRobot`."""
     name = description.name
     addresses = tuple(parse_address(channel) if isinstance(channel, str) else channel for channel in channels)
     if len(set(addresses)) < len(addresses):

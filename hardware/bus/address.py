@@ -94,11 +94,7 @@ logging.getLogger("can").addHandler(logging.NullHandler())
 
 
 def open_bus(address: BusAddress) -> can.BusABC:
-    """Return an open bus.
-
-    Raises:
-        RobotError: it cannot be opened; one line with the reason.
-    """
+    """Return an open bus; a `RobotError` of one line with the reason where it cannot be opened."""
     options: dict[str, Any] = {} if address.interface in _WITHOUT_BITRATE else {"bitrate": BITRATE}
     try:
         bus = can.Bus(interface=address.interface, channel=address.channel, **options)
@@ -156,11 +152,7 @@ class PassingBus(can.BusABC):
 
 
 def bus_hints(address: BusAddress, burst: int) -> tuple[str, ...]:
-    """Return what the operating system says against an open channel, one line each; nothing where it cannot be asked.
-
-    Args:
-        burst: frames that one control period puts into the kernel's queue at once.
-    """
+    """Return what the kernel says against an open channel that gets `burst` frames at once, one line each."""
     if address.interface != "socketcan":
         return ()
     length = _attribute(address.channel, "tx_queue_len")

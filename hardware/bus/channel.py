@@ -116,11 +116,7 @@ class Channel:
         return text if when >= since else ""
 
     def send(self, frames: Sequence[tuple[Hashable, Frame]], lifetime: float = math.inf) -> None:
-        """Queue frames, each with its key or None, see `Outbox`. Returns at once, whatever the bus is doing.
-
-        Args:
-            lifetime: s after which those that have not left are dropped.
-        """
+        """Queue frames, each with its key or None, see `Outbox`; returns at once. `lifetime` in s."""
         self._outbox.put(frames, lifetime)
         if self.counters.overruns != self._overruns_seen:
             self._overruns_seen = self.counters.overruns
@@ -320,11 +316,7 @@ class Outbox:
         """True once `close` was called."""
 
     def put(self, frames: Sequence[tuple[Hashable, Frame]], lifetime: float = math.inf) -> None:
-        """Queue keyed frames; a key None keeps a frame apart from all others. Never blocks on the bus.
-
-        Args:
-            lifetime: s after which they are dropped if they have not left.
-        """
+        """Queue keyed frames for `lifetime` s at most; a key None keeps a frame apart. Never blocks on the bus."""
         until = self._clock() + lifetime
         with self._ready:
             if self.is_closed:

@@ -14,19 +14,21 @@ from typing import Any
 
 from humanoid_sim.errors import RobotError, one_line
 from humanoid_sim.hardware.bus.frame import BITRATE
-from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.checks import CheckList, Verdict
 
 _COMMAND = ("ip", "-details", "-json", "link", "show")
 _TIMEOUT = 5.0
 """s"""
 _STATES = {
-    "BUS-OFF": "is bus-off: it has left the bus after too many errors; check cable, terminators and bit rate",
-    "STOPPED": "is stopped",
-    "SLEEPING": "sleeps",
-}
-_WORRYING_STATES = {
-    "ERROR-WARNING": "has had errors (ERROR-WARNING)",
-    "ERROR-PASSIVE": "has many errors (ERROR-PASSIVE): nobody acknowledges, or the bus is damaged",
+    "ERROR-ACTIVE": (Verdict.PASSED, "no errors (ERROR-ACTIVE)"),
+    "ERROR-WARNING": (Verdict.WARNING, "has had errors (ERROR-WARNING)"),
+    "ERROR-PASSIVE": (Verdict.WARNING, "has many errors (ERROR-PASSIVE): nobody acknowledges, or the bus is damaged"),
+    "BUS-OFF": (
+        Verdict.PROBLEM,
+        "is bus-off: it has left the bus after too many errors; check cable, terminators and bit rate",
+    ),
+    "STOPPED": (Verdict.PROBLEM, "is stopped"),
+    "SLEEPING": (Verdict.PROBLEM, "sleeps"),
 }
 _WRONG_MODES = {
     "LISTEN-ONLY": "only listens (listen-only): it sends nothing and acknowledges nothing",
@@ -54,11 +56,7 @@ def configured_by_hand(name: str, wanted: LinkSettings) -> tuple[str, str]:
 
 
 def read_links() -> str:
-    """Return what `ip -details -json link show` prints.
-
-    Raises:
-        RobotError: there is no such program, or it fails.
-    """
+    """Return what `ip -details -json link show` prints; a `RobotError` where there is no such program, or it fails."""
     command = " ".join(_COMMAND)
     try:
         done = subprocess.run(_COMMAND, capture_output=True, text=True, timeout=_TIMEOUT, check=False)
@@ -72,10 +70,7 @@ def read_links() -> str:
 
 
 def check_link(text: str, name: str, wanted: LinkSettings, checks: CheckList) -> None:
-    """Compare an interface with what is wanted of it.
-
-    Args:
-        text: what `read_links` gave, or a recording of it.
+    """Compare an interface in what `read_links` gave with what is wanted of it.
 
     Raises:
         RobotError: the text is not that command's.
@@ -90,7 +85,10 @@ def check_link(text: str, name: str, wanted: LinkSettings, checks: CheckList) ->
     if link.get("link_type") != "can":
         checks.problem(name, f"is not a CAN interface, but of type {link.get('link_type', 'unknown')}")
         return
-    _check_up(link, name, wanted, checks)
+    if "UP" in _texts(link.get("flags")):
+        checks.passed(name, "up")
+    else:
+        checks.problem(name, f"is down: {configured_by_hand(name, wanted)[0]}")
     if info.get("info_kind") == "can":
         _check_controller(_mapping(info.get("info_data")), name, wanted, checks)
     else:
@@ -116,13 +114,6 @@ def _links(text: str) -> dict[str, Mapping[str, Any]]:
     return {link["ifname"]: link for link in document if isinstance(link.get("ifname"), str)}
 
 
-def _check_up(link: Mapping[str, Any], name: str, wanted: LinkSettings, checks: CheckList) -> None:
-    if "UP" in _texts(link.get("flags")):
-        checks.passed(name, "up")
-    else:
-        checks.problem(name, f"is down: {configured_by_hand(name, wanted)[0]}")
-
-
 def _check_controller(data: Mapping[str, Any], name: str, wanted: LinkSettings, checks: CheckList) -> None:
     again = f"sudo ip link set {name} down, then {configured_by_hand(name, wanted)[0]}"
     bitrate = _mapping(data.get("bittiming")).get("bitrate")
@@ -138,16 +129,11 @@ def _check_controller(data: Mapping[str, Any], name: str, wanted: LinkSettings, 
     else:
         checks.problem(name, f"its restart-ms is {_told(restart)}, expected {wanted.restart_ms}: {again}")
     state = data.get("state")
-    if state in _STATES:
-        checks.problem(name, _STATES[state])
-    elif state in _WORRYING_STATES:
-        counters = _mapping(data.get("berr_counter"))
-        counted = f"; error counters: sending {_told(counters.get('tx'))}, receiving {_told(counters.get('rx'))}"
-        checks.warn(name, f"{_WORRYING_STATES[state]}{counted if counters else ''}")
-    elif state == "ERROR-ACTIVE":
-        checks.passed(name, "no errors (ERROR-ACTIVE)")
-    else:
-        checks.warn(name, f"its state is {_told(state)}, expected ERROR-ACTIVE")
+    verdict, text = _STATES.get(state, (Verdict.WARNING, f"its state is {_told(state)}, expected ERROR-ACTIVE"))
+    counters = _mapping(data.get("berr_counter"))
+    if counters and state in _STATES and verdict is Verdict.WARNING:
+        text += f"; error counters: sending {_told(counters.get('tx'))}, receiving {_told(counters.get('rx'))}"
+    checks.add(verdict, name, text)
     for mode, text in _WRONG_MODES.items():
         if mode in _texts(data.get("ctrlmode")):
             checks.problem(name, text)

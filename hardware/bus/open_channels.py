@@ -39,11 +39,7 @@ class ChannelLock:
     """
 
     def __init__(self, address: BusAddress) -> None:
-        """Take the channel.
-
-        Raises:
-            RobotError: another session drives it (the message names its process), or the lock cannot be made.
-        """
+        """Take the channel; a `RobotError` where another session, which it names, drives it, or no lock can be made."""
         self._address = address
         self._descriptor = -1
         self._is_released = False

@@ -153,11 +153,7 @@ class Emulator:
         return received
 
     def inject(self, fault: Fault) -> None:
-        """Schedule a fault; one whose start is past begins now and lasts as long as it says.
-
-        Raises:
-            InputError: it names a joint without a motor.
-        """
+        """Schedule a fault; one whose start is past begins now. An `InputError` if it names a joint without a motor."""
         injected = _Injected(fault, self._motors_of(fault))
         self._injected.append(injected)
         start = max(fault.start, self.time)
@@ -210,16 +206,13 @@ class Emulator:
                 for frame in self.motors.set_fault(motor, fault.kind, fault.amount, begins):
                     self._send(motor, frame, self.time)
         else:
-            for bus in self._buses_of(injected):
+            for bus in sorted({self._bus_of[motor] for motor in injected.motors}):
                 if begins:
                     self._begin_on_bus(injected, bus)
                 elif fault.kind == "bus_off":
                     self._is_off[bus] = False
                 elif fault.kind in self._host_faults[bus]:
                     self._host_faults[bus].remove(fault.kind)
-
-    def _buses_of(self, injected: _Injected) -> list[int]:
-        return sorted({self._bus_of[motor] for motor in injected.motors})
 
     def _begin_on_bus(self, injected: _Injected, bus: int) -> None:
         kind = injected.fault.kind

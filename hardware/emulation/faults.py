@@ -124,11 +124,7 @@ _GRAMMAR = "KIND[=VALUE][:MOTOR,…][@START[+DURATION]], a motor by joint name o
 
 
 def parse_fault(text: str, description: RobotDescription) -> Fault:
-    """Read `over_temperature=150:left_elbow_pitch@5+2`, `lost=0.2`, `silent:14`.
-
-    Raises:
-        InputError: one line with what is wrong and what is accepted.
-    """
+    """Read `over_temperature=150:left_elbow_pitch@5+2`, `lost=0.2`, `silent:14`; what is wrong is an `InputError`."""
     found = _SYNTAX.fullmatch(text.strip())
     if found is None:
         raise InputError(f"--fault: is '{text}', expected {_GRAMMAR}")

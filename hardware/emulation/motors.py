@@ -49,14 +49,9 @@ class Drives:
         self._limit[motor], self._origin[motor] = drive.limit, drive.origin
 
     def torque(self, shaft: FloatArray, velocity: FloatArray) -> FloatArray:
-        """Return the torque of one period of the control loop.
+        """Return the torque of one control period, shape (m,), N·m: a buffer that is valid until the next call.
 
-        Args:
-            shaft: shape (m,), rad, what the encoders read.
-            velocity: shape (m,), rad/s.
-
-        Returns:
-            Shape (m,), N·m; a buffer that is valid until the next call.
+        Both arguments have shape (m,): what the encoders read, rad, and the velocity, rad/s.
         """
         position = wrapped(shaft - self._origin, self._range)
         return mit_torque(self, position, velocity, self._limit, out=self._torque, scratch=self._scratch)
@@ -159,10 +154,6 @@ class Motors:
     def next_time(self) -> float:
         """s, of the next physics step."""
         return (self._steps + 1) * self.plant.timestep
-
-    def name(self, motor: int) -> str:
-        """Return the joint that a motor drives."""
-        return self.plant.joints[motor].name
 
     def sensed(self, motor: int) -> Sensed:
         """Return what a motor's sensors say now."""
@@ -279,15 +270,11 @@ class Motors:
 
     def _tell(self, motor: int, time: float, text: str) -> None:
         if self._told is not None:
-            self._told(time, f"{self.name(motor)}: {text}")
+            self._told(time, f"{self.plant.joints[motor].name}: {text}")
 
 
 def _make_firmwares(description: RobotDescription, settings: EmulationSettings) -> tuple[Firmware[Any], ...]:
-    """One per driven joint, in order.
-
-    Raises:
-        InputError: a model is unknown, or see `motor_identities`.
-    """
+    """Return one per driven joint, in order."""
     identities = iter(motor_identities(description, settings))
     made: list[Firmware[Any]] = []
     for joint in description.joints:

@@ -132,11 +132,7 @@ class MotorPlant:
         self._plant.model.dof_damping[dof] = _JAM if jammed else self._damping[dof]
 
     def lead(self, positions: Mapping[str, float] | None) -> None:
-        """Let a hand lead joints towards positions, rad, joint frame, beside whatever the motors do; None: let go.
-
-        Raises:
-            InputError: a name is not that of a driven joint.
-        """
+        """Let a hand lead driven joints towards positions, rad, joint frame, whatever the motors do; None: let go."""
         if positions is None:
             self._hand = None
             return
@@ -149,11 +145,7 @@ class MotorPlant:
         self._hand = hand
 
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
-        """Let the support take a floating base where it now is, or let the base go.
-
-        Args:
-            held: whether it holds the base.
-            lifts: whether it then raises the base, slowly, to the height of its start.
+        """Hold a floating base where it now is, and raise it slowly to its start if it `lifts`, or let it go.
 
         Raises:
             RobotError: the base is fixed.

@@ -171,11 +171,7 @@ class VirtualMotors:
         return FaultyBus(bus, str(address), lambda: self._emulator.host_fault(index))
 
     def close(self) -> None:
-        """Stop the thread, and close the motors' ends of the channels: they are gone. May be called twice.
-
-        Raises:
-            Exception: that of the thread, if it had ended by one.
-        """
+        """Stop the thread and close the motors' ends of the channels; twice is once. Raises what ended the thread."""
         if self._closing.is_set():
             return
         self._closing.set()
@@ -264,11 +260,7 @@ class FaultyBus(PassingBus):
     """
 
     def __init__(self, bus: can.BusABC, channel: str, fault: Callable[[], str]) -> None:
-        """Take over a bus.
-
-        Args:
-            fault: what is wrong now: `bus_off`, `enobufs`, or nothing (empty).
-        """
+        """Take over a bus; `fault` says what is wrong now: `bus_off`, `enobufs`, or nothing (empty)."""
         self._fault = fault
         super().__init__(bus, channel)
 

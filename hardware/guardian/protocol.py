@@ -103,12 +103,7 @@ class Heartbeat:
     """One end of the memory."""
 
     def __init__(self, descriptor: int, channel_count: int) -> None:
-        """Map it.
-
-        Args:
-            descriptor: of the memory; it becomes this object's.
-            channel_count: channels whose frames are counted.
-        """
+        """Map the memory of a descriptor, which becomes this object's, with a counter for each channel."""
         self.descriptor = descriptor
         size = 8 * (_SENT + channel_count)
         if os.fstat(descriptor).st_size < size:

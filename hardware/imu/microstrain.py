@@ -71,11 +71,7 @@ def checksum(data: bytes) -> bytes:
 
 
 def encode_packet(descriptor_set: int, fields: Iterable[Field]) -> bytes:
-    """Return the bytes of a packet.
-
-    Raises:
-        ValueError: if a field or the payload is longer than its length byte can say.
-    """
+    """Return the bytes of a packet; a `ValueError` if its length bytes cannot say how long a part is."""
     payload = b"".join(bytes((len(field.data) + 2, field.descriptor)) + field.data for field in fields)
     packet = _SYNC + bytes((descriptor_set, len(payload))) + payload
     return packet + checksum(packet)
@@ -186,11 +182,7 @@ class MicrostrainImu:
         """Packets of measurements that lacked one, or held one that is none."""
 
     def open(self) -> None:
-        """Configure the device, listen, and wait for a first sample.
-
-        Raises:
-            RobotError: the port cannot be opened, or nothing that is an IMU answers on it.
-        """
+        """Configure the device, listen, and wait for a first sample; a `RobotError` without a port, or an IMU there."""
         self.close()
         try:
             self._serial = serial.Serial(self._port, self._baudrate, timeout=_POLL, write_timeout=1.0, exclusive=True)
@@ -269,10 +261,7 @@ _ERRORS = {1: "unknown command", 2: "wrong checksum", 3: "invalid parameter", 4:
 
 
 def _configure(line: serial.Serial, name: str, rate: float) -> None:
-    """Have the device stream quaternion, angular rate and acceleration in one packet.
-
-    Args:
-        rate: Hz; the nearest that divides the device's own rate is taken.
+    """Have the device stream quaternion, angular rate and acceleration in one packet, at about `rate`, Hz.
 
     Raises:
         RobotError: if the device does not answer, or refuses.

@@ -226,11 +226,7 @@ class RobstrideEncoder:
     """Encodes for motors in a fixed order, like `encode_command` in the reference's convention, bit for bit."""
 
     def __init__(self, motor_ids: Sequence[int], models: Sequence[MotorModel]) -> None:
-        """Precompute the ranges.
-
-        Raises:
-            FieldError: an id is not one of 1 to 127.
-        """
+        """Precompute the ranges; a `FieldError` if an id is not one of 1 to 127."""
         for motor_id in motor_ids:
             _check_id("OperationControl.motor_id", motor_id)
         self._identifiers = [FrameType.OPERATION_CONTROL << 24 | motor_id for motor_id in motor_ids]
@@ -238,11 +234,7 @@ class RobstrideEncoder:
         self._lower = np.where(np.arange(len(COMMAND_FIELDS))[:, None] < _SIGNED, -self._upper, 0.0)
 
     def encode(self, values: FloatArray) -> EncodedFrames:
-        """See `FrameEncoder`.
-
-        Raises:
-            FieldError: a value is not finite.
-        """
+        """See `FrameEncoder`; a value that is not finite is a `FieldError`."""
         if not np.isfinite(values).all():
             row, column = np.argwhere(~np.isfinite(values))[0]
             motor_id = self._identifiers[column] & 0xFF

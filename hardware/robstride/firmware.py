@@ -100,11 +100,7 @@ def model_name(version: FirmwareVersion) -> str | None:
 
 
 def parse_version(text: str) -> FirmwareVersion:
-    """Return a version from `0.2.3.6`.
-
-    Raises:
-        InputError: the text is no such version.
-    """
+    """Return a version from `0.2.3.6`; an `InputError` if the text is not one."""
     parts = text.split(".")
     if len(parts) != 4 or not all(part.isascii() and part.isdigit() and int(part) <= 255 for part in parts):
         raise InputError(f"firmware version: is '{text}', expected four numbers of 0 to 255 such as 0.2.3.6")

@@ -60,11 +60,7 @@ class Parameter:
 
 
 def pack_value(kind: ParameterType, value: float) -> bytes:
-    """Return a value's 4 bytes: little-endian, left-aligned, the rest zero.
-
-    Raises:
-        FieldError: the value is not finite, does not fit the type, or is not a whole number where one is needed.
-    """
+    """Return a value's 4 bytes: little-endian, left-aligned, the rest zero; a `FieldError` if it does not fit."""
     accepted = "a finite float32" if kind.is_float else f"a whole number of type {kind.name.lower()}"
     if not math.isfinite(value) or (not kind.is_float and value != int(value)):
         raise FieldError(f"WriteParameter.payload: is {value}, expected {accepted}")
@@ -105,11 +101,7 @@ class CanTimeout:
 
     @classmethod
     def to_ticks(cls, seconds: float) -> int:
-        """Return the nearest whole number of ticks, at least 1 for what is above zero; 0 switches the timeout off.
-
-        Raises:
-            FieldError: not within 0 to 5 s.
-        """
+        """Return the nearest number of ticks, at least 1 above 0 s, which is off; a `FieldError` beyond 0 to 5 s."""
         if not 0.0 <= seconds <= cls.LONGEST * cls.TICK:
             raise FieldError(f"CanTimeout.seconds: is {seconds}, expected 0 to {cls.LONGEST * cls.TICK:g} s")
         return max(round(seconds / cls.TICK), 1 if seconds > 0.0 else 0)
@@ -231,11 +223,7 @@ def check_value(parameter: Parameter, value: float, model: MotorModel | None = N
 
 
 def find_parameter(name_or_index: str) -> Parameter:
-    """Return a parameter by its name in any case, or by its index such as `0x7019`.
-
-    Raises:
-        InputError: there is none; the message lists those that exist.
-    """
+    """Return a parameter by its name in any case, or by its index such as `0x7019`; the `InputError` lists them."""
     text = name_or_index.strip()
     for parameter in PARAMETERS.values():
         if text.lower() == parameter.name.lower():

@@ -137,26 +137,6 @@ class RobstrideLink:
                     found[joint] = answer
         return found
 
-    def poll(
-        self, commands: Mapping[int, Sequence[Command]], accept: Callable[[int, Reply], Answer | None], wait: float
-    ) -> dict[int, Answer]:
-        """Ask once, for what is asked again and again: the latest answers that have come within `wait` s.
-
-        Unlike `ask` it takes late answers to earlier questions as well: where a bus, or whoever emulates one, takes
-        longer than `wait`, there is an old answer each time, and not none for ever.
-        """
-        self.send(commands)
-        found: dict[int, Answer] = {}
-        deadline = time.monotonic() + wait
-        while True:
-            for joint, reply in self.take_answers():
-                answer = accept(joint, reply) if joint in commands else None
-                if answer is not None:
-                    found[joint] = answer
-            if len(found) == len(commands) or time.monotonic() > deadline:
-                return found
-            time.sleep(_POLL)
-
     def until_status(
         self,
         commands: Mapping[int, Sequence[Command]],
@@ -250,12 +230,24 @@ class RobstrideLink:
         return found
 
     def poll_values(self, parameter: Parameter, joints: Iterable[int], wait: float) -> dict[int, float]:
-        """`poll` for a parameter; motors that have none are left out."""
+        """Read once what is read again and again: the latest answers that have come within `wait` s.
+
+        Unlike `read` it takes late answers to earlier questions as well: where a bus, or whoever emulates one, takes
+        longer than `wait`, there is an old answer each time, and not none for ever. Motors that have none are left out.
+        """
         parameters = dict.fromkeys(joints, parameter)
-        answers: dict[int, float | Unreadable] = self.poll(
-            self._questions(parameters, {}), _values_of(parameters), wait
-        )
-        return {joint: value for joint, value in answers.items() if not isinstance(value, Unreadable)}
+        accept = _values_of(parameters)
+        self.send(self._questions(parameters, {}))
+        found: dict[int, float | Unreadable] = {}
+        deadline = time.monotonic() + wait
+        while True:
+            for joint, reply in self.take_answers():
+                answer = accept(joint, reply) if joint in parameters else None
+                if answer is not None:
+                    found[joint] = answer
+            if len(found) == len(parameters) or time.monotonic() > deadline:
+                return {joint: value for joint, value in found.items() if not isinstance(value, Unreadable)}
+            time.sleep(_POLL)
 
     def _exchange(
         self, parameters: Mapping[int, Parameter], values: Mapping[int, float], patience: Sequence[float] | None = None

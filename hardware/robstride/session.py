@@ -42,11 +42,7 @@ class RobstrideSession(RobstrideLink):
     knows_positions = True
 
     def __init__(self, line: OpenChannels, motors: MotorGroup, terms: SessionTerms) -> None:
-        """Nothing is sent yet.
-
-        Args:
-            motors: the robot's of this family; maybe none, where it only tells what strangers are heard.
-        """
+        """Send nothing yet; with no motors of the family it only tells what strangers are heard."""
         super().__init__(line, motors, terms.host_id)
         self._terms = terms
         self._joints = range(motors.count)

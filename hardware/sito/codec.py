@@ -203,11 +203,7 @@ def _counts(field: str, message: object, model: MotorModel | None = None) -> int
 def decode(  # noqa: PLR0911 - one for each message
     frame: Frame, model: MotorModel
 ) -> HostMessage | MotorMessage | Malformed | None:
-    """Return what a frame says; never raises. None: no Sito frame, or of a type that is not known.
-
-    Args:
-        model: of the motor that sends it, or that it is sent to.
-    """
+    """Return what a frame from or to a motor of this model says; never raises. None: not one of Sito's types."""
     parts = split_identifier(frame)
     if parts is None or parts[1] not in _DECODED:
         return None

@@ -103,11 +103,7 @@ class SitoSession(MotorLink):
     knows_positions = False
 
     def __init__(self, line: OpenChannels, motors: MotorGroup, terms: SessionTerms) -> None:
-        """Nothing is sent yet.
-
-        Args:
-            motors: the robot's of this family; maybe none, where it only tells what strangers are heard.
-        """
+        """Send nothing yet; with no motors of the family it only tells what strangers are heard."""
         self._line = line
         self.motors = motors
         self.uids: Mapping[str, bytes] = {}
@@ -171,11 +167,7 @@ class SitoSession(MotorLink):
             time.sleep(_POLL)
 
     def examine(self, checks: CheckList) -> None:
-        """See `MotorLink`: listens only, for there is nothing to ask.
-
-        Raises:
-            RobotError: another master drives these motors.
-        """
+        """See `MotorLink`: listens only, for there is nothing to ask; another master ends it with a `RobotError`."""
         before = [slot.reports for slot in self.slots]
         self._wait(_LISTENING)
         self._line.check_intruders(checks)

@@ -93,12 +93,7 @@ def open_bench(
 
 @contextlib.contextmanager
 def motor_bench(channel: str, motor_id: int, host_id: int) -> Iterator[RobstrideLink]:
-    """Provide the channel of one motor, of whatever model, for the tools that talk to one.
-
-    Raises:
-        InputError: the channel or an id is not one.
-        RobotError: the channel is in use, or cannot be opened.
-    """
+    """Provide the channel of one motor, of whatever model, for tools that talk to one; errors are `open_bench`'s."""
     if not 1 <= motor_id <= LARGEST_MOTOR_ID:
         raise InputError(f"motor id: is {motor_id}, expected 1 to {LARGEST_MOTOR_ID}")
     address = parse_address(channel)
@@ -186,12 +181,7 @@ def read_value(channels: RobstrideLink, parameter: Parameter, motor: int = 0) ->
 
 
 def write_value(channels: RobstrideLink, parameter: Parameter, value: float, motor: int = 0) -> None:
-    """Write a parameter and verify it.
-
-    Raises:
-        FieldError: the value does not fit the parameter's type.
-        RobotError: it reads back differently.
-    """
+    """Write a parameter and verify it; a `FieldError` if it does not fit, a `RobotError` if it reads back differently."""
     found = _known(channels, channels.write(parameter, {motor: value})[motor], motor)
     if found is None or not parameter.is_same(found, value):
         reads = "nothing" if found is None else f"{found:g}"

@@ -74,11 +74,7 @@ class ChannelBudget:
 def channel_budgets(
     description: RobotDescription, channel_count: int, rate: float, bitrate: float, reports_per_second: float
 ) -> tuple[ChannelBudget, ...]:
-    """Return the budget of each channel: one for all motors, or one for each of the robot's buses.
-
-    Raises:
-        InputError: the robot has no motors, or not so many buses.
-    """
+    """Return the budget of each channel, one for all motors or one per bus; an `InputError` if there are none such."""
     motors = [(joint.name, joint.motor) for joint in description.joints if joint.motor is not None]
     if not motors:
         raise InputError(f"{description.name}: no joint has a motor")

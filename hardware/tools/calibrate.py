@@ -88,8 +88,6 @@ def _poll(
     """Read every motor's `mechPos`, which counts turns and does not wrap; nothing else is asked of it.
 
     Args:
-        channels: open.
-        wiring: of the joints.
         tracks: by joint; each takes its position.
         limp: where the joint's motor cannot be asked, but is enabled.
         now: s.
@@ -113,6 +111,28 @@ def _require_heard(channels: RobstrideLink, wiring: Wiring, tracks: Mapping[int,
         raise silence(channels, i, f"{wiring.names[i]} (motor {wiring.motor_id[i]})")
 
 
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """Joints to calibrate, and how."""
+
+    config: Calibrate
+    description: RobotDescription
+    wiring: Wiring
+    joints: Sequence[int]
+
+    def result(self, joint: int, sweep: Sweep) -> SweepResult:
+        """Return what a sweep says of a joint."""
+        config = self.config
+        return evaluate(
+            self.description.joints[joint],
+            int(self.wiring.direction[joint]),
+            sweep,
+            threshold=config.threshold,
+            tolerance=config.tolerance,
+            any_offset=config.any_offset,
+        )
+
+
 _POLL_PERIOD = 0.02
 """s between two readings of all positions."""
 _TABLE_PERIOD = 0.2
@@ -132,10 +152,11 @@ def calibrate(config: Calibrate) -> int:
         names = ", ".join(wiring.names[i] for i in limp)
         print(f"{names}: say nothing before they are enabled, and are enabled without gains and current for the sweep")
         confirm("Are the joints supported?", config.yes, "not enabled")
+    task = _Task(config, description, wiring, chosen)
     with open_bench(addresses, config.host_id, wiring) as channels:
-        tracks = _sweep(config, description, wiring, channels, chosen)
-    results = {i: _result(config, description, wiring, i, tracks[i].sweep) for i in chosen}
-    _report(description, wiring, results, entries)
+        tracks = _sweep(task, channels)
+    results = {i: task.result(i, tracks[i].sweep) for i in chosen}
+    _report(task, results, entries)
     silent = [wiring.names[i] for i in chosen if tracks[i].restarts or tracks[i].is_silent(time.monotonic())]
     if silent:
         complain(f"warning: fell silent during the sweep, which began anew: {', '.join(silent)}")
@@ -179,31 +200,19 @@ def _check_options(config: Calibrate) -> None:
     output_file(config.output, "--output")
 
 
-def _result(config: Calibrate, description: RobotDescription, wiring: Wiring, joint: int, sweep: Sweep) -> SweepResult:
-    return evaluate(
-        description.joints[joint],
-        int(wiring.direction[joint]),
-        sweep,
-        threshold=config.threshold,
-        tolerance=config.tolerance,
-        any_offset=config.any_offset,
-    )
-
-
-def _sweep(
-    config: Calibrate, description: RobotDescription, wiring: Wiring, channels: RobstrideLink, chosen: Sequence[int]
-) -> Mapping[int, JointTrack]:
+def _sweep(task: _Task, channels: RobstrideLink) -> Mapping[int, JointTrack]:
     """Read positions until it is enough; show them meanwhile."""
+    config, wiring = task.config, task.wiring
     console = make_console()
-    print(f"{description.name}: move each joint by hand from stop to stop; {_how_to_end(config)}")
+    print(f"{task.description.name}: move each joint by hand from stop to stop; {_how_to_end(config)}")
     with contextlib.ExitStack() as shown:
         places: dict[int, _Position] = {}
         for family in FAMILIES:
-            if limp := [i for i in wiring.of_family(family) if i in wiring.unasked and i in chosen]:
+            if limp := [i for i in wiring.of_family(family) if i in wiring.unasked and i in task.joints]:
                 session = shown.enter_context(limp_motors(channels, limp))
                 places |= {i: partial(_place, session, k) for k, i in enumerate(limp)}
         begin = next_table = time.monotonic()
-        tracks = {i: JointTrack() for i in chosen}
+        tracks = {i: JointTrack() for i in task.joints}
         live = shown.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
         while True:
             now = time.monotonic()
@@ -212,11 +221,11 @@ def _sweep(
                 _require_heard(channels, wiring, tracks)
             if live is not None and now >= next_table:
                 next_table = max(next_table + _TABLE_PERIOD, now)
-                live.update(_table(config, description, wiring, tracks), refresh=True)
+                live.update(_table(task, tracks), refresh=True)
             if _is_over(config, now - begin):
                 break
             time.sleep(max(now + _POLL_PERIOD - time.monotonic(), 0.0))
-        last = _table(config, description, wiring, tracks)
+        last = _table(task, tracks)
         if live is not None:
             live.update(last, refresh=True)
         else:
@@ -256,12 +265,11 @@ _COLOURS = {
 }
 
 
-def _table(config: Calibrate, description: RobotDescription, wiring: Wiring, tracks: Mapping[int, JointTrack]) -> Table:
+def _table(task: _Task, tracks: Mapping[int, JointTrack]) -> Table:
     headings = ("id", "now", "low", "high", "swept", "range", "offset")
     table = make_table("joint", *headings, "", right=headings)
     for i, track in tracks.items():
-        result = _result(config, description, wiring, i, track.sweep)
-        joint = description.joints[i]
+        result, joint = task.result(i, track.sweep), task.description.joints[i]
         numbers = (track.angle, track.sweep.lowest, track.sweep.highest, track.sweep.width, joint.upper - joint.lower)
         offset = "" if result.homing_offset is None else f"{result.homing_offset:.3f}"
         verdict = f"[{_COLOURS[result.verdict]}]{result.verdict.value}[/]"
@@ -270,36 +278,33 @@ def _table(config: Calibrate, description: RobotDescription, wiring: Wiring, tra
         if track.is_silent(time.monotonic()):
             verdict = "[red]silent[/]"
         shown = (f"{number:.2f}" if math.isfinite(number) else "-" for number in numbers)
-        table.add_row(escape(joint.name), str(wiring.motor_id[i]), *shown, offset, verdict)
+        table.add_row(escape(joint.name), str(task.wiring.motor_id[i]), *shown, offset, verdict)
     return table
 
 
-def _report(
-    description: RobotDescription,
-    wiring: Wiring,
-    results: Mapping[int, SweepResult],
-    entries: Mapping[str, CalibrationEntry],
-) -> None:
+_WHY_NOT = {
+    Verdict.INCOMPLETE: "swept {width:.2f} rad of a range of {range:.2f}: not used. Reach both stops, or raise "
+    "--tolerance",
+    Verdict.BEYOND: "swept {width:.2f} rad, more than its range of {range:.2f}: not used. Its stops are not its limits "
+    "(raise --tolerance), or another motor has the id {motor_id} (discover)",
+    Verdict.FLIPPED: "swept outside its limits of {joint.lower:g} to {joint.upper:g} rad: not used. Its direction, "
+    "{direction:+g} in the robot description, is flipped, or its motor's zero was never set (--any-offset)",
+}
+
+
+def _report(task: _Task, results: Mapping[int, SweepResult], entries: Mapping[str, CalibrationEntry]) -> None:
     """Say what changes, and why what was swept is not used."""
     for i, result in results.items():
-        joint = description.joints[i]
+        joint = task.description.joints[i]
         before = entries.get(joint.name)
         if result.homing_offset is not None and before is not None:
             print(f"{joint.name}: {before.homing_offset:.4f} -> {result.homing_offset:.4f} rad")
-        if result.verdict is Verdict.INCOMPLETE:
-            complain(
-                f"warning: {joint.name}: swept {result.width:.2f} rad of a range of {joint.upper - joint.lower:.2f}: "
-                "not used. Reach both stops, or raise --tolerance"
+        if result.verdict in _WHY_NOT:
+            why_not = _WHY_NOT[result.verdict].format(
+                joint=joint,
+                width=result.width,
+                range=joint.upper - joint.lower,
+                motor_id=task.wiring.motor_id[i],
+                direction=task.wiring.direction[i],
             )
-        if result.verdict is Verdict.BEYOND:
-            complain(
-                f"warning: {joint.name}: swept {result.width:.2f} rad, more than its range of "
-                f"{joint.upper - joint.lower:.2f}: not used. Its stops are not its limits (raise --tolerance), or "
-                f"another motor has the id {wiring.motor_id[i]} (discover)"
-            )
-        if result.verdict is Verdict.FLIPPED:
-            complain(
-                f"warning: {joint.name}: swept outside its limits of {joint.lower:g} to {joint.upper:g} rad: not used. "
-                f"Its direction, {wiring.direction[i]:+g} in the robot description, is flipped, or its motor's zero "
-                "was never set (--any-offset)"
-            )
+            complain(f"warning: {joint.name}: {why_not}")

@@ -70,21 +70,17 @@ def identify(config: Identify) -> int:
     with real_time(), open_bench(addresses, config.host_id, wiring, guard=guard) as channels:
         if joint not in wiring.unasked:
             read_device_id(channels, joint)
-        _confirm(config, wiring, joint, channels)
+        source = channels.sources[wiring.channel[joint]]
+        print(
+            f"{config.joint}: motor {wiring.motor_id[joint]} on {source} will move the joint by "
+            f"{config.angle:+g} rad and back within {2 * _RAMP + _HOLD:g} s, with at most {config.torque:g} N·m"
+        )
+        confirm("Is the arm supported and clear?", config.yes, "not moved")
         before = _positions(channels)
         with _enabled(config, wiring, joint, channels, guard) as motor:
             start, after = _move(config, wiring, joint, channels, motor, before)
         before.setdefault(joint, start)
     return _report(config, wiring, joint, before, after)
-
-
-def _confirm(config: Identify, wiring: Wiring, joint: int, channels: RobstrideLink) -> None:
-    source = channels.sources[wiring.channel[joint]]
-    print(
-        f"{config.joint}: motor {wiring.motor_id[joint]} on {source} will move the joint by "
-        f"{config.angle:+g} rad and back within {2 * _RAMP + _HOLD:g} s, with at most {config.torque:g} N·m"
-    )
-    confirm("Is the arm supported and clear?", config.yes, "not moved")
 
 
 def _positions(channels: RobstrideLink) -> dict[int, float]:

@@ -135,11 +135,7 @@ def _warn_of_saving(motor: OnlyMotor) -> None:
 
 
 def _save(motor: OnlyMotor) -> None:
-    """Have the motor keep what it has beyond power-off, and see that it is still the same one.
-
-    Raises:
-        RobotError: another one answers.
-    """
+    """Have the motor keep what it has beyond power-off; a `RobotError` if another one answers afterwards."""
     command_motor(motor.channels, messages.SaveParameters(motor.motor_id, host_id=motor.channels.host_id))
     uid = read_device_id(motor.channels).uid
     if uid != motor.uid:

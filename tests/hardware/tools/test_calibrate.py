@@ -226,7 +226,7 @@ def test_a_joint_that_was_silent_is_to_be_swept_again_until_it_has_been():
     wiring = make_wiring(_LITE, 1)
     screen = io.StringIO()
     config = Calibrate(channels=_CHANNEL, robot="lite")
-    Console(file=screen, width=140).print(tool._table(config, _LITE, wiring, tracks))
+    Console(file=screen, width=140).print(tool._table(tool._Task(config, _LITE, wiring, (3, 4, 5)), tracks))
     rows = screen.getvalue().splitlines()
     assert "was silent: sweep again" in next(row for row in rows if "left_elbow_pitch" in row)
     unheard = next(row for row in rows if "left_wrist_yaw" in row)
