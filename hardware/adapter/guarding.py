@@ -33,12 +33,7 @@ class MotorGuard:
         damping: FloatArray,
         joints: Collection[int] | None = None,
     ) -> None:
-        """Nothing is started yet.
-
-        Args:
-            damping: shape (n,), N·m·s/rad, with which the guardian brakes.
-            joints: that will be enabled; None: all.
-        """
+        """Start nothing yet; `damping` has shape (n,), N·m·s/rad. Only `joints` will be enabled; None: all."""
         self._wiring = wiring
         self._addresses = addresses
         self._damping = damping
@@ -47,10 +42,7 @@ class MotorGuard:
         """Joints whose motors need one."""
 
     def start(self, locks: Locks, checks: CheckList, open_bus: OpenBus) -> OpenBus:
-        """Start a guardian that watches this process, if one is needed and can share the channels.
-
-        Returns:
-            What is to open the channels from here on.
+        """Start a guardian of this process, if one is needed and can share the channels; returns what opens them now.
 
         Raises:
             RobotError: it cannot be started; with everything else that is wrong.

@@ -150,11 +150,7 @@ def prepare_motors(wiring: Wiring, motors: RobotMotors, checks: CheckList) -> Fl
 
 
 def enable_motors(wiring: Wiring, motors: RobotMotors, turns: FloatArray, checks: CheckList) -> FloatArray:
-    """Enable every motor, without torque; those first that nothing stops by themselves, and that tell nothing before.
-
-    Returns:
-        The turns of all joints, shape (n,).
-    """
+    """Enable every motor, without torque, those first that nothing stops; returns the joints' turns, shape (n,)."""
     unknown = sorted(motors.unknown_positions())
     for link in sorted(motors.links, key=lambda link: link.knows_positions):
         link.enable(checks)

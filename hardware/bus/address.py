@@ -63,11 +63,7 @@ def parse_address(text: str) -> BusAddress:
 
 
 def parse_addresses(text: str) -> tuple[BusAddress, ...]:
-    """Return the channels of a comma-separated list, `can0,can1`, in the order of the robot's buses.
-
-    Raises:
-        InputError: one of them cannot be read, or one is named twice.
-    """
+    """Return the channels of a list such as `can0,can1`, in the order of the robot's buses, or raise as above."""
     addresses = tuple(parse_address(part) for part in text.split(","))
     for i, address in enumerate(addresses):
         if address in addresses[:i]:

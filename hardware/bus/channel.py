@@ -342,11 +342,7 @@ class Outbox:
         self.counters.overruns += now - self._jammed_since.setdefault(key, now) > _PATIENCE
 
     def take(self, timeout: float) -> tuple[Hashable, Frame, float] | None:
-        """Return the next frame, or None if `timeout` (s) passes without one. A frame that cannot be sent: `give_back`.
-
-        Returns:
-            Its key, itself, and until when it may leave.
-        """
+        """Return the next key, its frame, and until when it may leave, or None if `timeout`, s, passes without."""
         with self._ready:
             if not self._waiting and not self.is_closed:
                 self._ready.wait(timeout)

@@ -57,11 +57,7 @@ _BY_WEIGHT = (BusEvent.DOWN, BusEvent.TX_FULL, BusEvent.ERROR, BusEvent.NORMAL)
 def read_error_frame(interface: str, arbitration_id: int, data: bytes) -> tuple[BusEvent, tuple[str, ...]]:
     """Return the heaviest event of an error frame, and all in words that never change, so that they can be counted.
 
-    An unknown one counts as a bus error.
-
-    Args:
-        interface: python-can's name of the driver; many have error frames of their own, in which the bits mean others.
-        arbitration_id: the frame's, whose bits are error classes.
+    An unknown one counts as a bus error. Many drivers have error frames of their own, in which the bits mean others.
     """
     if interface not in _LINUX_BITS:
         return BusEvent.ERROR, ("error frame",)

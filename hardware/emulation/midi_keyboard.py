@@ -26,14 +26,10 @@ class MidiKeyboard:
     """Sends until `close`. Keys that are released are note on with velocity 0, as many keyboards have it."""
 
     def __init__(self, path: Path, pressed: Callable[[], FloatArray]) -> None:
-        """Make the FIFO and begin.
+        """Make the FIFO, where nothing may be, and begin; an `InputError` if it cannot be made.
 
         Args:
-            path: of the FIFO, where nothing may be.
             pressed: shape (88,), 1 for each key that is down, else 0; called on a thread of its own.
-
-        Raises:
-            InputError: the FIFO cannot be made.
         """
         self.path = path
         self._pressed = pressed

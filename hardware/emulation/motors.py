@@ -117,14 +117,7 @@ class Motors:
     """The motors of one robot, each known by its index among the driven joints. Not thread-safe."""
 
     def __init__(self, description: RobotDescription, settings: EmulationSettings, told: Told | None = None) -> None:
-        """Power all motors on, the robot at rest in its initial position.
-
-        Args:
-            told: is called when a motor changes its mode or its faults, with the time and a line for a person.
-
-        Raises:
-            InputError: see `MotorPlant` and `motor_identities`.
-        """
+        """Power all motors on, the robot at rest in its initial position; `told` takes changes of modes and faults."""
         self.firmwares = _make_firmwares(description, settings)
         """One per motor."""
         self.plant = MotorPlant(description, settings)
@@ -184,7 +177,7 @@ class Motors:
         return self._take(motor, reaction, time)
 
     def step(self) -> list[tuple[int, Frame]]:
-        """One period of the control loops and of physics; what motors send of themselves at its end.
+        """Advance control loops and physics by a period; returns what motors send of themselves at its end.
 
         Raises:
             RobotError: the simulation is no longer sound.

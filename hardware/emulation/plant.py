@@ -57,11 +57,7 @@ class MotorPlant:
     """
 
     def __init__(self, description: RobotDescription, settings: EmulationSettings) -> None:
-        """Build the model, at rest in the initial position.
-
-        Raises:
-            InputError: the robot has no motor, an offset names no driven joint, or the MJCF does not fit.
-        """
+        """Build the model, at rest in its initial position; an `InputError` if motors, offsets or MJCF do not fit."""
         plant = make_plant(description, physics_timestep=settings.physics_timestep)
         self._plant = plant
         self.description = description

@@ -51,15 +51,11 @@ class Guardian:
     def __init__(
         self, plan: GuardianPlan, locks: Sequence[int] = (), clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Start it, and wait until it watches.
+        """Start it, and wait until it watches; a `RobotError` if it does not start, or cannot open a channel.
 
         Args:
             plan: what it is to do; its channels must be ones that it can share.
             locks: descriptors of the channels' locks, which it holds as well.
-            clock: s, monotonic.
-
-        Raises:
-            RobotError: it does not start, or cannot open a channel.
         """
         self._plan = plan
         self._clock = clock
@@ -180,11 +176,7 @@ class Guardian:
     # --- the end
 
     def release(self, *, confirmed: bool) -> None:
-        """End it, and wait until it has ended: at once, or after the motors were damped and reset. Twice is once.
-
-        Args:
-            confirmed: whether its motors are known to be disabled; else it brakes them once more.
-        """
+        """End it and wait for that: at once if its motors are `confirmed` to be off, else after braking them."""
         if self._has_ended:
             return
         if self._heartbeat.phase is not Phase.IDLE:

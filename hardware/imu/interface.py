@@ -78,15 +78,12 @@ DEFAULT_MOUNTING = ",".join(f"{value:g}" for value in LABEL_UP)
 
 
 def make_imu(text: str, mounting: str, clock: Callable[[], float]) -> Imu | None:
-    """Return the IMU that `--imu` and `--imu-mounting` describe; None for `none`. Opens nothing.
+    """Return the IMU that `--imu` and `--imu-mounting` describe, or raise `InputError`; None for `none`. Opens nothing.
 
     Args:
         text: `none`, or `microstrain:PORT`, or `microstrain:PORT@BAUD`.
         mounting: `w,x,y,z`, the device's axes in the robot's IMU frame.
         clock: the robot's clock, s.
-
-    Raises:
-        InputError: naming the option.
     """
     if text == "none":
         return None

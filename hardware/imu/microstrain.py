@@ -261,11 +261,7 @@ _ERRORS = {1: "unknown command", 2: "wrong checksum", 3: "invalid parameter", 4:
 
 
 def _configure(line: serial.Serial, name: str, rate: float) -> None:
-    """Have the device stream quaternion, angular rate and acceleration in one packet, at about `rate`, Hz.
-
-    Raises:
-        RobotError: if the device does not answer, or refuses.
-    """
+    """Have the device stream quaternion, angular rate and acceleration in one packet, at about `rate`, Hz, or raise."""
     talk = _Talk(line, name)
     talk.ask(_BASE, Field(0x02, b""), "Set To Idle")
     reply = talk.ask(_3DM, Field(0x0E, bytes((SENSOR_DATA,))), "Get Data Base Rate").field(0x8E)

@@ -249,11 +249,7 @@ def enable_motors(link: RobstrideLink, joints: Sequence[int], can_timeout: float
     run already, or their CAN timeout would stop them while others are still asked. The timeout is read back once more
     from each motor that runs: one whose supply failed for a moment since it was configured has lost it, and would
     execute its last command for ever. A motor that does not tell its timeout must show it first, see `_try_timeouts`,
-    and gets it once more right before it is enabled.
-
-    Args:
-        link: to motors that were made ready, and so have told a status.
-        can_timeout: s, what was written.
+    and gets it once more right before it is enabled. All were made ready with this timeout, s.
     """
     motors, slots = link.motors, link.table.slots
     _try_timeouts(link, [i for i in joints if slots[i].hides_timeout], can_timeout, checks)

@@ -195,15 +195,7 @@ def depends_on_model(parameter: Parameter) -> bool:
 
 
 def check_value(parameter: Parameter, value: float, model: MotorModel | None = None) -> None:
-    """Refuse a value that the documents do not allow.
-
-    Args:
-        value: in its own unit.
-        model: of the motor; None while it is not known: what no model allows is refused.
-
-    Raises:
-        InputError: naming the value and what is accepted.
-    """
+    """Refuse, by `InputError`, a value that the documents do not allow for the model; None: that no model allows."""
     try:
         pack_value(parameter.type, value)
     except FieldError as error:

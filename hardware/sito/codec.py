@@ -147,11 +147,7 @@ def split_identifier(frame: Frame) -> tuple[int, int] | None:
 
 
 def encode(message: HostMessage | MotorMessage, model: MotorModel) -> Frame:
-    """Return the frame of a message. The bytes of feedback whose meaning is not known are zero.
-
-    Raises:
-        FieldError: an id is not one, a value is not finite, or it does not fit its field: it is never wrapped.
-    """
+    """Return the frame of a message, unknown bytes zero; a `FieldError` for what does not fit: it is never wrapped."""
     _check("device_id", message, message.device_id, 1, LARGEST_DEVICE_ID)
     match message:
         case Reset():

@@ -58,10 +58,7 @@ def open_bench(
     open_channel: OpenBus = open_bus,
     guard: MotorGuard | None = None,
 ) -> Iterator[RobstrideLink]:
-    """Channels for this tool alone, as a session has them.
-
-    Args:
-        guard: of motors that nothing else stops; it is started before the channels are opened.
+    """Provide channels for this tool alone, as a session has them; a guard is started before they are opened.
 
     Raises:
         InputError: the host id is none.
@@ -181,7 +178,7 @@ def read_value(channels: RobstrideLink, parameter: Parameter, motor: int = 0) ->
 
 
 def write_value(channels: RobstrideLink, parameter: Parameter, value: float, motor: int = 0) -> None:
-    """Write a parameter and verify it; a `FieldError` if it does not fit, a `RobotError` if it reads back differently."""
+    """Write a parameter and verify it; a `FieldError` if it does not fit, a `RobotError` if it reads otherwise."""
     found = _known(channels, channels.write(parameter, {motor: value})[motor], motor)
     if found is None or not parameter.is_same(found, value):
         reads = "nothing" if found is None else f"{found:g}"

@@ -85,13 +85,7 @@ class JointTrack:
 def _poll(
     channels: RobstrideLink, wiring: Wiring, tracks: Mapping[int, JointTrack], limp: Mapping[int, _Position], now: float
 ) -> None:
-    """Read every motor's `mechPos`, which counts turns and does not wrap; nothing else is asked of it.
-
-    Args:
-        tracks: by joint; each takes its position.
-        limp: where the joint's motor cannot be asked, but is enabled.
-        now: s.
-    """
+    """Take every motor's `mechPos`, which counts turns and does not wrap, or a limp one's position; `now` in s."""
     require_up(channels)
     asked = [i for i in tracks if i not in limp]
     found = channels.poll_values(PARAMETERS["mechPos"], asked, _ANSWER_TIME) if asked else {}

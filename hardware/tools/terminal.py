@@ -16,14 +16,7 @@ _UNLIMITED = 200
 
 
 def confirm(question: str, yes: bool, otherwise: str) -> None:
-    """Go on only if an operator types yes.
-
-    Args:
-        otherwise: what to say when it was not, such as `not moved`.
-
-    Raises:
-        InputError: nobody can be asked, or the answer is another one.
-    """
+    """Go on only if an operator types yes; an `InputError` says `otherwise`, such as `not moved`, if not."""
     if yes:
         return
     if not sys.stdin.isatty():

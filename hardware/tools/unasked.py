@@ -124,13 +124,7 @@ class MovedMotor:
     """Commands for one motor that is enabled."""
 
     def __init__(self, channels: RobstrideLink, session: MotorLink, torque: float, guard: MotorGuard | None) -> None:
-        """Nothing is sent yet.
-
-        Args:
-            session: of this motor alone, enabled.
-            torque: N·m that the commanded position may ask for.
-            guard: of this motor, started; None where it has a timeout.
-        """
+        """Send nothing yet; `torque`, N·m, is what the commanded position may ask for. A guard is started already."""
         self._guard = guard
         self._channels = channels
         self._session = session
