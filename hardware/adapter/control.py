@@ -196,8 +196,6 @@ _LONGEST = 3.0
 """s that damping may take, as at the end of a session."""
 _PERIOD = 0.01
 """s between its commands."""
-_LAST_ANSWERS = 0.1
-"""s at most in which the last commands are answered."""
 _SLOW = 0.05
 """rad/s below which a joint that is damped already needs no more of it."""
 
@@ -229,15 +227,6 @@ def damp_until_rest(read: Callable[[], MITState], damp: Callable[[], None], stal
         elif rest.update(state):
             return
         time.sleep(_PERIOD)
-
-
-def disable(settings: AdapterSettings, motors: RobotMotors) -> tuple[int, ...]:
-    """Stop all motors and what they report by themselves; joints whose motors did not confirm it, asked twice over."""
-    motors.finish()
-    joints: Sequence[int] = range(settings.wiring.count)
-    for _ in range(2):
-        joints = motors.stop(joints)
-    return tuple(joints)
 
 
 def unconfirmed(settings: AdapterSettings, motors: RobotMotors | None, joints: Sequence[int]) -> str:

@@ -12,7 +12,6 @@ from humanoid_sim.errors import RobotError
 from humanoid_sim.hardware.adapter.control import (
     MotorControl,
     damp_until_rest,
-    disable,
     is_damped,
     is_limp,
     unconfirmed,
@@ -328,8 +327,7 @@ class HardwareRobot:
                         self._damp(control)
                 finally:
                     self._guard.take_back(motors.line.forget_queues)
-                    left = disable(self._settings, motors)
-                    self._may_run &= frozenset(left)
+                    self._may_run &= frozenset(motors.disable())
                     if control is not None:
                         control.disable()
         if self._may_run:

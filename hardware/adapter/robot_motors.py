@@ -97,10 +97,11 @@ class RobotMotors:
         """Return what happened so far, by joint."""
         return [link.figures(motor) for _, (link, motor) in sorted(self._place.items())]
 
-    def finish(self) -> None:
-        """Before the motors are disabled."""
+    def disable(self) -> tuple[int, ...]:
+        """Stop all motors and what they report by themselves; joints whose motors did not confirm it, asked twice."""
         for link in self.links:
             link.finish()
+        return self.stop(self.stop(range(self._count)))
 
     def stop(self, joints: Iterable[int]) -> tuple[int, ...]:
         """Disable motors; those that did not confirm it."""

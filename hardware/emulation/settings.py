@@ -6,19 +6,13 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.hardware.emulation.firmware import MotorIdentity
-from humanoid_sim.hardware.robstride.firmware import FirmwareVersion, emulated_version, firmware_of, parse_version
+from humanoid_sim.hardware.robstride.firmware import emulated_version, firmware_of, parse_version
 from humanoid_sim.hardware.robstride.messages import Scale
 from humanoid_sim.robots.description import RobotDescription
-from humanoid_sim.robots.motors import MOTORS, motor_model
-
-NEW_FIRMWARE: Mapping[str, FirmwareVersion] = MappingProxyType(
-    {name: emulated_version(model) for name, model in MOTORS.items() if model.family == "robstride"}
-)
-"""By model: versions in which everything is as the manuals of 2026-04-28 have it."""
+from humanoid_sim.robots.motors import motor_model
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,11 +82,10 @@ def motor_identities(description: RobotDescription, settings: EmulationSettings)
     for name, motor in motors.items():
         model = motor_model(motor.model)
         text = settings.firmware.get(name, settings.firmware.get(motor.model))
-        version = NEW_FIRMWARE[motor.model] if text is None else parse_version(text)
-        if version[1] != NEW_FIRMWARE[motor.model][1]:
-            raise InputError(
-                f"firmware of {name}: is {text}, expected 0.{NEW_FIRMWARE[motor.model][1]}.x.x for the {motor.model}"
-            )
+        newest = emulated_version(model)
+        version = newest if text is None else parse_version(text)
+        if version[1] != newest[1]:
+            raise InputError(f"firmware of {name}: is {text}, expected 0.{newest[1]}.x.x for the {motor.model}")
         firmware = firmware_of(model, version)
         uid = hashlib.sha256(f"{description.name}/{name}/{settings.seed}".encode()).digest()[:8]
         habits = settings.scale, settings.stall_time, settings.write_only

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import HumanoidSimError, InputError, RobotError
@@ -17,17 +18,24 @@ from humanoid_sim.hardware.bus.frame import BITRATE
 from humanoid_sim.hardware.bus.link import LinkSettings, check_link, read_links
 from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
 from humanoid_sim.hardware.checks import CheckList, Verdict
-from humanoid_sim.hardware.motors import MotorGroup
+from humanoid_sim.hardware.families import DRIVERS
+from humanoid_sim.hardware.motors import MotorGroup, MotorLink, SessionTerms
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, Status
 from humanoid_sim.hardware.robstride.parameters import Parameter
 from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
-from humanoid_sim.robots.motors import MOTORS, MotorModel
+from humanoid_sim.robots.motors import FAMILIES, MOTORS, MotorModel
 
 _ANY_MODEL = MOTORS["rs-00"]
 """Model of motors that are not known: it scales only the values of statuses, which are then not shown."""
 _EMULATED = frozenset({"virtual", "udp_multicast"})
 """Interfaces on which no real motor can be."""
+
+
+LISTENING = 0.3
+"""s in which a motor that sends feedback is heard: a Sito's comes every 255 ms at the latest."""
+FEEDBACK_PERIOD = 0.02
+"""s between two frames of feedback."""
 
 
 class SilentMotorError(HumanoidSimError):
@@ -192,3 +200,48 @@ def _known(channels: RobstrideLink, found: float | Unreadable, motor: int) -> fl
     if found.is_silent:
         raise silence(channels, motor)
     return None
+
+
+def title(family: str) -> str:
+    """Return a family's name as it begins a sentence."""
+    return family.capitalize()
+
+
+def no_question(family: str) -> str:
+    """Return why a motor of this family is not found."""
+    return (
+        f"the {title(family)} protocol has no question, so a motor that is not enabled stays silent and cannot be found"
+    )
+
+
+class Heard(NamedTuple):
+    """Data received from one motor."""
+
+    frames: int
+    position: float
+    """rad, motor frame."""
+    velocity: float
+    """rad/s"""
+
+
+def heard_of(session: MotorLink, motor: int) -> Heard:
+    """Return what was heard of a motor; NaN for what was not."""
+    readings = session.readings()
+    reports = session.figures(motor).reports
+    return Heard(reports, float(readings.position[motor]), float(readings.velocity[motor]))
+
+
+class Ear:
+    """Listens on all channels for the motors of a family, whatever their ids, and sends nothing."""
+
+    def __init__(self, family: str, channels: RobstrideLink) -> None:
+        traits = FAMILIES[family]
+        self._places = [(channel, number) for channel in range(len(channels.sources)) for number in traits.ids]
+        motors = some_motors(self._places, channels.sources, MOTORS[traits.models[0].name])
+        self._link = DRIVERS[family].link(channels.line, motors, SessionTerms(channels.host_id, 0.0, FEEDBACK_PERIOD))
+        channels.line.listeners.insert(0, self._link.receive)
+
+    def heard(self) -> dict[tuple[int, int], Heard]:
+        """Return what was heard of the motors that sent something, by channel and id."""
+        heard = {place: heard_of(self._link, i) for i, place in enumerate(self._places)}
+        return {place: motor for place, motor in heard.items() if motor.frames}

@@ -35,9 +35,9 @@ from humanoid_sim.hardware.motors import MotorLink
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import nobody, open_bench, require_up, silence
+from humanoid_sim.hardware.tools.enabled_motor import limp_motors
 from humanoid_sim.hardware.tools.options import Calibrate
 from humanoid_sim.hardware.tools.terminal import confirm, make_console, make_table
-from humanoid_sim.hardware.tools.unasked import limp_motors
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.motors import FAMILIES
 

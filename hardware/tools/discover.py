@@ -15,10 +15,19 @@ from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
 from humanoid_sim.hardware.robstride.firmware import model_name, version_text
 from humanoid_sim.hardware.robstride.identification import read_versions
 from humanoid_sim.hardware.robstride.requests import RobstrideLink
-from humanoid_sim.hardware.tools.bench import advice_for_silence, open_bench, require_up, some_motors
+from humanoid_sim.hardware.tools.bench import (
+    LISTENING,
+    Ear,
+    Heard,
+    advice_for_silence,
+    no_question,
+    open_bench,
+    require_up,
+    some_motors,
+    title,
+)
 from humanoid_sim.hardware.tools.options import Discover
 from humanoid_sim.hardware.tools.terminal import make_console, make_table
-from humanoid_sim.hardware.tools.unasked import LISTENING, Ear, Heard, no_question, title
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import FAMILIES
 

@@ -1,25 +1,35 @@
-"""One motor on a bench, enabled for a moment."""
+"""Motors on a bench, enabled for a moment: one that can be asked, or some that cannot."""
 
 from __future__ import annotations
 
+import contextlib
+import math
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Sequence
 from typing import Self
 
 import numpy as np
 
 from humanoid_sim.cli import complain
 from humanoid_sim.errors import RobotError
+from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.checks import CheckList
+from humanoid_sim.hardware.families import DRIVERS
+from humanoid_sim.hardware.motors import MotorLink, SessionTerms
 from humanoid_sim.hardware.robstride.enabling import CAN_TIMEOUT, enable_motors, examine, make_ready, stop_motors
 from humanoid_sim.hardware.robstride.messages import MotorMode, OperationControl, Status, flag_names
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
-from humanoid_sim.hardware.tools.bench import silence, write_value
+from humanoid_sim.hardware.tools.bench import FEEDBACK_PERIOD, Heard, heard_of, silence, write_value
 from humanoid_sim.mit import MITCommand, bounded_position
+from humanoid_sim.robots.motors import FAMILIES
 
 _PERIOD = 0.01
 """s between commands to an enabled motor."""
+_POLL = 0.001
+"""s"""
+_ANSWER_TIME = 0.3
+"""s without feedback after which a motor that cannot be asked counts as silent."""
 _PATIENCE = 0.75
 """s of commands without an answer after which a motor counts as silent."""
 _STOPPING = 0.8
@@ -35,7 +45,6 @@ class EnabledMotor:
         motor: int = 0,
         *,
         torque: float | None = None,
-        period: float = _PERIOD,
         accepted_firmware: Collection[str] = (),
     ) -> None:
         """Nothing is sent yet; the channels must know the motor's model.
@@ -43,13 +52,11 @@ class EnabledMotor:
         Args:
             torque: N·m that it may exert: its torque limit meanwhile, and the bound of what commands ask for. None: no
                 torque will be asked for, see `identify`.
-            period: s between commands.
             accepted_firmware: versions that no document mentions and the operator accepts all the same.
         """
         self._channels = channels
         self._motor = motor
         self._torque = torque
-        self._period = period
         self._accepted_firmware = accepted_firmware
         self._motor_id = channels.motors.motor_id[motor]
         self._who = channels.motors.names[motor]
@@ -113,10 +120,10 @@ class EnabledMotor:
 
     def _exchange(self, command: OperationControl) -> Status:
         """Send a command in every period until a status follows: a lost answer must not make the motor time out."""
-        for _ in range(round(_PATIENCE / self._period)):
+        for _ in range(round(_PATIENCE / _PERIOD)):
             now = time.monotonic()
             self._longest, self._sent = max(self._longest, now - self._sent), now
-            found = self._channels.until_status({self._motor: [command]}, lambda _: True, (self._period,))
+            found = self._channels.until_status({self._motor: [command]}, lambda _: True, (_PERIOD,))
             if found:
                 return found[self._motor]
         raise silence(self._channels, self._motor)
@@ -131,7 +138,7 @@ class EnabledMotor:
             return position
         command = MITCommand(*(np.array([value]) for value in (position, velocity, 0.0, stiffness, damping)))
         here, speed = np.array([status.position]), np.array([status.velocity])
-        return float(bounded_position(command, here, speed, np.array([self._torque]), 2.0 * self._period)[0])
+        return float(bounded_position(command, here, speed, np.array([self._torque]), 2.0 * _PERIOD)[0])
 
     def _stop(self) -> None:
         """Stop the motor, verify it, and give it its own CAN timeout and torque limit back."""
@@ -146,3 +153,99 @@ class EnabledMotor:
 
     def __exit__(self, *_: object) -> None:
         self._stop()
+
+
+@contextlib.contextmanager
+def limp_motors(channels: RobstrideLink, joints: Sequence[int], guard: MotorGuard | None = None) -> Iterator[MotorLink]:
+    """Enable these motors with zero gains and zero current, after all that a session checks; disabled at the end.
+
+    Args:
+        joints: whose motors, of one family.
+        guard: of these motors, started; None where they stay limp.
+
+    Raises:
+        RobotError: another host drives them, one sends no feedback or reports torque, or does not confirm that it is
+            disabled.
+    """
+    motors = channels.motors.select(joints)
+    session = DRIVERS[motors.model[0].family].link(
+        channels.line, motors, SessionTerms(channels.host_id, 0.0, FEEDBACK_PERIOD)
+    )
+    channels.line.listeners.insert(0, session.receive)
+    checks = CheckList()
+    try:
+        session.examine(checks)
+        session.make_ready(checks)
+        if guard is not None:
+            guard.standby()
+        session.enable(checks)
+        channels.line.check(checks)
+        checks.refuse()
+        yield session
+    finally:
+        if guard is not None:
+            guard.take_back(channels.line.forget_queues)
+        left = session.stop(range(motors.count))
+        if guard is not None:
+            guard.release([joints[i] for i in left])
+        channels.line.listeners.remove(session.receive)
+        if left:
+            names = ", ".join(motors.names[i] for i in left)
+            raise RobotError(
+                f"{names}: not confirmed to be disabled, and nothing stops such a motor by itself; switch its power off"
+            )
+
+
+class MovedMotor:
+    """Commands for one motor that is enabled."""
+
+    def __init__(self, channels: RobstrideLink, session: MotorLink, torque: float, guard: MotorGuard | None) -> None:
+        """Send nothing yet; `torque`, N·m, is what the commanded position may ask for. A guard is started already."""
+        self._guard = guard
+        self._channels = channels
+        self._session = session
+        self._torque = torque
+        self._doubt = FAMILIES[session.motors.model[0].family].stiffness_doubt
+        self._encoder = DRIVERS[session.motors.model[0].family].encoder(session.motors)
+
+    @property
+    def position(self) -> float:
+        """rad, motor frame, as last heard."""
+        return float(self._session.readings().position[0])
+
+    def command(self, position: float, velocity: float, stiffness: float, damping: float) -> Heard:
+        """Send a command in the motor frame: rad, rad/s, N·m/rad, N·m·s/rad; where the motor is in its next feedback.
+
+        It is sent in every period until then: the guardian must not take a silent motor for a tool that died.
+
+        No torque limit is known: the commanded position, which stays within `torque / K_p` of the motor, is all that
+        bounds it, with the largest K_p that the frame may mean.
+
+        Raises:
+            RobotError: another host commands it too, or its channel is down.
+        """
+        reach = self._torque / (stiffness * self._doubt) if stiffness > 0.0 else math.inf
+        here = self.position
+        bounded = min(max(position, here - reach), here + reach)
+        values = np.array([[bounded], [velocity], [0.0], [stiffness], [damping]])
+        motors = self._session.motors
+        channel = self._channels.channels[motors.channel[0]]
+        before = np.nan_to_num(self._session.readings().time[0], nan=-math.inf)
+        begin, sent = time.monotonic(), -math.inf
+        while True:
+            now = time.monotonic()
+            if now - sent >= _PERIOD:
+                frames = self._encoder.encode(values).frames
+                channel.send([((motors.names[0], kind), frame) for _, kind, frame in frames])
+                if self._guard is not None:
+                    self._guard.beat()
+                sent = now
+            if self._session.readings().time[0] > before:  # NaN: nothing was heard yet
+                break
+            if now - begin > _ANSWER_TIME:
+                raise silence(self._channels, self._channels.motors.names.index(motors.names[0]), motors.names[0])
+            time.sleep(_POLL)
+        checks = CheckList()
+        self._channels.line.check(checks)
+        checks.refuse()
+        return heard_of(self._session, 0)

@@ -18,10 +18,9 @@ from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
 from humanoid_sim.hardware.tools.bench import open_bench, read_device_id
-from humanoid_sim.hardware.tools.enabled_motor import EnabledMotor
+from humanoid_sim.hardware.tools.enabled_motor import EnabledMotor, MovedMotor, limp_motors
 from humanoid_sim.hardware.tools.options import Identify
 from humanoid_sim.hardware.tools.terminal import confirm
-from humanoid_sim.hardware.tools.unasked import MovedMotor, limp_motors
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.realtime import real_time
 
@@ -99,9 +98,7 @@ def _enabled(
         with limp_motors(channels, [joint], guard) as session:
             yield MovedMotor(channels, session, config.torque, guard)
         return
-    with EnabledMotor(
-        channels, joint, torque=config.torque, period=_PERIOD, accepted_firmware=config.accept_firmware
-    ) as motor:
+    with EnabledMotor(channels, joint, torque=config.torque, accepted_firmware=config.accept_firmware) as motor:
         yield motor
 
 

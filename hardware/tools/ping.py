@@ -14,18 +14,20 @@ from humanoid_sim.hardware.robstride.messages import DeviceId, FaultBit, GetDevi
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS, fault_word
 from humanoid_sim.hardware.robstride.requests import RobstrideLink
 from humanoid_sim.hardware.tools.bench import (
+    Ear,
     SilentMotorError,
     motor_bench,
+    no_question,
     open_bench,
     read_device_id,
     read_value,
     require_up,
     some_motors,
+    title,
 )
 from humanoid_sim.hardware.tools.enabled_motor import EnabledMotor
 from humanoid_sim.hardware.tools.options import Ping
 from humanoid_sim.hardware.tools.terminal import shown
-from humanoid_sim.hardware.tools.unasked import Ear, no_question, title
 from humanoid_sim.robots.motors import FAMILIES, motor_model
 from humanoid_sim.session.realtime import real_time
 

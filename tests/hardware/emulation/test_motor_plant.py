@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from humanoid_sim.errors import InputError
 from humanoid_sim.hardware.emulation.motors import RATED_RISE, TIME_CONSTANT, heat
 from humanoid_sim.hardware.emulation.plant import MotorPlant
-from humanoid_sim.hardware.emulation.settings import NEW_FIRMWARE, EmulationSettings, motor_identities
+from humanoid_sim.hardware.emulation.settings import EmulationSettings, motor_identities
 from humanoid_sim.hardware.tools.emulate import HandSweep
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.mjcf import bare_model
@@ -97,7 +97,7 @@ def test_firmware_by_joint_beats_firmware_by_model():
     assert found["left_shoulder_pitch"].firmware.gain_factor == 1.4167
     assert found["right_shoulder_pitch"].version == (0, 2, 3, 5)
     assert found["right_shoulder_pitch"].model.position == MOTORS["rs-02"].position
-    assert found["left_elbow_pitch"].version == NEW_FIRMWARE["rs-00"]
+    assert found["left_elbow_pitch"].version == (0, 0, 3, 255)
     assert len({identity.uid for identity in found.values()}) == 14
 
 
