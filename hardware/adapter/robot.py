@@ -18,7 +18,7 @@ from humanoid_sim.hardware.adapter.control import (
 )
 from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.adapter.joint_tracking import unheard
-from humanoid_sim.hardware.adapter.robot_motors import RobotMotors, enable_motors, gain_warnings, prepare_motors
+from humanoid_sim.hardware.adapter.robot_motors import RobotMotors, gain_warnings
 from humanoid_sim.hardware.adapter.statistics import RobotStatistics, gather_statistics
 from humanoid_sim.hardware.adapter.wiring import make_settings
 from humanoid_sim.hardware.bus.address import BusAddress
@@ -177,7 +177,7 @@ class HardwareRobot:
         self._may_run = frozenset(range(self._settings.wiring.count))
         self._guard.standby()
         try:
-            turns = enable_motors(self._settings.wiring, motors, turns, self._checks)
+            turns = motors.enable(turns, self._checks)
         except BaseException as error:
             self._give_up(error)
             raise
@@ -200,7 +200,7 @@ class HardwareRobot:
             self._checks.warn(joint, _JUMPED)
         try:
             motors = self._open()
-            turns = prepare_motors(self._settings.wiring, motors, self._checks)
+            turns = motors.prepare(self._checks)
         except BaseException as error:
             self._give_up(error)
             raise

@@ -34,8 +34,7 @@ class RobotMotors:
         open_bus: OpenBus,
     ) -> None:
         """Open every channel, see `OpenChannels`; `known_uids` by joint are those of an earlier activation."""
-        wiring = settings.wiring
-        self._count = wiring.count
+        self._wiring = wiring = settings.wiring
         bursts = tuple(wiring.period_frames(channel) for channel in range(len(settings.addresses)))
         period = settings.control_period
         self.line = OpenChannels(settings.addresses, bursts, checks, clock=clock, open_bus=open_bus, period=period)
@@ -63,19 +62,77 @@ class RobotMotors:
 
     def readings(self) -> Readings:
         """Return the latest state of every motor, shape (n,)."""
-        arrays = np.full((5, self._count), np.nan)
+        arrays = np.full((5, self._wiring.count), np.nan)
         for link, joints in self._joints:
             found = link.readings()
             arrays[:, joints] = found.time, found.position, found.velocity, found.effort, found.temperature
         return Readings(*arrays)
 
-    def counted(self) -> dict[int, float | None]:
-        """By joint what its motor counts by itself, rad; None: it does not say. Without those of which nobody asks."""
-        return {joints[i]: own for link, joints in self._joints for i, own in link.counted().items()}
+    def prepare(self, checks: CheckList) -> FloatArray:
+        """Identify, stop, configure and verify; leaves the motors stopped.
 
-    def unknown_positions(self) -> frozenset[int]:
-        """Joints whose motors tell nothing before they are enabled."""
-        return frozenset(i for i, (link, _) in self._place.items() if not link.knows_positions)
+        Nothing is written to any motor before every expected one has been identified and nobody else drives them.
+
+        Returns:
+            The turns of `find_turns`, shape (n,); NaN for motors that tell nothing before they are enabled.
+        """
+        for link in self.links:
+            link.examine(checks)
+        checks.refuse()
+        for link in self.links:
+            link.make_ready(checks)
+        unknown = self._unknown_positions()
+        turns = self._find_positions([i for i in range(self._wiring.count) if i not in unknown], checks)
+        for i in unknown:
+            checks.passed(self._wiring.names[i], "tells its position once it is enabled, not before")
+        checks.refuse()
+        for link in self.links:
+            link.start(checks)
+        self.line.check(checks)
+        checks.refuse()
+        return turns
+
+    def enable(self, turns: FloatArray, checks: CheckList) -> FloatArray:
+        """Enable every motor, without torque, those first that nothing stops; returns all joints' turns, shape (n,)."""
+        unknown = self._unknown_positions()
+        for link in sorted(self.links, key=lambda link: link.knows_positions):
+            link.enable(checks)
+            checks.refuse()
+            if not link.knows_positions:
+                turns = np.where(np.isin(np.arange(self._wiring.count), unknown), np.nan, turns)
+                turns = np.where(np.isnan(turns), self._find_positions(unknown, checks), turns)
+                checks.refuse()
+        return turns
+
+    def _unknown_positions(self) -> list[int]:
+        """Return the joints whose motors tell nothing before they are enabled."""
+        return sorted(i for i, (link, _) in self._place.items() if not link.knows_positions)
+
+    def _find_positions(self, joints: Sequence[int], checks: CheckList) -> FloatArray:
+        """Return the turns of `find_turns` for these joints, NaN for the others."""
+        wiring, position = self._wiring, self.readings().position
+        turns = find_turns(wiring, position)
+        problems = turn_problems(wiring, position, turns)
+        wrong = {joint: text for joint, text in problems if wiring.names.index(joint) in joints}
+        for joint, text in wrong.items():
+            checks.problem(joint, text)
+        counted = {own[i]: count for link, own in self._joints for i, count in link.counted().items()}
+        for i in joints:
+            name, own = wiring.names[i], counted.get(i, position[i])
+            if own is None:
+                checks.warn(name, "mechPos cannot be read: whether it turned beyond ±4π since power-on is not known")
+            elif not abs(own - position[i]) < wiring.position_range[i]:  # they differ by whole periods and the motion
+                checks.problem(
+                    name,
+                    f"counts {own:.2f} rad by itself and reports {position[i]:.2f}: it turned beyond ±4π since "
+                    "power-on; switch it off and on",
+                )
+            elif name not in wrong:
+                joint = wiring.direction[i] * (position[i] + 2.0 * np.pi * turns[i] - wiring.offset[i])
+                counts = f" ({turns[i]:+.0f} turn)" if turns[i] else ""
+                degrees = round(float(np.rad2deg(joint)), 1) + 0.0
+                checks.passed(name, f"at {round(joint, 3) + 0.0:.3f} rad = {degrees:.1f}°{counts}")
+        return np.where(np.isin(np.arange(wiring.count), list(joints)), turns, np.nan)
 
     def begin(self) -> None:
         """Begin to watch: the motors are enabled, and only what happens next counts."""
@@ -101,7 +158,7 @@ class RobotMotors:
         """Stop all motors and what they report by themselves; joints whose motors did not confirm it, asked twice."""
         for link in self.links:
             link.finish()
-        return self.stop(self.stop(range(self._count)))
+        return self.stop(self.stop(range(self._wiring.count)))
 
     def stop(self, joints: Iterable[int]) -> tuple[int, ...]:
         """Disable motors; those that did not confirm it."""
@@ -123,73 +180,6 @@ class RobotMotors:
         for link, _ in self._joints:
             link.begin()
         self.line.close()
-
-
-def prepare_motors(wiring: Wiring, motors: RobotMotors, checks: CheckList) -> FloatArray:
-    """Identify, stop, configure and verify; leaves the motors stopped.
-
-    Nothing is written to any motor before every expected one has been identified and nobody else drives them.
-
-    Returns:
-        The turns of `find_turns`, shape (n,); NaN for motors that tell nothing before they are enabled.
-    """
-    for link in motors.links:
-        link.examine(checks)
-    checks.refuse()
-    for link in motors.links:
-        link.make_ready(checks)
-    unknown = motors.unknown_positions()
-    turns = _find_positions(wiring, motors, [i for i in range(wiring.count) if i not in unknown], checks)
-    for i in sorted(unknown):
-        checks.passed(wiring.names[i], "tells its position once it is enabled, not before")
-    checks.refuse()
-    for link in motors.links:
-        link.start(checks)
-    motors.line.check(checks)
-    checks.refuse()
-    return turns
-
-
-def enable_motors(wiring: Wiring, motors: RobotMotors, turns: FloatArray, checks: CheckList) -> FloatArray:
-    """Enable every motor, without torque, those first that nothing stops; returns the joints' turns, shape (n,)."""
-    unknown = sorted(motors.unknown_positions())
-    for link in sorted(motors.links, key=lambda link: link.knows_positions):
-        link.enable(checks)
-        checks.refuse()
-        if not link.knows_positions:
-            turns = np.where(np.isin(np.arange(wiring.count), unknown), np.nan, turns)
-            found = _find_positions(wiring, motors, unknown, checks)
-            turns = np.where(np.isnan(turns), found, turns)
-            checks.refuse()
-    return turns
-
-
-def _find_positions(wiring: Wiring, motors: RobotMotors, joints: Sequence[int], checks: CheckList) -> FloatArray:
-    """Return the turns of `find_turns` for these joints, NaN for the others."""
-    position = motors.readings().position
-    turns = find_turns(wiring, position)
-    wrong = {
-        joint: text for joint, text in turn_problems(wiring, position, turns) if wiring.names.index(joint) in joints
-    }
-    for joint, text in wrong.items():
-        checks.problem(joint, text)
-    counted = motors.counted()
-    for i in joints:
-        name, own = wiring.names[i], counted.get(i, position[i])
-        if own is None:
-            checks.warn(name, "mechPos cannot be read: whether it turned beyond ±4π since power-on is not known")
-        elif not abs(own - position[i]) < wiring.position_range[i]:  # they differ by whole periods, and by the motion
-            checks.problem(
-                name,
-                f"counts {own:.2f} rad by itself and reports {position[i]:.2f}: it turned beyond ±4π since power-on; "
-                "switch it off and on",
-            )
-        elif name not in wrong:
-            joint = wiring.direction[i] * (position[i] + 2.0 * np.pi * turns[i] - wiring.offset[i])
-            counts = f" ({turns[i]:+.0f} turn)" if turns[i] else ""
-            degrees = round(float(np.rad2deg(joint)), 1) + 0.0
-            checks.passed(name, f"at {round(joint, 3) + 0.0:.3f} rad = {degrees:.1f}°{counts}")
-    return np.where(np.isin(np.arange(wiring.count), list(joints)), turns, np.nan)
 
 
 def gain_warnings(description: RobotDescription, wiring: Wiring) -> Iterator[tuple[str, str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -156,11 +156,10 @@ def _joint(word: str, text: str, description: RobotDescription) -> str:
     raise InputError(f"--fault '{text}': {known_names('CAN id', word, ids)}")
 
 
-def describe_faults(kinds: Sequence[str] = tuple(FAULTS)) -> str:
+def describe_faults() -> str:
     """One line per kind, for a person."""
     lines = []
-    for kind in kinds:
-        info = FAULTS[kind]
+    for kind, info in FAULTS.items():
         name = f"{kind}={info.default:g}" if info.unit else kind
         lines.append(f"{name:<22} {info.text}{f' ({info.unit})' if info.unit else ''}")
     return "\n".join(lines)

@@ -9,7 +9,7 @@ import select
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import can
@@ -48,9 +48,7 @@ class Guardian:
     every set of commands.
     """
 
-    def __init__(
-        self, plan: GuardianPlan, locks: Sequence[int] = (), clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, plan: GuardianPlan, locks: Sequence[int] = ()) -> None:
         """Start it, and wait until it watches; a `RobotError` if it does not start, or cannot open a channel.
 
         Args:
@@ -58,10 +56,9 @@ class Guardian:
             locks: descriptors of the channels' locks, which it holds as well.
         """
         self._plan = plan
-        self._clock = clock
         self._channels = plan.channels
         self._heartbeat = Heartbeat.create(len(self._channels))
-        self._looks, self._looked = -1, clock()
+        self._looks, self._looked = -1, time.monotonic()
         self._has_ended = False
         self.measures = ""
         """Measures for timely scheduling that it was granted."""
@@ -83,7 +80,7 @@ class Guardian:
             self._process.kill()
             self._reap()
             raise
-        self._looks, self._looked = self._heartbeat.looks, clock()
+        self._looks, self._looked = self._heartbeat.looks, time.monotonic()
 
     def _await_ready(self) -> str:
         assert self._process.stdin is not None
@@ -158,7 +155,7 @@ class Guardian:
                 "the guardian has taken over, because this program was silent: it damps and resets the motors, and no "
                 "command leaves; reactivate, or end",
             )
-        now, looks = self._clock(), self._heartbeat.looks
+        now, looks = time.monotonic(), self._heartbeat.looks
         if looks != self._looks:
             self._looks, self._looked = looks, now
         has_died = self._process.poll() is not None

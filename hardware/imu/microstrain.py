@@ -137,6 +137,8 @@ def _fields(payload: bytes) -> tuple[Field, ...] | None:
 
 _POLL = 0.02
 """s that the listening thread waits for bytes before it looks whether to stop."""
+_TIMEOUT = 0.1
+"""s without a sample after which the status is FAULT."""
 _FIRST_SAMPLE = 1.0
 """s that `open` waits for a first sample."""
 
@@ -151,7 +153,6 @@ class MicrostrainImu:
         baudrate: int = 115200,
         rate: float = 100.0,
         mounting: Sequence[float] = LABEL_UP,
-        timeout: float = 0.1,
         clock: Callable[[], float] = monotonic,
     ) -> None:
         """Prepare.
@@ -160,14 +161,12 @@ class MicrostrainImu:
             baudrate: bit/s; devices on USB ignore it. One packet is 52 bytes: 115200 carries 200 of them a second.
             rate: Hz, of samples.
             mounting: w x y z, the device's axes in the robot's IMU frame.
-            timeout: s without a sample after which the status is FAULT.
             clock: the robot's clock, s.
         """
         self._port = port
         self._baudrate = baudrate
         self._rate = rate
         self._mounting = np.array(mounting, dtype=np.float64)
-        self._timeout = timeout
         self._clock = clock
         self._serial: serial.Serial | None = None
         self._thread: threading.Thread | None = None
@@ -213,7 +212,7 @@ class MicrostrainImu:
         if latest is None:
             return upright_at_rest(silent(f"{self._port}: nothing heard yet"))
         heard, reading = latest
-        if time - heard <= self._timeout:
+        if time - heard <= _TIMEOUT:
             return reading
         problem = f"the IMU {self._problem}" if self._problem else f"the IMU is silent for {time - heard:.2f} s"
         return ImuReading(

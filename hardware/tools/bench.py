@@ -21,7 +21,7 @@ from humanoid_sim.hardware.checks import CheckList, Verdict
 from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.hardware.motors import MotorGroup, MotorLink, SessionTerms
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
-from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId, Status
+from humanoid_sim.hardware.robstride.messages import Command, DeviceId, GetDeviceId
 from humanoid_sim.hardware.robstride.parameters import Parameter
 from humanoid_sim.hardware.robstride.requests import RobstrideLink, Unreadable
 from humanoid_sim.robots.motors import FAMILIES, MOTORS, MotorModel
@@ -172,17 +172,15 @@ def read_device_id(channels: RobstrideLink, motor: int = 0) -> DeviceId:
     return found[motor]
 
 
-def command_motor(channels: RobstrideLink, command: Command, motor: int = 0) -> Status:
-    """Send a command that is answered by a status; the status."""
-    found = channels.until_status({motor: [command]}, lambda _: True)
-    if motor not in found:
-        raise silence(channels, motor)
-    return found[motor]
+def command_motor(channels: RobstrideLink, command: Command) -> None:
+    """Send a command that is answered by a status to the only motor."""
+    if not channels.until_status({0: [command]}, lambda _: True):
+        raise silence(channels)
 
 
-def read_value(channels: RobstrideLink, parameter: Parameter, motor: int = 0) -> float | None:
-    """Return a parameter's value; none if the motor has no such parameter."""
-    return _known(channels, channels.read({motor: parameter})[motor], motor)
+def read_value(channels: RobstrideLink, parameter: Parameter) -> float | None:
+    """Return a parameter's value of the only motor; none if it has no such parameter."""
+    return _known(channels, channels.read({0: parameter})[0], 0)
 
 
 def write_value(channels: RobstrideLink, parameter: Parameter, value: float, motor: int = 0) -> None:

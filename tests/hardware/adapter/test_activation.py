@@ -645,7 +645,7 @@ def test_an_interrupted_activation_stops_the_motors(robot, left, right, monkeypa
         left.mode = right.mode = MotorMode.RUN
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("humanoid_sim.hardware.adapter.robot.enable_motors", interrupted)
+    monkeypatch.setattr("humanoid_sim.hardware.adapter.robot.RobotMotors.enable", interrupted)
     with pytest.raises(KeyboardInterrupt):
         robot.activate()
     assert [left.mode, right.mode] == [MotorMode.RESET, MotorMode.RESET]
