@@ -129,7 +129,7 @@ def _check_controller(data: Mapping[str, Any], name: str, wanted: LinkSettings, 
     else:
         checks.problem(name, f"its restart-ms is {_told(restart)}, expected {wanted.restart_ms}: {again}")
     state = data.get("state")
-    verdict, text = _STATES.get(state, (Verdict.WARNING, f"its state is {_told(state)}, expected ERROR-ACTIVE"))
+    verdict, text = _STATES.get(str(state), (Verdict.WARNING, f"its state is {_told(state)}, expected ERROR-ACTIVE"))
     counters = _mapping(data.get("berr_counter"))
     if counters and state in _STATES and verdict is Verdict.WARNING:
         text += f"; error counters: sending {_told(counters.get('tx'))}, receiving {_told(counters.get('rx'))}"

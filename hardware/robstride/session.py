@@ -49,7 +49,7 @@ class RobstrideSession(RobstrideLink):
         self._versions: Mapping[int, FirmwareVersion] = {}
         self._reporting: tuple[int, ...] = ()
         self._heat = [("", "") for _ in self._joints]
-        self.uids: dict[str, bytes] = {}
+        self.uids: Mapping[str, bytes] = {}
         """Unique ids by joint."""
 
     # --- activation

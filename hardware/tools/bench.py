@@ -30,8 +30,6 @@ _ANY_MODEL = MOTORS["rs-00"]
 """Model of motors that are not known: it scales only the values of statuses, which are then not shown."""
 _EMULATED = frozenset({"virtual", "udp_multicast"})
 """Interfaces on which no real motor can be."""
-
-
 LISTENING = 0.3
 """s in which a motor that sends feedback is heard: a Sito's comes every 255 ms at the latest."""
 FEEDBACK_PERIOD = 0.02
@@ -241,5 +239,5 @@ class Ear:
 
     def heard(self) -> dict[tuple[int, int], Heard]:
         """Return what was heard of the motors that sent something, by channel and id."""
-        heard = {place: heard_of(self._link, i) for i, place in enumerate(self._places)}
-        return {place: motor for place, motor in heard.items() if motor.frames}
+        places = enumerate(self._places)
+        return {place: heard_of(self._link, i) for i, place in places if self._link.figures(i).reports}
