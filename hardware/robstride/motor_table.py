@@ -43,6 +43,10 @@ _LATE = 50
 """Commands whose answers may still come, as after a busy computer's pause."""
 _EXTRA = 25
 """Answers beyond the commands that are borne: late ones, from before the session began to count."""
+_BURST = 0.25
+"""s within which answers come that were held up together."""
+_FORGOTTEN = 10.0
+"""s after which more answers than commands are a new story."""
 _SHARED = 1.0
 """s after another host's command in which answers may be to that host."""
 
@@ -82,6 +86,8 @@ class MotorSlot:
     """The latest answer that was counted."""
     answers: int = 0
     """Answers to this session's commands, apart from those that say the same as the one before."""
+    surplus: float = NEVER.time
+    """Time of the first answer too many, s, robot's clock."""
     doubled: float = NEVER.time
     """Time at which it had answered more than it was commanded, s, robot's clock."""
     mixes_reports: bool = False
@@ -212,13 +218,19 @@ class MotorTable:
 def _count_answer(slot: MotorSlot, time: float, *, is_shared: bool) -> None:
     """Compare the answers with the commands: of another motor with the same id nothing else may be seen.
 
-    Commands that were not answered in time excuse no answers now; those to another host's commands count as asked for.
+    Commands that were not answered in time excuse no answers now; those to another host's commands count as asked for, and
+    a burst of late ones is no second motor: that one goes on answering.
     """
     slot.answers = max(slot.answers + 1, slot.commanded - _LATE)
     if is_shared:
         slot.answers = min(slot.answers, slot.commanded)
     elif slot.answers > slot.commanded + _EXTRA:
-        slot.answers, slot.doubled = slot.commanded + _EXTRA, time
+        if time - max(slot.surplus, slot.doubled) > _FORGOTTEN:
+            slot.surplus = time
+        if time - slot.surplus < _BURST:
+            slot.answers = slot.commanded
+        else:
+            slot.answers, slot.doubled = slot.commanded + _EXTRA, time
 
 
 _UNHEARD = (float("nan"),) * 5
