@@ -66,7 +66,7 @@ def test_a_command_that_could_not_leave_within_two_periods_never_does(enabled, m
     """By then there are newer ones, or none because the program stood still."""
     given = []
     with monkeypatch.context() as patch:
-        for channel in enabled._motors.channels:
+        for channel in enabled._motors.line.channels:
             patch.setattr(channel, "send", lambda batch, lifetime: given.append((len(batch), lifetime)))
         enabled.write(_hold())
     assert given == [(1, 2.0 * enabled.control_period)] * 2
