@@ -91,14 +91,13 @@ def resolve_observation(
 ) -> ObservationLayout:
     """Look every term up once.
 
+    Raises `FieldError` for an unknown term, one whose source is missing, or one whose scale does not fit.
+
     Args:
         contract: the terms with their conventions, the joints and the bodies.
         robot_joints: the order of the state's per-joint arrays.
         reference: where the motion terms come from.
         extern: name and width of the live inputs that exist.
-
-    Raises:
-        FieldError: for an unknown term, one whose source is missing, or one whose scale does not fit.
     """
     terms = []
     start = 0
@@ -117,10 +116,8 @@ def resolve_observation(
 def pack(layout: ObservationLayout, context: ObservationContext) -> Float32Array:
     """Return the values of this step, shape (..., step_width), float32; what a float32 cannot hold becomes infinite.
 
-    Where no term shows a history this is the observation.
-
-    Raises:
-        FieldError: if a live term has another width than the one it was resolved with.
+    Where no term shows a history this is the observation. Raises `FieldError` if a live term has another width than the
+    one it was resolved with.
     """
     batch = context.state.joint_position.shape[:-1]
     step = np.empty((*batch, layout.step_width), dtype=np.float32)

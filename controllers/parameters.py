@@ -40,8 +40,7 @@ def joint_tuple(
 def joint_indices(wanted: tuple[str, ...], available: tuple[str, ...], what: str) -> npt.NDArray[np.intp]:
     """Positions of the `wanted` joints among the `available` ones.
 
-    Raises:
-        FieldError: naming the joint that is missing and those that exist.
+    Raises `FieldError` naming the joint that is missing and those that exist.
     """
     place = {name: i for i, name in enumerate(available)}
     for name in wanted:

@@ -59,8 +59,7 @@ class PolicyMemory:
 class PolicyWiring:
     """A contract resolved on a robot: what its policy observes, and what its actions do.
 
-    Raises:
-        FieldError: at construction, if the contract does not fit the robot, or a term lacks its source.
+    Raises `FieldError` at construction, if the contract does not fit the robot, or a term lacks its source.
     """
 
     joints: tuple[str, ...]
@@ -110,8 +109,7 @@ class PolicyWiring:
     def observe(self, memory: PolicyMemory, state: MITState) -> tuple[Float32Array, PolicyMemory]:
         """Return the observation, shape (..., N), and the memory with it.
 
-        Raises:
-            FieldError: a live input has another shape than it was resolved with.
+        Raises `FieldError` if a live input has another shape than it was resolved with.
         """
         rule, walked, phase = self.contract.phase, memory.walked, np.empty(0)
         if rule is not None:
@@ -183,8 +181,7 @@ class ActionMap:
 def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> ActionMap:
     """Match the policy's joints with the robot's by name: a permutation, or a clear error.
 
-    Raises:
-        FieldError: naming the joints that only one side has.
+    Raises `FieldError` naming the joints that only one side has.
     """
     missing = [joint for joint in contract.joint_names if joint not in robot_joints]
     surplus = [joint for joint in robot_joints if joint not in contract.joint_names]

@@ -145,8 +145,7 @@ def infer(wiring: PolicyWiring, policy: Policy, observation: Float32Array, frame
 def _floats(answer: npt.ArrayLike) -> npt.NDArray[np.floating]:
     """Return a policy's answer as the array of floats that it must be: texts and masks become numbers too easily.
 
-    Raises:
-        TypeError: it is something else.
+    Raises `TypeError` if it is something else.
     """
     array = np.asarray(answer)
     if isinstance(answer, ma.MaskedArray) or array.dtype.kind != "f":

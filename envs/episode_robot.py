@@ -60,11 +60,7 @@ class PlantState:
         )
 
     def require(self, data: mujoco.MjData) -> None:
-        """Refuse the state of another robot than that of `data`.
-
-        Raises:
-            InputError: it is one.
-        """
+        """Refuse the state of another robot than that of `data`. Raises `InputError` if it is one."""
         given, expected = (self.qpos.shape, self.qvel.shape), (data.qpos.shape, data.qvel.shape)
         if given != expected:
             (qpos, qvel), (nq, nv) = given, expected
@@ -78,14 +74,11 @@ class EpisodeRobot(MujocoRobot):
     """
 
     def __init__(self, description: RobotDescription, *, bodies: tuple[str, ...] = (), **options: Any) -> None:
-        """Build the model.
+        """Build the model. Raises `InputError` as of `MujocoRobot`.
 
         Args:
             bodies: MJCF bodies that `body_poses` gives; they must be the model's.
             options: as `MujocoRobot` takes them.
-
-        Raises:
-            InputError: as of `MujocoRobot`.
         """
         super().__init__(description, **options)
         self._is_on_terrain = options.get("terrain") is not None
@@ -113,11 +106,7 @@ class EpisodeRobot(MujocoRobot):
         return PlantState(*self._start_pose.arrays(**start.pose))
 
     def place(self, start: PlantState) -> None:
-        """As `relaunch`, but in a state of the caller's choice.
-
-        Raises:
-            InputError: the state is another robot's.
-        """
+        """As `relaunch`, but in a state of the caller's choice. Raises `InputError` if the state is another robot's."""
         self.relaunch()
         data = self.data
         start.require(data)
@@ -207,8 +196,7 @@ class RandomisedRobot:
     def __init__(self, description: RobotDescription, **options: Any) -> None:
         """Build a batch of one; options as `BatchSimulation` takes them.
 
-        Raises:
-            InputError: as of `BatchSimulation`.
+        Raises `InputError` as of `BatchSimulation`.
         """
         self.batch = BatchSimulation(description, 1, threads=1, **options)
         """The simulation."""
@@ -272,8 +260,7 @@ class RandomisedRobot:
     def place(self, start: PlantState) -> None:
         """See `EpisodeRobot.place`; the first command finds motors that hold this pose.
 
-        Raises:
-            InputError: the state is another robot's.
+        Raises `InputError` if the state is another robot's.
         """
         start.require(self.data)
         self.batch.reset(qpos=start.qpos[None], qvel=start.qvel[None])
@@ -325,11 +312,10 @@ def _alone(state: MITState) -> MITState:
 def recorded_start(path: str | Path, description: RobotDescription) -> tuple[PlantState, MITState]:
     """Return the plant and the robot's report in the tick in which LOCOMOTION began, bit for bit.
 
+    Raises `InputError` if it is another file, LOCOMOTION never began, or the plant does not repeat the recorded states.
+
     Args:
         description: the robot, whose model lies where the recorded one's did.
-
-    Raises:
-        InputError: it is another file, LOCOMOTION never began, or the plant does not repeat the recorded states.
     """
     recording = open_recording(path)
     robot = _recorded_robot(recording, description)

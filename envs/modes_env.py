@@ -67,7 +67,7 @@ class ModesEnv(ShownEnv, gymnasium.Env[dict[str, Any], Any]):
         height: int = 480,
         camera: str | None = None,
     ) -> None:
-        """Build robot and stack.
+        """Build robot and stack. Raises `InputError` for what cannot be read, or does not fit.
 
         Args:
             robot: a description, or what `load_robot` takes.
@@ -84,9 +84,6 @@ class ModesEnv(ShownEnv, gymnasium.Env[dict[str, Any], Any]):
             width: pixels of a picture.
             height: pixels of a picture.
             camera: of the model; None looks at the robot from the front.
-
-        Raises:
-            InputError: one line that says what cannot be read, or what does not fit.
         """
         description = robot if isinstance(robot, RobotDescription) else load_robot(robot)
         frequency = description.simulation.control_frequency if control_frequency is None else control_frequency
@@ -133,12 +130,11 @@ class ModesEnv(ShownEnv, gymnasium.Env[dict[str, Any], Any]):
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Relaunch: the robot as it starts, in ZERO_TORQUE.
 
+        Raises `InputError` if an option is unknown, or does not hold what it should.
+
         Args:
             seed: of the random numbers that Gymnasium keeps.
             options: `command`: vx, vy in m/s and yaw rate in rad/s for a policy that walks.
-
-        Raises:
-            InputError: an option is unknown, or does not hold what it should.
         """
         super().reset(seed=seed)
         options = {} if options is None else dict(options)
@@ -225,8 +221,7 @@ class ModesEnv(ShownEnv, gymnasium.Env[dict[str, Any], Any]):
     def _remote_command(self, fields: Any) -> MITCommand:
         """Return the command whose fields are the rows of an array.
 
-        Raises:
-            FieldError: there are not as many numbers as the space has.
+        Raises `FieldError` if there are not as many numbers as the space has.
         """
         expected = len(COMMAND_FIELDS), len(self.robot.joints)
         try:

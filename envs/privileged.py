@@ -51,14 +51,11 @@ class Privileged:
     """Chosen terms, one after the other in one array."""
 
     def __init__(self, terms: Sequence[str] | Mapping[str, PrivilegedTerm], *, is_floating: bool) -> None:
-        """Choose terms.
+        """Choose terms. Raises `InputError` if there is no such term, or the robot has none.
 
         Args:
             terms: names out of `PRIVILEGED_TERMS`; or functions by a name of one's own.
             is_floating: whether the robot's base is; a fixed one has no terms of its own.
-
-        Raises:
-            InputError: there is no such term, or the robot has none.
         """
         if isinstance(terms, str):
             raise InputError(f"privileged: is {terms!r}, expected a list of names")

@@ -87,10 +87,8 @@ def reference_states(
 ) -> ReferenceStates | None:
     """Return the states of all frames, with the velocities from frame to frame; None where the motion tells no pose.
 
-    Where a motion has the robot below its floor, the base is lifted onto it.
-
-    Raises:
-        InputError: the MJCF has other bodies that move before the floating base.
+    Where a motion has the robot below its floor, the base is lifted onto it. Raises `InputError` if the MJCF has other
+    bodies that move before the floating base.
     """
     joints = reference_joints(description, contract, reference)
     if joints is None:

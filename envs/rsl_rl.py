@@ -32,12 +32,11 @@ class RslRlVecEnv(VecEnv):
     def __init__(self, envs: VectorEnv[Any, Any, Any], *, seed: int | None = None) -> None:
         """Take over `envs`, and start an episode in each; closing this closes them.
 
+        Raises `InputError` if they start episodes another way.
+
         Args:
             envs: a policy's, from `gymnasium.make_vec`.
             seed: of environment 0; environment i has `seed + i`.
-
-        Raises:
-            InputError: they start episodes another way.
         """
         require_same_step(envs, "rsl_rl")
         self.envs = envs

@@ -127,6 +127,8 @@ def make_scenario(
 ) -> Scenario:
     """Read what is named, and check that it fits together.
 
+    Raises `InputError` for what cannot be read, or does not fit.
+
     Args:
         contract: of the policy, as `read_policy` takes it.
         robot: a description, or what `load_robot` takes.
@@ -144,9 +146,6 @@ def make_scenario(
         terrain: what the robot walks on: `flat`, `rough`, `slopes`, `steps`, `mixed`, or a `Terrain` or its fields.
         reference_start: share of the episodes that begin at a random frame of the motion, in the motion's own state.
         task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise` and `rewards`, as `Task` takes them.
-
-    Raises:
-        InputError: one line that says what cannot be read, or what does not fit.
     """
     if action_limit is not None and not 0.0 < action_limit <= _MOST:
         raise InputError(f"action_limit: is {action_limit}, expected a number > 0 and at most {_MOST:g}")
@@ -239,6 +238,8 @@ def read_policy(
 ) -> LoadedPolicy:
     """Return a policy with the motion, or the motions, that it follows, checked against each other.
 
+    Raises `InputError` for what cannot be read, or does not fit.
+
     Args:
         source: a checkpoint, a contract, or the name or path of a checkpoint or a contract file. Where there is no
             checkpoint the policy answers zeros.
@@ -246,9 +247,6 @@ def read_policy(
             that a checkpoint carries in its graph, and for policies that follow none.
         joints: of the robot, in its order.
         motion_source: what to call a motion that is given itself.
-
-    Raises:
-        InputError: one line that says what cannot be read, or what does not fit.
     """
     checkpoint = checkpoint_of(source, joints)
     if motion is not None and not isinstance(motion, str | Path | Motion):
@@ -358,12 +356,11 @@ class EpisodeStarts:
 def check_options(given: Iterable[str], *takers: Callable[..., Any]) -> None:
     """Refuse an option that neither an environment nor its task has.
 
+    Raises `InputError` naming the nearest option, or all where none is near.
+
     Args:
         given: names of options that a signature does not list.
         takers: whose signatures list the other options.
-
-    Raises:
-        InputError: it names the nearest option, or all where none is near.
     """
     own = [
         name

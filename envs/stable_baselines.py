@@ -29,11 +29,7 @@ class StableBaselinesVecEnv(VecEnv):
     """
 
     def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
-        """Take over `envs`; closing this closes them.
-
-        Raises:
-            InputError: they start episodes another way.
-        """
+        """Take over `envs`; closing this closes them. Raises `InputError` if they start episodes another way."""
         require_same_step(envs, "stable-baselines3")
         self.envs = envs
         self._actions: Float32Array | None = None
@@ -42,8 +38,7 @@ class StableBaselinesVecEnv(VecEnv):
     def reset(self) -> Float32Array:
         """Start an episode in every environment, with the seeds and options that were set for it.
 
-        Raises:
-            InputError: the options differ between environments.
+        Raises `InputError` if the options differ between environments.
         """
         options = self._options[0]
         if any(other != options for other in self._options):
@@ -86,8 +81,7 @@ class StableBaselinesVecEnv(VecEnv):
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
         """Return an attribute of the vector environment or of a wrapper around it, once for each of these environments.
 
-        Raises:
-            AttributeError: neither has one of that name.
+        Raises `AttributeError` if neither has one of that name.
         """
         owner = self.envs if hasattr(self.envs, attr_name) else self.envs.unwrapped
         return [getattr(owner, attr_name)] * len(list(self._get_indices(indices)))
@@ -95,8 +89,7 @@ class StableBaselinesVecEnv(VecEnv):
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
         """Set an attribute of the vector environment, below the wrappers that are around it.
 
-        Raises:
-            InputError: only for some of the environments.
+        Raises `InputError` if it is only for some of the environments.
         """
         if len(list(self._get_indices(indices))) < self.num_envs:
             raise InputError(f"{attr_name}: the environments are one, expected a value for all of them")

@@ -78,7 +78,7 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
         privileged: Sequence[str] | Mapping[str, PrivilegedTerm] = (),
         **options: Any,
     ) -> None:
-        """Build the robots.
+        """Build the robots. Raises `InputError` for what cannot be read, or does not fit.
 
         Args:
             num_envs: N.
@@ -97,9 +97,6 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
             privileged: as `PolicyEnv` takes it.
             options: as `make_scenario` takes them; `actuation` is `affine`, which agrees with the reference, or
                 `implicit`, the faster approximation for training.
-
-        Raises:
-            InputError: one line that says what cannot be read, or what does not fit.
         """
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode: is {render_mode!r}, expected rgb_array or None for a vector environment")
@@ -142,8 +139,7 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
     ) -> tuple[Float32Array, dict[str, Any]]:
         """Start episodes; the same seeds give the same starts.
 
-        Raises:
-            InputError: a seed or an option is not what it should be.
+        Raises `InputError` if a seed or an option is not what it should be.
         """
         options = {} if options is None else dict(options)
         mask = reset_mask(options.pop("reset_mask", None), self.num_envs)

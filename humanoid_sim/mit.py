@@ -26,8 +26,7 @@ COMMAND_FIELDS = ("position", "velocity", "effort", "stiffness", "damping")
 def frozen_array(owner: str, name: str, value: npt.ArrayLike) -> FloatArray:
     """Return a read-only float64 copy of `value`, shape unchanged.
 
-    Raises:
-        FieldError: if `value` is not an array of real numbers; the message starts with `owner.name`.
+    Raises `FieldError` if `value` is not an array of real numbers; the message starts with `owner.name`.
     """
     try:
         array = np.array(value)

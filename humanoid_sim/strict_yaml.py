@@ -124,8 +124,7 @@ _Loader.add_implicit_resolver(
 def read_yaml(path: Path) -> Any:
     """Return the document in a YAML file; None if it is empty.
 
-    Raises:
-        InputError: one line with the file, the place and what is wrong.
+    Raises `InputError` with the file, the place and what is wrong.
     """
     try:
         return yaml.load(regular_file(path, "a YAML file", YAML_BYTES).read_text(encoding="utf-8"), _Loader)
@@ -152,8 +151,7 @@ def _problem(error: yaml.YAMLError) -> str:
 def read_strictly(path: Path, label: str, what: str = "a YAML file") -> Any:
     """Return the document in a file; `label` is what to call the file in messages, `what` it should be.
 
-    Raises:
-        InputError: one line with the label, the place and what is wrong.
+    Raises `InputError` with the label, the place and what is wrong.
     """
     try:
         return load_strictly(regular_file(path, what, YAML_BYTES).read_text(encoding="utf-8"))

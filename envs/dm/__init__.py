@@ -65,10 +65,7 @@ def _settle_opengl() -> None:
     """Import `dm_control` with an OpenGL that this machine has, or with none: only pictures need it.
 
     By itself it chooses when it is imported: without a display a GLFW that cannot draw, or a PyOpenGL that fails to
-    load without its library.
-
-    Raises:
-        InputError: what `MUJOCO_GL` asks for cannot be loaded.
+    load without its library. Raises `InputError` if what `MUJOCO_GL` asks for cannot be loaded.
     """
     request, choice = os.environ.get("MUJOCO_GL"), choose_backend()
     os.environ["MUJOCO_GL"] = "disable" if choice.opengl == "none" else choice.opengl

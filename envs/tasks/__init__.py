@@ -48,12 +48,11 @@ def make_task(
 ) -> Task:
     """Return a task; `auto`: the one that the contract and its motion were made for.
 
+    Raises `InputError` if there is no such task, or it is not one for this robot and motion.
+
     Args:
         task: name in `TASKS`, or `auto`; or a class of your own.
         options: as `Task` takes them.
-
-    Raises:
-        InputError: there is no such task, or it is not one for this robot and motion.
     """
     if not isinstance(task, str):
         return task(description, contract, reference, **options)

@@ -79,13 +79,12 @@ def load_checkpoint(
 ) -> Checkpoint:
     """Return a checkpoint with its contract complete, its widths checked and its first (slow) inference done.
 
+    Raises `InputError` naming the file and what is wrong with it.
+
     Args:
         contract_file: a contract.yaml; None: the one beside the model, if there is one.
         robot_joints: the joints in the robot's own order; only needed where no source names the policy's joints.
         verify: compute the golden vectors that the model carries again, and refuse it if something else comes out.
-
-    Raises:
-        InputError: one line that names the file and what is wrong with it.
     """
     model = OnnxModel(path)
     outputs = [tensor.name for tensor in model.outputs]

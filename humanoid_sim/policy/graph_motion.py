@@ -38,6 +38,8 @@ def graph_conventions(outputs: Collection[str]) -> PartialContract:
 def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
     """Read the motion frame by frame, up to where the outputs stop changing; None where none is in the graph.
 
+    Raises `InputError` if the outputs do not fit the contract, or never end.
+
     Args:
         policy: its outputs `joint_pos` and `joint_vel` are in the policy's joint order, `body_pos_w` and `body_quat_w`
             in the order of the contract's `body_names`; `ref_pos_xyz` and `ref_quat_xyzw` are of its anchor body.
@@ -45,9 +47,6 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
 
     Returns:
         A motion of layout `joints_bodies_w`, float32 as the graph gives it, quaternions w x y z.
-
-    Raises:
-        InputError: if the outputs do not fit the contract, or never end.
     """
     path = policy.model.path
     available = {tensor.name for tensor in policy.model.outputs}

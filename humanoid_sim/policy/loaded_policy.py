@@ -62,14 +62,13 @@ def load_policy(
 ) -> LoadedPolicy:
     """Bring a policy and its motion together.
 
+    Raises `InputError` if the motion does not fit the policy, or the terms do not add up to the model's input.
+
     Args:
         motion: what it follows; None for a policy that follows none.
         observation_width: N as the model declares it; None if any will do.
         source: what to call the policy in messages.
         motion_source: what to call the motion.
-
-    Raises:
-        InputError: if the motion does not fit the policy, or the terms do not add up to the model's input.
     """
     try:
         for name, topic in contract.live_topics.items():
@@ -120,12 +119,11 @@ def _reference(contract: PolicyContract, motion: Motion | None, source: str, mot
 def contract_layout(contract: PolicyContract, observation_width: int | None = None) -> ObservationLayout:
     """Return the observation in the policy's own joint order, with empty tables in the place of the motion.
 
+    Raises `FieldError` for an unknown term, or one that the contract does not say enough about.
+
     Args:
         observation_width: N as the model declares it. It tells how many keys a policy sees where the contract does not
             say; None: one key.
-
-    Raises:
-        FieldError: for an unknown term, or one that the contract does not say enough about.
     """
     one = _layout(contract, keys=1)
     if observation_width is None:

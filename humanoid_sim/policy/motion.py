@@ -122,11 +122,10 @@ def body_poses(frames: npt.NDArray[np.floating], count: int) -> tuple[FloatArray
 def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motion:
     """Read and check a motion file, or a folder of rosbag2.
 
+    Raises `InputError` with the file and what is wrong with it.
+
     Args:
         topic: of the motion, where there are others; None: it has to be the only one.
-
-    Raises:
-        InputError: one line with the file and what is wrong with it.
     """
     path = Path(path)
     try:

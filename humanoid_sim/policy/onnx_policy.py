@@ -62,11 +62,10 @@ class OnnxModel:
     def __init__(self, path: Path, graph: bytes | None = None) -> None:
         """Load a model.
 
+        Raises `InputError` if the file is not an ONNX model, or its external tensors are missing or another model's.
+
         Args:
             graph: a model that was made from the file's and is to run in its place; None: the file's own.
-
-        Raises:
-            InputError: if the file is not an ONNX model, or its external tensors are missing or another model's.
         """
         check_file(path)
         onnxruntime = onnx_runtime()
@@ -273,13 +272,12 @@ class OnnxPolicy:
     def __init__(self, model: OnnxModel | Path, tensors: TensorNames | None = None) -> None:
         """Find the tensors of a model and check their form.
 
+        Raises `InputError` if there is not exactly one observation, float32 (1, N), beside an optional time_step, or no
+        action, float32 (1, M).
+
         Args:
             model: loaded, or its file.
             tensors: names; those that are empty are found by their place.
-
-        Raises:
-            InputError: if there is not exactly one observation, float32 (1, N), beside an optional time_step, or no
-                action, float32 (1, M).
         """
         self.model = OnnxModel(model) if isinstance(model, Path) else model
         tensors = TensorNames() if tensors is None else tensors

@@ -81,14 +81,12 @@ def key_number(name: str) -> int | None:
 def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain: bool = False) -> Song:
     """Read a MIDI file.
 
-    A note that begins while the same key still sounds ends the earlier one. Drums are left out.
+    A note that begins while the same key still sounds ends the earlier one. Drums are left out. Raises `InputError` for
+    what is not MIDI, has no notes, no such track, a time division in frames, or is longer than an hour.
 
     Args:
         tracks: those to play, counted from 0; None for all.
         sustain: notes sound on while the sustain pedal is down.
-
-    Raises:
-        InputError: no MIDI file, one without notes, no such track, a time division in frames, or longer than an hour.
     """
     path = regular_file(path, "a MIDI file (.mid)", MIDI_BYTES)
     try:

@@ -103,14 +103,12 @@ def check_checkpoint(
 ) -> tuple[Finding, ...]:
     """Everything that can be said without running the policy on the robot, the worst first.
 
-    A contract that contradicts itself or is not complete is one finding, and the only one.
+    A contract that contradicts itself or is not complete is one finding, and the only one. Raises `InputError` if the
+    checkpoint is not a model, the contract file is not there, or the robot's MJCF cannot be read.
 
     Args:
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
         physics_timestep: s of the simulation; None: the robot's.
-
-    Raises:
-        InputError: the checkpoint is not a model, the contract file is not there, or the robot's MJCF cannot be read.
     """
     OnnxModel(path)  # what is not a model cannot be checked
     if contract_file is not None:

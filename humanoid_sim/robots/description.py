@@ -52,10 +52,8 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
 
     A YAML's MJCF must exist; its content is checked when a simulation is built. A path that ends in `.xml` is any
     user's MJCF: `humanoid_sim.robots.mjcf` says what is read from it. A YAML without a list of joints changes single
-    fields of that, as in `joints: {left_knee: {effort_limit: 60}}`, and its poses may be mappings too.
-
-    Raises:
-        InputError: one line, such as `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
+    fields of that, as in `joints: {left_knee: {effort_limit: 60}}`, and its poses may be mappings too. Raises
+    `InputError`, such as `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
     """
     path, label = _find(str(name_or_path))
     if path.suffix == ".urdf":
@@ -184,10 +182,8 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
 
     The joints' K_p and K_d, both standby poses and their gains, the initial position, and the K_d of damping and of the
     remote controller's passive hold become the contract's, and so does what `with_contract_physics` takes from it. A
-    default pose beyond a joint's limit is moved to it, as the joint's stop would.
-
-    Raises:
-        InputError: the contract's joints are not the robot's.
+    default pose beyond a joint's limit is moved to it, as the joint's stop would. Raises `InputError` if the contract's
+    joints are not the robot's.
     """
     try:
         gains = resolve_action(contract, description.joint_names)
@@ -309,8 +305,7 @@ def _is_partial(document: Mapping[str, Any]) -> bool:
 def _completed(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return the whole document of a robot file that gives only what differs from its MJCF, relative to `folder`.
 
-    Raises:
-        InputError: without the file's name: the MJCF cannot be read, or a joint is not in it.
+    Raises `InputError`, without the file's name, if the MJCF cannot be read, or a joint is not in it.
     """
     from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where it is needed
 

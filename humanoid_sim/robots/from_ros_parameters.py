@@ -33,12 +33,11 @@ _ELSEWHERE = {
 def convert_parameters(path: Path, robot: str, folder: Path) -> tuple[dict[str, Any], list[str]]:
     """Return the document of a robot file, and a line for each node with parameters that are left out.
 
+    Raises `InputError` if there are no such parameters, they are not this robot's, or they are wrong.
+
     Args:
         robot: that the controllers drive: a shipped one, its YAML file, or an MJCF.
         folder: where the robot file will be, to which the MJCF's path is relative.
-
-    Raises:
-        InputError: there are no such parameters, they are not this robot's, or they are wrong.
     """
     document, base = read_yaml(path), load_robot(robot)
     changes: dict[str, Any] = {}

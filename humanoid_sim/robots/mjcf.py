@@ -150,8 +150,7 @@ def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
 def describe_mjcf(path: Path) -> RobotDescription:
     """Describe the robot in an MJCF file; its IMU is what `find_imu` finds.
 
-    Raises:
-        InputError: not an MJCF, one without hinge joints, or without the names by which joints and base are found.
+    Raises `InputError` if it is not an MJCF, has no hinge joints, or lacks names of joints or base.
     """
     spec = read_spec(path)
     model = compile_spec(spec, path)

@@ -189,7 +189,7 @@ class FloatingBase:
         height: float | None = None,
         drop: float = 0.0,
     ) -> None:
-        """Choose where the base starts.
+        """Choose where the base starts. Raises `InputError` if a value is not finite, or `drop` is negative.
 
         Args:
             model: with the robot and its support.
@@ -200,9 +200,6 @@ class FloatingBase:
             height: m, of the base's origin; None for the description's, and if that has none, such that the lowest
                 part of the robot is as far above the floor as `drop` says.
             drop: m; a support that lifts the base lifts it back to its start, unless this is 0.
-
-        Raises:
-            InputError: a value is not finite, or `drop` is negative.
         """
         for name, value in (
             ("base_position[0]", position[0]),
@@ -272,14 +269,13 @@ class FloatingBase:
 def move_support(base: FloatingBase | None, data: mujoco.MjData, held: bool, robot: str) -> None:
     """Let the support take a floating base where it now is, or let the base go.
 
+    Raises `RobotError` if the base is fixed.
+
     Args:
         base: of the robot; None for a fixed one.
         data: of the simulation.
         held: whether the support is to hold it.
         robot: its name, for the message.
-
-    Raises:
-        RobotError: the base is fixed.
     """
     if base is None:
         raise RobotError(f"{robot}: has a fixed base, which needs no support")

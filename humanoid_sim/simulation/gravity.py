@@ -31,8 +31,7 @@ class GravityLevers:
     def __init__(self, description: RobotDescription, settings: SignSettings) -> None:
         """Find the joints; `settings` say by how much a sound robot may differ from its model.
 
-        Raises:
-            InputError: the MJCF does not fit the description, or couples joints by equality constraints.
+        Raises `InputError` if the MJCF does not fit the description, or couples joints by equality constraints.
         """
         model = build_model(description, scene=False)
         if model.neq > description.is_floating:  # the support's own

@@ -46,8 +46,7 @@ class ForwardKinematics(_Posed):
     def __init__(self, description: RobotDescription, bodies: tuple[str, ...] | None = None) -> None:
         """Build the model; `bodies` None stands for the description's hands.
 
-        Raises:
-            InputError: a body is not in the model; the message lists those that are.
+        Raises `InputError` if a body is not in the model; the message lists those that are.
         """
         super().__init__(description)
         self.bodies = description.hands if bodies is None else tuple(bodies)

@@ -48,7 +48,8 @@ def build_model(
     longer fit. Joint and effort limits are the description's, which also says whether joints keep damping of their own.
     Euler integration unless it is to be implicit, and no automatic reset of a bad state. Joints that the MJCF has and
     the description does not stay passive. Whatever else the MJCF says about contacts and the solver stays as it is. A
-    floating base gets a support, see `humanoid_sim.simulation.floating_base`.
+    floating base gets a support, see `humanoid_sim.simulation.floating_base`. Raises `InputError` if the MJCF cannot be
+    read, or does not have what the description names, or there is to be a terrain and it brings a ground of its own.
 
     Args:
         description: the robot.
@@ -60,10 +61,6 @@ def build_model(
             textures are 2 MB.
         terrain: in the scene instead of a level floor; None for that.
         edit: changes the model before it is compiled, when all else is in it.
-
-    Raises:
-        InputError: the MJCF cannot be read, or does not have what the description names, or there is to be a terrain
-            and it brings a ground of its own.
     """
     spec = read_spec(description.mjcf_path)
     driven = [sensor for sensor in spec.sensors if mujoco.mjtObj.mjOBJ_ACTUATOR in (sensor.objtype, sensor.reftype)]
@@ -152,8 +149,7 @@ def body_ids(model: mujoco.MjModel, names: Sequence[str]) -> tuple[int, ...]:
 def named_frame(model: mujoco.MjModel, name: str, what: str) -> tuple[mujoco.mjtObj, int]:
     """Return kind and id of the frame of that name: a site, or else a body.
 
-    Raises:
-        InputError: there is neither; the line begins with `what`.
+    Raises `InputError` if there is neither; the line begins with `what`.
     """
     # A body's own axes; mjOBJ_BODY stands for those of its inertia.
     for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_XBODY):

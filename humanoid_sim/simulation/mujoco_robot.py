@@ -100,6 +100,9 @@ class MujocoRobot:
     ) -> None:
         """Build the model.
 
+        Raises `InputError` if an option is not accepted, the MJCF does not fit the description, or the description's
+        damping is unstable at this physics step.
+
         Args:
             description: the robot.
             control_period: s; None for the description's.
@@ -120,10 +123,6 @@ class MujocoRobot:
             pushes: of a floating base, each at its time.
             motors: a motor model of your own, in place of motors that give exactly what the MIT law asks for.
             terrain: instead of a level floor. A floating base starts as high as it would on that, at the origin.
-
-        Raises:
-            InputError: an option is not accepted, the MJCF does not fit the description, or the description's damping
-                is unstable at this physics step.
         """
         if state_sampling not in get_args(StateSampling):
             accepted = " or ".join(get_args(StateSampling))
@@ -306,11 +305,10 @@ class MujocoRobot:
     ) -> Callable[[], None]:
         """Make ready to report other live inputs; arguments as for the constructor.
 
+        Raises `InputError` if the model has no such body or site.
+
         Returns:
             What makes the state report them, from the next reading on; to be called between two ticks.
-
-        Raises:
-            InputError: the model has no such body or site.
         """
         wanted = anchor_body, tuple(velocity_at), height_scan
         sensors = BodySensors(self._plant.model, self._description, *wanted)
@@ -415,10 +413,8 @@ class MujocoRobot:
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Let the support take a floating base where it now is, or let the base go; from the next write on.
 
-        If it `lifts`, it then raises the base, slowly, to the height of its start; never without a `drop`.
-
-        Raises:
-            RobotError: the base is fixed.
+        If it `lifts`, it then raises the base, slowly, to the height of its start; never without a `drop`. Raises
+        `RobotError` if the base is fixed.
         """
         move_support(self._base, self._plant.data, held, self._description.name)
         self._is_lifted = lifts

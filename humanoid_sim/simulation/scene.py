@@ -125,10 +125,8 @@ def add_floor(
     """Add a floor, or a terrain, to a robot that brings none, the only part of a room that dynamics know.
 
     Whatever can collide at all collides with it, whichever bits its contact masks use. `bare` is the spec compiled;
-    without a material the floor is grey.
-
-    Raises:
-        InputError: there is to be a terrain, and the robot brings a ground of its own.
+    without a material the floor is grey. Raises `InputError` if there is to be a terrain, and the robot brings a ground
+    of its own.
     """
     # A robot could stand on a plane, on terrain, and on anything else fixed that extends a metre all around.
     is_ground = np.isin(bare.geom_type, (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)))

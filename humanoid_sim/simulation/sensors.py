@@ -109,13 +109,12 @@ def live_inputs(
 ) -> Mapping[str, int]:
     """Names and widths of the live inputs that a simulated robot's state carries; only a floating base has velocities.
 
+    Raises `InputError` if the anchor body, or a site, is not in the model.
+
     Args:
         anchor_body: MJCF body whose pose is asked for; empty for none.
         velocity_at: `imu`, or sites, whose velocity is asked for.
         height_scan: of the ground, if it is asked for.
-
-    Raises:
-        InputError: the anchor body, or a site, is not in the model.
     """
     known = [model.site(i).name for i in range(model.nsite) if model.site(i).name]
     for point in velocity_at:
@@ -161,8 +160,7 @@ class BodySensors:
     ) -> None:
         """Find the frames; arguments as of `live_inputs`.
 
-        Raises:
-            InputError: the IMU, the anchor body, a site or the middle of the scan is not in the model.
+        Raises `InputError` if the IMU, the anchor body, a site or the middle of the scan is not in the model.
         """
         self.widths = live_inputs(model, description, anchor_body, velocity_at, height_scan)
         """Names and widths of the live inputs."""

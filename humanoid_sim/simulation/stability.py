@@ -144,11 +144,8 @@ class DampingStability:
     def check(self, damping: npt.ArrayLike, what: str, stiffness: npt.ArrayLike = 0.0) -> str:
         """Warn about a K_d and its K_p, or return '' if they are stable without oscillation; `what` has them.
 
-        K_p matters only where damping is implicit.
-
-        Raises:
-            InputError: it is unstable at this physics step; the message names the joint, and a step that works, if
-                there is one.
+        K_p matters only where damping is implicit. Raises `InputError` if it is unstable at this physics step; the
+        message names the joint, and a step that works, if there is one.
         """
         if self.is_implicit:
             return self._check_implicit(damping, stiffness, what)

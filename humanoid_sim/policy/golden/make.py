@@ -46,13 +46,12 @@ class _Row(NamedTuple):
 def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None = None) -> GoldenSamples:
     """Return samples of a trainer's run, spread evenly over it, after every step of it has been computed again.
 
+    Raises `InputError` if the checkpoint's observation, action or targets differ from the trainer's; the line names the
+    first step, term and joint, and both values.
+
     Args:
         checkpoint: wired as it will be stamped.
         motion: what the run followed, where the model does not carry it.
-
-    Raises:
-        InputError: the checkpoint's observation, action or targets differ from the trainer's; the line names the first
-            step, term and joint, and both values.
     """
     loaded = checkpoint.following(motion)
     rows = _rolled(checkpoint, loaded, trace.recorded, trace.name)
@@ -69,8 +68,7 @@ def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None 
 def own_samples(checkpoint: Checkpoint, motion: Motion | None = None, count: int = SAMPLE_COUNT) -> GoldenSamples:
     """Return samples of made-up states, with the observation and the action as this program makes them: drift only.
 
-    Raises:
-        InputError: the policy does not run on them.
+    Raises `InputError` if the policy does not run on them.
     """
     loaded = checkpoint.following(motion)
     recorded = _made_up(checkpoint, loaded)

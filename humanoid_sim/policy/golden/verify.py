@@ -39,12 +39,11 @@ _SHOWN = 4
 def verify_golden(checkpoint: Checkpoint) -> str:
     """Check a checkpoint against the golden vectors that it carries.
 
+    Raises `InputError` with the first sample, term and joint that differ, and both values; or the samples are
+    malformed.
+
     Returns:
         What its samples are worth, in words; empty if it has none.
-
-    Raises:
-        InputError: one line with the first sample, term and joint that differ, and both values; or the samples are
-            malformed.
     """
     if GOLDEN_KEY not in checkpoint.metadata:
         return ""
@@ -145,8 +144,7 @@ def samples_wiring(checkpoint: Checkpoint, samples: GoldenSamples) -> PolicyWiri
 def recorded_wiring(loaded: LoadedPolicy, joint_names: tuple[str, ...]) -> PolicyWiring:
     """Return the wiring of a policy whose actions are those of a run.
 
-    Raises:
-        FieldError: if the contract does not fit the joints, or a term lacks its source.
+    Raises `FieldError` if the contract does not fit the joints, or a term lacks its source.
     """
     return PolicyWiring(joint_names, loaded.contract, loaded.reference, loaded.extern, action_limit=_NO_LIMIT)
 
@@ -156,8 +154,7 @@ def observe(
 ) -> tuple[PolicyStep, PolicyMemory]:
     """One step whose policy answers `action`, and the memory with its observation.
 
-    Raises:
-        FieldError: if the controller would refuse the observation or the action.
+    Raises `FieldError` if the controller would refuse the observation or the action.
     """
     observation, observed = wiring.observe(memory, state)
     problem = wiring.observation_problem(observation) or wiring.action_problem(action)

@@ -123,12 +123,11 @@ def _term_name(stated: str, names: Iterable[str], kinds: Kinds) -> str | None:
 def build_contract(known: Mapping[str, Given], terms: Mapping[str, Mapping[str, Given]], where: str) -> PolicyContract:
     """Return the contract that has these fields, and knows where they came from.
 
+    Raises `InputError` if a field is missing, or they do not fit together.
+
     Args:
         known: as in `PartialContract.fields`.
         terms: options of the observation terms, by the names in the observation.
-
-    Raises:
-        InputError: if a field is missing, or they do not fit together.
     """
     values: dict[str, Any] = {}
     provenance: dict[str, str] = {}

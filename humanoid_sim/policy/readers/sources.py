@@ -39,14 +39,12 @@ def assemble_contract(
     """Return the contract of a checkpoint, from everything that speaks about it.
 
     A stamped checkpoint is complete by itself, so no trainer's file beside it is read; a `contract.yaml` always is.
+    Raises `InputError` if a source is malformed, if two contradict each other, or if something is missing.
 
     Args:
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
         robot_joints: the joints in the robot's own order, for sources that give places instead of names.
         outputs: names of the model's outputs.
-
-    Raises:
-        InputError: if a source is malformed, if two contradict each other, or if something is missing.
     """
     chosen = find_contract(path) if contract_file is None else contract_file
     by_hand = [] if chosen is None else read_contract_file(chosen)

@@ -97,8 +97,7 @@ class BatchSensors:
     ) -> None:
         """Build the model that measures, of `bodies` the poses; the rest as `live_inputs` takes it.
 
-        Raises:
-            InputError: a body is not in the model.
+        Raises `InputError` if a body is not in the model.
         """
         self._addresses = addresses
         self._draws = draws

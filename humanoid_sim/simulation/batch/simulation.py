@@ -74,6 +74,9 @@ class BatchSimulation:
     ) -> None:
         """Build the model once, and copies of it where environments differ.
 
+        Raises `InputError` if an option is not accepted, the MJCF does not fit the description, or the description's
+        damping is unstable at this physics step.
+
         Args:
             description: the robot.
             count: N.
@@ -89,10 +92,6 @@ class BatchSimulation:
             randomisation: how the environments differ, drawn again by `redraw`; None: not at all.
             terrain: instead of a level floor; None for that.
             seeds: shape (N,), whole numbers, of the differences and the noise; None: 0, 1, 2, ….
-
-        Raises:
-            InputError: an option is not accepted, the MJCF does not fit the description, or the description's damping
-                is unstable at this physics step.
         """
         for name, value in (("count", count), ("threads", 1 if threads is None else threads)):
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
@@ -226,9 +225,7 @@ class BatchSimulation:
         """Shape (N,), N, with which a key of each robot's piano was touched in the latest `step`, at most.
 
         Of every physics step; 0 where none was touched. Computed when it is asked for, at about the cost of a `step`.
-
-        Raises:
-            RobotError: the robot has no piano.
+        Raises `RobotError` if the robot has no piano.
         """
         if self._touches is None:
             raise RobotError(f"{self.description.name}: has no piano, whose keys could be touched")
@@ -316,15 +313,14 @@ class BatchSimulation:
     def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
         """Advance by one control period.
 
+        Raises `RobotError` if the command has another shape, or the simulation is closed.
+
         Args:
             command: shape (N, n). A row that is not finite is a fault of its environment.
             wrench: shape (N, 6), N and N·m, force and torque on the push body at its centre of mass, world frame, for
                 the whole period; None for none.
             where: shape (N,), the environments that advance; None for all. The others stand still, as do those with a
                 fault.
-
-        Raises:
-            RobotError: the command has another shape, or the simulation is closed.
         """
         name = self.description.name
         self._check_open()
