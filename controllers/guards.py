@@ -116,7 +116,6 @@ class Guards:
         """One tick, of one robot or a batch.
 
         Args:
-            memory: of the previous tick.
             state: of this one, shape (..., n).
             command: that is about to leave, shape (..., n); finite.
 
@@ -204,8 +203,6 @@ class Guards:
 
         Args:
             memory: of `watch` with this state and command.
-            state: likewise.
-            command: likewise.
             i: which robot of a batch; () for the only one.
         """
         if memory is None:

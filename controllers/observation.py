@@ -96,7 +96,6 @@ def resolve_observation(
     Args:
         contract: the terms with their conventions, the joints and the bodies.
         robot_joints: the order of the state's per-joint arrays.
-        reference: where the motion terms come from.
         extern: name and width of the live inputs that exist.
     """
     terms = []
@@ -134,7 +133,6 @@ def stack(
     """Put this step's values behind those of the steps before it.
 
     Args:
-        layout: of the observation.
         step: shape (..., step_width), from `pack`.
         history: shape (..., history, step_width), oldest first; None in the first step, which then stands for all of
             the past, as in Isaac Lab's buffers.

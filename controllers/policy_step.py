@@ -206,7 +206,6 @@ def action_command(action_map: ActionMap, action: npt.NDArray[np.float32]) -> MI
     """`position = offset + scale · action` on the driven joints, 0 on the others, the policy's gains on all.
 
     Args:
-        action_map: from `resolve_action`.
         action: shape (..., m), raw.
 
     Returns:
@@ -236,7 +235,6 @@ def advance_phase(
     """One policy step.
 
     Args:
-        rule: of the policy.
         walked: shape (...), rad walked since activation, or since standing; 0 at activation.
         command: shape (..., 3), the velocity command.
         policy_dt: s.
@@ -269,7 +267,6 @@ def shown_phase(rule: PhaseRule, walked: FloatArray | float, command: FloatArray
     """Return the phase that the latest observation shows, shape (..., k), rad; NaN while the robot stands.
 
     Args:
-        rule: of the policy.
         walked: shape (...), rad, of the memory with that observation.
         command: shape (..., 3), the velocity command in it.
         policy_dt: s.

@@ -15,15 +15,7 @@ import numpy.typing as npt
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.rotation import conjugate, gravity_direction, matrix, multiply, rotate, rotate_inverse
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import (
-    ANCHOR_POSE,
-    EXTERN_WIDTHS,
-    HEIGHT_SCAN,
-    VELOCITY_COMMAND,
-    Extern,
-    FloatArray,
-    MITState,
-)
+from humanoid_sim.mit import ANCHOR_POSE, EXTERN_WIDTHS, HEIGHT_SCAN, VELOCITY_COMMAND, Extern, FloatArray, MITState
 
 if TYPE_CHECKING:  # contracts hold terms, whose kinds are made of the functions below
     from humanoid_sim.controllers.contract import PolicyContract

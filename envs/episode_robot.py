@@ -27,7 +27,7 @@ from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
 BoolArray = npt.NDArray[np.bool_]
 
-_KEPT = ("_pending", "_joint_line", "_body_line", "_step", "_fault", "_is_closed", "_is_lifted")
+_KEPT = ("_pending", "_joint_line", "_body_line", "_step", "_fault", "is_closed", "_is_lifted")
 """Attributes of a `MujocoRobot` beside its plant: commands and samples under way, its clock, what went wrong."""
 
 
@@ -142,19 +142,7 @@ class EpisodeRobot(MujocoRobot):
         """Return what would be seen if neither delays nor sampling stood between."""
         if self._is_punctual:
             return self.state()
-        position, velocity, effort = self._joint_sample()
-        felt = self._body_sample()
-        return MITState(
-            time=self.time,
-            joint_position=position,
-            joint_velocity=velocity,
-            joint_effort=effort,
-            joint_age=np.zeros_like(position),
-            imu_quaternion=felt.imu.quaternion,
-            imu_angular_velocity=felt.imu.angular_velocity,
-            imu_linear_acceleration=felt.imu.linear_acceleration,
-            extern={name: Extern(value, self.time) for name, value in felt.live.items()},
-        )
+        return self._seen(self._joint_sample(), 0.0, self._body_sample(), self.time)
 
     @property
     def effort(self) -> FloatArray:

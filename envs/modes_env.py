@@ -72,7 +72,7 @@ class ModesEnv(ShownEnv, gymnasium.Env[dict[str, Any], Any]):
         Args:
             robot: a description, or what `load_robot` takes.
             policy: of LOCOMOTION: a checkpoint (.onnx) by name or path; None for a stack without LOCOMOTION.
-            motion: what it follows: a sample motion by name, a file by path, or the motion itself.
+            motion: what it follows, as `PolicyEnv` takes it.
             remote: whether REMOTE is available, and the action has a remote command.
             control_frequency: Hz; None for the robot's.
             actuation: `affine`, stepped natively, or `qfrc_applied`, the reference.
@@ -80,10 +80,7 @@ class ModesEnv(ShownEnv, gymnasium.Env[dict[str, Any], Any]):
             live: by its name, what makes each live input that the policy's contract declares: of an `MITState` a value
                 of shape (width,); called once in every tick.
             episode_seconds: s after which an episode is truncated.
-            render_mode: `rgb_array`, `human` or None.
-            width: pixels of a picture.
-            height: pixels of a picture.
-            camera: of the model; None looks at the robot from the front.
+            render_mode: as `PolicyEnv` takes it, and the three that follow.
         """
         description = robot if isinstance(robot, RobotDescription) else load_robot(robot)
         frequency = description.simulation.control_frequency if control_frequency is None else control_frequency

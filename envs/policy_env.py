@@ -93,8 +93,7 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
                 not at all. The delays are then part of it, and the plant is one that a batch can have.
             curriculum: how much of it, and of the commands, counts at the `progress` that is set; None: all.
             render_mode: `rgb_array`, `human` or None.
-            width: pixels of a picture.
-            height: pixels of a picture.
+            width: pixels of a picture, like the height.
             camera: of the model; None looks at the robot from the front.
             privileged: what `info["privileged"]` holds for a critic: names out of `PRIVILEGED_TERMS`, or functions by
                 name.

@@ -49,9 +49,6 @@ def known_names(what: str, name: str, known: Iterable[str], *, listed: bool = Tr
     """Give the body of an "unknown name" message: `unknown joint 'elbw' (did you mean 'elbow'?); known: elbow, wrist`.
 
     Args:
-        what: kind of name.
-        name: the unknown one.
-        known: those that exist.
         listed: name them all; without, only one that is near.
     """
     names = list(known)

@@ -38,7 +38,6 @@ def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = 
     Raises `InputError` if there is no such file, it is a directory, a pipe, a socket or a device, or it is too large.
 
     Args:
-        path: of the file.
         what: it should be, such as `a motion file (.mcap)`.
         largest: bytes that it may have, of `humanoid_sim.bounds`; None: a reader that takes no more memory for more.
     """
@@ -73,7 +72,6 @@ def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwri
     Raises `InputError` if its name has another suffix, is taken, or cannot be written.
 
     Args:
-        path: of the file.
         what: it is, for messages, such as the option that names it.
         suffixes: that its name may have, in lower case; none for any.
         overwrite: replace a file that is there.
@@ -105,7 +103,6 @@ def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> i
     Raises `InputError` if another process writes it, and it is left alone; it is there; or it cannot be written.
 
     Args:
-        path: of the file.
         overwrite: replace what is in a file that is there.
     """
     path = Path(path)
@@ -138,7 +135,6 @@ def exclusive_folder(path: Path, what: str) -> Iterator[None]:
     Raises `InputError` if it cannot be made or written, or another process has it.
 
     Args:
-        path: of the folder.
         what: it is, for messages, such as the option that names it.
     """
     lock = path / ".lock"

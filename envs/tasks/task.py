@@ -174,7 +174,6 @@ class Task(ABC):
         Joints start around the contract's default pose, within their limits; a floating base has any heading.
 
         Args:
-            numbers: of one robot or a batch.
             around: joint positions, rad, and velocities, rad/s, (..., n), around which they start instead, of those
                 robots where the third, (...), says so.
         """

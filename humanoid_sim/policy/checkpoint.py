@@ -58,12 +58,7 @@ class Checkpoint:
             self.policy.model.time_limit = seconds
 
     def following(self, motion: Motion | None = None, motion_source: str = "motion") -> LoadedPolicy:
-        """Load the policy with a motion; None: the one in its graph, or none. Raises `InputError` if they do not fit.
-
-        Args:
-            motion: what it is to follow.
-            motion_source: what to call the motion in messages.
-        """
+        """Load the policy with a motion; None: that of its graph, or none. Raises `InputError` if they do not fit."""
         return load_policy(
             self.contract,
             self.policy,

@@ -68,7 +68,6 @@ def load_policy(
         motion: what it follows; None for a policy that follows none.
         observation_width: N as the model declares it; None if any will do.
         source: what to call the policy in messages.
-        motion_source: what to call the motion.
     """
     try:
         for name, topic in contract.live_topics.items():

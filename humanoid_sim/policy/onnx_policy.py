@@ -276,7 +276,6 @@ class OnnxPolicy:
         action, float32 (1, M).
 
         Args:
-            model: loaded, or its file.
             tensors: names; those that are empty are found by their place.
         """
         self.model = OnnxModel(model) if isinstance(model, Path) else model

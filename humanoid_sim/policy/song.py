@@ -194,7 +194,6 @@ def thin_out(song: Song, keys: Iterable[int], voices: int | None = None) -> tupl
     that must make room while it sounds ends there.
 
     Args:
-        keys: those that can be reached.
         voices: most notes that sound at a time; None for any number.
     """
     reachable = frozenset(keys)

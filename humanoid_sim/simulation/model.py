@@ -52,7 +52,6 @@ def build_model(
     read, or does not have what the description names, or there is to be a terrain and it brings a ground of its own.
 
     Args:
-        description: the robot.
         physics_timestep: s; None for the description's.
         affine_actuators: add one actuator per joint, in order, of force `ctrl - K_p q - K_d qd` saturated at the effort
             limit. The gains start at 0; `humanoid_sim.simulation.plant` sets them.
@@ -111,10 +110,16 @@ def joint_addresses(model: mujoco.MjModel, names: tuple[str, ...]) -> JointAddre
 
 def base_body(model: mujoco.MjModel, description: RobotDescription) -> int:
     """Id of the body that holds the robot's first joint's kinematic tree: the chest of the Lite."""
-    body = int(model.jnt_bodyid[model.joint(description.joints[0].name).id])
-    while model.body_parentid[body] != 0:
+    return bodies_above(model, int(model.jnt_bodyid[model.joint(description.joints[0].name).id]))[-1]
+
+
+def bodies_above(model: mujoco.MjModel, body: int) -> list[int]:
+    """Return a body and all that carry it, but for the world, from the body on."""
+    chain = []
+    while body:
+        chain.append(body)
         body = int(model.body_parentid[body])
-    return body
+    return chain
 
 
 def breadth_first(model: mujoco.MjModel, root: int = 0) -> list[int]:

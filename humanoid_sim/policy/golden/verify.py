@@ -217,7 +217,6 @@ def _difference(
 
     Args:
         samples: with the array `kind`, (S, width), that is expected.
-        kind: what is compared.
         value: shape (S, width).
         tolerance: absolute up to 1, relative beyond.
         names: term or joint of each column.

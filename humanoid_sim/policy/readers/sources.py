@@ -44,7 +44,6 @@ def assemble_contract(
     Args:
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
         robot_joints: the joints in the robot's own order, for sources that give places instead of names.
-        outputs: names of the model's outputs.
     """
     chosen = find_contract(path) if contract_file is None else contract_file
     by_hand = [] if chosen is None else read_contract_file(chosen)

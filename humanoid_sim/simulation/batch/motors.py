@@ -45,11 +45,11 @@ class MotorDifferences:
 
     def draw(self, indices: IndexArray, draws: Draws, timestep: float, effort_limit: FloatArray) -> None:
         """Take over what is drawn for these environments' episodes; `timestep` is of the physics, s."""
-        self.delay[indices] = np.rint(draws.quantity("command_delay", indices)[:, 0] / timestep)
-        self.stiffness[indices] = draws.factor("stiffness", indices)
-        self.damping[indices] = draws.factor("damping", indices)
-        self.strength[indices] = draws.factor("motor_strength", indices)
-        factor = self.strength[indices] * draws.factor("effort_limit", indices)
+        self.delay[indices] = np.rint(draws.ranged("command_delay", indices)[:, 0] / timestep)
+        self.stiffness[indices] = draws.ranged("stiffness", indices)
+        self.damping[indices] = draws.ranged("damping", indices)
+        self.strength[indices] = draws.ranged("motor_strength", indices)
+        factor = self.strength[indices] * draws.ranged("effort_limit", indices)
         self.limit[indices] = np.where(np.isfinite(effort_limit), effort_limit, 1.0) * factor
         self.limit[:, ~np.isfinite(effort_limit)] = np.inf
         self.bias[indices] = draws.symmetric("joint_position_bias", indices)

@@ -105,14 +105,14 @@ def vary_models(pool: ModelPool, indices: IndexArray, draws: Draws, dof: IndexAr
     pool.separate()
     models = pool.select(indices)
     if has("friction"):
-        for model, factor in zip(models, draws.factor("friction", indices)[:, 0], strict=True):
+        for model, factor in zip(models, draws.ranged("friction", indices)[:, 0], strict=True):
             model.geom_friction[:] = nominal.geom_friction * factor
             model.pair_friction[:] = nominal.pair_friction * factor
     if has("joint_friction"):
-        for model, loss in zip(models, draws.factor("joint_friction", indices), strict=True):
+        for model, loss in zip(models, draws.ranged("joint_friction", indices), strict=True):
             model.dof_frictionloss[dof] = nominal.dof_frictionloss[dof] * loss
     if has("effort_limit", "motor_strength"):
-        strength = draws.factor("motor_strength", indices) * draws.factor("effort_limit", indices)
+        strength = draws.ranged("motor_strength", indices) * draws.ranged("effort_limit", indices)
         for model, factor in zip(models, strength, strict=True):
             model.actuator_forcerange[:] = nominal.actuator_forcerange * factor[:, None]
     if has("gravity_tilt"):
@@ -125,9 +125,9 @@ def vary_models(pool: ModelPool, indices: IndexArray, draws: Draws, dof: IndexAr
 
 def _vary_inertia(pool: ModelPool, indices: IndexArray, draws: Draws, dof: IndexArray, carriers: IndexArray) -> None:
     nominal, models = pool.nominal, pool.select(indices)
-    masses = draws.factor("mass", indices)
-    loads = draws.quantity("payload", indices)
-    armatures = draws.factor("armature", indices)
+    masses = draws.ranged("mass", indices)
+    loads = draws.ranged("payload", indices)
+    armatures = draws.ranged("armature", indices)
     shifts = draws.symmetric("centre_of_mass", indices).reshape(-1, nominal.nbody, 3)
     # Loose bodies keep theirs: MuJoCo's compiler has laid the mass matrix out for a centre of mass at their origin.
     is_robot = nominal.body_rootid == nominal.body_rootid[nominal.dof_bodyid[dof[0]]]

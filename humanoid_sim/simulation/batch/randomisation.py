@@ -130,20 +130,20 @@ class Randomisation:
 
     def has(self, *names: str) -> bool:
         """Return whether any of these fields says that something differs."""
-        return any(getattr(self, name) != _NEUTRAL[name] for name in names)
+        return any(getattr(self, name) != NEUTRAL[name] for name in names)
 
     @property
     def is_noisy(self) -> bool:
         """Return whether what the policy sees differs from what is, from report to report."""
-        return self.has(*(name for name in _NEUTRAL if name.endswith("_noise")))
+        return self.has(*(name for name in NEUTRAL if name.endswith("_noise")))
 
     @property
     def is_biased(self) -> bool:
         """Return whether what the policy sees is off by something that stays for the episode."""
-        return self.has(*(name for name in _NEUTRAL if name.endswith("_bias")))
+        return self.has(*(name for name in NEUTRAL if name.endswith("_bias")))
 
 
-_NEUTRAL: Mapping[str, Any] = {
+NEUTRAL: Mapping[str, Any] = {
     field.name: field.default for field in fields(Randomisation) if field.name != "push_interval"
 }
 """By field, where nothing differs."""

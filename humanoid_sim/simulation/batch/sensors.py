@@ -10,19 +10,10 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim import mit
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate, rotate_inverse, seen_from
 from humanoid_sim.controllers.terms import HeightScan
-from humanoid_sim.mit import (
-    ANCHOR_POSE,
-    BASE_LINEAR_VELOCITY,
-    HEIGHT_SCAN,
-    IMU,
-    KEY_PRESSED,
-    Extern,
-    FloatArray,
-    MITState,
-    point_velocity,
-)
+from humanoid_sim.mit import Extern, FloatArray, MITState, point_velocity
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.physics import BatchPhysics, PhysicalStates, gravity_turns
@@ -68,7 +59,7 @@ class SensorDifferences:
 
     def draw(self, indices: IndexArray, draws: Draws, timestep: float) -> None:
         """Take over what is drawn for these environments' episodes; `timestep` is of the physics, s."""
-        self.delay[indices] = np.rint(draws.quantity("state_delay", indices)[:, 0] / timestep)
+        self.delay[indices] = np.rint(draws.ranged("state_delay", indices)[:, 0] / timestep)
         self.joint_position[indices] = draws.symmetric("joint_position_bias", indices)
         self.turn[indices] = _small_turn(draws.symmetric("orientation_bias", indices))
         self.angular_velocity[indices] = draws.symmetric("angular_velocity_bias", indices)
@@ -120,7 +111,7 @@ class BatchSensors:
         self._body_count = len(bodies)
         self._scan = None if height_scan is None else _BatchScan(physics, description, height_scan)
         scanned = None if self._scan is None else self._scan.site_or_body
-        points = {point_velocity(point): description.imu if point == IMU else point for point in velocity_at}
+        points = {point_velocity(point): description.imu if point == mit.IMU else point for point in velocity_at}
         self._points = list(points) if description.is_floating else []
         sites = list(points.values()) if description.is_floating else []
         self._model = build_model(
@@ -146,17 +137,17 @@ class BatchSensors:
         position = states.qpos[:, self._addresses.qpos]
         live = {}
         if base is not None:
-            live[BASE_LINEAR_VELOCITY] = Extern(base.linear_velocity, 0.0)
+            live[mit.BASE_LINEAR_VELOCITY] = Extern(base.linear_velocity, 0.0)
         if self._is_anchored:
             anchor = 20 + 7 * self._body_count
-            live[ANCHOR_POSE] = Extern(measured[:, anchor : anchor + 7], 0.0)
+            live[mit.ANCHOR_POSE] = Extern(measured[:, anchor : anchor + 7], 0.0)
         first = 20 + 7 * (self._body_count + self._is_anchored)
         for i, name in enumerate(self._points):
             live[name] = Extern(measured[:, first + 3 * i : first + 3 * i + 3], 0.0)
         if self._keys is not None:
-            live[KEY_PRESSED] = Extern(self._keys.pressed(states.qpos), 0.0)
+            live[mit.KEY_PRESSED] = Extern(self._keys.pressed(states.qpos), 0.0)
         if self._scan is not None:
-            live[HEIGHT_SCAN] = Extern(self._scan.read(self._physics, measured[:, -7:]), 0.0)
+            live[mit.HEIGHT_SCAN] = Extern(self._scan.read(self._physics, measured[:, -7:]), 0.0)
         imu = measured[:, :10]
         if self._constant is not None:
             imu = np.broadcast_to(self._constant, imu.shape)

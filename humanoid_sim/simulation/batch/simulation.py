@@ -78,8 +78,6 @@ class BatchSimulation:
         damping is unstable at this physics step.
 
         Args:
-            description: the robot.
-            count: N.
             control_period: s, by which one `step` advances; None for the description's.
             physics_timestep: s, must divide the control period; None for what suits robot and plant.
             actuation: `affine`, which agrees with the reference, or `implicit`, the faster approximation.
@@ -87,7 +85,6 @@ class BatchSimulation:
             anchor_body: MJCF body whose pose the state reports as `anchor_pose`; empty for none.
             velocity_at: `imu`, or MJCF sites, whose velocity the state of robots with a floating base reports.
             height_scan: of the ground, which the state reports; None for none.
-            bodies: MJCF bodies that `body_poses` gives.
             push_body: MJCF body that the wrenches of `step` act on; empty for the base.
             randomisation: how the environments differ, drawn again by `redraw`; None: not at all.
             terrain: instead of a level floor; None for that.
@@ -100,6 +97,8 @@ class BatchSimulation:
         check_actuation(actuation, get_args(BatchActuation))
         timestep = timestep_of(description, actuation, physics_timestep)
         self.description = description
+        self.joints = description.joint_names
+        """Names of the n joints, in the order of all per-joint arrays."""
         self.count = count
         self.control_period = 1.0 / settings.control_frequency if control_period is None else control_period
         """s"""
@@ -173,11 +172,6 @@ class BatchSimulation:
             mass = float(model.body_subtreemass[model.body(description.base.body).id])
             self._pushes = RandomPushes(self._draws, mass, self.control_period)
         self.reseed(np.arange(count) if seeds is None else seeds)
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the n joints, in the order of all per-joint arrays."""
-        return self.description.joint_names
 
     @property
     def extern(self) -> Mapping[str, int]:
@@ -267,14 +261,9 @@ class BatchSimulation:
         self,
         indices: npt.ArrayLike | None = None,
         *,
-        joint_position: FloatArray | None = None,
-        joint_velocity: FloatArray | None = None,
-        base_yaw: FloatArray | None = None,
-        base_offset: FloatArray | None = None,
-        base_pose: FloatArray | None = None,
-        base_velocity: FloatArray | None = None,
         qpos: FloatArray | None = None,
         qvel: FloatArray | None = None,
+        **pose: FloatArray | None,
     ) -> None:
         """Start some environments anew, at time 0, without a fault or a memory of what was.
 
@@ -282,25 +271,12 @@ class BatchSimulation:
 
         Args:
             indices: shape (k,), which; None for all.
-            joint_position: shape (k, n), rad; None for the description's initial position.
-            joint_velocity: shape (k, n), rad/s; None for rest.
-            base_yaw: shape (k,), rad, about the vertical, by which a floating base is turned at its start.
-            base_offset: shape (k, 3), m, world frame, by which it is moved; None for not at all.
-            base_pose: shape (k, 7), where it is instead, as `StartPose.arrays` takes it.
-            base_velocity: shape (k, 6), how it moves then, likewise.
-            qpos: shape (k, nq), MuJoCo's generalised position, instead of all these.
-            qvel: shape (k, nv), MuJoCo's generalised velocity, instead of all these.
+            qpos: shape (k, nq), MuJoCo's generalised position, instead of a pose.
+            qvel: shape (k, nv), MuJoCo's generalised velocity, likewise.
+            pose: where the robots start, and how they move, as `StartPose.arrays` takes it, shape (k, …) each.
         """
         where = np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
-        position, velocity = self.start_pose.arrays(
-            where.shape,
-            joint_position=joint_position,
-            joint_velocity=joint_velocity,
-            base_yaw=base_yaw,
-            base_offset=base_offset,
-            base_pose=base_pose,
-            base_velocity=base_velocity,
-        )
+        position, velocity = self.start_pose.arrays(where.shape, **pose)
         position = position if qpos is None else np.asarray(qpos)
         velocity = velocity if qvel is None else np.asarray(qvel)
         self._physics.set(where, position, velocity)
