@@ -10,15 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import HistoryLayout, PolicyContract
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.term_values import ObservationContext, Request, Source
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
-
-Float32Array = npt.NDArray[np.float32]
+from humanoid_sim.mit import Float32Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,9 +18,7 @@ from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import Alignment, Frame, MotionReference
 from humanoid_sim.controllers.term_values import ObservationContext, live_command
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITCommand, MITState
-
-Float32Array = npt.NDArray[np.float32]
+from humanoid_sim.mit import ANCHOR_POSE, BoolArray, Float32Array, FloatArray, IndexArray, MITCommand, MITState
 
 Policy = Callable[[Float32Array, int], npt.ArrayLike]
 """`(observation of shape (N,), reference frame) -> raw action of shape (m,)`. Same input, same output."""
@@ -131,7 +129,7 @@ class PolicyWiring:
         why = f": {kind.silent}" if kind.silent and np.isnan(observation[i]) else ""
         return f"observation {self.layout.locate(i)} is {observation[i]}, expected a finite number{why}"
 
-    def accepts(self, action: Float32Array) -> npt.NDArray[np.bool_]:
+    def accepts(self, action: Float32Array) -> BoolArray:
         """Shape (...): whether every value of a raw action, shape (..., m), is finite and within the limit."""
         return np.asarray(self._within(action).all(axis=-1))
 
@@ -147,8 +145,8 @@ class PolicyWiring:
         hint = f": {_RAISE_IT}" if np.isfinite(action[i]) else ""
         return f"action of {joint} is {action[i]}, expected a magnitude <= {self.limit:g}{hint}"
 
-    def _within(self, action: Float32Array) -> npt.NDArray[np.bool_]:
-        within: npt.NDArray[np.bool_] = np.abs(action) <= np.float64(self.limit)  # in float32 1e300 is infinite
+    def _within(self, action: Float32Array) -> BoolArray:
+        within: BoolArray = np.abs(action) <= np.float64(self.limit)  # in float32 1e300 is infinite
         return within
 
     def act(self, memory: PolicyMemory, action: Float32Array) -> tuple[PolicyMemory, MITCommand]:
@@ -162,7 +160,7 @@ class PolicyWiring:
 class ActionMap:
     """The contract's action in the robot's joint order."""
 
-    indices: npt.NDArray[np.intp]
+    indices: IndexArray
     """Shape (m,), the robot's joint that each action drives."""
     offset: FloatArray
     """Shape (m,), rad."""
@@ -202,7 +200,7 @@ def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> A
     )
 
 
-def action_command(action_map: ActionMap, action: npt.NDArray[np.float32]) -> MITCommand:
+def action_command(action_map: ActionMap, action: Float32Array) -> MITCommand:
     """`position = offset + scale · action` on the driven joints, 0 on the others, the policy's gains on all.
 
     Args:
@@ -250,9 +248,7 @@ def advance_phase(
     return np.where(standing & rule.standing_restarts, 0.0, moved), phase
 
 
-def _advance(
-    rule: PhaseRule, command: FloatArray, policy_dt: float
-) -> tuple[FloatArray | float, npt.NDArray[np.bool_]]:
+def _advance(rule: PhaseRule, command: FloatArray, policy_dt: float) -> tuple[FloatArray | float, BoolArray]:
     """Return by how much the clock moves in one policy step, rad, and whether the robot stands, shape (...)."""
     magnitude = np.sqrt(command[..., 0] ** 2 + command[..., 1] ** 2 + command[..., 2] ** 2)
     step: FloatArray | float
@@ -275,7 +271,7 @@ def shown_phase(rule: PhaseRule, walked: FloatArray | float, command: FloatArray
     return _phase(rule, np.asarray(walked) - (0.0 if rule.advance_first else step), standing, np.nan)
 
 
-def _phase(rule: PhaseRule, walked: FloatArray, standing: npt.NDArray[np.bool_], value: float) -> FloatArray:
+def _phase(rule: PhaseRule, walked: FloatArray, standing: BoolArray, value: float) -> FloatArray:
     """Shape (..., k), rad in [-π, π), of feet that have walked so far, shape (...); `value` while the robot stands."""
     phase = np.mod(walked[..., None] + rule.offsets + np.pi, 2.0 * np.pi) - np.pi
     return np.where(standing[..., None], value, phase)

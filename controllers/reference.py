@@ -13,9 +13,8 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate, yaw_quaternion
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import Float32Array, FloatArray, IntArray
 
-Float32Array = npt.NDArray[np.float32]
 Frame = int | npt.NDArray[np.integer]
 
 
@@ -41,7 +40,7 @@ class MotionReference:
     (4, w x y z) of the anchor body in the motion's world."""
     lengths: tuple[int, ...] = ()
     """Frames of each of several motions that follow one another in the tables; empty for one motion."""
-    _bounds: npt.NDArray[np.int64] = field(init=False, repr=False)
+    _bounds: IntArray = field(init=False, repr=False)
     """Shape (2, frame_count), the first and the last frame of each frame's motion."""
 
     def __post_init__(self) -> None:

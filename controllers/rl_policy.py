@@ -18,9 +18,7 @@ from humanoid_sim.controllers.policy_step import Policy, PolicyMemory, PolicyWir
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep, TickInput
-from humanoid_sim.mit import MITCommand, MITState
-
-Float32Array = npt.NDArray[np.float32]
+from humanoid_sim.mit import Float32Array, MITCommand, MITState
 
 _RATE_TOLERANCE = 1e-6
 """Relative. Periods are decimal fractions that binary numbers round; a real mismatch is far larger."""

@@ -15,7 +15,17 @@ import numpy.typing as npt
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.rotation import conjugate, gravity_direction, matrix, multiply, rotate, rotate_inverse
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import ANCHOR_POSE, EXTERN_WIDTHS, HEIGHT_SCAN, VELOCITY_COMMAND, Extern, FloatArray, MITState
+from humanoid_sim.mit import (
+    ANCHOR_POSE,
+    EXTERN_WIDTHS,
+    HEIGHT_SCAN,
+    VELOCITY_COMMAND,
+    Extern,
+    Float32Array,
+    FloatArray,
+    IndexArray,
+    MITState,
+)
 
 if TYPE_CHECKING:  # contracts hold terms, whose kinds are made of the functions below
     from humanoid_sim.controllers.contract import PolicyContract
@@ -36,7 +46,7 @@ class ObservationContext:
     """Everything that a term may read."""
 
     state: MITState
-    last_action: npt.NDArray[np.float32]
+    last_action: Float32Array
     """Shape (..., m), raw."""
     reference: MotionReference
     frame: Frame
@@ -119,7 +129,7 @@ def joint_names(term: Term, contract: PolicyContract) -> tuple[str, ...]:
     return contract.joint_names if term.joints is None else term.joints
 
 
-def _joint_order(request: Request) -> npt.NDArray[np.intp]:
+def _joint_order(request: Request) -> IndexArray:
     names = joint_names(request.term, request.contract)
     return joint_indices(names, request.robot_joints, "joint_names of the policy")
 

@@ -11,21 +11,18 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.controllers.rotation import seen_from
 from humanoid_sim.envs.tasks.task import Start
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode, TickRecord
-from humanoid_sim.mit import COMMAND_FIELDS, Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import COMMAND_FIELDS, BoolArray, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.recording.reader import Recording, open_recording, recorded_settings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation
 from humanoid_sim.simulation.floating_base import BaseState, StartPose, support_in_mode
 from humanoid_sim.simulation.model import base_body, build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-
-BoolArray = npt.NDArray[np.bool_]
 
 _KEPT = ("_pending", "_joint_line", "_body_line", "_step", "_fault", "is_closed", "_is_lifted")
 """Attributes of a `MujocoRobot` beside its plant: commands and samples under way, its clock, what went wrong."""

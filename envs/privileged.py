@@ -7,15 +7,13 @@ from types import MappingProxyType
 
 import gymnasium
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.controllers.rotation import rotate_inverse
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.evaluation.rollout import StepSample
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import Float32Array, FloatArray
 from humanoid_sim.simulation.floating_base import BaseState
 
-Float32Array = npt.NDArray[np.float32]
 PrivilegedTerm = Callable[[StepSample], FloatArray]
 """Shape (..., w) of a policy step: one function serves one robot and a batch."""
 

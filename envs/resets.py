@@ -6,14 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.mit import FloatArray
-
-IndexArray = npt.NDArray[np.intp]
+from humanoid_sim.mit import BoolArray, FloatArray, IndexArray
 
 _EPISODES = 16
 """Number of episodes whose start numbers are drawn at a time."""
@@ -76,7 +73,7 @@ def count_option(name: str, value: Any) -> int:
     return int(value)
 
 
-def reset_mask(mask: Any, count: int) -> npt.NDArray[np.bool_]:
+def reset_mask(mask: Any, count: int) -> BoolArray:
     """Return the environments to reset, shape (count,); all where no mask is given.
 
     Raises `InputError` if it is not such an array, or chooses none.

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from gymnasium.vector import VectorEnv
 
 from humanoid_sim.envs.resets import require_same_step, term_means
 from humanoid_sim.errors import MissingPackageError
+from humanoid_sim.mit import Float32Array
 
 try:
     import torch
@@ -83,7 +83,7 @@ class RslRlVecEnv(VecEnv):
         """Close the environments."""
         self.envs.close()
 
-    def _grouped(self, observation: npt.NDArray[np.float32], info: dict[str, Any]) -> TensorDict:
+    def _grouped(self, observation: Float32Array, info: dict[str, Any]) -> TensorDict:
         groups = {"policy": torch.from_numpy(observation.copy())}
         if "privileged" in info:
             seen = np.concatenate([observation, info["privileged"]], axis=-1)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.assets import motion_path, policy_path, sample_songs
 from humanoid_sim.controllers.contract import PolicyContract
@@ -22,7 +21,16 @@ from humanoid_sim.envs.reference_states import ReferenceStates, reference_states
 from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
 from humanoid_sim.envs.tasks.task import Start
 from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.mit import ANCHOR_POSE, BASE, HEIGHT_SCAN, KEY_PRESSED, VELOCITY_COMMAND, FloatArray, point_velocity
+from humanoid_sim.mit import (
+    ANCHOR_POSE,
+    BASE,
+    HEIGHT_SCAN,
+    KEY_PRESSED,
+    VELOCITY_COMMAND,
+    FloatArray,
+    IndexArray,
+    point_velocity,
+)
 from humanoid_sim.names import near_miss
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -337,7 +345,7 @@ class EpisodeStarts:
         chosen = np.zeros(numbers.shape[:-1], dtype=np.intp)
         if len(lengths) > 1:
             chosen = np.asarray(np.floor(of_motion[..., 0] * len(lengths)).astype(np.intp))
-        frame: npt.NDArray[np.intp] = (np.cumsum(lengths) - lengths)[chosen]
+        frame: IndexArray = (np.cumsum(lengths) - lengths)[chosen]
         if self.states is None or not self.reference_start:
             return replace(self.task.start(numbers), frame=frame)
         is_inside = of_motion[..., -2] < self.reference_start

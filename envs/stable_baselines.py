@@ -11,6 +11,7 @@ from gymnasium.vector import VectorEnv
 
 from humanoid_sim.envs.resets import require_same_step
 from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.mit import BoolArray, Float32Array
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
@@ -18,7 +19,6 @@ except ImportError:
     raise MissingPackageError("stable-baselines3", "rl", "humanoid_sim.envs.stable_baselines") from None
 
 Indices = None | int | Iterable[int]
-Float32Array = npt.NDArray[np.float32]
 
 
 class StableBaselinesVecEnv(VecEnv):
@@ -52,7 +52,7 @@ class StableBaselinesVecEnv(VecEnv):
         """Say what to do in the next step."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[Float32Array, Float32Array, npt.NDArray[np.bool_], list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[Float32Array, Float32Array, BoolArray, list[dict[str, Any]]]:
         """Take the step: observations, rewards, which episodes have ended, and an info of each environment.
 
         The info of an episode that has ended has `terminal_observation` and `TimeLimit.truncated`, and the `fault` that

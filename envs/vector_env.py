@@ -22,14 +22,11 @@ from humanoid_sim.envs.spaces import action_space, outlier
 from humanoid_sim.envs.tasks.task import require_finite
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 from humanoid_sim.simulation.plant import BatchActuation, check_actuation
 
-Float32Array = npt.NDArray[np.float32]
-BoolArray = npt.NDArray[np.bool_]
-IndexArray = npt.NDArray[np.intp]
 Step = tuple[Float32Array, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
 
@@ -148,7 +145,7 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
             info.merge("privileged", self.privileged(sample or sample_step(loop, self.simulation, self._steps)), mask)
 
     @property
-    def episode_steps(self) -> npt.NDArray[np.int64]:
+    def episode_steps(self) -> IntArray:
         """Shape (N,), policy steps since each episode began.
 
         Setting it puts environments out of step with each other: an episode of a set length ends the earlier, and

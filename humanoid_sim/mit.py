@@ -18,6 +18,10 @@ import numpy.typing as npt
 from humanoid_sim.errors import FieldError
 
 FloatArray = npt.NDArray[np.float64]
+Float32Array = npt.NDArray[np.float32]
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
+IndexArray = npt.NDArray[np.intp]
 
 COMMAND_FIELDS = ("position", "velocity", "effort", "stiffness", "damping")
 """The five MIT fields in their frozen order (`humanoid_control_msgs/MITCommand`)."""

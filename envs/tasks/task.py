@@ -197,7 +197,6 @@ class Task(ABC):
 
     def command(self, commands: FloatArray, step: int | npt.NDArray[np.integer]) -> FloatArray:
         """Give the velocity command in force after `step` policy steps, shape (..., 3); `commands` are the start's."""
-        del step
         command: FloatArray = commands[..., 0, :]
         return command
 

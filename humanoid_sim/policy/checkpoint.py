@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
+from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY
 from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
@@ -128,7 +128,7 @@ def zero_policy(action_count: int) -> Policy:
     action = np.zeros(action_count, dtype=np.float32)
     action.setflags(write=False)
 
-    def policy(observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:  # noqa: ARG001
+    def policy(observation: Float32Array, frame: int) -> Float32Array:  # noqa: ARG001
         return action
 
     return policy

@@ -29,7 +29,7 @@ from humanoid_sim.bounds import MOTION_VALUES
 from humanoid_sim.controllers.rotation import rotation_6d, rotation_from_6d
 from humanoid_sim.errors import FieldError, InputError, known_names
 from humanoid_sim.files import regular_file, whole_file
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import Float32Array, FloatArray
 from humanoid_sim.policy.readers.values import names
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text
@@ -52,7 +52,7 @@ _SEVERAL = "; `play --motion-topic` takes one of several"
 class Motion:
     """One episode of a reference motion, checked and read-only."""
 
-    frames: npt.NDArray[np.float32]
+    frames: Float32Array
     """Shape (F, width), one row per policy step, F ≥ 1; finite."""
     body_names: tuple[str, ...]
     """The B tracked bodies in the order of the frame; empty without bodies, or if the file does not say."""
@@ -143,7 +143,7 @@ def parse_motion(data: bytes, name: str) -> Motion:
     return _motion(Path(name), _read_rows(Path(name), [(Path(name), McapStream(BytesIO(data)))]))
 
 
-_Rows = tuple[list[npt.NDArray[np.float32]], list[int], Mapping[str, str]]
+_Rows = tuple[list[Float32Array], list[int], Mapping[str, str]]
 """Frames in file order, their log times in ns, and the metadata record `motion`."""
 
 
@@ -172,7 +172,7 @@ def _read_rows(
     is_inner: bool = False,
 ) -> _Rows:
     metadata: dict[str, str] = {}
-    rows: list[npt.NDArray[np.float32]] = []
+    rows: list[Float32Array] = []
     times: list[int] = []
     kinds: dict[str, str] = {}
     """Type of each topic."""
@@ -217,7 +217,7 @@ def _is_frame(
     return topic in (None, channels[message.channel_id].topic)
 
 
-def _row(path: Path, record: Message, before: list[npt.NDArray[np.float32]]) -> npt.NDArray[np.float32]:
+def _row(path: Path, record: Message, before: list[Float32Array]) -> Float32Array:
     """One frame, as wide as those before it."""
     frame = len(before)
     try:

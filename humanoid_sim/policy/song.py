@@ -16,11 +16,11 @@ from typing import Any
 
 import mido
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.bounds import MIDI_BYTES, SONG_SECONDS
 from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import regular_file
+from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
 from humanoid_sim.robots.schema import RobotDescription
@@ -246,7 +246,7 @@ def left_out(notes: Iterable[Note]) -> str:
     return ", ".join(f"{key_name(key)} ({count})" if count > 1 else key_name(key) for key, count in counts)
 
 
-def goals(song: Song, policy_dt: float, *, gap: float = 0.06) -> npt.NDArray[np.float32]:
+def goals(song: Song, policy_dt: float, *, gap: float = 0.06) -> Float32Array:
     """Return the keys to be held down, shape (F, 88), 0 or 1, one row per policy step; the last row is all released.
 
     A note begins in the step nearest to its start and lasts for at least one. Before the same key is struck again it is

@@ -8,7 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from rich.markup import escape
 
 from humanoid_sim.cli import ExitStatus
@@ -17,6 +16,7 @@ from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.policy_step import action_limit_of, resolve_action
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
+from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy import checks
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.checks import SEVERITIES, Finding, Severity
@@ -36,8 +36,6 @@ from humanoid_sim.robots.guards import describe_unwatched
 from humanoid_sim.robots.mjcf import bare_model, imu_line, own_joint_damping, prefix_line
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.stability import REFUSED_ABOVE, WARNED_ABOVE, DampingStability
-
-Float32Array = npt.NDArray[np.float32]
 
 _PROBES = 4
 _STYLES: dict[Severity, str] = {"error": "bold red", "warning": "yellow", "info": "cyan"}

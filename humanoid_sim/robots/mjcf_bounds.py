@@ -21,61 +21,6 @@ _PNG_SIZE = struct.Struct(">8s8xII")
 """A picture's first bytes: what it is, and after a chunk's length and name its width and height."""
 
 
-class NamedFiles:
-    """Meshes and pictures that the files of one model name; `check` looks at them once all have been read.
-
-    MuJoCo reads them whole, and unpacks pictures, before it finds too much. It looks for a file in the folder of the
-    model, in one that a `<compiler>` names, or, if told so, by its bare name; for models that include or attach others
-    it depends on the file. So every file that could be meant is looked at.
-    """
-
-    def __init__(self) -> None:
-        self._names: dict[str, bool] = {}
-        """By name whether it is a picture."""
-        self._folders: dict[str, None] = {"": None}
-        self._bases: dict[Path, None] = {}
-
-    def add(self, path: Path, element: ElementTree.Element) -> None:
-        """Take what an element of the file `path` names."""
-        self._bases[path.parent] = None
-        if element.tag == "compiler":
-            self._folders.update(dict.fromkeys(element.get(name, "") for name in _FOLDERS))
-            return
-        for attribute in _ATTRIBUTES:
-            if name := element.get(attribute, ""):
-                self._names[name] = element.tag in _PICTURES
-
-    def check(self, path: Path) -> None:
-        """Refuse files that are larger than any robot's, or no files.
-
-        Raises `InputError` with the file, its size and what is accepted.
-        """
-        if len(self._names) * len(self._folders) * len(self._bases) > bounds.MJCF_ELEMENTS:
-            raise InputError(f"{path}: names {len(self._names)} files in {len(self._folders) - 1} folders, too many")
-        seen: dict[Path, int] = {}
-        for name, is_picture in self._names.items():
-            for found in self._found(name):
-                if found.resolve() not in seen:
-                    seen[found.resolve()] = _check(found, is_picture=is_picture)
-        if (total := sum(seen.values())) > bounds.MJCF_FILES_BYTES:
-            raise InputError(
-                f"{path}: its meshes and pictures have {total} bytes, expected {bounds.MJCF_FILES_BYTES} at most"
-            )
-
-    def _found(self, name: str) -> Iterator[Path]:
-        bare = PurePosixPath(name.replace("\\", "/")).name
-        for base in self._bases:
-            for folder in self._folders:
-                for candidate in dict.fromkeys((name, bare)):
-                    place = base / folder / candidate
-                    try:
-                        is_there = place.exists() and not place.is_dir()
-                    except (OSError, ValueError):  # no name that a file can have: MuJoCo says so
-                        continue
-                    if is_there:
-                        yield place
-
-
 def _check(path: Path, *, is_picture: bool) -> int:
     """Its size, bytes."""
     kind, largest = ("a picture", bounds.PICTURE_BYTES) if is_picture else ("a mesh", bounds.MESH_BYTES)
@@ -128,17 +73,25 @@ def check_mjcf_bounds(path: Path) -> None:
     """
     elements = _Elements(path)
     elements.add(path)
-    elements.named.check(path)
+    elements.check_files(path)
 
 
 class _Elements:
-    """The elements of a model, counted over its files."""
+    """The elements of a model, counted over its files; and the meshes and pictures that they name.
+
+    MuJoCo reads those whole, and unpacks pictures, before it finds too much. It looks for a file in the folder of the
+    model, in one that a `<compiler>` names, or, if told so, by its bare name; for models that include or attach others
+    it depends on the file. So every file that could be meant is looked at.
+    """
 
     def __init__(self, path: Path) -> None:
         self._folder = path.parent
         self._count = 0
         self._seen: set[Path] = set()
-        self.named = NamedFiles()
+        self._names: dict[str, bool] = {}
+        """By name whether it is a picture."""
+        self._folders: dict[str, None] = {"": None}
+        self._bases: dict[Path, None] = {}
 
     def add(self, path: Path) -> None:
         regular_file(path, "an MJCF", bounds.MJCF_BYTES)
@@ -163,7 +116,7 @@ class _Elements:
                     for included in self._included(path, element):
                         self.add(included)
                 else:
-                    self.named.add(path, element)
+                    self._name_files(path, element)
         except ElementTree.ParseError:
             return  # MuJoCo says so, and where
         except (ValueError, RecursionError) as error:
@@ -175,6 +128,42 @@ class _Elements:
             if is_file(included) and included.resolve() not in self._seen:
                 yield included
                 return
+
+    def _name_files(self, path: Path, element: ElementTree.Element) -> None:
+        self._bases[path.parent] = None
+        if element.tag == "compiler":
+            self._folders.update(dict.fromkeys(element.get(name, "") for name in _FOLDERS))
+            return
+        for attribute in _ATTRIBUTES:
+            if name := element.get(attribute, ""):
+                self._names[name] = element.tag in _PICTURES
+
+    def check_files(self, path: Path) -> None:
+        """Refuse files that are larger than any robot's, or no files."""
+        if len(self._names) * len(self._folders) * len(self._bases) > bounds.MJCF_ELEMENTS:
+            raise InputError(f"{path}: names {len(self._names)} files in {len(self._folders) - 1} folders, too many")
+        seen: dict[Path, int] = {}
+        for name, is_picture in self._names.items():
+            for found in self._found(name):
+                if found.resolve() not in seen:
+                    seen[found.resolve()] = _check(found, is_picture=is_picture)
+        if (total := sum(seen.values())) > bounds.MJCF_FILES_BYTES:
+            raise InputError(
+                f"{path}: its meshes and pictures have {total} bytes, expected {bounds.MJCF_FILES_BYTES} at most"
+            )
+
+    def _found(self, name: str) -> Iterator[Path]:
+        bare = PurePosixPath(name.replace("\\", "/")).name
+        for base in self._bases:
+            for folder in self._folders:
+                for candidate in dict.fromkeys((name, bare)):
+                    place = base / folder / candidate
+                    try:
+                        is_there = place.exists() and not place.is_dir()
+                    except (OSError, ValueError):  # no name that a file can have: MuJoCo says so
+                        continue
+                    if is_there:
+                        yield place
 
 
 def _copies(path: Path, element: ElementTree.Element) -> int:

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import FloatArray, IndexArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT, PIANOS, Key
 from humanoid_sim.simulation.kinematics import damped_step
@@ -107,7 +106,7 @@ class Fingers:
         points: FloatArray = world @ self._data.xmat[base].reshape(3, 3)
         return points
 
-    def _arm(self, body: int) -> npt.NDArray[np.intp]:
+    def _arm(self, body: int) -> IndexArray:
         owners = self._model.dof_bodyid[self._joints.dof]
         return np.flatnonzero(np.isin(owners, bodies_above(self._model, body)))
 

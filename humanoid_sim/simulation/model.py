@@ -9,9 +9,9 @@ from typing import Literal
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.errors import InputError, known_names, reason_of
+from humanoid_sim.mit import IndexArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import compile_spec, read_spec
 from humanoid_sim.robots.piano import key_joint_names
@@ -26,9 +26,9 @@ _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 class JointAddresses:
     """Indices of joints in MuJoCo's arrays, in the order in which they were asked for."""
 
-    qpos: npt.NDArray[np.intp]
+    qpos: IndexArray
     """Shape (n,), indices into `qpos`."""
-    dof: npt.NDArray[np.intp]
+    dof: IndexArray
     """Shape (n,), indices into `qvel`, `qfrc_applied` and the rows of the mass matrix."""
 
 

@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim import mit
 from humanoid_sim.controllers.contract import PolicyContract
@@ -16,7 +15,7 @@ from humanoid_sim.controllers.policy_step import PolicyMemory, action_command, r
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import PolicyStep
-from humanoid_sim.mit import FloatArray, point_velocity
+from humanoid_sim.mit import Float32Array, FloatArray, point_velocity
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.golden.samples import GoldenSamples
 from humanoid_sim.policy.golden.trace import Trace
@@ -113,7 +112,7 @@ def _samples(checkpoint: Checkpoint, loaded: LoadedPolicy, trace: Trace, rows: l
     )
 
 
-def _histories(rows: list[_Row]) -> npt.NDArray[np.float32] | None:
+def _histories(rows: list[_Row]) -> Float32Array | None:
     """Shape (S, h, w); NaN where there was no step before. None for a policy that shows only the present."""
     known = next((row.memory.history for row in rows if row.memory.history is not None), None)
     if known is None:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from humanoid_sim import mit
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray, MITState, point_velocity
+from humanoid_sim.mit import Float32Array, FloatArray, MITState, point_velocity
 from humanoid_sim.npz_file import read_arrays
 from humanoid_sim.policy.golden.samples import STATE_ARRAYS, recorded_state
 
@@ -38,12 +38,12 @@ class Trace:
     """`STATE_ARRAYS` of the samples, one row per step."""
     extern: Mapping[str, FloatArray]
     """Live inputs by name, likewise."""
-    action: npt.NDArray[np.float32]
+    action: Float32Array
     """Shape (F, m), raw."""
     memory: Mapping[str, npt.NDArray[np.floating | np.integer]] = field(default_factory=lambda: MappingProxyType({}))
     """`last_action`, `frame`, `walked`, `history`, `alignment`, one row per step, as far as the source gives them; what
     it does not follows from the steps before."""
-    observation: npt.NDArray[np.float32] | None = None
+    observation: Float32Array | None = None
     """Shape (F, N), the trainer's."""
     target: FloatArray | None = None
     """Shape (F, J), rad, in the order of `joint_names`; None if the file does not say."""
@@ -211,7 +211,7 @@ class _Reader:
             raise self.wrong(name, f"is not finite in row {row}", expected)
         return values.astype(np.float64)
 
-    def as_float32(self, name: str, table: FloatArray) -> npt.NDArray[np.float32]:
+    def as_float32(self, name: str, table: FloatArray) -> Float32Array:
         """Shape (F, width): what a policy saw or answered, in its own precision."""
         if not (np.abs(table) <= np.finfo(np.float32).max).all():
             row = int(np.argmax((np.abs(table) > np.finfo(np.float32).max).any(axis=1)))

@@ -15,7 +15,7 @@ from humanoid_sim.controllers.reference import Alignment, MotionReference
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.messages import PolicyStep
-from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.mit import Float32Array, FloatArray, MITState
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode_samples
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -150,7 +150,7 @@ def recorded_wiring(loaded: LoadedPolicy, joint_names: tuple[str, ...]) -> Polic
 
 
 def observe(
-    wiring: PolicyWiring, memory: PolicyMemory, state: MITState, action: npt.NDArray[np.float32]
+    wiring: PolicyWiring, memory: PolicyMemory, state: MITState, action: Float32Array
 ) -> tuple[PolicyStep, PolicyMemory]:
     """One step whose policy answers `action`, and the memory with its observation.
 

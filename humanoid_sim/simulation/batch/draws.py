@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import FloatArray, IndexArray, IntArray
 from humanoid_sim.simulation.batch.randomisation import NEUTRAL, Randomisation
 
 Words = npt.NDArray[np.uint64]
@@ -87,9 +87,6 @@ def normals(keys: Words, stream: int, counter: npt.NDArray[np.integer], width: i
     angle = 2.0 * np.pi * drawn[:, half:]
     return np.concatenate([radius * np.cos(angle), radius * np.sin(angle)], axis=1)[:, :width]
 
-
-IntArray = npt.NDArray[np.int64]
-IndexArray = npt.NDArray[np.intp]
 
 SCALED = tuple(NEUTRAL)
 """Fields of a `Randomisation` that can be drawn in part."""

@@ -9,12 +9,9 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.mit import FloatArray, MITCommand, affine_law, affine_torque
+from humanoid_sim.mit import FloatArray, IndexArray, IntArray, MITCommand, affine_law, affine_torque
 from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.physics import ModelPool
-
-IntArray = npt.NDArray[np.int64]
-IndexArray = npt.NDArray[np.intp]
 
 _LONG_AGO = np.iinfo(np.int64).min
 

@@ -10,16 +10,12 @@ from functools import cached_property
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 from mujoco import rollout
 
 from humanoid_sim.controllers.rotation import rotate
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import BoolArray, FloatArray, IndexArray
 from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.simulation.batch.draws import Draws
-
-BoolArray = npt.NDArray[np.bool_]
-IndexArray = npt.NDArray[np.intp]
 
 _CONTROL = int(mujoco.mjtState.mjSTATE_CTRL)
 _CONTROL_AND_WRENCH = _CONTROL | int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
@@ -58,7 +54,7 @@ class ModelPool:
         """Return the model of environment i."""
         return self._models[i]
 
-    def select(self, indices: npt.NDArray[np.intp] | None) -> list[mujoco.MjModel]:
+    def select(self, indices: IndexArray | None) -> list[mujoco.MjModel]:
         """Return the models of these environments, None for all."""
         return self._list if indices is None else self._models[indices].tolist()
 
@@ -69,7 +65,7 @@ class ModelPool:
             self._list = [copy.copy(self._list[0]) for _ in self._list]
             self._models[:] = self._list
 
-    def set_gains(self, changed: npt.NDArray[np.intp], bias: FloatArray) -> None:
+    def set_gains(self, changed: IndexArray, bias: FloatArray) -> None:
         """Put gains into the actuators.
 
         Args:

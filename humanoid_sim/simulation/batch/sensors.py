@@ -8,12 +8,11 @@ from typing import Self
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim import mit
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate, rotate_inverse, seen_from
 from humanoid_sim.controllers.terms import HeightScan
-from humanoid_sim.mit import Extern, FloatArray, MITState, point_velocity
+from humanoid_sim.mit import Extern, FloatArray, IndexArray, IntArray, MITState, point_velocity
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.physics import BatchPhysics, PhysicalStates, gravity_turns
@@ -22,8 +21,6 @@ from humanoid_sim.simulation.height_scan import HeightScanner
 from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import JointAddresses, body_ids, build_model
 from humanoid_sim.simulation.sensors import Imu, live_inputs
-
-IndexArray = npt.NDArray[np.intp]
 
 _SENSOR = mujoco.mjtSensor.__members__
 _BASE = "humanoid_sim_base"
@@ -37,7 +34,7 @@ _ARMATURE = 2.0**60
 class SensorDifferences:
     """Differences between the sensors of N robots."""
 
-    delay: npt.NDArray[np.int64]
+    delay: IntArray
     """Shape (N,), physics steps from a state to its report."""
     joint_position: FloatArray
     """Shape (N, n), rad, too much."""
@@ -185,7 +182,7 @@ class BatchSensors:
         """Return the whole robot's centre of mass, shape (N, 3), m, world frame; a new array."""
         return measured[:, 10:13].copy()
 
-    def disturb(self, state: MITState, step: npt.NDArray[np.int64]) -> MITState:
+    def disturb(self, state: MITState, step: IntArray) -> MITState:
         """Return what the sensors make of the true state; `step`, shape (N,), counts reports since each start."""
         own, noise = self.differences, self._draws.randomisation
         if noise.is_biased:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import COMMAND_FIELDS, BoolArray, FloatArray, IndexArray, IntArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.robots.rates import delay_steps, steps_per_period
@@ -30,9 +30,6 @@ from humanoid_sim.simulation.stability import DampingStability
 from humanoid_sim.simulation.terrain import Terrain
 
 Scalar = TypeVar("Scalar", bound=np.generic)
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.int64]
-IndexArray = npt.NDArray[np.intp]
 
 _DELAYS = "command_delay", "state_delay"
 _OF_MOTORS = "command_delay", "stiffness", "damping", "motor_strength", "effort_limit", "joint_position_bias"
@@ -422,7 +419,7 @@ class RandomPushes:
         self._interval = max(round(draws.randomisation.push_interval / control_period), 1)
         self._duration = min(max(round(PUSH_DURATION / control_period), 1), self._interval)
 
-    def wrench(self, step: npt.NDArray[np.int64]) -> FloatArray:
+    def wrench(self, step: IntArray) -> FloatArray:
         """Force and torque in the control periods that begin now, shape (N, 6), N and N·m, world frame.
 
         `step`, shape (N,), counts control periods since each environment's start.
