@@ -201,13 +201,10 @@ def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> A
 
 
 def action_command(action_map: ActionMap, action: Float32Array) -> MITCommand:
-    """`position = offset + scale · action` on the driven joints, 0 on the others, the policy's gains on all.
+    """`position = offset + scale · action` on the driven joints, 0 on the others, its gains on all; shape (..., n).
 
     Args:
         action: shape (..., m), raw.
-
-    Returns:
-        A command of shape (..., n); velocity and effort are 0.
     """
     if action_map.clip < np.inf:
         action = np.clip(action, -action_map.clip, action_map.clip)

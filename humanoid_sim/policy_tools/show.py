@@ -47,11 +47,7 @@ _BY_JOINT = {
 
 
 def show(options: Show) -> int:
-    """Print a checkpoint's contract, or what is known of it.
-
-    Returns:
-        1 if fields are missing, or if its golden vectors say that it is not wired as it was trained.
-    """
+    """Print a checkpoint's contract, or what is known of it; 1 where fields are missing or golden vectors differ."""
     if options.skeleton is not None:
         output_file(options.skeleton, "--skeleton", ".yaml", ".yml")
         if os.path.lexists(options.skeleton):  # what was filled in must not be lost

@@ -146,7 +146,7 @@ class InverseKinematics(_Posed):
         posture: FloatArray | None = None,
         iterations: int = 20,
     ) -> FloatArray:
-        """One pose.
+        """One pose: shape (n,), rad.
 
         Args:
             position: shape (B, 3), m, base frame.
@@ -154,9 +154,6 @@ class InverseKinematics(_Posed):
             start: shape (n,), rad, where the search begins.
             posture: shape (n,), rad, where the joints drift in the directions that move no body; None for nowhere.
             iterations: at most this many; the search ends when a step is below a microradian.
-
-        Returns:
-            Shape (n,), rad.
         """
         world_position = self._base_position + position @ self._base_rotation.T
         world_rotation = self._base_rotation @ rotation

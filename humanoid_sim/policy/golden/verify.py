@@ -37,13 +37,9 @@ _SHOWN = 4
 
 
 def verify_golden(checkpoint: Checkpoint) -> str:
-    """Check a checkpoint against the golden vectors that it carries.
+    """Check a checkpoint against its golden vectors, and return what they are worth in words; '' without any.
 
-    Raises `InputError` with the first sample, term and joint that differ, and both values; or the samples are
-    malformed.
-
-    Returns:
-        What its samples are worth, in words; empty if it has none.
+    Raises `InputError` with the first sample, term and joint that differ, and both values; or for malformed samples.
     """
     if GOLDEN_KEY not in checkpoint.metadata:
         return ""

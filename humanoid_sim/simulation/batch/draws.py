@@ -22,7 +22,7 @@ _ROUNDS = 10
 
 
 def philox(counter: Words, key: Words) -> Words:
-    """Return random words as a function of key and counter: nothing to advance, so nothing depends on the batch.
+    """Return random words, shape (4, ...), as a function of key and counter: nothing depends on the batch.
 
     Philox4x32-10 (Salmon, Moraes, Dror, Shaw 2011, "Parallel random numbers: as easy as 1, 2, 3"), for many keys at
     once. A generator object per environment would need a Python loop in every step.
@@ -30,9 +30,6 @@ def philox(counter: Words, key: Words) -> Words:
     Args:
         counter: shape (4, ...), 32-bit words.
         key: shape (2, ...), 32-bit words, broadcast against the counter's.
-
-    Returns:
-        Shape (4, ...), 32-bit words.
     """
     c0, c1, c2, c3 = counter
     k0, k1 = key

@@ -377,11 +377,7 @@ class BatchSimulation:
         return replace(self._sensors.read(then, measured, effort, base), time=self._physics.time, joint_age=age)
 
     def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Return where the bodies truly are, in the frame of the robot's base or in the world's.
-
-        Returns:
-            Positions (N, b, 3), m, and quaternions (N, b, 4), w x y z; new arrays.
-        """
+        """Return where the bodies truly are, in the base's frame or the world's: new (N, b, 3), m, and (N, b, 4)."""
         return self._sensors.poses(self._measure(), in_base=in_base)
 
     def _measure(self) -> FloatArray:
