@@ -201,7 +201,7 @@ def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> A
 
 
 def action_command(action_map: ActionMap, action: Float32Array) -> MITCommand:
-    """`position = offset + scale · action` on the driven joints, 0 on the others, its gains on all; shape (..., n).
+    """`position = offset + scale · action` on driven joints, 0 on others, the policy's gains on all: shape (..., n).
 
     Args:
         action: shape (..., m), raw.

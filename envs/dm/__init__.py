@@ -14,8 +14,6 @@ from humanoid_sim.rendering.backend import choose_backend
 if TYPE_CHECKING:
     from dm_control.rl import control
 
-__all__ = ["NAMES", "load"]
-
 NAMES = {
     "lite_tracking": "humanoid_sim/LiteTracking-v0",
     "biped_velocity": "humanoid_sim/BipedVelocity-v0",
