@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from humanoid_sim import mit
 from humanoid_sim.assets import motion_path, policy_path, sample_songs
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.guards import Guards
@@ -21,16 +22,7 @@ from humanoid_sim.envs.reference_states import ReferenceStates, reference_states
 from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
 from humanoid_sim.envs.tasks.task import Start
 from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.mit import (
-    ANCHOR_POSE,
-    BASE,
-    HEIGHT_SCAN,
-    KEY_PRESSED,
-    VELOCITY_COMMAND,
-    FloatArray,
-    IndexArray,
-    point_velocity,
-)
+from humanoid_sim.mit import FloatArray, IndexArray, point_velocity
 from humanoid_sim.names import near_miss
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -166,11 +158,11 @@ def make_scenario(
     loaded = read_policy(checkpoint, followed, described.joint_names, motion_source)
     read = with_joint_limits(loaded.contract, described)
     description = with_contract(described, read)
-    points = [point_velocity(point) for point in (BASE, *read.velocity_points)] if description.is_floating else []
-    told = {VELOCITY_COMMAND, *points, HEIGHT_SCAN, *([ANCHOR_POSE] if read.anchor_body else [])}
+    points = [point_velocity(point) for point in (mit.BASE, *read.velocity_points)] if description.is_floating else []
+    told = {mit.VELOCITY_COMMAND, *points, mit.HEIGHT_SCAN, *([mit.ANCHOR_POSE] if read.anchor_body else [])}
     extern = {name: width for name, width in read.extern_widths.items() if name in told}
     if description.piano is not None:
-        extern[KEY_PRESSED] = KEY_COUNT
+        extern[mit.KEY_PRESSED] = KEY_COUNT
     try:
         fed = LiveInputs(read, {} if live is None else dict(live))
         extern |= fed.widths
@@ -204,7 +196,7 @@ def make_scenario(
             ground,
             reference_start,
             _states(description, read, loaded.reference, reference_start),
-            turns=read.align_reference and ANCHOR_POSE in told,
+            turns=read.align_reference and mit.ANCHOR_POSE in told,
         ),
     )
 

@@ -354,7 +354,7 @@ class _VectorInfo:
 
 def _chosen(mask: BoolArray, values: Array, others: Array | None = None) -> Array:
     """Return the values, shape (N, …), where the mask is, and else the others; without any 0, or None of objects."""
-    nothing = None if values.dtype == object else np.zeros((), dtype=values.dtype)
+    nothing: Any = None if values.dtype == object else np.zeros((), dtype=values.dtype)
     return np.where(mask.reshape(-1, *[1] * (values.ndim - 1)), values, nothing if others is None else others)
 
 

@@ -21,8 +21,6 @@ from humanoid_sim.envs.episode_robot import EpisodeRobot, RandomisedRobot
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.mit import Float32Array
 
-Array = Float32Array
-
 
 class RobotPhysics(mujoco.Physics):
     """A robot's simulation, which its own code steps: a policy's command, held for one policy step.
@@ -115,7 +113,7 @@ class PolicyTask(control.Task):
         names = "\t".join(self.env.scenario.contract.action_joint_names)  # as dm_control names actuators
         return specs.BoundedArray(space.shape, np.float32, space.low, space.high, name=names)
 
-    def get_observation(self, physics: RobotPhysics) -> OrderedDict[str, Array]:
+    def get_observation(self, physics: RobotPhysics) -> OrderedDict[str, Float32Array]:
         """Return what the policy observes, term by term."""
         parts = np.split(self._observation, list(self._ends.values())[:-1])
         return OrderedDict((name, part.copy()) for name, part in zip(self._ends, parts, strict=True))
