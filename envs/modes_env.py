@@ -18,7 +18,7 @@ from humanoid_sim.envs.rendering import RENDER_MODES, ShownEnv
 from humanoid_sim.envs.resets import refuse_others, velocity_option
 from humanoid_sim.envs.scenario import Named, read_policy
 from humanoid_sim.envs.spaces import INTENTS, modes_action_space, modes_observation, modes_observation_space
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, blaming
 from humanoid_sim.messages import ControlMode, Intent, Mode, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion
@@ -238,7 +238,5 @@ def _live_inputs(
         if live:
             raise InputError(f"live['{next(iter(live))}']: is given, but there is no policy that observes it")
         return None
-    try:
+    with blaming(f"policy on robot '{robot}'"):
         return LiveInputs(contract, {} if live is None else dict(live))
-    except FieldError as error:
-        raise InputError(f"policy on robot '{robot}': {error}") from None

@@ -21,7 +21,7 @@ from humanoid_sim.envs.curriculum import Amounts
 from humanoid_sim.envs.reference_states import ReferenceStates, reference_states
 from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
 from humanoid_sim.envs.tasks.task import Start
-from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.errors import InputError, blaming, known_names
 from humanoid_sim.mit import FloatArray, IndexArray, point_velocity
 from humanoid_sim.names import near_miss
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
@@ -163,12 +163,10 @@ def make_scenario(
     extern = {name: width for name, width in read.extern_widths.items() if name in told}
     if description.piano is not None:
         extern[mit.KEY_PRESSED] = KEY_COUNT
-    try:
+    with blaming(f"policy on robot '{description.name}'"):
         fed = LiveInputs(read, {} if live is None else dict(live))
         extern |= fed.widths
         wiring = PolicyWiring(description.joint_names, read, loaded.reference, extern, action_limit)
-    except FieldError as error:
-        raise InputError(f"policy on robot '{description.name}': {error}") from None
 
     ground = Terrain.of(terrain)
     if ground is not None and not description.is_floating:
@@ -255,10 +253,8 @@ def read_policy(
         if checkpoint.motion is not None:
             raise InputError(f"motion: is a list, and {checkpoint.source} carries its own in its graph, expected one")
         loaded = [read_policy(checkpoint, one, joints, f"{motion_source}[{i}]") for i, one in enumerate(motion)]
-        try:
+        with blaming("motion"):
             return replace(loaded[0], reference=MotionReference.joined([one.reference for one in loaded]))
-        except FieldError as error:
-            raise InputError(f"motion: {error}") from None
     contract, followed = checkpoint.contract, checkpoint.motion
     what = motion_source if isinstance(motion, Motion | None) else str(motion)
     if isinstance(motion, str | Path):

@@ -6,7 +6,8 @@ one line and exit with status 2. Everything else that escapes a program is a bug
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 _LONGEST_LINE = 10_000
 """Characters."""
@@ -30,6 +31,15 @@ class InputError(HumanoidSimError):
             half = _LONGEST_LINE // 2
             message = f"{message[:half]} … {message[-half:]}"
         super().__init__(message)
+
+
+@contextmanager
+def blaming(what: object, kind: type[HumanoidSimError] = FieldError) -> Iterator[None]:
+    """Turn an error of this kind within into an `InputError` that begins with what was given, such as a file."""
+    try:
+        yield
+    except kind as error:
+        raise InputError(f"{what}: {error}") from None
 
 
 class MissingPackageError(InputError):

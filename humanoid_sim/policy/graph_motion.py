@@ -9,7 +9,7 @@ import numpy as np
 
 from humanoid_sim.bounds import MOTION_SECONDS
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy, first_line
@@ -79,7 +79,7 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
         return _row(dict(zip(outputs, answer, strict=True)), contract, len(bodies), str(path))
 
     rows = _rows(frame, str(path))
-    try:
+    with blaming(f"{path}: motion in its graph"):
         return Motion(
             frames=np.stack(rows),
             body_names=bodies,
@@ -87,8 +87,6 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
             layout="joints_bodies_w",
             joint_names=contract.joint_names,
         )
-    except FieldError as error:
-        raise InputError(f"{path}: motion in its graph: {error}") from None
 
 
 def _rows(frame: _Frame, path: str) -> list[Float32Array]:

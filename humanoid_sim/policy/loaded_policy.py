@@ -11,7 +11,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout, resolve_observation
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, blaming
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.ros2.topics import is_used
@@ -69,14 +69,12 @@ def load_policy(
         observation_width: N as the model declares it; None if any will do.
         source: what to call the policy in messages.
     """
-    try:
+    with blaming(source):
         for name, topic in contract.live_topics.items():
             if is_used(topic.name):
                 raise FieldError(f"live input '{name}': its topic is {topic.name}, which a session uses itself")
         loaded = LoadedPolicy(contract, _reference(contract, motion, source, motion_source), policy)
         layout = loaded.layout
-    except FieldError as error:
-        raise InputError(f"{source}: {error}") from None
     if observation_width is not None and layout.width != observation_width:
         terms = " + ".join(f"{term.name} {term.width}" for term in layout.terms)
         raise InputError(

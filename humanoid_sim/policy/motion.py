@@ -27,7 +27,7 @@ from mcap.writer import CompressionType, Writer
 
 from humanoid_sim.bounds import MOTION_VALUES
 from humanoid_sim.controllers.rotation import rotation_6d, rotation_from_6d
-from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.errors import FieldError, InputError, blaming, known_names
 from humanoid_sim.files import regular_file, whole_file
 from humanoid_sim.mit import Float32Array, FloatArray
 from humanoid_sim.policy.readers.values import names
@@ -150,7 +150,7 @@ _Rows = tuple[list[Float32Array], list[int], Mapping[str, str]]
 def _motion(path: Path, found: _Rows) -> Motion:
     rows, times, metadata = found
     layout = metadata.get("layout", "bodies_b")
-    try:
+    with blaming(path):
         return Motion(
             frames=np.stack(rows),
             body_names=names(metadata.get("body_names", "")),
@@ -160,8 +160,6 @@ def _motion(path: Path, found: _Rows) -> Motion:
             layout=layout,  # type: ignore[arg-type]  # checked at construction
             joint_names=names(metadata.get("joint_names", "")),
         )
-    except FieldError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def _read_rows(

@@ -19,7 +19,7 @@ from humanoid_sim.command_line.description import field_texts
 from humanoid_sim.controllers.contract import FORMS, PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.term_kinds import TERM_KINDS
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.policy import describe
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest, load_checkpoint
@@ -61,10 +61,8 @@ def show(options: Show) -> int:
     if options.skeleton is not None:
         raise InputError(f"--skeleton: nothing is missing from the contract of {options.checkpoint}")
     contract = checkpoint.contract
-    try:
+    with blaming(options.checkpoint):
         layout = contract_layout(contract, checkpoint.observation_width)
-    except FieldError as error:
-        raise InputError(f"{options.checkpoint}: {error}") from None
     golden, problem = golden_verdict(checkpoint)
     if options.json:
         print(json.dumps(policy_document(checkpoint, layout, golden, problem), indent=2, allow_nan=False))

@@ -20,7 +20,7 @@ from humanoid_sim.assets import asset_path, shipped
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
-from humanoid_sim.errors import FieldError, InputError, MissingPackageError, known_names, reason_of
+from humanoid_sim.errors import InputError, MissingPackageError, blaming, known_names, reason_of
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.names import near_miss
 from humanoid_sim.robots.checks import description_problems
@@ -79,10 +79,8 @@ def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
         raise InputError(f"{label}: folder: is not a field of the file; give 'mjcf' relative to the file instead")
     partial = _is_partial(document)
     if partial:
-        try:
+        with blaming(label, InputError):
             document = _completed(document, folder)
-        except InputError as error:
-            raise InputError(f"{label}: {error}") from None
     document = {**document, "folder": str(folder.resolve())}
     try:
         robot = msgspec.convert(document, RobotDescription)
@@ -185,11 +183,9 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
     default pose beyond a joint's limit is moved to it, as the joint's stop would. Raises `InputError` if the contract's
     joints are not the robot's.
     """
-    try:
+    with blaming(description.name):
         gains = resolve_action(contract, description.joint_names)
         order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
-    except FieldError as error:
-        raise InputError(f"{description.name}: {error}") from None
     stiffness, damping = tuple(gains.stiffness.tolist()), tuple(gains.damping.tolist())
     pose = tuple(np.clip(contract.default_joint_pos[order], description.lower, description.upper).tolist())
     replace = msgspec.structs.replace

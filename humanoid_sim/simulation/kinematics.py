@@ -8,7 +8,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
@@ -50,10 +50,8 @@ class ForwardKinematics(_Posed):
         """
         super().__init__(description)
         self.bodies = description.hands if bodies is None else tuple(bodies)
-        try:
+        with blaming(description.name, InputError):
             self._ids = list(body_ids(self._model, self.bodies))
-        except InputError as error:
-            raise InputError(f"{description.name}: {error}") from None
         self._base_position, self._base_rotation = self._base_pose(description)
 
     def __call__(self, joint_position: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from humanoid_sim import mit
 from humanoid_sim.controllers.terms import HeightScan
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, blaming, known_names
 from humanoid_sim.mit import FloatArray, point_velocity
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT
@@ -116,10 +116,8 @@ def live_inputs(
     names = [mit.BASE_LINEAR_VELOCITY] if description.is_floating else []
     if anchor_body:
         names.append(mit.ANCHOR_POSE)
-        try:
+        with blaming("anchor body", InputError):
             body_ids(model, [anchor_body])
-        except InputError as error:
-            raise InputError(f"anchor body: {error}") from None
     points = [point_velocity(point) for point in velocity_at] if description.is_floating else []
     keys = {mit.KEY_PRESSED: KEY_COUNT} if description.piano is not None else {}
     scan = {} if height_scan is None else {mit.HEIGHT_SCAN: height_scan.count}

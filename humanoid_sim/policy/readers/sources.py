@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.errors import InputError, blaming, known_names
 from humanoid_sim.policy.contract_json import STAMP_KEY, STAMP_SOURCE, decode, read_stamp
 from humanoid_sim.policy.graph_motion import graph_conventions
 from humanoid_sim.policy.metadata import METADATA_KEYS, OWN_SOURCE, is_own, read_own, write_metadata
@@ -77,10 +77,8 @@ def _metadata_sources(metadata: Mapping[str, str], where: str) -> dict[str, Call
 def _stamp(metadata: Mapping[str, str], where: str) -> PartialContract:
     """Return a stamped contract; refuse one of whose thirteen keys somebody has changed one since: neither may win."""
     own = {key: text for key, text in metadata.items() if key in METADATA_KEYS}
-    try:
+    with blaming(f"{where}: stamped contract"):
         stamped = write_metadata(decode(metadata[STAMP_KEY], where))
-    except FieldError as error:
-        raise InputError(f"{where}: stamped contract: {error}") from None
     for name, given in read_own(own, where).fields.items():
         expected = read_own(stamped, where).fields[name]
         if not np.array_equal(given.value, expected.value):
