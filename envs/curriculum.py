@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.simulation.batch.draws import FULL, SCALED
 
 Curriculum = Callable[[float], Mapping[str, float]]
@@ -40,9 +40,8 @@ def amounts_at(curriculum: Curriculum | None, progress: float) -> Amounts:
         return Amounts()
     said = dict(curriculum(progress))
     known = (_COMMANDS, _TERRAIN, _RANDOMISATION, *SCALED)
+    require_known("amount", said, known, "curriculum: ")
     for name, amount in said.items():
-        if name not in known:
-            raise InputError(f"curriculum: {known_names('amount', name, known)}")
         if not (isinstance(amount, int | float) and 0.0 <= amount <= 1.0):
             raise InputError(
                 f"curriculum: {name} is {amount!r} at the progress {progress:g}, expected a number from 0 to 1"

@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 
 from humanoid_sim.controllers.rotation import rotate_inverse
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.evaluation.rollout import StepSample
 from humanoid_sim.mit import Float32Array, FloatArray
 from humanoid_sim.simulation.floating_base import BaseState
@@ -57,9 +57,9 @@ class Privileged:
         """
         if isinstance(terms, str):
             raise InputError(f"privileged: is {terms!r}, expected a list of names")
-        for name in terms if not isinstance(terms, Mapping) else ():
-            if name not in PRIVILEGED_TERMS:
-                raise InputError(f"privileged: {known_names('term', name, PRIVILEGED_TERMS)}")
+        chosen = () if isinstance(terms, Mapping) else terms
+        require_known("term", chosen, PRIVILEGED_TERMS, "privileged: ")
+        for name in chosen:
             if name in _OF_A_BASE and not is_floating:
                 raise InputError(f"privileged: {name} is of a floating base, and the robot's is fixed")
         functions = terms if isinstance(terms, Mapping) else {name: PRIVILEGED_TERMS[name] for name in terms}

@@ -6,7 +6,7 @@ one line and exit with status 2. Everything else that escapes a program is a bug
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 
 _LONGEST_LINE = 10_000
@@ -66,6 +66,13 @@ def known_names(what: str, name: str, known: Iterable[str], *, listed: bool = Tr
     if not listed:
         return f"unknown {what} '{name}'{near}"
     return f"unknown {what} '{name}'{near}; known: {', '.join(names) or 'none'}"
+
+
+def require_known(what: str, names: Iterable[str], known: Collection[str], where: str = "") -> None:
+    """Raise an `InputError` for the first name that does not exist, with those that do; `where` begins its line."""
+    for name in names:
+        if name not in known:
+            raise InputError(f"{where}{known_names(what, str(name), known)}")
 
 
 def meant(name: str, known: Iterable[str]) -> str:

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from humanoid_sim.envs.registration import ENVIRONMENTS
-from humanoid_sim.errors import InputError, MissingPackageError, known_names
+from humanoid_sim.errors import InputError, MissingPackageError, require_known
 from humanoid_sim.rendering.backend import choose_backend
 
 if TYPE_CHECKING:
@@ -43,8 +43,7 @@ def load(
         InputError: there is no such task, or an option is not accepted.
         MissingPackageError: `dm_control` is not installed.
     """
-    if name not in NAMES:
-        raise InputError(known_names("dm_env task", name, NAMES))
+    require_known("dm_env task", [name], NAMES)
     try:
         import dm_control.rl.control  # noqa: F401, PLC0415 - the rest of the package does without
     except ImportError:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.errors import InputError, known_names, reason_of
+from humanoid_sim.errors import InputError, reason_of, require_known
 from humanoid_sim.evaluation.errors import total
 from humanoid_sim.evaluation.failure import describe_fall, has_fallen
 from humanoid_sim.evaluation.rollout import StepSample
@@ -138,9 +138,7 @@ class Task(ABC):
         self._rewards = checked_terms(rewards)
         own = {name: weight for name, (weight, _) in self._rewards.items()}
         known = {**self.WEIGHTS, **own}
-        for name in weights or {}:
-            if name not in known:
-                raise InputError(f"weights: {known_names('reward term', name, known)}")
+        require_known("reward term", weights or (), known, "weights: ")
         self.weights: Mapping[str, float] = MappingProxyType({**known, **(weights or {})})
         """1/s per unit of each term."""
         for name, value in self.weights.items():
@@ -228,9 +226,8 @@ class Task(ABC):
         name, shape = type(self).__name__, sample.torque.shape[:-1]
         try:
             values, terminated = self._measure(sample)
+            require_known("reward term", values, self._rate, f"task: {name}.WEIGHTS: ")
             for term, value in values.items():
-                if term not in self._rate:
-                    raise InputError(f"task: {name}.WEIGHTS: {known_names('reward term', term, self._rate)}")
                 if np.shape(value) != shape:
                     raise InputError(f"task: {name}: '{term}' has shape {np.shape(value)}, expected {shape}")
             if np.shape(terminated) != shape or np.asarray(terminated).dtype != np.bool_:

@@ -20,7 +20,7 @@ from humanoid_sim.assets import asset_path, shipped
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
-from humanoid_sim.errors import InputError, MissingPackageError, blaming, known_names, reason_of
+from humanoid_sim.errors import InputError, MissingPackageError, blaming, known_names, reason_of, require_known
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.names import near_miss
 from humanoid_sim.robots.checks import description_problems
@@ -333,8 +333,7 @@ def _completed(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _place(where: str, name: Any, names: tuple[str, ...]) -> int:
-    if name not in names:
-        raise InputError(f"{where}: {known_names('joint', str(name), names)}")
+    require_known("joint", [name], names, f"{where}: ")
     return names.index(name)
 
 

@@ -10,7 +10,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import InputError, known_names, reason_of
+from humanoid_sim.errors import InputError, reason_of, require_known
 from humanoid_sim.mit import IndexArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import compile_spec, read_spec
@@ -99,9 +99,7 @@ def joint_addresses(model: mujoco.MjModel, names: tuple[str, ...]) -> JointAddre
     known = [
         model.joint(i).name for i in range(model.njnt) if mujoco.mjtJoint(int(model.jnt_type[i])) in _SCALAR_JOINTS
     ]
-    for name in names:
-        if name not in known:
-            raise InputError(known_names("joint", name, known))
+    require_known("joint", names, known)
     ids = [model.joint(name).id for name in names]
     return JointAddresses(
         qpos=np.array(model.jnt_qposadr[ids], dtype=np.intp), dof=np.array(model.jnt_dofadr[ids], dtype=np.intp)
@@ -145,9 +143,7 @@ def joints_of(model: mujoco.MjModel, bodies: Iterable[int], names: tuple[str, ..
 def body_ids(model: mujoco.MjModel, names: Sequence[str]) -> tuple[int, ...]:
     """Ids of bodies by name. Raises `InputError` for others, listing those that there are."""
     known = [model.body(i).name for i in range(1, model.nbody)]
-    for name in names:
-        if name not in known:
-            raise InputError(known_names("body", name, known))
+    require_known("body", names, known)
     return tuple(int(model.body(name).id) for name in names)
 
 
@@ -168,16 +164,12 @@ def _check_names(description: RobotDescription, spec: mujoco.MjSpec) -> None:
     path = description.mjcf_path
     joints = [joint.name for joint in spec.joints if joint.type in _SCALAR_JOINTS]
     for i, name in enumerate(description.joint_names):
-        if name not in joints:
-            raise InputError(f"{path}: joints[{i}] of '{description.name}': {known_names('joint', name, joints)}")
+        require_known("joint", [name], joints, f"{path}: joints[{i}] of '{description.name}': ")
     bodies = [body.name for body in spec.bodies if body.name]
     for i, name in enumerate(description.hands):
-        if name not in bodies:
-            raise InputError(f"{path}: hands[{i}] of '{description.name}': {known_names('body', name, bodies)}")
+        require_known("body", [name], bodies, f"{path}: hands[{i}] of '{description.name}': ")
     sites = [site.name for site in spec.sites if site.name]
-    if description.imu not in (*sites, *bodies):
-        known = known_names("site or body", description.imu, [*sites, *bodies])
-        raise InputError(f"{path}: imu of '{description.name}': {known}")
+    require_known("site or body", [description.imu], [*sites, *bodies], f"{path}: imu of '{description.name}': ")
     if description.is_floating:
         _check_base(description, spec)
     if description.piano is not None:
@@ -185,10 +177,7 @@ def _check_names(description: RobotDescription, spec: mujoco.MjSpec) -> None:
             if name not in joints:
                 raise InputError(f"{path}: has no joint '{name}', key {i} of the piano of '{description.name}'")
         for i, name in enumerate(description.piano.fingers):
-            if name not in sites:
-                raise InputError(
-                    f"{path}: piano.fingers[{i}] of '{description.name}': {known_names('site', name, sites)}"
-                )
+            require_known("site", [name], sites, f"{path}: piano.fingers[{i}] of '{description.name}': ")
 
 
 def _check_base(description: RobotDescription, spec: mujoco.MjSpec) -> None:
@@ -197,9 +186,8 @@ def _check_base(description: RobotDescription, spec: mujoco.MjSpec) -> None:
         for body in spec.worldbody.bodies
         if any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
     ]
-    if description.base.body not in free:
-        known = known_names("body with a free joint", description.base.body, free)
-        raise InputError(f"{description.mjcf_path}: base.body of '{description.name}': {known}")
+    where = f"{description.mjcf_path}: base.body of '{description.name}': "
+    require_known("body with a free joint", [description.base.body], free, where)
 
 
 def _add_affine_actuators(spec: mujoco.MjSpec, description: RobotDescription) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.errors import InputError, blaming, known_names
+from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.policy.contract_json import STAMP_KEY, STAMP_SOURCE, decode, read_stamp
 from humanoid_sim.policy.graph_motion import graph_conventions
 from humanoid_sim.policy.metadata import METADATA_KEYS, OWN_SOURCE, is_own, read_own, write_metadata
@@ -53,9 +53,7 @@ def assemble_contract(
         if beside is not None:
             sources[beside.name] = partial(read, beside)
     ignored = {name for source in by_hand for name in source.ignores}
-    for name in ignored:
-        if name not in sources:
-            raise InputError(f"{chosen}: ignore: {known_names('source', name, sources)}")
+    require_known("source", ignored, sources, f"{chosen}: ignore: ")
     partials = [read() for name, read in sources.items() if name not in ignored]
     return merge([*partials, *by_hand, graph_conventions(outputs)], str(path), robot_joints)
 

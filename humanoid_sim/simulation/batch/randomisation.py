@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.simulation.push import PUSH_DURATION
 
 Range = tuple[float, float]
@@ -123,9 +123,7 @@ class Randomisation:
         if values is not None and not isinstance(values, Mapping):
             raise InputError(f"randomisation: is {values!r}, expected its fields by name, or None")
         known = [field.name for field in fields(cls)]
-        for name in values or {}:
-            if name not in known:
-                raise InputError(f"randomisation: {known_names('field', name, known)}")
+        require_known("field", values or (), known, "randomisation: ")
         return cls(**(values or {}))
 
     def has(self, *names: str) -> bool:
