@@ -64,17 +64,16 @@ class StandbyController:
         set_field(self, "pose_segments", self._checked_poses(self.pose_segments, durations))
 
     def _checked_poses(self, poses: npt.ArrayLike, durations: FloatArray) -> FloatArray:
-        owner, rows = "StandbyController", list(np.atleast_1d(np.asarray(poses, dtype=object)))
+        owner, rows = "StandbyController", []
+        for i, row in enumerate(np.atleast_1d(np.asarray(poses, dtype=object))):
+            name = f"pose_segments[{i}]"
+            pose = frozen_array(owner, name, np.atleast_1d(np.asarray(row, dtype=object)).tolist())
+            rows.append(per_joint(owner, name, pose, self.joints))
         if len(rows) != len(durations):
             raise FieldError(
                 f"{owner}.pose_segments: has {len(rows)} poses, expected {len(durations)}, one per segment duration"
             )
-        checked = []
-        for i, row in enumerate(rows):
-            name = f"pose_segments[{i}]"
-            pose = frozen_array(owner, name, np.atleast_1d(np.asarray(row, dtype=object)).tolist())
-            checked.append(per_joint(owner, name, pose, self.joints))
-        return frozen_array(owner, "pose_segments", np.stack(checked))
+        return frozen_array(owner, "pose_segments", np.stack(rows))
 
     def activate(self, tick_input: TickInput) -> StandbyMemory | Fault:
         """Capture the positions; every joint must be known, because from here on every joint is driven."""
