@@ -98,7 +98,7 @@ def _conventions(term: Term) -> Iterator[str]:
 
 def field_lines(contract: PolicyContract) -> list[FieldLine]:
     """Every field, its value and its source; options of observation terms that have one source are put together."""
-    lines = []
+    lines: list[FieldLine] = []
 
     def add(name: str, value: str) -> None:
         lines.append(FieldLine(name, value, contract.provenance.get(name, NOT_STATED)))
