@@ -261,17 +261,13 @@ def _policy_dt(metadata: Mapping[str, str], times: list[int]) -> float:
 def write_motion(path: str | os.PathLike[str], motion: Motion) -> None:
     """Write a motion file. The same motion gives the same bytes; an existing file is replaced only by a whole one."""
     with whole_file(path) as file:
-        _write(Writer(file, compression=CompressionType.LZ4), motion)
+        file.write(motion_bytes(motion))
 
 
 def motion_bytes(motion: Motion) -> bytes:
     """Return what `write_motion` would write."""
     stream = BytesIO()
-    _write(Writer(stream, compression=CompressionType.LZ4), motion)
-    return stream.getvalue()
-
-
-def _write(writer: Writer, motion: Motion) -> None:
+    writer = Writer(stream, compression=CompressionType.LZ4)
     # The library's name without its version: the bytes must not change with an update of it.
     writer.start(profile="ros2", library=_LIBRARY)
     metadata = {
@@ -289,6 +285,7 @@ def _write(writer: Writer, motion: Motion) -> None:
         time = round(index * motion.policy_dt * _NANOSECONDS)
         writer.add_message(channel, time, encode_float32_array(frame), time, index)
     writer.finish()
+    return stream.getvalue()
 
 
 _METADATA = "metadata.yaml"

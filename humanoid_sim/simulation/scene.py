@@ -50,19 +50,14 @@ def add_scene(
         _add_lights(spec, center, extent)
     taken = {camera.name for camera in spec.cameras}
     base = bare.body(description.base.body).id if description.is_floating else 0
-    distance = _viewing_distance(extent, stands=description.is_floating)
+    # m, at which a sphere as large as the robot fills a 4:3 picture almost from side to side. One that stands on its
+    # legs is as high as that sphere, and needs room to sway.
+    share = 0.60 if description.is_floating else 0.42
+    distance = share * extent / math.sin(math.radians(0.5 * _FIELD_OF_VIEW))
     for name, (azimuth, elevation) in CAMERAS.items():
         if name not in taken:
             rotation = _looking_back(math.radians(azimuth), math.radians(elevation))
             _add_camera(spec, name, bare, base, center + distance * rotation[:, 2], rotation)
-
-
-def _viewing_distance(extent: float, *, stands: bool) -> float:
-    """m, at which a sphere as large as the robot fills a 4:3 picture almost from side to side.
-
-    One that stands on its legs is as high as that sphere, and needs room to sway.
-    """
-    return (0.60 if stands else 0.42) * extent / math.sin(math.radians(0.5 * _FIELD_OF_VIEW))
 
 
 def _add_sky_and_quality(spec: mujoco.MjSpec) -> None:

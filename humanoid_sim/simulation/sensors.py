@@ -158,14 +158,10 @@ class BodySensors:
         self._base_velocity = base_addresses(model, description)[2] if description.is_floating else None
         self._model, self._data = model, mujoco.MjData(model)
         self._anchor = model.body(anchor_body).id if anchor_body else None
-        self._points = (
-            {
-                point_velocity(point): named_frame(model, description.imu if point == mit.IMU else point, "imu")
-                for point in velocity_at
-            }
-            if description.is_floating
-            else {}
-        )
+        self._points = {
+            point_velocity(point): named_frame(model, description.imu if point == mit.IMU else point, "imu")
+            for point in (velocity_at if description.is_floating else ())
+        }
         self._twist = np.empty(6)
         self._keys = PianoKeys(model) if description.piano is not None else None
         self._scanner = None if height_scan is None else HeightScanner(model, description, height_scan)

@@ -77,14 +77,17 @@ class _Reader:
         self.steps = len(action)
         observation = self.table("observation")
         names = self.names()
-        known = {**self.live(), **self.states(names)}
-        joints = tuple(name for name in self.hinges(names) if name in self.contract.joint_names)
+        # A free joint has 7 values, and any other 1; it has a name of its own, or none.
+        surplus = (self.arrays["qpos"].shape[-1] if "qpos" in self.arrays else 0) - len(names)
+        hinges = names[1:] if surplus == 6 else names
+        known = {**self.live(), **self.states(hinges, free=7 if surplus in (6, 7) else 0)}
+        joints = tuple(name for name in hinges if name in self.contract.joint_names)
         missing = [name for name in self.contract.joint_names if name not in joints]
         if missing:
             raise self.wrong("joint_names", f"lacks {', '.join(missing)}", "every joint of the policy")
-        columns = [self.hinges(names).index(name) for name in joints]
+        columns = [hinges.index(name) for name in joints]
         self.check_needs(known)
-        target = self.optional("target", len(self.hinges(names)))
+        target = self.optional("target", len(hinges))
         known |= {name: known[name][:, columns] for name in ("joint_position", "joint_velocity")}
         known.setdefault("imu_linear_acceleration", np.zeros((self.steps, 3)))
         return Trace(
@@ -108,28 +111,16 @@ class _Reader:
             raise self.wrong("joint_names", "names a joint twice", "one text per joint")
         return tuple(texts)
 
-    def is_floating(self, names: tuple[str, ...]) -> bool:
-        """Return whether the state has a free joint, by its width: 7 values for one, and 1 for any other joint."""
-        width = 0 if "qpos" not in self.arrays else self.arrays["qpos"].shape[-1]
-        return width in (len(names) + 6, len(names) + 7)
-
-    def hinges(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the names without the free joint's."""
-        if "qpos" in self.arrays and self.arrays["qpos"].shape[-1] == len(names) + 6:
-            return names[1:]
-        return names
-
-    def states(self, names: tuple[str, ...]) -> dict[str, FloatArray]:
-        joints = len(self.hinges(names))
+    def states(self, hinges: tuple[str, ...], free: int) -> dict[str, FloatArray]:
+        joints = len(hinges)
         if "qpos" not in self.arrays:
             known = {name: self.table(name, joints) for name in ("joint_position", "joint_velocity")}
             known |= {"imu_quaternion": self.table("imu_quaternion", 4)}
             return known | {"imu_angular_velocity": self.table("imu_angular_velocity", 3)}
-        free = 7 if self.is_floating(names) else 0
         qpos, qvel = self.table("qpos", free + joints), self.table("qvel", max(free - 1, 0) + joints)
         found = {"joint_position": qpos[:, free:], "joint_velocity": qvel[:, max(free - 1, 0) :]}
         if self.bodies is not None:
-            found |= self.bodies(qpos, qvel, self.hinges(names))
+            found |= self.bodies(qpos, qvel, hinges)
         elif free:
             found |= {"imu_quaternion": qpos[:, 3:7], "imu_angular_velocity": qvel[:, 3:6]}
             found |= {mit.BASE_LINEAR_VELOCITY: qvel[:, :3]}

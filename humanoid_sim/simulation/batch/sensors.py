@@ -108,9 +108,9 @@ class BatchSensors:
         self._body_count = len(bodies)
         self._scan = None if height_scan is None else _BatchScan(physics, description, height_scan)
         scanned = None if self._scan is None else self._scan.site_or_body
-        points = {point_velocity(point): description.imu if point == mit.IMU else point for point in velocity_at}
-        self._points = list(points) if description.is_floating else []
-        sites = list(points.values()) if description.is_floating else []
+        velocity_at = velocity_at if description.is_floating else ()
+        self._points = [point_velocity(point) for point in velocity_at]
+        sites = [description.imu if point == mit.IMU else point for point in velocity_at]
         self._model = build_model(
             description, scene=False, edit=lambda spec: _add_sensors(spec, description, frames, sites, scanned)
         )
