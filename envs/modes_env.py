@@ -76,9 +76,7 @@ class ModesEnv(ShownEnv, gymnasium.Env[dict[str, Any], Any]):
             remote: whether REMOTE is available, and the action has a remote command.
             control_frequency: Hz; None for the robot's.
             actuation: `affine`, stepped natively, or `qfrc_applied`, the reference.
-            action_limit: largest magnitude of the policy's raw action; None: the contract's, or 100.
-            live: by its name, what makes each live input that the policy's contract declares: of an `MITState` a value
-                of shape (width,); called once in every tick.
+            action_limit: as `make_scenario` takes it, like `live`, which is called once in every tick.
             episode_seconds: s after which an episode is truncated.
             render_mode: as `PolicyEnv` takes it, and the three that follow.
         """
