@@ -143,9 +143,7 @@ def transition(
     recovers by itself. Where there is no damping controller, ZERO_TORQUE stands in.
 
     Args:
-        current: name of the controller in control.
         safety: all sources merged.
-        intent: the tick's one intent, if any.
         standby_finished: the standby controller's command has arrived at its final pose and gains.
         available: names of the controllers that exist.
         contradiction: what speaks against leaving STANDBY for a mode that moves the robot; '' for nothing.

@@ -16,13 +16,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.controllers.parameters import joint_tuple, number, per_joint_or_infinite, range_middle
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import FloatArray, MITCommand, MITState, frozen_array
-
-BoolArray = npt.NDArray[np.bool_]
+from humanoid_sim.mit import BoolArray, FloatArray, IndexArray, MITCommand, MITState, frozen_array
 
 _LONGEST_STEP = 0.05
 """s that one tick may add: a clock that jumps is no time in which a joint was pressed."""
@@ -116,7 +113,6 @@ class Guards:
         """One tick, of one robot or a batch.
 
         Args:
-            memory: of the previous tick.
             state: of this one, shape (..., n).
             command: that is about to leave, shape (..., n); finite.
 
@@ -184,7 +180,7 @@ class Guards:
         late = (memory.held >= 0.0) & (memory.held >= self._times)
         return np.asarray(late.any(axis=(-2, -1)))
 
-    def restarted(self, memory: GuardMemory | None, chosen: npt.NDArray[np.intp]) -> GuardMemory | None:
+    def restarted(self, memory: GuardMemory | None, chosen: IndexArray) -> GuardMemory | None:
         """Return the memory of a batch of which some robots, indices (k,), begin afresh."""
         if memory is None:
             return None
@@ -204,8 +200,6 @@ class Guards:
 
         Args:
             memory: of `watch` with this state and command.
-            state: likewise.
-            command: likewise.
             i: which robot of a batch; () for the only one.
         """
         if memory is None:

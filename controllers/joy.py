@@ -74,8 +74,7 @@ class JoyBindings:
     def check(self, button_count: int) -> None:
         """Refuse a gamepad that lacks a bound button: an operator must not find out while pressing DAMP.
 
-        Raises:
-            FieldError: naming the binding and the buttons that exist.
+        Raises `FieldError` naming the binding and the buttons that exist.
         """
         known = f"buttons 0 to {button_count - 1}" if button_count > 0 else "no buttons"
         for intent, combo in self.combos().items():

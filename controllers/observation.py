@@ -10,15 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import HistoryLayout, PolicyContract
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.term_values import ObservationContext, Request, Source
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError
-
-Float32Array = npt.NDArray[np.float32]
+from humanoid_sim.mit import Float32Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,14 +89,12 @@ def resolve_observation(
 ) -> ObservationLayout:
     """Look every term up once.
 
+    Raises `FieldError` for an unknown term, one whose source is missing, or one whose scale does not fit.
+
     Args:
         contract: the terms with their conventions, the joints and the bodies.
         robot_joints: the order of the state's per-joint arrays.
-        reference: where the motion terms come from.
         extern: name and width of the live inputs that exist.
-
-    Raises:
-        FieldError: for an unknown term, one whose source is missing, or one whose scale does not fit.
     """
     terms = []
     start = 0
@@ -117,10 +113,8 @@ def resolve_observation(
 def pack(layout: ObservationLayout, context: ObservationContext) -> Float32Array:
     """Return the values of this step, shape (..., step_width), float32; what a float32 cannot hold becomes infinite.
 
-    Where no term shows a history this is the observation.
-
-    Raises:
-        FieldError: if a live term has another width than the one it was resolved with.
+    Where no term shows a history this is the observation. Raises `FieldError` if a live term has another width than the
+    one it was resolved with.
     """
     batch = context.state.joint_position.shape[:-1]
     step = np.empty((*batch, layout.step_width), dtype=np.float32)
@@ -137,7 +131,6 @@ def stack(
     """Put this step's values behind those of the steps before it.
 
     Args:
-        layout: of the observation.
         step: shape (..., step_width), from `pack`.
         history: shape (..., history, step_width), oldest first; None in the first step, which then stands for all of
             the past, as in Isaac Lab's buffers.

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.errors import FieldError, known_names
-from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState, frozen_array
+from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, IndexArray, MITCommand, MITState, frozen_array
 
 LARGEST_COMMAND = 1e6
 """In each field's own unit: far beyond any motor, and small enough that no sum or product of two overflows."""
@@ -37,11 +37,10 @@ def joint_tuple(
     return result
 
 
-def joint_indices(wanted: tuple[str, ...], available: tuple[str, ...], what: str) -> npt.NDArray[np.intp]:
+def joint_indices(wanted: tuple[str, ...], available: tuple[str, ...], what: str) -> IndexArray:
     """Positions of the `wanted` joints among the `available` ones.
 
-    Raises:
-        FieldError: naming the joint that is missing and those that exist.
+    Raises `FieldError` naming the joint that is missing and those that exist.
     """
     place = {name: i for i, name in enumerate(available)}
     for name in wanted:

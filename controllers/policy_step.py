@@ -18,9 +18,7 @@ from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import Alignment, Frame, MotionReference
 from humanoid_sim.controllers.term_values import ObservationContext, live_command
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITCommand, MITState
-
-Float32Array = npt.NDArray[np.float32]
+from humanoid_sim.mit import ANCHOR_POSE, BoolArray, Float32Array, FloatArray, IndexArray, MITCommand, MITState
 
 Policy = Callable[[Float32Array, int], npt.ArrayLike]
 """`(observation of shape (N,), reference frame) -> raw action of shape (m,)`. Same input, same output."""
@@ -59,8 +57,7 @@ class PolicyMemory:
 class PolicyWiring:
     """A contract resolved on a robot: what its policy observes, and what its actions do.
 
-    Raises:
-        FieldError: at construction, if the contract does not fit the robot, or a term lacks its source.
+    Raises `FieldError` at construction, if the contract does not fit the robot, or a term lacks its source.
     """
 
     joints: tuple[str, ...]
@@ -110,8 +107,7 @@ class PolicyWiring:
     def observe(self, memory: PolicyMemory, state: MITState) -> tuple[Float32Array, PolicyMemory]:
         """Return the observation, shape (..., N), and the memory with it.
 
-        Raises:
-            FieldError: a live input has another shape than it was resolved with.
+        Raises `FieldError` if a live input has another shape than it was resolved with.
         """
         rule, walked, phase = self.contract.phase, memory.walked, np.empty(0)
         if rule is not None:
@@ -133,7 +129,7 @@ class PolicyWiring:
         why = f": {kind.silent}" if kind.silent and np.isnan(observation[i]) else ""
         return f"observation {self.layout.locate(i)} is {observation[i]}, expected a finite number{why}"
 
-    def accepts(self, action: Float32Array) -> npt.NDArray[np.bool_]:
+    def accepts(self, action: Float32Array) -> BoolArray:
         """Shape (...): whether every value of a raw action, shape (..., m), is finite and within the limit."""
         return np.asarray(self._within(action).all(axis=-1))
 
@@ -149,8 +145,8 @@ class PolicyWiring:
         hint = f": {_RAISE_IT}" if np.isfinite(action[i]) else ""
         return f"action of {joint} is {action[i]}, expected a magnitude <= {self.limit:g}{hint}"
 
-    def _within(self, action: Float32Array) -> npt.NDArray[np.bool_]:
-        within: npt.NDArray[np.bool_] = np.abs(action) <= np.float64(self.limit)  # in float32 1e300 is infinite
+    def _within(self, action: Float32Array) -> BoolArray:
+        within: BoolArray = np.abs(action) <= np.float64(self.limit)  # in float32 1e300 is infinite
         return within
 
     def act(self, memory: PolicyMemory, action: Float32Array) -> tuple[PolicyMemory, MITCommand]:
@@ -164,7 +160,7 @@ class PolicyWiring:
 class ActionMap:
     """The contract's action in the robot's joint order."""
 
-    indices: npt.NDArray[np.intp]
+    indices: IndexArray
     """Shape (m,), the robot's joint that each action drives."""
     offset: FloatArray
     """Shape (m,), rad."""
@@ -183,8 +179,7 @@ class ActionMap:
 def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> ActionMap:
     """Match the policy's joints with the robot's by name: a permutation, or a clear error.
 
-    Raises:
-        FieldError: naming the joints that only one side has.
+    Raises `FieldError` naming the joints that only one side has.
     """
     missing = [joint for joint in contract.joint_names if joint not in robot_joints]
     surplus = [joint for joint in robot_joints if joint not in contract.joint_names]
@@ -205,15 +200,11 @@ def resolve_action(contract: PolicyContract, robot_joints: tuple[str, ...]) -> A
     )
 
 
-def action_command(action_map: ActionMap, action: npt.NDArray[np.float32]) -> MITCommand:
-    """`position = offset + scale · action` on the driven joints, 0 on the others, the policy's gains on all.
+def action_command(action_map: ActionMap, action: Float32Array) -> MITCommand:
+    """`position = offset + scale · action` on driven joints, 0 on others, the policy's gains on all: shape (..., n).
 
     Args:
-        action_map: from `resolve_action`.
         action: shape (..., m), raw.
-
-    Returns:
-        A command of shape (..., n); velocity and effort are 0.
     """
     if action_map.clip < np.inf:
         action = np.clip(action, -action_map.clip, action_map.clip)
@@ -239,7 +230,6 @@ def advance_phase(
     """One policy step.
 
     Args:
-        rule: of the policy.
         walked: shape (...), rad walked since activation, or since standing; 0 at activation.
         command: shape (..., 3), the velocity command.
         policy_dt: s.
@@ -255,9 +245,7 @@ def advance_phase(
     return np.where(standing & rule.standing_restarts, 0.0, moved), phase
 
 
-def _advance(
-    rule: PhaseRule, command: FloatArray, policy_dt: float
-) -> tuple[FloatArray | float, npt.NDArray[np.bool_]]:
+def _advance(rule: PhaseRule, command: FloatArray, policy_dt: float) -> tuple[FloatArray | float, BoolArray]:
     """Return by how much the clock moves in one policy step, rad, and whether the robot stands, shape (...)."""
     magnitude = np.sqrt(command[..., 0] ** 2 + command[..., 1] ** 2 + command[..., 2] ** 2)
     step: FloatArray | float
@@ -272,7 +260,6 @@ def shown_phase(rule: PhaseRule, walked: FloatArray | float, command: FloatArray
     """Return the phase that the latest observation shows, shape (..., k), rad; NaN while the robot stands.
 
     Args:
-        rule: of the policy.
         walked: shape (...), rad, of the memory with that observation.
         command: shape (..., 3), the velocity command in it.
         policy_dt: s.
@@ -281,7 +268,7 @@ def shown_phase(rule: PhaseRule, walked: FloatArray | float, command: FloatArray
     return _phase(rule, np.asarray(walked) - (0.0 if rule.advance_first else step), standing, np.nan)
 
 
-def _phase(rule: PhaseRule, walked: FloatArray, standing: npt.NDArray[np.bool_], value: float) -> FloatArray:
+def _phase(rule: PhaseRule, walked: FloatArray, standing: BoolArray, value: float) -> FloatArray:
     """Shape (..., k), rad in [-π, π), of feet that have walked so far, shape (...); `value` while the robot stands."""
     phase = np.mod(walked[..., None] + rule.offsets + np.pi, 2.0 * np.pi) - np.pi
     return np.where(standing[..., None], value, phase)

@@ -13,9 +13,8 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate, yaw_quaternion
 from humanoid_sim.errors import FieldError
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import Float32Array, FloatArray, IntArray
 
-Float32Array = npt.NDArray[np.float32]
 Frame = int | npt.NDArray[np.integer]
 
 
@@ -41,7 +40,7 @@ class MotionReference:
     (4, w x y z) of the anchor body in the motion's world."""
     lengths: tuple[int, ...] = ()
     """Frames of each of several motions that follow one another in the tables; empty for one motion."""
-    _bounds: npt.NDArray[np.int64] = field(init=False, repr=False)
+    _bounds: IntArray = field(init=False, repr=False)
     """Shape (2, frame_count), the first and the last frame of each frame's motion."""
 
     def __post_init__(self) -> None:
@@ -77,8 +76,7 @@ class MotionReference:
     def joined(cls, motions: Sequence[MotionReference]) -> MotionReference:
         """Several motions with the same terms, one after the other.
 
-        Raises:
-            FieldError: they have other terms, or other widths of them.
+        Raises `FieldError` if they have other terms, or other widths of them.
         """
         first, *others = motions
         for other in others:
@@ -152,13 +150,12 @@ def no_reference() -> MotionReference:
 def build_reference(contract: PolicyContract, frames: npt.ArrayLike) -> MotionReference:
     """Cut the frames of a motion file into the terms of the contract's task.
 
+    Raises `FieldError` if the width does not fit the task.
+
     Args:
         contract: `tracking`: b bodies; `piano`: key states with `lookahead_steps`.
         frames: shape (f, width). Tracking: `[positions 3 b | orientations 6 b]`, m and rotation-matrix entries, base
             frame. Piano: key states, 0 or 1.
-
-    Raises:
-        FieldError: if the width does not fit the task.
     """
     table = np.asarray(frames, dtype=np.float32)
     if table.ndim != 2 or not table.size:
@@ -184,15 +181,14 @@ def build_world_reference(
 ) -> MotionReference:
     """Cut frames of joints and world poses into the terms that anchor policies compare with.
 
+    Raises `FieldError` if the width does not fit, or a joint of the policy is missing.
+
     Args:
         contract: its `joint_names` choose and order the joints, its `anchor_body` the body.
         frames: shape (f, 2 n + 7 b): `[joint positions n | joint velocities n | positions 3 b | quaternions 4 b]`, rad,
             rad/s and m, w x y z, world frame.
         joint_names: the n joints of the frames.
         body_names: the b bodies of the frames; without the anchor body, its terms are left out.
-
-    Raises:
-        FieldError: if the width does not fit, or a joint of the policy is missing.
     """
     table = np.asarray(frames, dtype=np.float32)
     n, b = len(joint_names), len(body_names)

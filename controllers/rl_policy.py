@@ -18,9 +18,7 @@ from humanoid_sim.controllers.policy_step import Policy, PolicyMemory, PolicyWir
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import PolicyStep, TickInput
-from humanoid_sim.mit import MITCommand, MITState
-
-Float32Array = npt.NDArray[np.float32]
+from humanoid_sim.mit import Float32Array, MITCommand, MITState
 
 _RATE_TOLERANCE = 1e-6
 """Relative. Periods are decimal fractions that binary numbers round; a real mismatch is far larger."""
@@ -145,8 +143,7 @@ def infer(wiring: PolicyWiring, policy: Policy, observation: Float32Array, frame
 def _floats(answer: npt.ArrayLike) -> npt.NDArray[np.floating]:
     """Return a policy's answer as the array of floats that it must be: texts and masks become numbers too easily.
 
-    Raises:
-        TypeError: it is something else.
+    Raises `TypeError` if it is something else.
     """
     array = np.asarray(answer)
     if isinstance(answer, ma.MaskedArray) or array.dtype.kind != "f":

@@ -12,14 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.controllers.parameters import joint_tuple, per_joint_or_infinite, range_middle
 from humanoid_sim.errors import FieldError, known_names
-from humanoid_sim.mit import GRAVITY_LEVERS, FloatArray, MITCommand, MITState, frozen_array
-
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.int64]
+from humanoid_sim.mit import GRAVITY_LEVERS, BoolArray, FloatArray, IntArray, MITCommand, MITState, frozen_array
 
 LEVER_COLUMNS = 10
 """Columns of the live input `GRAVITY_LEVERS`, one row per joint, at the measured pose; vectors in the world frame.

@@ -64,13 +64,11 @@ class StandbyController:
         set_field(self, "pose_segments", self._checked_poses(self.pose_segments, durations))
 
     def _checked_poses(self, poses: npt.ArrayLike, durations: FloatArray) -> FloatArray:
-        owner = "StandbyController"
-        rows: list[FloatArray] = []
+        owner, rows = "StandbyController", []
         for i, row in enumerate(np.atleast_1d(np.asarray(poses, dtype=object))):
-            pose = frozen_array(owner, f"pose_segments[{i}]", np.atleast_1d(np.asarray(row, dtype=object)).tolist())
-            if pose.shape != (len(self.joints),):
-                raise FieldError(f"{owner}.pose_segments[{i}]: has shape {pose.shape}, expected ({len(self.joints)},)")
-            rows.append(per_joint(owner, f"pose_segments[{i}]", pose, self.joints))
+            name = f"pose_segments[{i}]"
+            pose = frozen_array(owner, name, np.atleast_1d(np.asarray(row, dtype=object)).tolist())
+            rows.append(per_joint(owner, name, pose, self.joints))
         if len(rows) != len(durations):
             raise FieldError(
                 f"{owner}.pose_segments: has {len(rows)} poses, expected {len(durations)}, one per segment duration"

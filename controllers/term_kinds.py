@@ -82,11 +82,7 @@ class TermKind:
         return point_velocity(term.at) if "at" in self.conventions else self.reads
 
     def source(self, request: Request) -> tuple[int, Source]:
-        """Width and value of a term of this kind.
-
-        Raises:
-            FieldError: if what the term needs is not there.
-        """
+        """Width and value of a term of this kind. Raises `FieldError` if what the term needs is not there."""
         if request.term.kind == _COMMAND and not request.contract.command_names:
             name = request.term.name
             raise FieldError(

@@ -21,7 +21,9 @@ from humanoid_sim.mit import (
     HEIGHT_SCAN,
     VELOCITY_COMMAND,
     Extern,
+    Float32Array,
     FloatArray,
+    IndexArray,
     MITState,
 )
 
@@ -44,7 +46,7 @@ class ObservationContext:
     """Everything that a term may read."""
 
     state: MITState
-    last_action: npt.NDArray[np.float32]
+    last_action: Float32Array
     """Shape (..., m), raw."""
     reference: MotionReference
     frame: Frame
@@ -127,7 +129,7 @@ def joint_names(term: Term, contract: PolicyContract) -> tuple[str, ...]:
     return contract.joint_names if term.joints is None else term.joints
 
 
-def _joint_order(request: Request) -> npt.NDArray[np.intp]:
+def _joint_order(request: Request) -> IndexArray:
     names = joint_names(request.term, request.contract)
     return joint_indices(names, request.robot_joints, "joint_names of the policy")
 

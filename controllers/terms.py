@@ -72,11 +72,7 @@ class HeightScan:
     """m above the body where rays begin."""
 
     def __post_init__(self) -> None:
-        """Check every option but `at`.
-
-        Raises:
-            FieldError: naming the option, its value and what is accepted.
-        """
+        """Check every option but `at`. Raises `FieldError` naming the option, its value and what is accepted."""
         owner, set_field = "HeightScan", object.__setattr__
         if len(self.grid) != 2:
             raise FieldError(f"{owner}.grid: is {list(self.grid)}, expected two lengths, along x and y")

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.simulation.batch.draws import FULL, SCALED
 
 Curriculum = Callable[[float], Mapping[str, float]]
@@ -34,16 +34,14 @@ class Amounts:
 def amounts_at(curriculum: Curriculum | None, progress: float) -> Amounts:
     """Return what counts in episodes that begin at this progress.
 
-    Raises:
-        InputError: the curriculum names what there is not, or an amount is not a number in [0, 1].
+    Raises `InputError` if the curriculum names what there is not, or an amount is not a number in [0, 1].
     """
     if curriculum is None:
         return Amounts()
     said = dict(curriculum(progress))
     known = (_COMMANDS, _TERRAIN, _RANDOMISATION, *SCALED)
+    require_known("amount", said, known, "curriculum: ")
     for name, amount in said.items():
-        if name not in known:
-            raise InputError(f"curriculum: {known_names('amount', name, known)}")
         if not (isinstance(amount, int | float) and 0.0 <= amount <= 1.0):
             raise InputError(
                 f"curriculum: {name} is {amount!r} at the progress {progress:g}, expected a number from 0 to 1"
@@ -55,11 +53,10 @@ def amounts_at(curriculum: Curriculum | None, progress: float) -> Amounts:
 def scheduled(points: Mapping[str, Any]) -> Curriculum:
     """Give a curriculum of points: amounts that change evenly from one progress to the next, and hold before and after.
 
+    Raises `InputError` if a name is unknown, or a value is neither an amount nor such a list.
+
     Args:
         points: for each name one amount, or pairs of a progress and an amount, such as `[[0.5, 0.0], [1.0, 1.0]]`.
-
-    Raises:
-        InputError: a name is unknown, or a value is neither an amount nor such a list.
     """
     amounts_at(lambda _: dict.fromkeys(points, 0.0), 0.0)  # which knows the names
     lines = {name: _line(name, value) for name, value in points.items()}

@@ -11,13 +11,12 @@ from typing import Any
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.controllers.rotation import seen_from
 from humanoid_sim.envs.tasks.task import Start
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode, TickRecord
-from humanoid_sim.mit import COMMAND_FIELDS, Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import COMMAND_FIELDS, BoolArray, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.recording.reader import Recording, open_recording, recorded_settings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation
@@ -25,9 +24,7 @@ from humanoid_sim.simulation.floating_base import BaseState, StartPose, support_
 from humanoid_sim.simulation.model import base_body, build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
-BoolArray = npt.NDArray[np.bool_]
-
-_KEPT = ("_pending", "_joint_line", "_body_line", "_step", "_fault", "_is_closed", "_is_lifted")
+_KEPT = ("_pending", "_joint_line", "_body_line", "_step", "_fault", "is_closed", "_is_lifted")
 """Attributes of a `MujocoRobot` beside its plant: commands and samples under way, its clock, what went wrong."""
 
 
@@ -60,11 +57,7 @@ class PlantState:
         )
 
     def require(self, data: mujoco.MjData) -> None:
-        """Refuse the state of another robot than that of `data`.
-
-        Raises:
-            InputError: it is one.
-        """
+        """Refuse the state of another robot than that of `data`. Raises `InputError` if it is one."""
         given, expected = (self.qpos.shape, self.qvel.shape), (data.qpos.shape, data.qvel.shape)
         if given != expected:
             (qpos, qvel), (nq, nv) = given, expected
@@ -78,14 +71,11 @@ class EpisodeRobot(MujocoRobot):
     """
 
     def __init__(self, description: RobotDescription, *, bodies: tuple[str, ...] = (), **options: Any) -> None:
-        """Build the model.
+        """Build the model. Raises `InputError` as of `MujocoRobot`.
 
         Args:
             bodies: MJCF bodies that `body_poses` gives; they must be the model's.
             options: as `MujocoRobot` takes them.
-
-        Raises:
-            InputError: as of `MujocoRobot`.
         """
         super().__init__(description, **options)
         self._is_on_terrain = options.get("terrain") is not None
@@ -113,11 +103,7 @@ class EpisodeRobot(MujocoRobot):
         return PlantState(*self._start_pose.arrays(**start.pose))
 
     def place(self, start: PlantState) -> None:
-        """As `relaunch`, but in a state of the caller's choice.
-
-        Raises:
-            InputError: the state is another robot's.
-        """
+        """As `relaunch`, but in a state of the caller's choice. Raises `InputError` if the state is another robot's."""
         self.relaunch()
         data = self.data
         start.require(data)
@@ -153,19 +139,7 @@ class EpisodeRobot(MujocoRobot):
         """Return what would be seen if neither delays nor sampling stood between."""
         if self._is_punctual:
             return self.state()
-        position, velocity, effort = self._joint_sample()
-        felt = self._body_sample()
-        return MITState(
-            time=self.time,
-            joint_position=position,
-            joint_velocity=velocity,
-            joint_effort=effort,
-            joint_age=np.zeros_like(position),
-            imu_quaternion=felt.imu.quaternion,
-            imu_angular_velocity=felt.imu.angular_velocity,
-            imu_linear_acceleration=felt.imu.linear_acceleration,
-            extern={name: Extern(value, self.time) for name, value in felt.live.items()},
-        )
+        return self._seen(self._joint_sample(), 0.0, self._body_sample(), self.time)
 
     @property
     def effort(self) -> FloatArray:
@@ -207,8 +181,7 @@ class RandomisedRobot:
     def __init__(self, description: RobotDescription, **options: Any) -> None:
         """Build a batch of one; options as `BatchSimulation` takes them.
 
-        Raises:
-            InputError: as of `BatchSimulation`.
+        Raises `InputError` as of `BatchSimulation`.
         """
         self.batch = BatchSimulation(description, 1, threads=1, **options)
         """The simulation."""
@@ -272,8 +245,7 @@ class RandomisedRobot:
     def place(self, start: PlantState) -> None:
         """See `EpisodeRobot.place`; the first command finds motors that hold this pose.
 
-        Raises:
-            InputError: the state is another robot's.
+        Raises `InputError` if the state is another robot's.
         """
         start.require(self.data)
         self.batch.reset(qpos=start.qpos[None], qvel=start.qvel[None])
@@ -325,11 +297,10 @@ def _alone(state: MITState) -> MITState:
 def recorded_start(path: str | Path, description: RobotDescription) -> tuple[PlantState, MITState]:
     """Return the plant and the robot's report in the tick in which LOCOMOTION began, bit for bit.
 
+    Raises `InputError` if it is another file, LOCOMOTION never began, or the plant does not repeat the recorded states.
+
     Args:
         description: the robot, whose model lies where the recorded one's did.
-
-    Raises:
-        InputError: it is another file, LOCOMOTION never began, or the plant does not repeat the recorded states.
     """
     recording = open_recording(path)
     robot = _recorded_robot(recording, description)

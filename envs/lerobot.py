@@ -7,14 +7,13 @@ from functools import partial
 from typing import Any
 
 import gymnasium
-import numpy as np
-import numpy.typing as npt
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 
 from humanoid_sim.envs.registration import register_environments
 from humanoid_sim.envs.resets import count_option
+from humanoid_sim.mit import Float32Array
 
-Observation = dict[str, npt.NDArray[np.float32]]
+Observation = dict[str, Float32Array]
 MakeEnv = Callable[..., Mapping[str, Mapping[int, VectorEnv[Any, Any, Any]]]]
 
 
@@ -39,7 +38,7 @@ class EvaluatedEnv(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.Record
         observation, _ = self.env.reset(seed=seed, options=options)
         return {"agent_pos": observation}, {"is_success": False}
 
-    def step(self, action: npt.NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Float32Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """See `gymnasium.Env.step`."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         told = {"is_success": bool(truncated and not terminated)}

@@ -34,7 +34,8 @@ def export_rollouts(
     """Run a policy in an environment, and write what happened where Minari keeps its datasets (`MINARI_DATASETS_PATH`).
 
     `minari.load_dataset` gives it back, and `recover_environment` the environment. The reward's terms are kept as infos
-    of each step; an episode that a fault ended is in it, with its last step terminated.
+    of each step; an episode that a fault ended is in it, with its last step terminated. Raises `InputError` if there is
+    such a dataset, the number of episodes is below 1, or this is not a policy's environment.
 
     Args:
         env: a policy's environment, from `gymnasium.make`; it stays open.
@@ -44,9 +45,6 @@ def export_rollouts(
         seed: of the first episode; the following ones have the numbers after it.
         on_episode: called after each with how many there are, and its return.
         about: as `minari.create_dataset_from_buffers` takes it: `author`, `algorithm_name`, `description`, …
-
-    Raises:
-        InputError: there is such a dataset, the number of episodes is below 1, or this is not a policy's environment.
     """
     ours = env.unwrapped
     if not isinstance(ours, PolicyEnv):

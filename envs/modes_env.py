@@ -18,7 +18,7 @@ from humanoid_sim.envs.rendering import RENDER_MODES, ShownEnv
 from humanoid_sim.envs.resets import refuse_others, velocity_option
 from humanoid_sim.envs.scenario import Named, read_policy
 from humanoid_sim.envs.spaces import INTENTS, modes_action_space, modes_observation, modes_observation_space
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, blaming
 from humanoid_sim.messages import ControlMode, Intent, Mode, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import COMMAND_FIELDS, EXTERN_WIDTHS, VELOCITY_COMMAND, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.policy.motion import Motion
@@ -67,26 +67,18 @@ class ModesEnv(ShownEnv, gymnasium.Env[dict[str, Any], Any]):
         height: int = 480,
         camera: str | None = None,
     ) -> None:
-        """Build robot and stack.
+        """Build robot and stack. Raises `InputError` for what cannot be read, or does not fit.
 
         Args:
             robot: a description, or what `load_robot` takes.
             policy: of LOCOMOTION: a checkpoint (.onnx) by name or path; None for a stack without LOCOMOTION.
-            motion: what it follows: a sample motion by name, a file by path, or the motion itself.
+            motion: what it follows, as `PolicyEnv` takes it.
             remote: whether REMOTE is available, and the action has a remote command.
             control_frequency: Hz; None for the robot's.
             actuation: `affine`, stepped natively, or `qfrc_applied`, the reference.
-            action_limit: largest magnitude of the policy's raw action; None: the contract's, or 100.
-            live: by its name, what makes each live input that the policy's contract declares: of an `MITState` a value
-                of shape (width,); called once in every tick.
+            action_limit: as `make_scenario` takes it, like `live`, which is called once in every tick.
             episode_seconds: s after which an episode is truncated.
-            render_mode: `rgb_array`, `human` or None.
-            width: pixels of a picture.
-            height: pixels of a picture.
-            camera: of the model; None looks at the robot from the front.
-
-        Raises:
-            InputError: one line that says what cannot be read, or what does not fit.
+            render_mode: as `PolicyEnv` takes it, and the three that follow.
         """
         description = robot if isinstance(robot, RobotDescription) else load_robot(robot)
         frequency = description.simulation.control_frequency if control_frequency is None else control_frequency
@@ -133,12 +125,11 @@ class ModesEnv(ShownEnv, gymnasium.Env[dict[str, Any], Any]):
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Relaunch: the robot as it starts, in ZERO_TORQUE.
 
+        Raises `InputError` if an option is unknown, or does not hold what it should.
+
         Args:
             seed: of the random numbers that Gymnasium keeps.
             options: `command`: vx, vy in m/s and yaw rate in rad/s for a policy that walks.
-
-        Raises:
-            InputError: an option is unknown, or does not hold what it should.
         """
         super().reset(seed=seed)
         options = {} if options is None else dict(options)
@@ -225,8 +216,7 @@ class ModesEnv(ShownEnv, gymnasium.Env[dict[str, Any], Any]):
     def _remote_command(self, fields: Any) -> MITCommand:
         """Return the command whose fields are the rows of an array.
 
-        Raises:
-            FieldError: there are not as many numbers as the space has.
+        Raises `FieldError` if there are not as many numbers as the space has.
         """
         expected = len(COMMAND_FIELDS), len(self.robot.joints)
         try:
@@ -246,7 +236,5 @@ def _live_inputs(
         if live:
             raise InputError(f"live['{next(iter(live))}']: is given, but there is no policy that observes it")
         return None
-    try:
+    with blaming(f"policy on robot '{robot}'"):
         return LiveInputs(contract, {} if live is None else dict(live))
-    except FieldError as error:
-        raise InputError(f"policy on robot '{robot}': {error}") from None

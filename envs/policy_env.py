@@ -78,6 +78,8 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
     ) -> None:
         """Build the robot. Delays are between robot and policy: rewards and terminations are those of the true state.
 
+        Raises `InputError` for what cannot be read, or does not fit.
+
         Args:
             contract: of the policy; or the name or path of a checkpoint (.onnx) or a contract file (.yaml).
             robot: a description, or what `load_robot` takes.
@@ -91,15 +93,11 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
                 not at all. The delays are then part of it, and the plant is one that a batch can have.
             curriculum: how much of it, and of the commands, counts at the `progress` that is set; None: all.
             render_mode: `rgb_array`, `human` or None.
-            width: pixels of a picture.
-            height: pixels of a picture.
+            width: pixels of a picture, like the height.
             camera: of the model; None looks at the robot from the front.
             privileged: what `info["privileged"]` holds for a critic: names out of `PRIVILEGED_TERMS`, or functions by
                 name.
             options: as `make_scenario` takes them.
-
-        Raises:
-            InputError: one line that says what cannot be read, or what does not fit.
         """
         self.observation_space = self._prepare(contract, robot, motion, curriculum, privileged, options)
         scenario = self.scenario
@@ -145,8 +143,7 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
     ) -> tuple[Array, dict[str, Any]]:
         """Start an episode; the same seed gives the same start.
 
-        Raises:
-            InputError: an option is unknown, or does not hold what it should.
+        Raises `InputError` if an option is unknown, or does not hold what it should.
         """
         super().reset(seed=seed)
         plant, memory, frame = self._begin({} if options is None else dict(options), is_seeded=seed is not None)

@@ -7,15 +7,13 @@ from types import MappingProxyType
 
 import gymnasium
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.controllers.rotation import rotate_inverse
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.evaluation.rollout import StepSample
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import Float32Array, FloatArray
 from humanoid_sim.simulation.floating_base import BaseState
 
-Float32Array = npt.NDArray[np.float32]
 PrivilegedTerm = Callable[[StepSample], FloatArray]
 """Shape (..., w) of a policy step: one function serves one robot and a batch."""
 
@@ -51,20 +49,17 @@ class Privileged:
     """Chosen terms, one after the other in one array."""
 
     def __init__(self, terms: Sequence[str] | Mapping[str, PrivilegedTerm], *, is_floating: bool) -> None:
-        """Choose terms.
+        """Choose terms. Raises `InputError` if there is no such term, or the robot has none.
 
         Args:
             terms: names out of `PRIVILEGED_TERMS`; or functions by a name of one's own.
             is_floating: whether the robot's base is; a fixed one has no terms of its own.
-
-        Raises:
-            InputError: there is no such term, or the robot has none.
         """
         if isinstance(terms, str):
             raise InputError(f"privileged: is {terms!r}, expected a list of names")
-        for name in terms if not isinstance(terms, Mapping) else ():
-            if name not in PRIVILEGED_TERMS:
-                raise InputError(f"privileged: {known_names('term', name, PRIVILEGED_TERMS)}")
+        chosen = () if isinstance(terms, Mapping) else terms
+        require_known("term", chosen, PRIVILEGED_TERMS, "privileged: ")
+        for name in chosen:
             if name in _OF_A_BASE and not is_floating:
                 raise InputError(f"privileged: {name} is of a floating base, and the robot's is fixed")
         functions = terms if isinstance(terms, Mapping) else {name: PRIVILEGED_TERMS[name] for name in terms}

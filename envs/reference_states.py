@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rotation import multiply, rotate
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import FloatArray, IndexArray
 from humanoid_sim.policy.motion import body_poses
 from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.robots.description import RobotDescription
@@ -39,7 +38,7 @@ class ReferenceStates:
     base_velocity: FloatArray | None
     """Shape (F, 6), m/s, world frame, and rad/s, base frame."""
 
-    def base_at(self, frame: npt.NDArray[np.intp], yaw: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    def base_at(self, frame: IndexArray, yaw: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Pose (..., 7) and velocity (..., 6) of the base at frames (...), the motion turned by `yaw`, (...), rad.
 
         It is turned about the world's vertical through the origin.
@@ -87,10 +86,8 @@ def reference_states(
 ) -> ReferenceStates | None:
     """Return the states of all frames, with the velocities from frame to frame; None where the motion tells no pose.
 
-    Where a motion has the robot below its floor, the base is lifted onto it.
-
-    Raises:
-        InputError: the MJCF has other bodies that move before the floating base.
+    Where a motion has the robot below its floor, the base is lifted onto it. Raises `InputError` if the MJCF has other
+    bodies that move before the floating base.
     """
     joints = reference_joints(description, contract, reference)
     if joints is None:

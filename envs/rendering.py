@@ -32,8 +32,7 @@ def make_pictures(
 ) -> PoseRenderer:
     """Return what draws pictures of a robot for `rgb_array`, with a model of their own.
 
-    Raises:
-        InputError: a picture has no such size.
+    Raises `InputError` if a picture has no such size.
     """
     for name, pixels in (("width", width), ("height", height)):
         if not isinstance(pixels, int | np.integer) or pixels < 1:
@@ -47,11 +46,7 @@ class Window:
     _latest: ClassVar[NativeViewerSink | None] = None
 
     def __init__(self, description: RobotDescription, period: float, terrain: Terrain | None = None) -> None:
-        """Open the window.
-
-        Raises:
-            InputError: no window can be opened here, or another one is open.
-        """
+        """Open the window. Raises `InputError` if no window can be opened here, or another one is open."""
         if Window._latest is not None and not Window._latest.closed:
             raise InputError("render_mode: human is shown by another environment of this process; close that one first")
         self._period = period
@@ -91,14 +86,11 @@ class ShownEnv(CopyableEnv):
         pictures: tuple[int, int, str | None],
         terrain: Terrain | None = None,
     ) -> None:
-        """Prepare what is shown.
+        """Prepare what is shown. Raises `InputError` if the mode is unknown, or the size of a picture is not possible.
 
         Args:
             period: s between two poses.
             pictures: width and height in pixels, and the camera of the model; None looks at the robot from the front.
-
-        Raises:
-            InputError: the mode is unknown, or the size of a picture is not possible.
         """
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise InputError(f"render_mode: is {render_mode!r}, expected {', '.join(RENDER_MODES)} or None")

@@ -6,14 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.mit import FloatArray
-
-IndexArray = npt.NDArray[np.intp]
+from humanoid_sim.mit import BoolArray, FloatArray, IndexArray
 
 _EPISODES = 16
 """Number of episodes whose start numbers are drawn at a time."""
@@ -22,8 +19,7 @@ _EPISODES = 16
 def reset_seeds(seed: int | Sequence[int | None] | None, count: int) -> Sequence[int | None]:
     """Return one seed per environment: `seed`, `seed + 1`, … of a number; None leaves an environment's stream as it is.
 
-    Raises:
-        InputError: they are not whole numbers, or not as many as environments.
+    Raises `InputError` if they are not whole numbers, or not as many as environments.
     """
     if seed is None:
         return [None] * count
@@ -40,11 +36,7 @@ def _is_seed(value: Any) -> bool:
 
 
 def autoreset(mode: AutoresetMode | str) -> AutoresetMode:
-    """Return the autoreset mode of that name.
-
-    Raises:
-        InputError: there is none.
-    """
+    """Return the autoreset mode of that name. Raises `InputError` if there is none."""
     try:
         return AutoresetMode(mode)
     except ValueError:
@@ -55,8 +47,7 @@ def autoreset(mode: AutoresetMode | str) -> AutoresetMode:
 def require_same_step(envs: VectorEnv[Any, Any, Any], library: str) -> None:
     """Refuse environments for a library that starts an episode in the step that ends the last one, unless they do too.
 
-    Raises:
-        InputError: they start episodes another way.
+    Raises `InputError` if they start episodes another way.
     """
     mode = envs.metadata.get("autoreset_mode")
     if mode is not AutoresetMode.SAME_STEP:
@@ -76,21 +67,16 @@ def term_means(info: Mapping[str, Any]) -> dict[str, float]:
 
 
 def count_option(name: str, value: Any) -> int:
-    """Return a number of environments or steps.
-
-    Raises:
-        InputError: it is not one.
-    """
+    """Return a number of environments or steps. Raises `InputError` if it is not one."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise InputError(f"{name}: is {value!r}, expected a whole number >= 1")
     return int(value)
 
 
-def reset_mask(mask: Any, count: int) -> npt.NDArray[np.bool_]:
+def reset_mask(mask: Any, count: int) -> BoolArray:
     """Return the environments to reset, shape (count,); all where no mask is given.
 
-    Raises:
-        InputError: it is not such an array, or chooses none.
+    Raises `InputError` if it is not such an array, or chooses none.
     """
     if mask is None:
         return np.ones(count, dtype=np.bool_)
@@ -104,8 +90,7 @@ def reset_mask(mask: Any, count: int) -> npt.NDArray[np.bool_]:
 def velocity_option(value: Any, count: int | None = None) -> FloatArray:
     """Return vx, vy in m/s and yaw rate in rad/s, shape (3,); of `count` environments, (count, 3).
 
-    Raises:
-        InputError: the option is not three finite numbers, nor that many for each of the environments.
+    Raises `InputError` if the option is not three finite numbers, nor that many for each of the environments.
     """
     try:
         command = np.array(value, dtype=np.float64)
@@ -118,11 +103,7 @@ def velocity_option(value: Any, count: int | None = None) -> FloatArray:
 
 
 def refuse_others(options: Mapping[str, Any], *known: str) -> None:
-    """Refuse options of a reset that nobody has taken.
-
-    Raises:
-        InputError: there is one.
-    """
+    """Refuse options of a reset that nobody has taken. Raises `InputError` if there is one."""
     for name in options:
         raise InputError(f"reset: {known_names('option', name, known)}")
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from gymnasium.vector import VectorEnv
 
 from humanoid_sim.envs.resets import require_same_step, term_means
 from humanoid_sim.errors import MissingPackageError
+from humanoid_sim.mit import Float32Array
 
 try:
     import torch
@@ -32,12 +32,11 @@ class RslRlVecEnv(VecEnv):
     def __init__(self, envs: VectorEnv[Any, Any, Any], *, seed: int | None = None) -> None:
         """Take over `envs`, and start an episode in each; closing this closes them.
 
+        Raises `InputError` if they start episodes another way.
+
         Args:
             envs: a policy's, from `gymnasium.make_vec`.
             seed: of environment 0; environment i has `seed + i`.
-
-        Raises:
-            InputError: they start episodes another way.
         """
         require_same_step(envs, "rsl_rl")
         self.envs = envs
@@ -84,7 +83,7 @@ class RslRlVecEnv(VecEnv):
         """Close the environments."""
         self.envs.close()
 
-    def _grouped(self, observation: npt.NDArray[np.float32], info: dict[str, Any]) -> TensorDict:
+    def _grouped(self, observation: Float32Array, info: dict[str, Any]) -> TensorDict:
         groups = {"policy": torch.from_numpy(observation.copy())}
         if "privileged" in info:
             seen = np.concatenate([observation, info["privileged"]], axis=-1)

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from humanoid_sim import mit
 from humanoid_sim.assets import motion_path, policy_path, sample_songs
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.guards import Guards
@@ -21,8 +21,8 @@ from humanoid_sim.envs.curriculum import Amounts
 from humanoid_sim.envs.reference_states import ReferenceStates, reference_states
 from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
 from humanoid_sim.envs.tasks.task import Start
-from humanoid_sim.errors import FieldError, InputError, known_names
-from humanoid_sim.mit import ANCHOR_POSE, BASE, HEIGHT_SCAN, KEY_PRESSED, VELOCITY_COMMAND, FloatArray, point_velocity
+from humanoid_sim.errors import InputError, blaming, known_names
+from humanoid_sim.mit import FloatArray, IndexArray, point_velocity
 from humanoid_sim.names import near_miss
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint, zero_policy
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -127,6 +127,8 @@ def make_scenario(
 ) -> Scenario:
     """Read what is named, and check that it fits together.
 
+    Raises `InputError` for what cannot be read, or does not fit.
+
     Args:
         contract: of the policy, as `read_policy` takes it.
         robot: a description, or what `load_robot` takes.
@@ -144,9 +146,6 @@ def make_scenario(
         terrain: what the robot walks on: `flat`, `rough`, `slopes`, `steps`, `mixed`, or a `Terrain` or its fields.
         reference_start: share of the episodes that begin at a random frame of the motion, in the motion's own state.
         task_options: `weights`, `episode_seconds`, `joint_noise`, `velocity_noise` and `rewards`, as `Task` takes them.
-
-    Raises:
-        InputError: one line that says what cannot be read, or what does not fit.
     """
     if action_limit is not None and not 0.0 < action_limit <= _MOST:
         raise InputError(f"action_limit: is {action_limit}, expected a number > 0 and at most {_MOST:g}")
@@ -159,17 +158,15 @@ def make_scenario(
     loaded = read_policy(checkpoint, followed, described.joint_names, motion_source)
     read = with_joint_limits(loaded.contract, described)
     description = with_contract(described, read)
-    points = [point_velocity(point) for point in (BASE, *read.velocity_points)] if description.is_floating else []
-    told = {VELOCITY_COMMAND, *points, HEIGHT_SCAN, *([ANCHOR_POSE] if read.anchor_body else [])}
+    points = [point_velocity(point) for point in (mit.BASE, *read.velocity_points)] if description.is_floating else []
+    told = {mit.VELOCITY_COMMAND, *points, mit.HEIGHT_SCAN, *([mit.ANCHOR_POSE] if read.anchor_body else [])}
     extern = {name: width for name, width in read.extern_widths.items() if name in told}
     if description.piano is not None:
-        extern[KEY_PRESSED] = KEY_COUNT
-    try:
+        extern[mit.KEY_PRESSED] = KEY_COUNT
+    with blaming(f"policy on robot '{description.name}'"):
         fed = LiveInputs(read, {} if live is None else dict(live))
         extern |= fed.widths
         wiring = PolicyWiring(description.joint_names, read, loaded.reference, extern, action_limit)
-    except FieldError as error:
-        raise InputError(f"policy on robot '{description.name}': {error}") from None
 
     ground = Terrain.of(terrain)
     if ground is not None and not description.is_floating:
@@ -197,7 +194,7 @@ def make_scenario(
             ground,
             reference_start,
             _states(description, read, loaded.reference, reference_start),
-            turns=read.align_reference and ANCHOR_POSE in told,
+            turns=read.align_reference and mit.ANCHOR_POSE in told,
         ),
     )
 
@@ -239,6 +236,8 @@ def read_policy(
 ) -> LoadedPolicy:
     """Return a policy with the motion, or the motions, that it follows, checked against each other.
 
+    Raises `InputError` for what cannot be read, or does not fit.
+
     Args:
         source: a checkpoint, a contract, or the name or path of a checkpoint or a contract file. Where there is no
             checkpoint the policy answers zeros.
@@ -246,9 +245,6 @@ def read_policy(
             that a checkpoint carries in its graph, and for policies that follow none.
         joints: of the robot, in its order.
         motion_source: what to call a motion that is given itself.
-
-    Raises:
-        InputError: one line that says what cannot be read, or what does not fit.
     """
     checkpoint = checkpoint_of(source, joints)
     if motion is not None and not isinstance(motion, str | Path | Motion):
@@ -257,10 +253,8 @@ def read_policy(
         if checkpoint.motion is not None:
             raise InputError(f"motion: is a list, and {checkpoint.source} carries its own in its graph, expected one")
         loaded = [read_policy(checkpoint, one, joints, f"{motion_source}[{i}]") for i, one in enumerate(motion)]
-        try:
+        with blaming("motion"):
             return replace(loaded[0], reference=MotionReference.joined([one.reference for one in loaded]))
-        except FieldError as error:
-            raise InputError(f"motion: {error}") from None
     contract, followed = checkpoint.contract, checkpoint.motion
     what = motion_source if isinstance(motion, Motion | None) else str(motion)
     if isinstance(motion, str | Path):
@@ -339,7 +333,7 @@ class EpisodeStarts:
         chosen = np.zeros(numbers.shape[:-1], dtype=np.intp)
         if len(lengths) > 1:
             chosen = np.asarray(np.floor(of_motion[..., 0] * len(lengths)).astype(np.intp))
-        frame: npt.NDArray[np.intp] = (np.cumsum(lengths) - lengths)[chosen]
+        frame: IndexArray = (np.cumsum(lengths) - lengths)[chosen]
         if self.states is None or not self.reference_start:
             return replace(self.task.start(numbers), frame=frame)
         is_inside = of_motion[..., -2] < self.reference_start
@@ -358,12 +352,11 @@ class EpisodeStarts:
 def check_options(given: Iterable[str], *takers: Callable[..., Any]) -> None:
     """Refuse an option that neither an environment nor its task has.
 
+    Raises `InputError` naming the nearest option, or all where none is near.
+
     Args:
         given: names of options that a signature does not list.
         takers: whose signatures list the other options.
-
-    Raises:
-        InputError: it names the nearest option, or all where none is near.
     """
     own = [
         name

@@ -11,7 +11,6 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, Space
 
 from humanoid_sim.controllers.fsm import merge_safety
@@ -19,7 +18,7 @@ from humanoid_sim.controllers.observation import stack
 from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.controllers.term_values import Limits, Request
 from humanoid_sim.messages import Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus, TickOutput
-from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITState
+from humanoid_sim.mit import COMMAND_FIELDS, BoolArray, Float32Array, FloatArray, MITState
 from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.robots.schema import RobotDescription
 
@@ -80,7 +79,7 @@ def observation_space(wiring: PolicyWiring, description: RobotDescription) -> Bo
     return Box(low, high, dtype=np.float32)
 
 
-def outlier(wiring: PolicyWiring, observation: npt.NDArray[np.float32], inside: npt.NDArray[np.bool_]) -> str:
+def outlier(wiring: PolicyWiring, observation: Float32Array, inside: BoolArray) -> str:
     """Return what lies beyond the bounds in one observation, shape (N,); `inside` says which values do not."""
     i = int(np.argmin(inside))
     return f"observation {wiring.layout.locate(i)} is {observation[i]}, beyond any robot's"

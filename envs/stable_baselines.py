@@ -11,6 +11,7 @@ from gymnasium.vector import VectorEnv
 
 from humanoid_sim.envs.resets import require_same_step
 from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.mit import BoolArray, Float32Array
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
@@ -18,7 +19,6 @@ except ImportError:
     raise MissingPackageError("stable-baselines3", "rl", "humanoid_sim.envs.stable_baselines") from None
 
 Indices = None | int | Iterable[int]
-Float32Array = npt.NDArray[np.float32]
 
 
 class StableBaselinesVecEnv(VecEnv):
@@ -29,11 +29,7 @@ class StableBaselinesVecEnv(VecEnv):
     """
 
     def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
-        """Take over `envs`; closing this closes them.
-
-        Raises:
-            InputError: they start episodes another way.
-        """
+        """Take over `envs`; closing this closes them. Raises `InputError` if they start episodes another way."""
         require_same_step(envs, "stable-baselines3")
         self.envs = envs
         self._actions: Float32Array | None = None
@@ -42,8 +38,7 @@ class StableBaselinesVecEnv(VecEnv):
     def reset(self) -> Float32Array:
         """Start an episode in every environment, with the seeds and options that were set for it.
 
-        Raises:
-            InputError: the options differ between environments.
+        Raises `InputError` if the options differ between environments.
         """
         options = self._options[0]
         if any(other != options for other in self._options):
@@ -57,7 +52,7 @@ class StableBaselinesVecEnv(VecEnv):
         """Say what to do in the next step."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[Float32Array, Float32Array, npt.NDArray[np.bool_], list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[Float32Array, Float32Array, BoolArray, list[dict[str, Any]]]:
         """Take the step: observations, rewards, which episodes have ended, and an info of each environment.
 
         The info of an episode that has ended has `terminal_observation` and `TimeLimit.truncated`, and the `fault` that
@@ -86,8 +81,7 @@ class StableBaselinesVecEnv(VecEnv):
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
         """Return an attribute of the vector environment or of a wrapper around it, once for each of these environments.
 
-        Raises:
-            AttributeError: neither has one of that name.
+        Raises `AttributeError` if neither has one of that name.
         """
         owner = self.envs if hasattr(self.envs, attr_name) else self.envs.unwrapped
         return [getattr(owner, attr_name)] * len(list(self._get_indices(indices)))
@@ -95,8 +89,7 @@ class StableBaselinesVecEnv(VecEnv):
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
         """Set an attribute of the vector environment, below the wrappers that are around it.
 
-        Raises:
-            InputError: only for some of the environments.
+        Raises `InputError` if it is only for some of the environments.
         """
         if len(list(self._get_indices(indices))) < self.num_envs:
             raise InputError(f"{attr_name}: the environments are one, expected a value for all of them")

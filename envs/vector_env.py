@@ -12,32 +12,21 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.envs import resets
 from humanoid_sim.envs.base import PolicyEnvironment
 from humanoid_sim.envs.curriculum import Curriculum
 from humanoid_sim.envs.privileged import PrivilegedTerm
 from humanoid_sim.envs.rendering import make_pictures
-from humanoid_sim.envs.resets import (
-    StartNumbers,
-    autoreset,
-    count_option,
-    refuse_others,
-    reset_mask,
-    reset_seeds,
-    velocity_option,
-)
 from humanoid_sim.envs.scenario import Motions, Named
 from humanoid_sim.envs.spaces import action_space, outlier
 from humanoid_sim.envs.tasks.task import require_finite
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import BoolArray, Float32Array, FloatArray, IndexArray, IntArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation, Randomisation
 from humanoid_sim.simulation.plant import BatchActuation, check_actuation
 
-Float32Array = npt.NDArray[np.float32]
-BoolArray = npt.NDArray[np.bool_]
-IndexArray = npt.NDArray[np.intp]
 Step = tuple[Float32Array, FloatArray, BoolArray, BoolArray, dict[str, Any]]
 
 
@@ -78,32 +67,22 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
         privileged: Sequence[str] | Mapping[str, PrivilegedTerm] = (),
         **options: Any,
     ) -> None:
-        """Build the robots.
+        """Build the robots; what is not listed is as `PolicyEnv` takes it, of one environment.
+
+        Raises `InputError` for what cannot be read, or does not fit.
 
         Args:
             num_envs: N.
-            contract: of the policy; or the name or path of a checkpoint (.onnx) or a contract file (.yaml).
-            robot: a description, or what `load_robot` takes.
-            motion: what a tracking policy follows, as `PolicyEnv` takes it.
-            randomisation: how the environments differ, or its fields by name; None: not at all.
-            curriculum: how much of it, and of the commands, counts at the `progress` that is set; None: all.
             threads: that step physics; None for one per processor that this process may use.
             autoreset_mode: what happens after an episode's end, as Gymnasium defines it.
             max_episode_steps: policy steps after which an episode is truncated, whatever the task says; None: any.
             render_mode: `rgb_array` or None.
-            width: pixels of one environment's picture.
-            height: pixels of one environment's picture.
-            camera: of the model; None looks at the robot from the front.
-            privileged: as `PolicyEnv` takes it.
             options: as `make_scenario` takes them; `actuation` is `affine`, which agrees with the reference, or
                 `implicit`, the faster approximation for training.
-
-        Raises:
-            InputError: one line that says what cannot be read, or what does not fit.
         """
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode: is {render_mode!r}, expected rgb_array or None for a vector environment")
-        num_envs = count_option("num_envs", num_envs)
+        num_envs = resets.count_option("num_envs", num_envs)
         self.single_observation_space = bounds = self._prepare(contract, robot, motion, curriculum, privileged, options)
         scenario = self.scenario
         check_actuation(scenario.actuation, get_args(BatchActuation))
@@ -118,7 +97,7 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
         self.single_action_space = action_space(scenario.wiring, scenario.description)
         self.observation_space = batch_space(bounds, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.autoreset_mode = autoreset(autoreset_mode)
+        self.autoreset_mode = resets.autoreset(autoreset_mode)
         self.render_mode = render_mode
         self.metadata = {
             "render_modes": ["rgb_array"],
@@ -129,9 +108,9 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
         """Shape (N, 6), N and N·m, on the base in all following steps, as `BatchSimulation.step` takes it."""
         self._pictures = make_pictures(scenario.description, width, height, camera, scenario.terrain)
         unlimited = np.iinfo(np.int64).max if max_episode_steps is None else max_episode_steps
-        self._longest = count_option("max_episode_steps", unlimited)
+        self._longest = resets.count_option("max_episode_steps", unlimited)
         self.max_episode_steps = min(self._longest, scenario.task.episode_steps)
-        self._numbers = StartNumbers(num_envs, scenario.starts.draws)
+        self._numbers = resets.StartNumbers(num_envs, scenario.starts.draws)
         self._observation = np.zeros((num_envs, *bounds.shape), dtype=np.float32)
         self._commands: FloatArray = scenario.task.start(np.zeros((num_envs, scenario.task.draws))).commands
         self._steps = np.zeros(num_envs, dtype=np.int64)
@@ -142,14 +121,13 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
     ) -> tuple[Float32Array, dict[str, Any]]:
         """Start episodes; the same seeds give the same starts.
 
-        Raises:
-            InputError: a seed or an option is not what it should be.
+        Raises `InputError` if a seed or an option is not what it should be.
         """
         options = {} if options is None else dict(options)
-        mask = reset_mask(options.pop("reset_mask", None), self.num_envs)
-        command = velocity_option(options.pop("command"), self.num_envs) if "command" in options else None
-        refuse_others(options, "command", "reset_mask")
-        seeds = reset_seeds(seed, self.num_envs)
+        mask = resets.reset_mask(options.pop("reset_mask", None), self.num_envs)
+        command = resets.velocity_option(options.pop("command"), self.num_envs) if "command" in options else None
+        resets.refuse_others(options, "command", "reset_mask")
+        seeds = resets.reset_seeds(seed, self.num_envs)
         if self._loop is None and not mask.all():
             raise gymnasium.error.ResetNeeded("reset_mask: the first reset is of all environments")
         super().reset(seed=seeds[0])
@@ -167,7 +145,7 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
             info.merge("privileged", self.privileged(sample or sample_step(loop, self.simulation, self._steps)), mask)
 
     @property
-    def episode_steps(self) -> npt.NDArray[np.int64]:
+    def episode_steps(self) -> IntArray:
         """Shape (N,), policy steps since each episode began.
 
         Setting it puts environments out of step with each other: an episode of a set length ends the earlier, and
@@ -326,16 +304,12 @@ class _VectorInfo:
     def add(self, key: str, values: Array, mask: BoolArray) -> None:
         """Add an entry of the environments in the mask, unless there are none; `values` is shape (N, …)."""
         if mask.any():
-            shaped = mask.reshape(-1, *[1] * (values.ndim - 1))
-            self.entries[key] = np.where(shaped, values, np.zeros((), dtype=values.dtype))
-            self.entries[f"_{key}"] = mask.copy()
+            self.entries[key], self.entries[f"_{key}"] = _chosen(mask, values), mask.copy()
 
     def merge(self, key: str, values: Array, mask: BoolArray) -> None:
         """Add to an entry those of further environments."""
         if key in self.entries:
-            known = self.entries[f"_{key}"]
-            chosen = mask.reshape(-1, *[1] * (values.ndim - 1))
-            values, mask = np.where(chosen, values, self.entries[key]), mask | known
+            values, mask = _chosen(mask, values, self.entries[key]), mask | self.entries[f"_{key}"]
         self.add(key, values, mask)
 
     def add_terms(self, key: str, terms: Mapping[str, Array], mask: BoolArray, owners: BoolArray) -> None:
@@ -378,6 +352,12 @@ class _VectorInfo:
         return following
 
 
+def _chosen(mask: BoolArray, values: Array, others: Array | None = None) -> Array:
+    """Return the values, shape (N, …), where the mask is, and else the others; without any 0, or None of objects."""
+    nothing: Any = None if values.dtype == object else np.zeros((), dtype=values.dtype)
+    return np.where(mask.reshape(-1, *[1] * (values.ndim - 1)), values, nothing if others is None else others)
+
+
 def _part(entries: Mapping[str, Any], kept: BoolArray) -> dict[str, Any]:
     """Return the entries of some of the environments."""
     part: dict[str, Any] = {}
@@ -389,7 +369,6 @@ def _part(entries: Mapping[str, Any], kept: BoolArray) -> dict[str, Any]:
         if isinstance(value, dict):
             part[key] = _part(value, kept)
         else:
-            shaped = remaining.reshape(-1, *[1] * (value.ndim - 1))
-            part[key] = np.where(shaped, value, None if value.dtype == object else np.zeros((), dtype=value.dtype))
+            part[key] = _chosen(remaining, value)
         part[f"_{key}"] = remaining
     return part

@@ -6,7 +6,8 @@ one line and exit with status 2. Everything else that escapes a program is a bug
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 
 _LONGEST_LINE = 10_000
 """Characters."""
@@ -32,6 +33,15 @@ class InputError(HumanoidSimError):
         super().__init__(message)
 
 
+@contextmanager
+def blaming(what: object, kind: type[HumanoidSimError] = FieldError) -> Iterator[None]:
+    """Turn an error of this kind within into an `InputError` that begins with what was given, such as a file."""
+    try:
+        yield
+    except kind as error:
+        raise InputError(f"{what}: {error}") from None
+
+
 class MissingPackageError(InputError):
     """An optional package is not installed; the message holds the install command."""
 
@@ -49,9 +59,6 @@ def known_names(what: str, name: str, known: Iterable[str], *, listed: bool = Tr
     """Give the body of an "unknown name" message: `unknown joint 'elbw' (did you mean 'elbow'?); known: elbow, wrist`.
 
     Args:
-        what: kind of name.
-        name: the unknown one.
-        known: those that exist.
         listed: name them all; without, only one that is near.
     """
     names = list(known)
@@ -59,6 +66,13 @@ def known_names(what: str, name: str, known: Iterable[str], *, listed: bool = Tr
     if not listed:
         return f"unknown {what} '{name}'{near}"
     return f"unknown {what} '{name}'{near}; known: {', '.join(names) or 'none'}"
+
+
+def require_known(what: str, names: Iterable[str], known: Collection[str], where: str = "") -> None:
+    """Raise an `InputError` for the first name that does not exist, with those that do; `where` begins its line."""
+    for name in names:
+        if name not in known:
+            raise InputError(f"{where}{known_names(what, str(name), known)}")
 
 
 def meant(name: str, known: Iterable[str]) -> str:

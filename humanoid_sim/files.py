@@ -35,13 +35,11 @@ _COUNT = count()
 def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = None) -> Path:
     """Return the path of a file that can be opened and read to its end.
 
+    Raises `InputError` if there is no such file, it is a directory, a pipe, a socket or a device, or it is too large.
+
     Args:
-        path: of the file.
         what: it should be, such as `a motion file (.mcap)`.
         largest: bytes that it may have, of `humanoid_sim.bounds`; None: a reader that takes no more memory for more.
-
-    Raises:
-        InputError: there is no such file, it is a directory, a pipe, a socket or a device, or it is too large.
     """
     path = Path(path)
     try:
@@ -71,14 +69,12 @@ def is_file(path: str | os.PathLike[str]) -> bool:
 def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwrite: bool = True) -> Path:
     """Return the path of a file to write, looked at before the work whose result it will hold.
 
+    Raises `InputError` if its name has another suffix, is taken, or cannot be written.
+
     Args:
-        path: of the file.
         what: it is, for messages, such as the option that names it.
         suffixes: that its name may have, in lower case; none for any.
         overwrite: replace a file that is there.
-
-    Raises:
-        InputError: its name has another suffix, is taken, or cannot be written.
     """
     path = Path(path)
     if suffixes and path.suffix.lower() not in suffixes:
@@ -104,12 +100,10 @@ def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwri
 def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> io.FileIO:
     """Open a file to be written over a long time, unbuffered and empty; nobody else here writes it meanwhile.
 
-    Args:
-        path: of the file.
-        overwrite: replace what is in a file that is there.
+    Raises `InputError` if another process writes it, and it is left alone; it is there; or it cannot be written.
 
-    Raises:
-        InputError: another process writes it, and it is left alone; it is there; or it cannot be written.
+    Args:
+        overwrite: replace what is in a file that is there.
     """
     path = Path(path)
     flags = os.O_WRONLY | os.O_CREAT | _CLOSE_IN_CHILDREN | (0 if overwrite else os.O_EXCL)
@@ -138,12 +132,10 @@ def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> i
 def exclusive_folder(path: Path, what: str) -> Iterator[None]:
     """Make a folder, unless it is there, that nobody else has from here until the block ends.
 
-    Args:
-        path: of the folder.
-        what: it is, for messages, such as the option that names it.
+    Raises `InputError` if it cannot be made or written, or another process has it.
 
-    Raises:
-        InputError: it cannot be made or written, or another process has it.
+    Args:
+        what: it is, for messages, such as the option that names it.
     """
     lock = path / ".lock"
     try:
@@ -177,8 +169,7 @@ def _is_being_written(path: Path) -> bool:
 def whole_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     """Open a new file beside `path`; it takes that name when the block ends, and vanishes if the block raises.
 
-    Raises:
-        InputError: if the file cannot be written; the line names `path` and the reason.
+    Raises `InputError` if the file cannot be written; the line names `path` and the reason.
     """
     path = Path(path)
     # The beginning of the name only: with something added to it, a name of full length would be too long.

@@ -18,6 +18,10 @@ import numpy.typing as npt
 from humanoid_sim.errors import FieldError
 
 FloatArray = npt.NDArray[np.float64]
+Float32Array = npt.NDArray[np.float32]
+BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.int64]
+IndexArray = npt.NDArray[np.intp]
 
 COMMAND_FIELDS = ("position", "velocity", "effort", "stiffness", "damping")
 """The five MIT fields in their frozen order (`humanoid_control_msgs/MITCommand`)."""
@@ -26,8 +30,7 @@ COMMAND_FIELDS = ("position", "velocity", "effort", "stiffness", "damping")
 def frozen_array(owner: str, name: str, value: npt.ArrayLike) -> FloatArray:
     """Return a read-only float64 copy of `value`, shape unchanged.
 
-    Raises:
-        FieldError: if `value` is not an array of real numbers; the message starts with `owner.name`.
+    Raises `FieldError` if `value` is not an array of real numbers; the message starts with `owner.name`.
     """
     try:
         array = np.array(value)

@@ -17,8 +17,6 @@ def near_miss(name: str, known: Iterable[str], likeness: float = 0.75) -> str:
     """Return the one of the known names that was probably meant; empty if none is close.
 
     Args:
-        name: the unknown one.
-        known: those that exist.
         likeness: of the letters of the two, 0 to 1, from which one is taken for a slip of the other.
     """
     plain = {_plain(other[:_LONGEST]): other for other in islice(known, _MOST)}

@@ -40,8 +40,7 @@ _VERSIONS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.
 def read_arrays(path: str | os.PathLike[str]) -> dict[str, npt.NDArray[Any]]:
     """Every array of a file by its name; none of them may need code to be read.
 
-    Raises:
-        InputError: one line with the file and what is wrong with it.
+    Raises `InputError` with the file and what is wrong with it.
     """
     path = regular_file(path, "an .npz file")
     try:

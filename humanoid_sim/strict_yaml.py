@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+from collections.abc import Callable
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -122,50 +123,33 @@ _Loader.add_implicit_resolver(
 
 
 def read_yaml(path: Path) -> Any:
-    """Return the document in a YAML file; None if it is empty.
+    """Return the document in a trainer's or a user's YAML file, with numbers and a tag as `_Loader` reads them.
 
-    Raises:
-        InputError: one line with the file, the place and what is wrong.
+    None if it is empty. Raises `InputError` as `read_strictly`.
     """
-    try:
-        return yaml.load(regular_file(path, "a YAML file", YAML_BYTES).read_text(encoding="utf-8"), _Loader)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not text (UTF-8), expected a YAML file") from None
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: is not YAML that can be read{_place(error)}: {_problem(error)}") from None
-    except UNREADABLE as error:
-        raise InputError(f"{path}: is not YAML that can be read: {type(error).__name__}: {error}") from None
-
-
-def _place(error: yaml.YAMLError) -> str:
-    mark = getattr(error, "problem_mark", None)
-    return "" if mark is None else f" (line {mark.line + 1})"
-
-
-def _problem(error: yaml.YAMLError) -> str:
-    text = getattr(error, "problem", None) or str(error)
-    return one_line(text)
+    return _read(path, str(path), "a YAML file", lambda text: yaml.load(text, _Loader))
 
 
 def read_strictly(path: Path, label: str, what: str = "a YAML file") -> Any:
     """Return the document in a file; `label` is what to call the file in messages, `what` it should be.
 
-    Raises:
-        InputError: one line with the label, the place and what is wrong.
+    Raises `InputError` with the label, the place and what is wrong.
     """
+    return _read(path, label, what, load_strictly)
+
+
+def _read(path: Path, label: str, what: str, load: Callable[[str], Any]) -> Any:
     try:
-        return load_strictly(regular_file(path, what, YAML_BYTES).read_text(encoding="utf-8"))
+        return load(regular_file(path, what, YAML_BYTES).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{label}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise InputError(f"{label}: is not a text file (UTF-8)") from None
+        raise InputError(f"{label}: is not a text file (UTF-8), expected {what}") from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
         problem = getattr(error, "problem", None) or str(error).partition("\n")[0]
-        raise InputError(f"{label}: {where}not valid YAML: {problem}") from None
+        raise InputError(f"{label}: {where}not valid YAML: {one_line(problem)}") from None
     except UNREADABLE as error:
         raise InputError(f"{label}: not YAML that can be read: {type(error).__name__}: {error}") from None
 
@@ -189,8 +173,6 @@ def schema_problem(error: msgspec.ValidationError, document: Any, struct: type[A
     """Return what msgspec has found wrong with a document, such as `joints[3].upper: is 'x', expected a number`.
 
     Args:
-        error: of `msgspec.convert`.
-        document: that was to be converted.
         struct: to which, a struct or a dataclass.
         hidden: a field of it that no file has.
     """

@@ -72,7 +72,7 @@ def test_the_type_at_a_place():
     [
         (b"a: [", "x: line 1, column 5: not valid YAML: "),
         (b"a: 1\na: 2", "x: line 2, column 1: not valid YAML: 'a' is given twice"),
-        (b"\xff", "x: is not a text file (UTF-8)"),
+        (b"\xff", "x: is not a text file (UTF-8), expected a YAML file"),
     ],
 )
 def test_a_file_that_cannot_be_read_is_one_line_with_its_place(tmp_path, data, problem):

@@ -8,13 +8,11 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from humanoid_sim.envs.registration import ENVIRONMENTS
-from humanoid_sim.errors import InputError, MissingPackageError, known_names
+from humanoid_sim.errors import InputError, MissingPackageError, require_known
 from humanoid_sim.rendering.backend import choose_backend
 
 if TYPE_CHECKING:
     from dm_control.rl import control
-
-__all__ = ["NAMES", "load"]
 
 NAMES = {
     "lite_tracking": "humanoid_sim/LiteTracking-v0",
@@ -45,8 +43,7 @@ def load(
         InputError: there is no such task, or an option is not accepted.
         MissingPackageError: `dm_control` is not installed.
     """
-    if name not in NAMES:
-        raise InputError(known_names("dm_env task", name, NAMES))
+    require_known("dm_env task", [name], NAMES)
     try:
         import dm_control.rl.control  # noqa: F401, PLC0415 - the rest of the package does without
     except ImportError:
@@ -65,10 +62,7 @@ def _settle_opengl() -> None:
     """Import `dm_control` with an OpenGL that this machine has, or with none: only pictures need it.
 
     By itself it chooses when it is imported: without a display a GLFW that cannot draw, or a PyOpenGL that fails to
-    load without its library.
-
-    Raises:
-        InputError: what `MUJOCO_GL` asks for cannot be loaded.
+    load without its library. Raises `InputError` if what `MUJOCO_GL` asks for cannot be loaded.
     """
     request, choice = os.environ.get("MUJOCO_GL"), choose_backend()
     os.environ["MUJOCO_GL"] = "disable" if choice.opengl == "none" else choice.opengl

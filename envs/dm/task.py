@@ -19,8 +19,7 @@ from gymnasium.spaces import Box
 
 from humanoid_sim.envs.episode_robot import EpisodeRobot, RandomisedRobot
 from humanoid_sim.envs.policy_env import PolicyEnv
-
-Array = npt.NDArray[np.float32]
+from humanoid_sim.mit import Float32Array
 
 
 class RobotPhysics(mujoco.Physics):
@@ -40,7 +39,6 @@ class RobotPhysics(mujoco.Physics):
 
     def step(self, nstep: int = 1) -> None:
         """One policy step, which is `nstep` physics steps."""
-        del nstep
         self._advance()
 
     def after_reset(self) -> None:
@@ -93,13 +91,11 @@ class PolicyTask(control.Task):
 
     def initialize_episode(self, physics: RobotPhysics) -> None:
         """Start the next episode; the seed counts once."""
-        del physics
         self._observation, _ = self.env.reset(seed=self._seed)
         self._seed, self._discount = None, None
 
     def before_step(self, action: npt.ArrayLike, physics: RobotPhysics) -> None:
         """Take an action; the physics' step lets it act."""
-        del physics
         self._action = np.asarray(action, dtype=np.float32)
 
     def advance(self) -> None:
@@ -112,26 +108,22 @@ class PolicyTask(control.Task):
 
     def action_spec(self, physics: RobotPhysics) -> specs.BoundedArray:
         """Shape (m,), raw actions, with the bounds of the Gymnasium environment."""
-        del physics
         space = self.env.action_space
         assert isinstance(space, Box)
         names = "\t".join(self.env.scenario.contract.action_joint_names)  # as dm_control names actuators
         return specs.BoundedArray(space.shape, np.float32, space.low, space.high, name=names)
 
-    def get_observation(self, physics: RobotPhysics) -> OrderedDict[str, Array]:
+    def get_observation(self, physics: RobotPhysics) -> OrderedDict[str, Float32Array]:
         """Return what the policy observes, term by term."""
-        del physics
         parts = np.split(self._observation, list(self._ends.values())[:-1])
         return OrderedDict((name, part.copy()) for name, part in zip(self._ends, parts, strict=True))
 
     def get_reward(self, physics: RobotPhysics) -> float:
         """Return the reward of the latest step."""
-        del physics
         return self._reward
 
     def get_termination(self, physics: RobotPhysics) -> float | None:
         """Return the last step's discount; None while the episode goes on."""
-        del physics
         return self._discount
 
 

@@ -19,7 +19,7 @@ from humanoid_sim.envs.tasks.piano import PianoTask
 from humanoid_sim.envs.tasks.task import BalanceTask, Task
 from humanoid_sim.envs.tasks.tracking import MotionTask, TrackingTask
 from humanoid_sim.envs.tasks.velocity import VelocityTask, WalkingTask
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.robots.schema import RobotDescription
 
 __all__ = ["TASKS", "TASK_OPTIONS", "Task", "make_task"]
@@ -48,12 +48,11 @@ def make_task(
 ) -> Task:
     """Return a task; `auto`: the one that the contract and its motion were made for.
 
+    Raises `InputError` if there is no such task, or it is not one for this robot and motion.
+
     Args:
         task: name in `TASKS`, or `auto`; or a class of your own.
         options: as `Task` takes them.
-
-    Raises:
-        InputError: there is no such task, or it is not one for this robot and motion.
     """
     if not isinstance(task, str):
         return task(description, contract, reference, **options)
@@ -62,8 +61,7 @@ def make_task(
         walks = description.is_floating and contract.task_type == "locomotion"
         followed = (name for name, kind in TASKS.items() if kind.REFERENCE in reference.terms)
         name = next(followed, "velocity" if walks else "balance")
-    if name not in TASKS:
-        raise InputError(f"task: {known_names('task', name, ('auto', *TASKS))}")
+    require_known("task", [name], ("auto", *TASKS), "task: ")
     kind = TASKS[name]
     if kind.REFERENCE and kind.REFERENCE not in reference.terms:
         raise InputError(f"task: {name} needs a motion with {kind.REFERENCE}, and the policy's has none")

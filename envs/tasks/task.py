@@ -17,7 +17,7 @@ import numpy.typing as npt
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.errors import InputError, known_names, reason_of
+from humanoid_sim.errors import InputError, reason_of, require_known
 from humanoid_sim.evaluation.errors import total
 from humanoid_sim.evaluation.failure import describe_fall, has_fallen
 from humanoid_sim.evaluation.rollout import StepSample
@@ -118,6 +118,9 @@ class Task(ABC):
     ) -> None:
         """Prepare for a robot and a contract.
 
+        Raises `InputError` if a number is not finite, a weight is for a term that the task does not have, or a further
+        term is not a weight with a function.
+
         Args:
             contract: of the policy; its joints are the robot's.
             standing_height: m, of the centre of mass above the floor where the robot stands; 0 for a fixed base.
@@ -127,10 +130,6 @@ class Task(ABC):
             velocity_noise: rad/s by which each joint may start off rest.
             rewards: further terms by name, or others in place of the task's own. One function of a `StepSample` serves
                 one robot and a batch.
-
-        Raises:
-            InputError: a number is not finite, a weight is for a term that the task does not have, or a further term
-                is not a weight with a function.
         """
         numbers = {"episode_seconds": episode_seconds, "joint_noise": joint_noise, "velocity_noise": velocity_noise}
         for name, value in numbers.items():
@@ -139,9 +138,7 @@ class Task(ABC):
         self._rewards = checked_terms(rewards)
         own = {name: weight for name, (weight, _) in self._rewards.items()}
         known = {**self.WEIGHTS, **own}
-        for name in weights or {}:
-            if name not in known:
-                raise InputError(f"weights: {known_names('reward term', name, known)}")
+        require_known("reward term", weights or (), known, "weights: ")
         self.weights: Mapping[str, float] = MappingProxyType({**known, **(weights or {})})
         """1/s per unit of each term."""
         for name, value in self.weights.items():
@@ -175,7 +172,6 @@ class Task(ABC):
         Joints start around the contract's default pose, within their limits; a floating base has any heading.
 
         Args:
-            numbers: of one robot or a batch.
             around: joint positions, rad, and velocities, rad/s, (..., n), around which they start instead, of those
                 robots where the third, (...), says so.
         """
@@ -199,7 +195,6 @@ class Task(ABC):
 
     def command(self, commands: FloatArray, step: int | npt.NDArray[np.integer]) -> FloatArray:
         """Give the velocity command in force after `step` policy steps, shape (..., 3); `commands` are the start's."""
-        del step
         command: FloatArray = commands[..., 0, :]
         return command
 
@@ -226,15 +221,13 @@ class Task(ABC):
     def _checked(self, sample: StepSample) -> tuple[dict[str, FloatArray], BoolArray]:
         """Return what `_measure` does, which may be a user's.
 
-        Raises:
-            InputError: it fails, or does not give what it is to give; the line says where.
+        Raises `InputError` if it fails, or does not give what it is to give; the line says where.
         """
         name, shape = type(self).__name__, sample.torque.shape[:-1]
         try:
             values, terminated = self._measure(sample)
+            require_known("reward term", values, self._rate, f"task: {name}.WEIGHTS: ")
             for term, value in values.items():
-                if term not in self._rate:
-                    raise InputError(f"task: {name}.WEIGHTS: {known_names('reward term', term, self._rate)}")
                 if np.shape(value) != shape:
                     raise InputError(f"task: {name}: '{term}' has shape {np.shape(value)}, expected {shape}")
             if np.shape(terminated) != shape or np.asarray(terminated).dtype != np.bool_:
@@ -292,11 +285,7 @@ class BalanceTask(Task):
 
 
 def checked_terms(rewards: Mapping[str, RewardTerm] | None) -> dict[str, RewardTerm]:
-    """Return the terms by name.
-
-    Raises:
-        InputError: one is not a weight with a function.
-    """
+    """Return the terms by name. Raises `InputError` if one is not a weight with a function."""
     if not isinstance(rewards, Mapping | None):
         raise InputError(f"rewards: is {_kind(rewards)}, expected a (weight, function) by the name of each term")
     for name, term in (rewards or {}).items():
@@ -321,8 +310,7 @@ def finite(value: Any) -> bool:
 def term_value(name: str, term: RewardTerm, sample: StepSample, shape: tuple[int, ...]) -> FloatArray:
     """Return what a term gives for a policy step, shape (...).
 
-    Raises:
-        InputError: it is neither a value for each robot, nor a number for all of them.
+    Raises `InputError` if it is neither a value for each robot, nor a number for all of them.
     """
     given = term[1](sample)
     if type(given) in (float, int):  # not NumPy's scalars: in a batch they are a sum over all robots
@@ -337,14 +325,11 @@ def term_value(name: str, term: RewardTerm, sample: StepSample, shape: tuple[int
 
 
 def require_finite(reward: FloatArray, terms: Mapping[str, FloatArray]) -> None:
-    """Refuse rewards that are not finite.
+    """Refuse rewards that are not finite. Raises `InputError` if one is not; it names the term and the first robot.
 
     Args:
         reward: shape (...), 0 for robots that do not count.
         terms: what each adds to it, shape (...).
-
-    Raises:
-        InputError: one is not; it names the term and the first robot.
     """
     # of one robot by `math`: NumPy takes 20 times as long for a single number
     if math.isfinite(reward) if reward.ndim == 0 else np.isfinite(reward).all():

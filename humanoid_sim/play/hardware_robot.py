@@ -29,8 +29,7 @@ from humanoid_sim.mit import KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.front_ends import EMULATED_KEYBOARD
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import BringUp, RobotSetup, gravity_levers
-from humanoid_sim.policy.robot_check import motor_findings
-from humanoid_sim.policy.suspicious import suspicious_findings
+from humanoid_sim.policy.checks import motor_findings, suspicious_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.realtime import punctual_threads
 from humanoid_sim.simulation.floating_base import support_in_mode

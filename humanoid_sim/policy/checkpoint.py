@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
+from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY
 from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
@@ -58,12 +58,7 @@ class Checkpoint:
             self.policy.model.time_limit = seconds
 
     def following(self, motion: Motion | None = None, motion_source: str = "motion") -> LoadedPolicy:
-        """Load the policy with a motion; None: the one in its graph, or none. Raises `InputError` if they do not fit.
-
-        Args:
-            motion: what it is to follow.
-            motion_source: what to call the motion in messages.
-        """
+        """Load the policy with a motion; None: that of its graph, or none. Raises `InputError` if they do not fit."""
         return load_policy(
             self.contract,
             self.policy,
@@ -79,13 +74,12 @@ def load_checkpoint(
 ) -> Checkpoint:
     """Return a checkpoint with its contract complete, its widths checked and its first (slow) inference done.
 
+    Raises `InputError` naming the file and what is wrong with it.
+
     Args:
         contract_file: a contract.yaml; None: the one beside the model, if there is one.
         robot_joints: the joints in the robot's own order; only needed where no source names the policy's joints.
         verify: compute the golden vectors that the model carries again, and refuse it if something else comes out.
-
-    Raises:
-        InputError: one line that names the file and what is wrong with it.
     """
     model = OnnxModel(path)
     outputs = [tensor.name for tensor in model.outputs]
@@ -134,7 +128,7 @@ def zero_policy(action_count: int) -> Policy:
     action = np.zeros(action_count, dtype=np.float32)
     action.setflags(write=False)
 
-    def policy(observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:  # noqa: ARG001
+    def policy(observation: Float32Array, frame: int) -> Float32Array:  # noqa: ARG001
         return action
 
     return policy

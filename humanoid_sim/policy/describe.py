@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import fields
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,8 +29,7 @@ _UNUSUAL = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class TermLine:
+class TermLine(NamedTuple):
     """One observation term."""
 
     start: int
@@ -45,8 +44,7 @@ class TermLine:
     history: str
 
 
-@dataclass(frozen=True, slots=True)
-class FieldLine:
+class FieldLine(NamedTuple):
     """One field of the contract and where it came from."""
 
     name: str
@@ -58,22 +56,13 @@ def term_lines(contract: PolicyContract, layout: ObservationLayout) -> list[Term
     """Return the observation, term by term."""
     lines = []
     begin = 0
-    per_step = layout.history_layout == "per_step"
     for resolved in layout.terms:
-        term = resolved.term
-        kind = contract.kind(term)
-        lines.append(
-            TermLine(
-                start=resolved.start if per_step else begin,
-                width=resolved.width,
-                name=term.name,
-                meaning=_meaning(kind, term),
-                conventions=", ".join(_conventions(term)),
-                scale=_numbers(term.scale),
-                history="" if term.history == 1 else f"{term.history} steps, {term.history_order.replace('_', ' ')}",
-            )
-        )
-        begin += resolved.width
+        term, width = resolved.term, resolved.width
+        start = resolved.start if layout.history_layout == "per_step" else begin
+        history = "" if term.history == 1 else f"{term.history} steps, {term.history_order.replace('_', ' ')}"
+        meaning, conventions = _meaning(contract.kind(term), term), ", ".join(_conventions(term))
+        lines.append(TermLine(start, width, term.name, meaning, conventions, _numbers(term.scale), history))
+        begin += width
     return lines
 
 
@@ -109,22 +98,22 @@ def _conventions(term: Term) -> Iterator[str]:
 
 def field_lines(contract: PolicyContract) -> list[FieldLine]:
     """Every field, its value and its source; options of observation terms that have one source are put together."""
-    lines = []
+    lines: list[FieldLine] = []
+
+    def add(name: str, value: str) -> None:
+        lines.append(FieldLine(name, value, contract.provenance.get(name, NOT_STATED)))
+
     for name in FORMS:
         if name not in ("tensors", "observation"):
-            value = _value(name, getattr(contract, name), contract.joint_names)
-            lines.append(FieldLine(name, value, contract.provenance.get(name, NOT_STATED)))
+            add(name, _value(name, getattr(contract, name), contract.joint_names))
         if name == "phase":
             lines += _phase_lines(contract)
-    lines.append(
-        FieldLine("observation", f"{len(contract.terms)} terms", contract.provenance.get("observation", NOT_STATED))
-    )
+    add("observation", f"{len(contract.terms)} terms")
     lines += _option_lines(contract)
     for field in fields(contract.tensors):
-        name = f"tensors.{field.name}"
-        value = getattr(contract.tensors, field.name)
+        name, value = f"tensors.{field.name}", getattr(contract.tensors, field.name)
         if value or name in contract.provenance:
-            lines.append(FieldLine(name, value or "by its place", contract.provenance.get(name, NOT_STATED)))
+            add(name, value or "by its place")
     return lines
 
 

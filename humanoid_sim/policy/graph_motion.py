@@ -6,16 +6,16 @@ import time
 from collections.abc import Callable, Collection
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.bounds import MOTION_SECONDS
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy, first_line
 from humanoid_sim.policy.readers.partial import PartialContract, assumed
 
-_Frame = Callable[[int], npt.NDArray[np.float32] | None]
+_Frame = Callable[[int], Float32Array | None]
 _JOINTS = ("joint_pos", "joint_vel")
 _BODIES = ("body_pos_w", "body_quat_w")
 _ANCHOR = ("ref_pos_xyz", "ref_quat_xyzw")
@@ -38,6 +38,8 @@ def graph_conventions(outputs: Collection[str]) -> PartialContract:
 def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
     """Read the motion frame by frame, up to where the outputs stop changing; None where none is in the graph.
 
+    Raises `InputError` if the outputs do not fit the contract, or never end.
+
     Args:
         policy: its outputs `joint_pos` and `joint_vel` are in the policy's joint order, `body_pos_w` and `body_quat_w`
             in the order of the contract's `body_names`; `ref_pos_xyz` and `ref_quat_xyzw` are of its anchor body.
@@ -45,9 +47,6 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
 
     Returns:
         A motion of layout `joints_bodies_w`, float32 as the graph gives it, quaternions w x y z.
-
-    Raises:
-        InputError: if the outputs do not fit the contract, or never end.
     """
     path = policy.model.path
     available = {tensor.name for tensor in policy.model.outputs}
@@ -68,7 +67,7 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
 
     latest = time.monotonic() + MOTION_SECONDS
 
-    def frame(index: int) -> npt.NDArray[np.float32] | None:
+    def frame(index: int) -> Float32Array | None:
         if time.monotonic() > latest:
             raise InputError(f"{path}: the motion in its graph is not read after {MOTION_SECONDS:g} s")
         try:
@@ -80,7 +79,7 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
         return _row(dict(zip(outputs, answer, strict=True)), contract, len(bodies), str(path))
 
     rows = _rows(frame, str(path))
-    try:
+    with blaming(f"{path}: motion in its graph"):
         return Motion(
             frames=np.stack(rows),
             body_names=bodies,
@@ -88,13 +87,11 @@ def sweep_motion(policy: OnnxPolicy, contract: PolicyContract) -> Motion | None:
             layout="joints_bodies_w",
             joint_names=contract.joint_names,
         )
-    except FieldError as error:
-        raise InputError(f"{path}: motion in its graph: {error}") from None
 
 
-def _rows(frame: _Frame, path: str) -> list[npt.NDArray[np.float32]]:
+def _rows(frame: _Frame, path: str) -> list[Float32Array]:
     """All frames up to the first of those that never change again."""
-    rows: list[npt.NDArray[np.float32]] = []
+    rows: list[Float32Array] = []
     end = 0
     while True:
         row = frame(len(rows))
@@ -109,7 +106,7 @@ def _rows(frame: _Frame, path: str) -> list[npt.NDArray[np.float32]]:
             raise InputError(f"{path}: the motion in its graph still changes after {_LONGEST} frames")
 
 
-def _is_end(frame: _Frame, rows: list[npt.NDArray[np.float32]]) -> bool:
+def _is_end(frame: _Frame, rows: list[Float32Array]) -> bool:
     """Return whether the last frame is held from here on, as far as a look at every so many frames tells."""
     if (len(rows) - 1) % _HELD:  # a long pause is looked beyond now and then, not at each of its frames
         return False
@@ -117,13 +114,11 @@ def _is_end(frame: _Frame, rows: list[npt.NDArray[np.float32]]) -> bool:
     return all(row is not None and _same(row, rows[-1]) for row in later)
 
 
-def _same(row: npt.NDArray[np.float32], other: npt.NDArray[np.float32]) -> bool:
+def _same(row: Float32Array, other: Float32Array) -> bool:
     return np.array_equal(row, other, equal_nan=True)
 
 
-def _row(
-    values: dict[str, npt.NDArray[np.float32]], contract: PolicyContract, bodies: int, path: str
-) -> npt.NDArray[np.float32]:
+def _row(values: dict[str, Float32Array], contract: PolicyContract, bodies: int, path: str) -> Float32Array:
     joints = len(contract.joint_names)
     parts = [_flat(values, name, joints, path) for name in _JOINTS]
     if _BODIES[0] in values:
@@ -136,12 +131,12 @@ def _row(
     return np.concatenate(parts)
 
 
-def _flat(values: dict[str, npt.NDArray[np.float32]], name: str, size: int, path: str) -> npt.NDArray[np.float32]:
+def _flat(values: dict[str, Float32Array], name: str, size: int, path: str) -> Float32Array:
     value = np.asarray(values[name], dtype=np.float32).ravel()
     if value.shape != (size,):
         raise InputError(f"{path}: output '{name}' has {value.size} values, expected {size}")
     return value
 
 
-def _wxyz(quaternions: npt.NDArray[np.float32], order: str) -> npt.NDArray[np.float32]:
+def _wxyz(quaternions: Float32Array, order: str) -> Float32Array:
     return (quaternions if order == "wxyz" else quaternions[:, [3, 0, 1, 2]]).ravel()

@@ -11,7 +11,7 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout, resolve_observation
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, blaming
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.ros2.topics import is_used
@@ -62,23 +62,19 @@ def load_policy(
 ) -> LoadedPolicy:
     """Bring a policy and its motion together.
 
+    Raises `InputError` if the motion does not fit the policy, or the terms do not add up to the model's input.
+
     Args:
         motion: what it follows; None for a policy that follows none.
         observation_width: N as the model declares it; None if any will do.
         source: what to call the policy in messages.
-        motion_source: what to call the motion.
-
-    Raises:
-        InputError: if the motion does not fit the policy, or the terms do not add up to the model's input.
     """
-    try:
+    with blaming(source):
         for name, topic in contract.live_topics.items():
             if is_used(topic.name):
                 raise FieldError(f"live input '{name}': its topic is {topic.name}, which a session uses itself")
         loaded = LoadedPolicy(contract, _reference(contract, motion, source, motion_source), policy)
         layout = loaded.layout
-    except FieldError as error:
-        raise InputError(f"{source}: {error}") from None
     if observation_width is not None and layout.width != observation_width:
         terms = " + ".join(f"{term.name} {term.width}" for term in layout.terms)
         raise InputError(
@@ -120,12 +116,11 @@ def _reference(contract: PolicyContract, motion: Motion | None, source: str, mot
 def contract_layout(contract: PolicyContract, observation_width: int | None = None) -> ObservationLayout:
     """Return the observation in the policy's own joint order, with empty tables in the place of the motion.
 
+    Raises `FieldError` for an unknown term, or one that the contract does not say enough about.
+
     Args:
         observation_width: N as the model declares it. It tells how many keys a policy sees where the contract does not
             say; None: one key.
-
-    Raises:
-        FieldError: for an unknown term, or one that the contract does not say enough about.
     """
     one = _layout(contract, keys=1)
     if observation_width is None:

@@ -36,8 +36,7 @@ def read_own(metadata: Mapping[str, str], where: str) -> PartialContract:
 def write_metadata(contract: PolicyContract) -> dict[str, str]:
     """Return the thirteen keys of a contract; `read_own` gives what they can say of it back, bit for bit.
 
-    Raises:
-        FieldError: if a name holds a comma or has spaces around it, which a CSV list cannot keep.
+    Raises `FieldError` if a name holds a comma or has spaces around it, which a CSV list cannot keep.
     """
     # Keys differ from the fields' names in one, `observation_names`, and that is a property of the contract.
     return {key: _csv(key, getattr(contract, key)) for key in METADATA_KEYS}

@@ -27,9 +27,9 @@ from mcap.writer import CompressionType, Writer
 
 from humanoid_sim.bounds import MOTION_VALUES
 from humanoid_sim.controllers.rotation import rotation_6d, rotation_from_6d
-from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.errors import FieldError, InputError, blaming, known_names
 from humanoid_sim.files import regular_file, whole_file
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import Float32Array, FloatArray
 from humanoid_sim.policy.readers.values import names
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.definitions import FLOAT32_MULTI_ARRAY, SCHEMA_ENCODING, schema_text
@@ -52,7 +52,7 @@ _SEVERAL = "; `play --motion-topic` takes one of several"
 class Motion:
     """One episode of a reference motion, checked and read-only."""
 
-    frames: npt.NDArray[np.float32]
+    frames: Float32Array
     """Shape (F, width), one row per policy step, F ≥ 1; finite."""
     body_names: tuple[str, ...]
     """The B tracked bodies in the order of the frame; empty without bodies, or if the file does not say."""
@@ -122,11 +122,10 @@ def body_poses(frames: npt.NDArray[np.floating], count: int) -> tuple[FloatArray
 def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motion:
     """Read and check a motion file, or a folder of rosbag2.
 
+    Raises `InputError` with the file and what is wrong with it.
+
     Args:
         topic: of the motion, where there are others; None: it has to be the only one.
-
-    Raises:
-        InputError: one line with the file and what is wrong with it.
     """
     path = Path(path)
     try:
@@ -144,14 +143,14 @@ def parse_motion(data: bytes, name: str) -> Motion:
     return _motion(Path(name), _read_rows(Path(name), [(Path(name), McapStream(BytesIO(data)))]))
 
 
-_Rows = tuple[list[npt.NDArray[np.float32]], list[int], Mapping[str, str]]
+_Rows = tuple[list[Float32Array], list[int], Mapping[str, str]]
 """Frames in file order, their log times in ns, and the metadata record `motion`."""
 
 
 def _motion(path: Path, found: _Rows) -> Motion:
     rows, times, metadata = found
     layout = metadata.get("layout", "bodies_b")
-    try:
+    with blaming(path):
         return Motion(
             frames=np.stack(rows),
             body_names=names(metadata.get("body_names", "")),
@@ -161,8 +160,6 @@ def _motion(path: Path, found: _Rows) -> Motion:
             layout=layout,  # type: ignore[arg-type]  # checked at construction
             joint_names=names(metadata.get("joint_names", "")),
         )
-    except FieldError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def _read_rows(
@@ -173,7 +170,7 @@ def _read_rows(
     is_inner: bool = False,
 ) -> _Rows:
     metadata: dict[str, str] = {}
-    rows: list[npt.NDArray[np.float32]] = []
+    rows: list[Float32Array] = []
     times: list[int] = []
     kinds: dict[str, str] = {}
     """Type of each topic."""
@@ -218,7 +215,7 @@ def _is_frame(
     return topic in (None, channels[message.channel_id].topic)
 
 
-def _row(path: Path, record: Message, before: list[npt.NDArray[np.float32]]) -> npt.NDArray[np.float32]:
+def _row(path: Path, record: Message, before: list[Float32Array]) -> Float32Array:
     """One frame, as wide as those before it."""
     frame = len(before)
     try:
@@ -264,17 +261,13 @@ def _policy_dt(metadata: Mapping[str, str], times: list[int]) -> float:
 def write_motion(path: str | os.PathLike[str], motion: Motion) -> None:
     """Write a motion file. The same motion gives the same bytes; an existing file is replaced only by a whole one."""
     with whole_file(path) as file:
-        _write(Writer(file, compression=CompressionType.LZ4), motion)
+        file.write(motion_bytes(motion))
 
 
 def motion_bytes(motion: Motion) -> bytes:
     """Return what `write_motion` would write."""
     stream = BytesIO()
-    _write(Writer(stream, compression=CompressionType.LZ4), motion)
-    return stream.getvalue()
-
-
-def _write(writer: Writer, motion: Motion) -> None:
+    writer = Writer(stream, compression=CompressionType.LZ4)
     # The library's name without its version: the bytes must not change with an update of it.
     writer.start(profile="ros2", library=_LIBRARY)
     metadata = {
@@ -292,6 +285,7 @@ def _write(writer: Writer, motion: Motion) -> None:
         time = round(index * motion.policy_dt * _NANOSECONDS)
         writer.add_message(channel, time, encode_float32_array(frame), time, index)
     writer.finish()
+    return stream.getvalue()
 
 
 _METADATA = "metadata.yaml"

@@ -21,6 +21,7 @@ from humanoid_sim.bounds import ONNX_BYTES, ONNX_SECONDS
 from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file, regular_file
+from humanoid_sim.mit import Float32Array
 
 if TYPE_CHECKING:
     from onnx import ModelProto
@@ -62,11 +63,10 @@ class OnnxModel:
     def __init__(self, path: Path, graph: bytes | None = None) -> None:
         """Load a model.
 
+        Raises `InputError` if the file is not an ONNX model, or its external tensors are missing or another model's.
+
         Args:
             graph: a model that was made from the file's and is to run in its place; None: the file's own.
-
-        Raises:
-            InputError: if the file is not an ONNX model, or its external tensors are missing or another model's.
         """
         check_file(path)
         onnxruntime = onnx_runtime()
@@ -98,16 +98,14 @@ class OnnxModel:
         if graph is None:
             _check_tensors(path, self.metadata)
 
-    def run(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[npt.NDArray[np.float32]]:
+    def run(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[Float32Array]:
         """Compute some outputs; raises whatever ONNX Runtime raises, and `TimeoutError` beyond the limit."""
         if self.can_loop:
             return self._run_in_time(outputs, inputs)
-        values: list[npt.NDArray[np.float32]] = self._session.run(list(outputs), inputs)
+        values: list[Float32Array] = self._session.run(list(outputs), inputs)
         return values
 
-    def _run_in_time(
-        self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]
-    ) -> list[npt.NDArray[np.float32]]:
+    def _run_in_time(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[Float32Array]:
         """ONNX Runtime looks at the flag between two operators, also those within a loop."""
         options = onnx_runtime().RunOptions()
         options.log_severity_level = _SILENT
@@ -115,7 +113,7 @@ class OnnxModel:
         watch.daemon = True
         watch.start()
         try:
-            values: list[npt.NDArray[np.float32]] = self._session.run(list(outputs), inputs, options)
+            values: list[Float32Array] = self._session.run(list(outputs), inputs, options)
         except Exception:
             if options.terminate:
                 raise TimeoutError(f"its graph loops: not done after {self.time_limit:g} s") from None
@@ -273,13 +271,11 @@ class OnnxPolicy:
     def __init__(self, model: OnnxModel | Path, tensors: TensorNames | None = None) -> None:
         """Find the tensors of a model and check their form.
 
-        Args:
-            model: loaded, or its file.
-            tensors: names; those that are empty are found by their place.
+        Raises `InputError` if there is not exactly one observation, float32 (1, N), beside an optional time_step, or no
+        action, float32 (1, M).
 
-        Raises:
-            InputError: if there is not exactly one observation, float32 (1, N), beside an optional time_step, or no
-                action, float32 (1, M).
+        Args:
+            tensors: names; those that are empty are found by their place.
         """
         self.model = OnnxModel(model) if isinstance(model, Path) else model
         tensors = TensorNames() if tensors is None else tensors
@@ -306,24 +302,20 @@ class OnnxPolicy:
         self._time_step = "" if time_step is None else time_step.name
         self._frame_type = np.float32 if time_step is None else _NUMBERS[time_step.type]
 
-    def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
+    def __call__(self, observation: Float32Array, frame: int) -> Float32Array:
         """One inference, of one robot."""
         if observation.ndim != 1:
             raise InputError(
                 f"observation: has shape {observation.shape}, expected (N,): a policy answers one robot at a time"
             )
-        action: npt.NDArray[np.float32] = self.run([self.action_name], observation, frame)[0][0]
+        action: Float32Array = self.run([self.action_name], observation, frame)[0][0]
         return action
 
-    def run(
-        self, outputs: list[str], observation: npt.NDArray[np.float32], frame: int
-    ) -> list[npt.NDArray[np.float32]]:
+    def run(self, outputs: list[str], observation: Float32Array, frame: int) -> list[Float32Array]:
         """Any outputs of one inference, each as the model gives it, shape (1, …)."""
         return self.model.run(outputs, self.inputs(observation[None], np.array([frame])))
 
-    def inputs(
-        self, observation: npt.NDArray[np.float32], frame: npt.NDArray[np.integer]
-    ) -> dict[str, npt.NDArray[Any]]:
+    def inputs(self, observation: Float32Array, frame: npt.NDArray[np.integer]) -> dict[str, npt.NDArray[Any]]:
         """Return what goes into the model, by the names of its tensors, for observations (B, N) and frames (B,)."""
         inputs: dict[str, npt.NDArray[Any]] = {self._observation: observation}
         if self.has_time_step:

@@ -43,15 +43,13 @@ def random_song(
     """Return a song with one voice for each hand; notes of a voice do not overlap, and voices do not cross.
 
     Each voice keeps to a scale. It walks, leaps, repeats and rests; notes are long or short, together or by turns.
+    Raises `FieldError` if a hand has no keys, or a number is out of its range.
 
     Args:
         hands: the keys of each voice, from the lowest voice up.
         seconds: until the last note's end, at most.
         notes_per_second: of all voices together, within any second.
         lead_in: s before the first note.
-
-    Raises:
-        FieldError: a hand has no keys, or a number is out of its range.
     """
     for i, keys in enumerate(hands):
         if not keys or not all(0 <= key < KEY_COUNT for key in keys):
@@ -88,8 +86,7 @@ def held_out_songs(hands: Sequence[Sequence[int]], count: int, seed: int = 0) ->
 def named_song(name: str, robot: RobotDescription, folder: Path = Path(), what: str = "song") -> Song:
     """Return the song of `choose_song`, which has a note at least; `what` is what messages call it.
 
-    Raises:
-        InputError: there is no such song, it cannot be read, or none of its notes is within reach.
+    Raises `InputError` if there is no such song, it cannot be read, or none of its notes is within reach.
     """
     try:
         song, _ = choose_song(name, robot, folder)
@@ -103,15 +100,14 @@ def named_song(name: str, robot: RobotDescription, folder: Path = Path(), what: 
 def choose_song(name: str, robot: RobotDescription, folder: Path = Path()) -> tuple[Song, tuple[Note, ...]]:
     """Return what a robot can play of a sample song, of a MIDI file, or of `random:N`, the N-th of `held_out_songs`.
 
+    Raises `InputError` naming the option --song: there is no such song, or it cannot be read.
+
     Args:
         robot: with a piano.
         folder: that the path of a file is relative to.
 
     Returns:
         The song, and the notes that are left out of it.
-
-    Raises:
-        InputError: naming the option --song: there is no such song, or it cannot be read.
     """
     if is_generated(name):
         number = name.removeprefix(_RANDOM)

@@ -16,11 +16,11 @@ from typing import Any
 
 import mido
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.bounds import MIDI_BYTES, SONG_SECONDS
 from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import regular_file
+from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
 from humanoid_sim.robots.schema import RobotDescription
@@ -81,14 +81,12 @@ def key_number(name: str) -> int | None:
 def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain: bool = False) -> Song:
     """Read a MIDI file.
 
-    A note that begins while the same key still sounds ends the earlier one. Drums are left out.
+    A note that begins while the same key still sounds ends the earlier one. Drums are left out. Raises `InputError` for
+    what is not MIDI, has no notes, no such track, a time division in frames, or is longer than an hour.
 
     Args:
         tracks: those to play, counted from 0; None for all.
         sustain: notes sound on while the sustain pedal is down.
-
-    Raises:
-        InputError: no MIDI file, one without notes, no such track, a time division in frames, or longer than an hour.
     """
     path = regular_file(path, "a MIDI file (.mid)", MIDI_BYTES)
     try:
@@ -196,7 +194,6 @@ def thin_out(song: Song, keys: Iterable[int], voices: int | None = None) -> tupl
     that must make room while it sounds ends there.
 
     Args:
-        keys: those that can be reached.
         voices: most notes that sound at a time; None for any number.
     """
     reachable = frozenset(keys)
@@ -249,7 +246,7 @@ def left_out(notes: Iterable[Note]) -> str:
     return ", ".join(f"{key_name(key)} ({count})" if count > 1 else key_name(key) for key, count in counts)
 
 
-def goals(song: Song, policy_dt: float, *, gap: float = 0.06) -> npt.NDArray[np.float32]:
+def goals(song: Song, policy_dt: float, *, gap: float = 0.06) -> Float32Array:
     """Return the keys to be held down, shape (F, 88), 0 or 1, one row per policy step; the last row is all released.
 
     A note begins in the step nearest to its start and lasts for at least one. Before the same key is struck again it is

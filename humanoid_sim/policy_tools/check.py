@@ -8,7 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from rich.markup import escape
 
 from humanoid_sim.cli import ExitStatus
@@ -17,28 +16,13 @@ from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.policy_step import action_limit_of, resolve_action
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import regular_file
+from humanoid_sim.mit import Float32Array
+from humanoid_sim.policy import checks
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.checks import SEVERITIES, Finding, Severity
 from humanoid_sim.policy.golden.verify import verify_golden
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.onnx_policy import OnnxModel
-from humanoid_sim.policy.robot_check import (
-    SEVERITIES,
-    Finding,
-    Severity,
-    body_findings,
-    effort_findings,
-    estimate_findings,
-    joint_findings,
-    live_findings,
-    model_damping_findings,
-    motor_findings,
-    naming_findings,
-    point_findings,
-    range_findings,
-    rate_finding,
-    sorted_findings,
-)
-from humanoid_sim.policy.suspicious import suspicious_findings
 from humanoid_sim.policy_tools import Check
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import (
@@ -52,8 +36,6 @@ from humanoid_sim.robots.guards import describe_unwatched
 from humanoid_sim.robots.mjcf import bare_model, imu_line, own_joint_damping, prefix_line
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.stability import REFUSED_ABOVE, WARNED_ABOVE, DampingStability
-
-Float32Array = npt.NDArray[np.float32]
 
 _PROBES = 4
 _STYLES: dict[Severity, str] = {"error": "bold red", "warning": "yellow", "info": "cyan"}
@@ -103,14 +85,12 @@ def check_checkpoint(
 ) -> tuple[Finding, ...]:
     """Everything that can be said without running the policy on the robot, the worst first.
 
-    A contract that contradicts itself or is not complete is one finding, and the only one.
+    A contract that contradicts itself or is not complete is one finding, and the only one. Raises `InputError` if the
+    checkpoint is not a model, the contract file is not there, or the robot's MJCF cannot be read.
 
     Args:
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
         physics_timestep: s of the simulation; None: the robot's.
-
-    Raises:
-        InputError: the checkpoint is not a model, the contract file is not there, or the robot's MJCF cannot be read.
     """
     OnnxModel(path)  # what is not a model cannot be checked
     if contract_file is not None:
@@ -119,7 +99,7 @@ def check_checkpoint(
         checkpoint = load_checkpoint(path, contract_file, description.joint_names, verify=False)
     except InputError as error:
         return (Finding("error", "contract", str(error).removeprefix(f"{path}: ")),)
-    return sorted_findings(_findings(checkpoint, description, hardware, physics_timestep))
+    return checks.sorted_findings(_findings(checkpoint, description, hardware, physics_timestep))
 
 
 def _findings(
@@ -128,32 +108,32 @@ def _findings(
     contract, model = checkpoint.contract, bare_model(description)
     sites = [model.site(i).name for i in range(model.nsite) if model.site(i).name]
     bodies = [model.body(i).name for i in range(1, model.nbody)]
-    joints = tuple(joint_findings(contract, description))
+    joints = tuple(checks.joint_findings(contract, description))
     yield from joints
-    yield from naming_findings(contract, description)
-    yield from body_findings(contract, bodies, description.name)
+    yield from checks.naming_findings(contract, description)
+    yield from checks.body_findings(contract, bodies, description.name)
     yield from _model_findings(checkpoint)
     yield from _golden(checkpoint)
-    yield from motor_findings(contract, description, hardware=hardware)
-    yield from range_findings(contract, description)
-    yield from effort_findings(contract, description)
+    yield from checks.motor_findings(contract, description, hardware=hardware)
+    yield from checks.range_findings(contract, description)
+    yield from checks.effort_findings(contract, description)
     if not joints:
         yield from _stability(contract, description, physics_timestep)
         unwatched = describe_unwatched(with_contract_physics(description, contract))
         if unwatched:
             yield Finding("info", "guards", unwatched.removeprefix("guards: "))
-    yield from point_findings(contract, sites, bodies, description.name)
+    yield from checks.point_findings(contract, sites, bodies, description.name)
     own_damping = own_joint_damping(model, description)
-    yield from model_damping_findings(contract, own_damping)
+    yield from checks.model_damping_findings(contract, own_damping)
     if prefix := prefix_line(description.mjcf_path):
         yield Finding("info", "robot", prefix)
     if description.is_floating:
         yield Finding("info", "imu", imu_line(model, description))
-    yield from suspicious_findings(contract, description, own_damping)
-    yield from estimate_findings(contract, hardware=hardware)
-    yield from live_findings(contract)
+    yield from checks.suspicious_findings(contract, description, own_damping)
+    yield from checks.estimate_findings(contract, hardware=hardware)
+    yield from checks.live_findings(contract)
     if hardware:
-        yield from rate_finding(contract, description)
+        yield from checks.rate_finding(contract, description)
 
 
 def _golden(checkpoint: Checkpoint) -> Iterator[Finding]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,24 +19,18 @@ from humanoid_sim.command_line.description import field_texts
 from humanoid_sim.controllers.contract import FORMS, PolicyContract
 from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.term_kinds import TERM_KINDS
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import output_file, whole_file
+from humanoid_sim.policy import describe
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest, load_checkpoint
-from humanoid_sim.policy.describe import (
-    FieldLine,
-    contract_document,
-    field_lines,
-    known_document,
-    known_lines,
-    term_lines,
-)
+from humanoid_sim.policy.checks import model_damping_findings
+from humanoid_sim.policy.describe import FieldLine
 from humanoid_sim.policy.golden.verify import verify_golden
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
 from humanoid_sim.policy.readers.complete import IncompleteContractError, UnnamedJointsError, UnnamedRobot
 from humanoid_sim.policy.readers.contract_yaml import find_contract, own_contract
 from humanoid_sim.policy.readers.partial import Given, is_assumed
-from humanoid_sim.policy.robot_check import model_damping_findings
 from humanoid_sim.policy_tools import Show
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.mjcf import bare_model, own_joint_damping
@@ -53,11 +47,7 @@ _BY_JOINT = {
 
 
 def show(options: Show) -> int:
-    """Print a checkpoint's contract, or what is known of it.
-
-    Returns:
-        1 if fields are missing, or if its golden vectors say that it is not wired as it was trained.
-    """
+    """Print a checkpoint's contract, or what is known of it; 1 where fields are missing or golden vectors differ."""
     if options.skeleton is not None:
         output_file(options.skeleton, "--skeleton", ".yaml", ".yml")
         if os.path.lexists(options.skeleton):  # what was filled in must not be lost
@@ -71,10 +61,8 @@ def show(options: Show) -> int:
     if options.skeleton is not None:
         raise InputError(f"--skeleton: nothing is missing from the contract of {options.checkpoint}")
     contract = checkpoint.contract
-    try:
+    with blaming(options.checkpoint):
         layout = contract_layout(contract, checkpoint.observation_width)
-    except FieldError as error:
-        raise InputError(f"{options.checkpoint}: {error}") from None
     golden, problem = golden_verdict(checkpoint)
     if options.json:
         print(json.dumps(policy_document(checkpoint, layout, golden, problem), indent=2, allow_nan=False))
@@ -90,7 +78,7 @@ def show(options: Show) -> int:
         else model_damping_findings(contract, own_joint_damping(bare_model(description), description))
     ):
         console.print(f"[yellow]{escape(str(finding))}[/yellow]", soft_wrap=True)
-    assumed = [line for line in field_lines(contract) if is_assumed(line.source)]
+    assumed = [line for line in describe.field_lines(contract) if is_assumed(line.source)]
     if assumed:
         listed = "; ".join(f"{line.name} {line.value}" for line in assumed)
         console.print(f"[yellow]assumed, no source states it: {escape(listed)}[/yellow]", soft_wrap=True)
@@ -124,7 +112,7 @@ def _show_incomplete(options: Show, error: IncompleteContractError) -> int:
         document = {
             **_source_document(str(path), file_digest(path), file),
             "model": _model_document(model),
-            "known": known_document(error.known, error.terms),
+            "known": describe.known_document(error.known, error.terms),
             "missing": list(error.missing),
         }
         print(json.dumps(document, indent=2, allow_nan=False))
@@ -135,7 +123,9 @@ def _show_incomplete(options: Show, error: IncompleteContractError) -> int:
     if "joint_names" in error.known:
         console.print(_known_joints(error.known))
     if error.known or error.terms:
-        console.print(_field_table("known so far, and where it came from", known_lines(error.known, error.terms)))
+        console.print(
+            _field_table("known so far, and where it came from", describe.known_lines(error.known, error.terms))
+        )
     if options.skeleton is None:
         told = f"write them into {file or own_contract(path)}, which --skeleton FILE begins (docs/contract.md)"
     else:
@@ -165,13 +155,11 @@ def policy_tables(
     """Return what is known of a checkpoint: overview, joints, observation, and where each field came from.
 
     Args:
-        checkpoint: with its contract.
-        layout: of its observation.
         golden: what its golden vectors are worth, from `golden_verdict`.
         problem: what is wrong with them, likewise.
     """
     contract = checkpoint.contract
-    sources = _field_table("where it came from", field_lines(contract))
+    sources = _field_table("where it came from", describe.field_lines(contract))
     return _overview(checkpoint, layout, golden, problem), _joints(contract), _observation(contract, layout), sources
 
 
@@ -198,12 +186,20 @@ def _overview(checkpoint: Checkpoint, layout: ObservationLayout, golden: str, pr
     return _pairs_table(checkpoint.source, rows)
 
 
+def _table(title: str, *headings: str, right: Collection[str] = ()) -> Table:
+    """Return a table without rows; the columns `right` hold numbers."""
+    table = Table(title=title, title_justify="left")
+    for heading in headings:
+        table.add_column(heading, justify="right" if heading in right else "left", overflow="fold")
+    return table
+
+
 def _pairs_table(title: str, rows: dict[str, str]) -> Table:
     table = Table(title=escape(title), show_header=False, title_justify="left")
     table.add_column(style="bold")
     table.add_column(overflow="fold")
-    for name, text in rows.items():
-        table.add_row(name, text)
+    for row in rows.items():
+        table.add_row(*row)
     return table
 
 
@@ -245,11 +241,7 @@ def _known_joints(known: Mapping[str, Given]) -> Table:
 
 
 def _joint_table(names: Sequence[str], cells: Mapping[str, Sequence[str]]) -> Table:
-    table = Table(title=_JOINTS, title_justify="left")
-    table.add_column("", justify="right")
-    table.add_column("joint", overflow="fold")
-    for heading in cells:
-        table.add_column(heading, justify="right")
+    table = _table(_JOINTS, "", "joint", *cells, right=("", *cells))
     for i, name in enumerate(names):
         table.add_row(str(i), escape(name), *(column[i] for column in cells.values()))
     return table
@@ -259,24 +251,17 @@ def _observation(contract: PolicyContract, layout: ObservationLayout) -> Table:
     title = f"observation, {layout.width} values"
     if layout.history > 1 and layout.history_layout == "per_step":
         title += f": {layout.history} steps of {layout.step_width} values, each step's terms together"
-    table = Table(title=title, title_justify="left")
-    for heading in ("from", "width"):
-        table.add_column(heading, justify="right")
-    for heading in ("term", "meaning", "differs from the usual", "scale", "history"):
-        table.add_column(heading, overflow="fold")
-    for line in term_lines(contract, layout):
-        cells = (line.name, line.meaning, line.conventions, line.scale, line.history)
-        table.add_row(str(line.start), str(line.width), *(escape(cell) for cell in cells))
+    numbers = ("from", "width")
+    table = _table(title, *numbers, "term", "meaning", "differs from the usual", "scale", "history", right=numbers)
+    for line in describe.term_lines(contract, layout):
+        table.add_row(*(escape(str(cell)) for cell in line))
     return table
 
 
 def _field_table(title: str, lines: list[FieldLine]) -> Table:
-    table = Table(title=title, title_justify="left")
-    for heading in ("field", "value", "source"):
-        table.add_column(heading, overflow="fold")
+    table = _table(title, "field", "value", "source")
     for line in lines:
-        style = "yellow" if is_assumed(line.source) else None
-        table.add_row(escape(line.name), escape(line.value), escape(line.source), style=style)
+        table.add_row(*map(escape, line), style="yellow" if is_assumed(line.source) else None)
     return table
 
 
@@ -289,7 +274,7 @@ def policy_document(checkpoint: Checkpoint, layout: ObservationLayout, golden: s
         "model": {**tensors, "observation_width": checkpoint.observation_width},
         "motion": None if motion is None else {"frames": len(motion.frames), "bodies": list(motion.body_names)},
         "golden": {"label": golden, "problem": problem},
-        "contract": contract_document(checkpoint.contract, layout),
+        "contract": describe.contract_document(checkpoint.contract, layout),
     }
 
 
@@ -311,7 +296,6 @@ def _skeleton(checkpoint: Path, missing: Sequence[str], tensors: Sequence[str]) 
     """Yield the lines of a contract.yaml with one for each missing field. As it is, it states nothing.
 
     Args:
-        checkpoint: whose.
         missing: fields that no source gives, as `IncompleteContractError.missing`.
         tensors: what is known of the model, a line each.
     """

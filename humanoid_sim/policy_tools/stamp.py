@@ -51,10 +51,11 @@ def stamp(
     """Stamp a copy of a checkpoint.
 
     The copy holds external tensors itself, the thirteen metadata keys, the complete contract, and golden vectors: of
-    the trace; or else those of a trainer's run that the checkpoint has already; or else ones of this program, which
-    are drift only. A contract that declares live inputs is written without any. Whatever other metadata the checkpoint
-    has stays. The copy is loaded, and its contract and actions compared with the original's, before a file
-    takes the name `output`.
+    the trace; or else those of a trainer's run that the checkpoint has already; or else ones of this program, which are
+    drift only. A contract that declares live inputs is written without any. Whatever other metadata the checkpoint has
+    stays. The copy is loaded, and its contract and actions compared with the original's, before a file takes the name
+    `output`. Raises `InputError` if the checkpoint, its contract or the trace is refused, or the copy cannot be
+    written.
 
     Args:
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
@@ -66,9 +67,6 @@ def stamp(
     Returns:
         Its size in bytes; its samples, None where the contract declares live inputs, which nobody here can make; and
         the mistakes that the samples could not show, empty for samples that are drift only anyway.
-
-    Raises:
-        InputError: the checkpoint, its contract or the trace is refused, or the copy cannot be written.
     """
     if output.exists() and path.exists() and output.samefile(path):
         raise InputError(f"{output}: is the checkpoint itself, expected another file: the original stays as it is")
@@ -93,10 +91,8 @@ def stamp(
 def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
     """Return the model with its external tensors inside, and with metadata added to, or in the place of, its own.
 
-    A digest of the tensors goes with it, for whoever takes them out again.
-
-    Raises:
-        InputError: the file is not an ONNX model, its external tensors are missing, or it is larger than a file can be.
+    A digest of the tensors goes with it, for whoever takes them out again. Raises `InputError` if the file is not an
+    ONNX model, its external tensors are missing, or it is larger than a file can be.
     """
     import onnx  # noqa: PLC0415 - heavy, and only needed here
 
@@ -196,10 +192,8 @@ def body_reader(
 ) -> BodyReader:
     """Return a reader of this robot's traces: anchor body, velocities and ground as far as the policy observes them.
 
-    The ground is what the robot's MJCF brings, or a level floor.
-
-    Raises:
-        InputError: the robot's model lacks the anchor body, a site, or the middle of the scan.
+    The ground is what the robot's MJCF brings, or a level floor. Raises `InputError` if the robot's model lacks the
+    anchor body, a site, or the middle of the scan.
     """
     model = build_model(description, scene=False if height_scan is None else "floor")
     data = mujoco.MjData(model)

@@ -20,7 +20,7 @@ from humanoid_sim.assets import asset_path, shipped
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
-from humanoid_sim.errors import FieldError, InputError, MissingPackageError, known_names, reason_of
+from humanoid_sim.errors import InputError, MissingPackageError, blaming, known_names, reason_of, require_known
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.names import near_miss
 from humanoid_sim.robots.checks import description_problems
@@ -52,10 +52,8 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
 
     A YAML's MJCF must exist; its content is checked when a simulation is built. A path that ends in `.xml` is any
     user's MJCF: `humanoid_sim.robots.mjcf` says what is read from it. A YAML without a list of joints changes single
-    fields of that, as in `joints: {left_knee: {effort_limit: 60}}`, and its poses may be mappings too.
-
-    Raises:
-        InputError: one line, such as `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
+    fields of that, as in `joints: {left_knee: {effort_limit: 60}}`, and its poses may be mappings too. Raises
+    `InputError`, such as `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
     """
     path, label = _find(str(name_or_path))
     if path.suffix == ".urdf":
@@ -81,10 +79,8 @@ def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
         raise InputError(f"{label}: folder: is not a field of the file; give 'mjcf' relative to the file instead")
     partial = _is_partial(document)
     if partial:
-        try:
+        with blaming(label, InputError):
             document = _completed(document, folder)
-        except InputError as error:
-            raise InputError(f"{label}: {error}") from None
     document = {**document, "folder": str(folder.resolve())}
     try:
         robot = msgspec.convert(document, RobotDescription)
@@ -184,16 +180,12 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
 
     The joints' K_p and K_d, both standby poses and their gains, the initial position, and the K_d of damping and of the
     remote controller's passive hold become the contract's, and so does what `with_contract_physics` takes from it. A
-    default pose beyond a joint's limit is moved to it, as the joint's stop would.
-
-    Raises:
-        InputError: the contract's joints are not the robot's.
+    default pose beyond a joint's limit is moved to it, as the joint's stop would. Raises `InputError` if the contract's
+    joints are not the robot's.
     """
-    try:
+    with blaming(description.name):
         gains = resolve_action(contract, description.joint_names)
         order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
-    except FieldError as error:
-        raise InputError(f"{description.name}: {error}") from None
     stiffness, damping = tuple(gains.stiffness.tolist()), tuple(gains.damping.tolist())
     pose = tuple(np.clip(contract.default_joint_pos[order], description.lower, description.upper).tolist())
     replace = msgspec.structs.replace
@@ -309,8 +301,7 @@ def _is_partial(document: Mapping[str, Any]) -> bool:
 def _completed(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return the whole document of a robot file that gives only what differs from its MJCF, relative to `folder`.
 
-    Raises:
-        InputError: without the file's name: the MJCF cannot be read, or a joint is not in it.
+    Raises `InputError`, without the file's name, if the MJCF cannot be read, or a joint is not in it.
     """
     from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where it is needed
 
@@ -342,8 +333,7 @@ def _completed(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _place(where: str, name: Any, names: tuple[str, ...]) -> int:
-    if name not in names:
-        raise InputError(f"{where}: {known_names('joint', str(name), names)}")
+    require_known("joint", [name], names, f"{where}: ")
     return names.index(name)
 
 

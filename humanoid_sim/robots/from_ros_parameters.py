@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.robots.description import load_robot, robot_of
 from humanoid_sim.robots.schema import RobotDescription
 from humanoid_sim.ros2.parameters import node_names, node_parameters
@@ -33,12 +33,11 @@ _ELSEWHERE = {
 def convert_parameters(path: Path, robot: str, folder: Path) -> tuple[dict[str, Any], list[str]]:
     """Return the document of a robot file, and a line for each node with parameters that are left out.
 
+    Raises `InputError` if there are no such parameters, they are not this robot's, or they are wrong.
+
     Args:
         robot: that the controllers drive: a shipped one, its YAML file, or an MJCF.
         folder: where the robot file will be, to which the MJCF's path is relative.
-
-    Raises:
-        InputError: there are no such parameters, they are not this robot's, or they are wrong.
     """
     document, base = read_yaml(path), load_robot(robot)
     changes: dict[str, Any] = {}
@@ -82,9 +81,7 @@ def _in_order(path: Path, node: str, section: dict[str, Any], joints: Any, robot
         joints = list(robot.joint_names)
     if not isinstance(joints, list) or len(set(map(str, joints))) != len(joints):
         raise InputError(f"{path}: {node}: joints: is {joints!r}, expected names that differ")
-    for name in joints:
-        if name not in robot.joint_names:
-            raise InputError(f"{path}: {node}: joints: {known_names('joint', str(name), robot.joint_names)}")
+    require_known("joint", joints, robot.joint_names, f"{path}: {node}: joints: ")
     missing = [name for name in robot.joint_names if name not in joints]
     if missing:
         raise InputError(f"{path}: {node}: joints: lacks {', '.join(missing)} of '{robot.name}'")

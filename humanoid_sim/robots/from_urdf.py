@@ -19,16 +19,14 @@ def convert_urdf(path: Path, base: BaseKind, folder: Path, imu: str | None = Non
     """Return the MJCF of a URDF, and a line for each thing that it lacks.
 
     MuJoCo by itself fixes a URDF's root to the world and merges it and every other link without a joint into its
-    parent. Here each link stays a body of its own.
+    parent. Here each link stays a body of its own. Raises `InputError` if it is not a URDF, a mesh
+    is not found, there is no such link, or MuJoCo cannot compile it.
 
     Args:
         path: of the URDF. Meshes are looked for beside it, in its `meshdir`, and by the last part of their name there.
         base: `floating` gives the root link a free joint.
         folder: where the MJCF will be, to which its meshes' paths are relative.
         imu: the link that the IMU is fixed to, along its axes; None for none.
-
-    Raises:
-        InputError: not a URDF, a mesh that is not found, no such link, or MuJoCo cannot compile it.
     """
     regular_file(path, "a URDF")
     if path.suffix != ".urdf":

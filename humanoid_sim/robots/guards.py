@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 import numpy as np
 
@@ -45,34 +47,22 @@ class GuardRecord(msgspec.Struct, frozen=True):
     @classmethod
     def of(cls, guards: Guards) -> GuardRecord:
         """Return what is written down of some guards."""
-        return cls(
-            _Following(
-                _bounds(guards.following_effort),
-                guards.following_time,
-                guards.following_progress,
-                guards.following_within,
-            ),
-            _Limit(_bounds(guards.limit_margin), guards.limit_time),
-            _Speed(_bounds(guards.speed_limit), guards.speed_time, guards.speed_assumed),
-        )
+
+        def part(name: str, kind: type[msgspec.Struct]) -> Any:
+            values = {field: getattr(guards, f"{name}_{field}") for field in kind.__struct_fields__}
+            return kind(**{key: _bounds(v) if isinstance(v, np.ndarray) else v for key, v in values.items()})
+
+        return cls(part("following", _Following), part("limit", _Limit), part("speed", _Speed))
 
     def on(self, robot: RobotDescription) -> Guards:
         """Return the same guards again, on the robot of the recording. Raises `FieldError` if they do not fit."""
-        return Guards(
-            joints=robot.joint_names,
-            lower=robot.lower,
-            upper=robot.upper,
-            effort_limit=robot.effort_limit,
-            following_effort=_numbers(self.following.effort),
-            following_time=self.following.time,
-            following_progress=self.following.progress,
-            following_within=self.following.within,
-            limit_margin=_numbers(self.limit.margin),
-            limit_time=self.limit.time,
-            speed_limit=_numbers(self.speed.limit),
-            speed_time=self.speed.time,
-            speed_assumed=self.speed.assumed,
-        )
+        values: dict[str, Any] = {
+            f"{name}_{field}": value
+            for name in self.__struct_fields__
+            for field, value in msgspec.structs.asdict(getattr(self, name)).items()
+        }
+        values |= {name: _numbers(values[name]) for name in ("following_effort", "limit_margin", "speed_limit")}
+        return Guards(robot.joint_names, robot.lower, robot.upper, robot.effort_limit, **values)
 
 
 def _bounds(values: FloatArray) -> Bounds:
@@ -153,16 +143,18 @@ def speed_limit(robot: RobotDescription) -> FloatArray:
     can report has an end of its scale, where nobody knows how fast it is.
     """
     told, fastest = _motor_speeds(robot)
-    given = robot.guards.speed.limit if robot.guards.speed is not None else ()
-    limit: FloatArray = np.minimum(given or np.minimum(_crossing_speed(robot), fastest), _OF_SCALE * told)
+    limit: FloatArray = np.minimum(_given_speed(robot) or np.minimum(_crossing_speed(robot), fastest), _OF_SCALE * told)
     return limit
 
 
 def rated_speed(robot: RobotDescription) -> FloatArray:
     """Shape (n,), rad/s: as fast as the motor turns without load and can be told; without one the guard's, or inf."""
-    given = robot.guards.speed.limit if robot.guards.speed is not None else ()
     known = np.minimum(*_motor_speeds(robot))
-    return np.where(np.isfinite(known), known, given or np.inf)
+    return np.where(np.isfinite(known), known, _given_speed(robot) or np.inf)
+
+
+def _given_speed(robot: RobotDescription) -> tuple[float, ...]:
+    return () if robot.guards.speed is None else robot.guards.speed.limit
 
 
 def _motor_speeds(robot: RobotDescription) -> tuple[FloatArray, FloatArray]:
@@ -180,7 +172,7 @@ def _crossing_speed(robot: RobotDescription) -> FloatArray:
 
 def _assumed_speed(robot: RobotDescription) -> tuple[str, ...]:
     """Return the joints whose speed limit is neither the description's nor their motor's."""
-    if robot.guards.speed is not None and robot.guards.speed.limit:
+    if _given_speed(robot):
         return ()
     crossing = _crossing_speed(robot)
     chosen = speed_limit(robot) >= crossing

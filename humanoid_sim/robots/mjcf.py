@@ -16,7 +16,7 @@ from threading import Lock
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import InputError, known_names, reason_of
+from humanoid_sim.errors import InputError, reason_of, require_known
 from humanoid_sim.files import regular_file
 from humanoid_sim.robots.mjcf_bounds import check_mjcf_bounds, kind_of_model
 from humanoid_sim.robots.rates import steps_per_period
@@ -150,8 +150,7 @@ def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
 def describe_mjcf(path: Path) -> RobotDescription:
     """Describe the robot in an MJCF file; its IMU is what `find_imu` finds.
 
-    Raises:
-        InputError: not an MJCF, one without hinge joints, or without the names by which joints and base are found.
+    Raises `InputError` if it is not an MJCF, has no hinge joints, or lacks names of joints or base.
     """
     spec = read_spec(path)
     model = compile_spec(spec, path)
@@ -211,13 +210,10 @@ def bare_model(description: RobotDescription) -> mujoco.MjModel:
     path = description.mjcf_path
     model = compile_spec(read_spec(path), path)
     known = [model.joint(i).name for i in range(model.njnt)]
-    for name in description.joint_names:
-        if name not in known:
-            raise InputError(f"{path}: {known_names('joint', name, known)}")
+    require_known("joint", description.joint_names, known, f"{path}: ")
     frames = [model.site(i).name for i in range(model.nsite)] + [model.body(i).name for i in range(1, model.nbody)]
-    if description.imu not in frames:
-        known = [name for name in frames if name]
-        raise InputError(f"{path}: imu of '{description.name}': {known_names('site or body', description.imu, known)}")
+    named = [name for name in frames if name]
+    require_known("site or body", [description.imu], named, f"{path}: imu of '{description.name}': ")
     return model
 
 

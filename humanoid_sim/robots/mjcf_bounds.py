@@ -8,15 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree
 
-from humanoid_sim.bounds import (
-    MESH_BYTES,
-    MJCF_BYTES,
-    MJCF_ELEMENTS,
-    MJCF_FILES_BYTES,
-    MJCF_MEMORY,
-    MJCF_SIZE,
-    PICTURE_BYTES,
-)
+from humanoid_sim import bounds
 from humanoid_sim.errors import InputError, reason_of
 from humanoid_sim.files import is_file, regular_file
 
@@ -29,62 +21,9 @@ _PNG_SIZE = struct.Struct(">8s8xII")
 """A picture's first bytes: what it is, and after a chunk's length and name its width and height."""
 
 
-class NamedFiles:
-    """Meshes and pictures that the files of one model name; `check` looks at them once all have been read.
-
-    MuJoCo reads them whole, and unpacks pictures, before it finds too much. It looks for a file in the folder of the
-    model, in one that a `<compiler>` names, or, if told so, by its bare name; for models that include or attach others
-    it depends on the file. So every file that could be meant is looked at.
-    """
-
-    def __init__(self) -> None:
-        self._names: dict[str, bool] = {}
-        """By name whether it is a picture."""
-        self._folders: dict[str, None] = {"": None}
-        self._bases: dict[Path, None] = {}
-
-    def add(self, path: Path, element: ElementTree.Element) -> None:
-        """Take what an element of the file `path` names."""
-        self._bases[path.parent] = None
-        if element.tag == "compiler":
-            self._folders.update(dict.fromkeys(element.get(name, "") for name in _FOLDERS))
-            return
-        for attribute in _ATTRIBUTES:
-            if name := element.get(attribute, ""):
-                self._names[name] = element.tag in _PICTURES
-
-    def check(self, path: Path) -> None:
-        """Refuse files that are larger than any robot's, or no files.
-
-        Raises `InputError` with the file, its size and what is accepted.
-        """
-        if len(self._names) * len(self._folders) * len(self._bases) > MJCF_ELEMENTS:
-            raise InputError(f"{path}: names {len(self._names)} files in {len(self._folders) - 1} folders, too many")
-        seen: dict[Path, int] = {}
-        for name, is_picture in self._names.items():
-            for found in self._found(name):
-                if found.resolve() not in seen:
-                    seen[found.resolve()] = _check(found, is_picture=is_picture)
-        if (total := sum(seen.values())) > MJCF_FILES_BYTES:
-            raise InputError(f"{path}: its meshes and pictures have {total} bytes, expected {MJCF_FILES_BYTES} at most")
-
-    def _found(self, name: str) -> Iterator[Path]:
-        bare = PurePosixPath(name.replace("\\", "/")).name
-        for base in self._bases:
-            for folder in self._folders:
-                for candidate in dict.fromkeys((name, bare)):
-                    place = base / folder / candidate
-                    try:
-                        is_there = place.exists() and not place.is_dir()
-                    except (OSError, ValueError):  # no name that a file can have: MuJoCo says so
-                        continue
-                    if is_there:
-                        yield place
-
-
 def _check(path: Path, *, is_picture: bool) -> int:
     """Its size, bytes."""
-    kind, largest = ("a picture", PICTURE_BYTES) if is_picture else ("a mesh", MESH_BYTES)
+    kind, largest = ("a picture", bounds.PICTURE_BYTES) if is_picture else ("a mesh", bounds.MESH_BYTES)
     regular_file(path, kind, largest)
     try:
         with path.open("rb") as file:
@@ -93,8 +32,10 @@ def _check(path: Path, *, is_picture: bool) -> int:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     if head.startswith(_PNG) and len(head) == _PNG_SIZE.size:
         _, width, height = _PNG_SIZE.unpack(head)
-        if width * height > MJCF_SIZE:
-            raise InputError(f"{path}: has {width} by {height} pixels, expected a picture of at most {MJCF_SIZE}")
+        if width * height > bounds.MJCF_SIZE:
+            raise InputError(
+                f"{path}: has {width} by {height} pixels, expected a picture of at most {bounds.MJCF_SIZE}"
+            )
     return path.stat().st_size
 
 
@@ -132,20 +73,28 @@ def check_mjcf_bounds(path: Path) -> None:
     """
     elements = _Elements(path)
     elements.add(path)
-    elements.named.check(path)
+    elements.check_files(path)
 
 
 class _Elements:
-    """The elements of a model, counted over its files."""
+    """The elements of a model, counted over its files; and the meshes and pictures that they name.
+
+    MuJoCo reads those whole, and unpacks pictures, before it finds too much. It looks for a file in the folder of the
+    model, in one that a `<compiler>` names, or, if told so, by its bare name; for models that include or attach others
+    it depends on the file. So every file that could be meant is looked at.
+    """
 
     def __init__(self, path: Path) -> None:
         self._folder = path.parent
         self._count = 0
         self._seen: set[Path] = set()
-        self.named = NamedFiles()
+        self._names: dict[str, bool] = {}
+        """By name whether it is a picture."""
+        self._folders: dict[str, None] = {"": None}
+        self._bases: dict[Path, None] = {}
 
     def add(self, path: Path) -> None:
-        regular_file(path, "an MJCF", MJCF_BYTES)
+        regular_file(path, "an MJCF", bounds.MJCF_BYTES)
         self._seen.add(path.resolve())
         parents: list[int] = [1]
         try:
@@ -159,15 +108,15 @@ class _Elements:
                 made = parents[-1] * _copies(path, element)
                 parents.append(made)
                 self._count += made
-                if self._count > MJCF_ELEMENTS:
-                    raise InputError(f"{path}: has more than {MJCF_ELEMENTS} elements at <{element.tag}>")
+                if self._count > bounds.MJCF_ELEMENTS:
+                    raise InputError(f"{path}: has more than {bounds.MJCF_ELEMENTS} elements at <{element.tag}>")
                 for problem in _problems(element):
                     raise InputError(f"{path}: {problem}")
                 if element.tag in _MODELS:
                     for included in self._included(path, element):
                         self.add(included)
                 else:
-                    self.named.add(path, element)
+                    self._name_files(path, element)
         except ElementTree.ParseError:
             return  # MuJoCo says so, and where
         except (ValueError, RecursionError) as error:
@@ -180,13 +129,49 @@ class _Elements:
                 yield included
                 return
 
+    def _name_files(self, path: Path, element: ElementTree.Element) -> None:
+        self._bases[path.parent] = None
+        if element.tag == "compiler":
+            self._folders.update(dict.fromkeys(element.get(name, "") for name in _FOLDERS))
+            return
+        for attribute in _ATTRIBUTES:
+            if name := element.get(attribute, ""):
+                self._names[name] = element.tag in _PICTURES
+
+    def check_files(self, path: Path) -> None:
+        """Refuse files that are larger than any robot's, or no files."""
+        if len(self._names) * len(self._folders) * len(self._bases) > bounds.MJCF_ELEMENTS:
+            raise InputError(f"{path}: names {len(self._names)} files in {len(self._folders) - 1} folders, too many")
+        seen: dict[Path, int] = {}
+        for name, is_picture in self._names.items():
+            for found in self._found(name):
+                if found.resolve() not in seen:
+                    seen[found.resolve()] = _check(found, is_picture=is_picture)
+        if (total := sum(seen.values())) > bounds.MJCF_FILES_BYTES:
+            raise InputError(
+                f"{path}: its meshes and pictures have {total} bytes, expected {bounds.MJCF_FILES_BYTES} at most"
+            )
+
+    def _found(self, name: str) -> Iterator[Path]:
+        bare = PurePosixPath(name.replace("\\", "/")).name
+        for base in self._bases:
+            for folder in self._folders:
+                for candidate in dict.fromkeys((name, bare)):
+                    place = base / folder / candidate
+                    try:
+                        is_there = place.exists() and not place.is_dir()
+                    except (OSError, ValueError):  # no name that a file can have: MuJoCo says so
+                        continue
+                    if is_there:
+                        yield place
+
 
 def _copies(path: Path, element: ElementTree.Element) -> int:
     numbers = _numbers(element, "count")[: _COPIES.get(element.tag, 0)]
     product = math.prod(max(number, 1.0) for number in numbers)
-    if not product <= MJCF_ELEMENTS:
+    if not product <= bounds.MJCF_ELEMENTS:
         raise InputError(
-            f'{path}: <{element.tag} count="{element.get("count")}"> makes more than {MJCF_ELEMENTS} elements'
+            f'{path}: <{element.tag} count="{element.get("count")}"> makes more than {bounds.MJCF_ELEMENTS} elements'
         )
     return int(product)
 
@@ -196,13 +181,13 @@ def _problems(element: ElementTree.Element) -> Iterator[str]:
     for group in ([name] for name in names) if element.tag in _APART else [names] if names else []:
         given = [(name, _numbers(element, name)) for name in group]
         size = math.prod(max(numbers[0], 1.0) for _, numbers in given if numbers)
-        if not size <= MJCF_SIZE:
+        if not size <= bounds.MJCF_SIZE:
             shown = " ".join(f'{name}="{element.get(name)}"' for name, numbers in given if numbers)
-            yield f"<{element.tag} {shown}>: expected at most {MJCF_SIZE} values"
+            yield f"<{element.tag} {shown}>: expected at most {bounds.MJCF_SIZE} values"
     if element.tag == "size":
         for name, value in element.attrib.items():
-            if name == "memory" and _memory(value) > MJCF_MEMORY:
-                yield f'<size memory="{value}">: expected at most {MJCF_MEMORY} bytes'
+            if name == "memory" and _memory(value) > bounds.MJCF_MEMORY:
+                yield f'<size memory="{value}">: expected at most {bounds.MJCF_MEMORY} bytes'
             if name.startswith("nuser_") and not max(_numbers(element, name), default=0.0) <= 1000:
                 yield f'<size {name}="{value}">: expected at most 1000'
     if element.tag == "mesh" and "builtin" in element.attrib:

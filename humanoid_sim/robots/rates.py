@@ -16,9 +16,8 @@ LONGEST_DELAY = 10.0
 def steps_per_period(period: float, step: float, *, step_name: str = "physics timestep") -> int:
     """Return how many steps of `step` make up `period`; both in s.
 
-    Raises:
-        InputError: either is not a positive number, `period` has more than `MOST_STEPS` steps, or `step` does not
-            divide it to within 1e-9; the message then names the nearest step that does.
+    Raises `InputError` if either is not a positive number, `period` has more than `MOST_STEPS` steps, or `step` does
+    not divide it to within 1e-9; the message then names the nearest step that does.
     """
     for name, value in ((step_name, step), ("control period", period)):
         if not (math.isfinite(value) and value > 0.0):
@@ -42,9 +41,8 @@ def steps_per_period(period: float, step: float, *, step_name: str = "physics ti
 def delay_steps(name: str, delay: float, physics_timestep: float) -> int:
     """Return a delay in physics steps; both times in s.
 
-    Raises:
-        InputError: negative, longer than `LONGEST_DELAY`, or not a multiple of the physics step; the message names the
-            nearest that is.
+    Raises `InputError` if it is negative, longer than `LONGEST_DELAY`, or not a multiple of the physics step; the
+    message names the nearest that is.
     """
     if not 0.0 <= delay <= LONGEST_DELAY:
         raise InputError(f"{name}: is {delay:g} s, expected 0 to {LONGEST_DELAY:g} s")

@@ -62,38 +62,28 @@ def urdf_of(model: mujoco.MjModel, description: RobotDescription) -> str:
         else:
             _inertial(element, _SPECK, np.full(3, _SPECK))
     for link in links:
-        _add_joint(root, link, _limits(model, link, limits))
+        _add_joint(root, model, link, limits)
     _add_imu(root, model, description, links)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _add_joint(root: _Element, link: Link, limits: tuple[float, float, float, float]) -> None:
+def _add_joint(
+    root: _Element, model: mujoco.MjModel, link: Link, limits: Mapping[str, tuple[float, float, float, float]]
+) -> None:
+    """Add a joint with the description's limits, or the model's; effort and velocity are 0 where they are not known."""
     joint = ElementTree.SubElement(root, "joint", name=link.joint, type=link.kind)
     ElementTree.SubElement(joint, "parent", link=link.parent)
     ElementTree.SubElement(joint, "child", link=link.name)
     _add_origin(joint, link.position, link.quaternion)
     if link.kind in ("revolute", "prismatic", "continuous"):
         ElementTree.SubElement(joint, "axis", xyz=_numbers(link.axis))
-        lower, upper, effort, velocity = limits
-        bounds = {"effort": _number(effort), "velocity": _number(velocity)}
+        lower, upper, *others = limits.get(link.joint, (*model.jnt_range[link.joint_id], 0.0, 0.0))
+        effort, velocity = (_number(value if math.isfinite(value) else 0.0) for value in others)  # numbers are required
+        bounds = {"effort": effort, "velocity": velocity}
         if link.kind != "continuous":
             bounds |= {"lower": _number(lower), "upper": _number(upper)}
         ElementTree.SubElement(joint, "limit", bounds)
-
-
-def _limits(
-    model: mujoco.MjModel, link: Link, limits: Mapping[str, tuple[float, float, float, float]]
-) -> tuple[float, float, float, float]:
-    """Lower and upper, rad or m, the effort limit, and the fastest velocity: the description's, or the model's.
-
-    Effort and velocity are 0 where nothing is known: URDF requires a number.
-    """
-    if link.joint_id < 0:
-        return 0.0, 0.0, 0.0, 0.0
-    lower, upper = (float(value) for value in model.jnt_range[link.joint_id])
-    lower, upper, effort, velocity = limits.get(link.joint, (lower, upper, 0.0, 0.0))
-    return lower, upper, effort if math.isfinite(effort) else 0.0, velocity if math.isfinite(velocity) else 0.0
 
 
 def _add_imu(root: _Element, model: mujoco.MjModel, description: RobotDescription, links: tuple[Link, ...]) -> None:

@@ -1,7 +1,5 @@
 """Robots in MuJoCo: model and scene, the plant that applies the MIT law, and measures derived from the model."""
 
-__all__ = ["DROP"]
-
 DROP = 0.03
 """m from the feet of a robot that hangs on its support down to the floor, unless its height is given.
 

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import FloatArray, IndexArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT, PIANOS, Key
 from humanoid_sim.simulation.kinematics import damped_step
-from humanoid_sim.simulation.model import base_body, build_model, joint_addresses
+from humanoid_sim.simulation.model import base_body, bodies_above, build_model, joint_addresses
 
 HANDS = ("left", "right")
 """In the order of `PianoSettings.fingers`."""
@@ -107,13 +106,9 @@ class Fingers:
         points: FloatArray = world @ self._data.xmat[base].reshape(3, 3)
         return points
 
-    def _arm(self, body: int) -> npt.NDArray[np.intp]:
-        chain = []
-        while body:
-            chain.append(body)
-            body = int(self._model.body_parentid[body])
+    def _arm(self, body: int) -> IndexArray:
         owners = self._model.dof_bodyid[self._joints.dof]
-        return np.flatnonzero(np.isin(owners, chain))
+        return np.flatnonzero(np.isin(owners, bodies_above(self._model, body)))
 
     def strike_point(self, key: Key, pressed: float = 0.0) -> FloatArray:
         """Return where on a key's surface its finger strikes, pressed by a share of its travel: (3,), m, world."""

@@ -136,29 +136,22 @@ class BaseObserver:
     def _centre_of_mass(self) -> CentreOfMass:
         return CentreOfMass(self._model, self._body)
 
-    def at(self, qpos: FloatArray, qvel: FloatArray, centre_of_mass: FloatArray | None = None) -> BaseState:
-        """As MuJoCo's generalised position (..., nq) and velocity (..., nv) say; the values are copies.
+    def at(self, qpos: FloatArray, qvel: FloatArray | None, centre_of_mass: FloatArray | None = None) -> BaseState:
+        """As MuJoCo's generalised position (..., nq) and velocity (..., nv) say, which is None at rest; copies.
 
         `centre_of_mass`, shape (..., 3), m, world frame, is computed where it is None, for one robot.
         """
-        return self.moving(qpos, qvel[..., self._linear].copy(), qvel[..., self._angular].copy(), centre_of_mass)
-
-    def moving(
-        self,
-        qpos: FloatArray,
-        linear_velocity: FloatArray,
-        angular_velocity: FloatArray,
-        centre_of_mass: FloatArray | None = None,
-    ) -> BaseState:
-        """As `at`, with the velocities as `BaseState` has them."""
+        still = np.zeros((*qpos.shape[:-1], 3))
+        linear = still if qvel is None else qvel[..., self._linear].copy()
+        angular = still if qvel is None else qvel[..., self._angular].copy()
         quaternion = qpos[..., self._quaternion]
         quaternion = quaternion / np.sqrt((quaternion * quaternion).sum(axis=-1, keepdims=True))
         mass = self._centre_of_mass(qpos) if centre_of_mass is None else centre_of_mass
         return BaseState(
             qpos[..., self._position].copy(),
             quaternion,
-            linear_velocity,
-            angular_velocity,
+            linear,
+            angular,
             mass,
             self._floor.level(mass),
             self._up,
@@ -166,9 +159,9 @@ class BaseObserver:
 
     def sensed(self, state: MITState, qpos: FloatArray) -> BaseState:
         """Return the base of one simulated robot, with the velocities that its sensors measure; `qpos` as for `at`."""
-        turning = rotate(state.imu_quaternion, state.imu_angular_velocity)
-        base = self.moving(qpos, state.extern[BASE_LINEAR_VELOCITY].value, turning)
-        return replace(base, angular_velocity=rotate_inverse(base.quaternion, turning))
+        base, turning = self.at(qpos, None), rotate(state.imu_quaternion, state.imu_angular_velocity)
+        moving = state.extern[BASE_LINEAR_VELOCITY].value
+        return replace(base, linear_velocity=moving, angular_velocity=rotate_inverse(base.quaternion, turning))
 
     def standing_height(self, qpos: FloatArray) -> float:
         """m, of the centre of mass above the floor if the robot stood in this pose, shape (nq,)."""
@@ -189,7 +182,7 @@ class FloatingBase:
         height: float | None = None,
         drop: float = 0.0,
     ) -> None:
-        """Choose where the base starts.
+        """Choose where the base starts. Raises `InputError` if a value is not finite, or `drop` is negative.
 
         Args:
             model: with the robot and its support.
@@ -200,9 +193,6 @@ class FloatingBase:
             height: m, of the base's origin; None for the description's, and if that has none, such that the lowest
                 part of the robot is as far above the floor as `drop` says.
             drop: m; a support that lifts the base lifts it back to its start, unless this is 0.
-
-        Raises:
-            InputError: a value is not finite, or `drop` is negative.
         """
         for name, value in (
             ("base_position[0]", position[0]),
@@ -272,14 +262,7 @@ class FloatingBase:
 def move_support(base: FloatingBase | None, data: mujoco.MjData, held: bool, robot: str) -> None:
     """Let the support take a floating base where it now is, or let the base go.
 
-    Args:
-        base: of the robot; None for a fixed one.
-        data: of the simulation.
-        held: whether the support is to hold it.
-        robot: its name, for the message.
-
-    Raises:
-        RobotError: the base is fixed.
+    Raises `RobotError` if the base is fixed.
     """
     if base is None:
         raise RobotError(f"{robot}: has a fixed base, which needs no support")

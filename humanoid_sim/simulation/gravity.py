@@ -12,7 +12,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.mit import GRAVITY_LEVERS, Extern, FloatArray, MITState
 from humanoid_sim.robots.schema import RobotDescription, SignSettings
 from humanoid_sim.simulation.floating_base import base_addresses
-from humanoid_sim.simulation.model import build_model, joint_addresses
+from humanoid_sim.simulation.model import bodies_above, build_model, joint_addresses
 from humanoid_sim.simulation.sensors import Imu
 
 _ANGLE = 0.03
@@ -31,8 +31,7 @@ class GravityLevers:
     def __init__(self, description: RobotDescription, settings: SignSettings) -> None:
         """Find the joints; `settings` say by how much a sound robot may differ from its model.
 
-        Raises:
-            InputError: the MJCF does not fit the description, or couples joints by equality constraints.
+        Raises `InputError` if the MJCF does not fit the description, or couples joints by equality constraints.
         """
         model = build_model(description, scene=False)
         if model.neq > description.is_floating:  # the support's own
@@ -43,7 +42,7 @@ class GravityLevers:
         self._imu = Imu(model, description.imu)
         ids = np.array([model.joint(name).id for name in description.joint_names])
         self._ids = ids
-        chains = [_bodies_above(model, body) for body in range(model.nbody)]
+        chains = [bodies_above(model, body) for body in range(model.nbody)]
         self._below = np.array([[int(model.jnt_bodyid[i]) in chain for chain in chains] for i in ids])
         order = [(len(chains[model.jnt_bodyid[i]]), int(i)) for i in ids]
         self._parents = [self._parent(k, order) for k in range(len(ids))]
@@ -56,7 +55,7 @@ class GravityLevers:
 
     def _parent(self, k: int, order: list[tuple[int, int]]) -> int:
         """Return the described joint next towards the base, -1 for none."""
-        chain = _bodies_above(self._model, int(self._model.jnt_bodyid[self._ids[k]]))
+        chain = bodies_above(self._model, int(self._model.jnt_bodyid[self._ids[k]]))
         above = [
             (place, j)
             for j, place in enumerate(order)
@@ -131,12 +130,3 @@ def _about(axis: FloatArray, moment: FloatArray) -> FloatArray:
     """Return the vertical force's torque about axes, shape (...)."""
     torque: FloatArray = axis[..., 0] * moment[..., 1] - axis[..., 1] * moment[..., 0]
     return torque
-
-
-def _bodies_above(model: mujoco.MjModel, body: int) -> set[int]:
-    """Return a body and all that carry it, but for the world."""
-    chain = set()
-    while body:
-        chain.add(body)
-        body = int(model.body_parentid[body])
-    return chain

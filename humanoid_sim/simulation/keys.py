@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
-from humanoid_sim.errors import InputError
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.errors import InputError, blaming
+from humanoid_sim.mit import FloatArray, IndexArray
 from humanoid_sim.robots.piano import TRIGGER, key_joint_names
 from humanoid_sim.simulation.model import joint_addresses
 
@@ -32,11 +31,9 @@ class PianoKeys:
 
     def __init__(self, model: mujoco.MjModel, fingers: Sequence[str] = ()) -> None:
         """Find the keys; `fingers` are the sites of tips that may touch them. Raises `InputError` without a piano."""
-        try:
+        with blaming("piano", InputError):
             addresses = joint_addresses(model, key_joint_names())
-        except InputError as error:
-            raise InputError(f"piano: {error}") from None
-        self.qpos: npt.NDArray[np.intp] = addresses.qpos
+        self.qpos: IndexArray = addresses.qpos
         """Shape (88,), indices into MuJoCo's generalised position."""
         ids = [model.joint(name).id for name in key_joint_names()]
         self.upper: FloatArray = model.jnt_range[ids, 1].copy()

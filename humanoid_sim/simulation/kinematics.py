@@ -8,7 +8,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
@@ -46,15 +46,12 @@ class ForwardKinematics(_Posed):
     def __init__(self, description: RobotDescription, bodies: tuple[str, ...] | None = None) -> None:
         """Build the model; `bodies` None stands for the description's hands.
 
-        Raises:
-            InputError: a body is not in the model; the message lists those that are.
+        Raises `InputError` if a body is not in the model; the message lists those that are.
         """
         super().__init__(description)
         self.bodies = description.hands if bodies is None else tuple(bodies)
-        try:
+        with blaming(description.name, InputError):
             self._ids = list(body_ids(self._model, self.bodies))
-        except InputError as error:
-            raise InputError(f"{description.name}: {error}") from None
         self._base_position, self._base_rotation = self._base_pose(description)
 
     def __call__(self, joint_position: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -147,7 +144,7 @@ class InverseKinematics(_Posed):
         posture: FloatArray | None = None,
         iterations: int = 20,
     ) -> FloatArray:
-        """One pose.
+        """One pose: shape (n,), rad.
 
         Args:
             position: shape (B, 3), m, base frame.
@@ -155,9 +152,6 @@ class InverseKinematics(_Posed):
             start: shape (n,), rad, where the search begins.
             posture: shape (n,), rad, where the joints drift in the directions that move no body; None for nowhere.
             iterations: at most this many; the search ends when a step is below a microradian.
-
-        Returns:
-            Shape (n,), rad.
         """
         world_position = self._base_position + position @ self._base_rotation.T
         world_rotation = self._base_rotation @ rotation

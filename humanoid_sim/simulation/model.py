@@ -9,9 +9,9 @@ from typing import Literal
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
-from humanoid_sim.errors import InputError, known_names, reason_of
+from humanoid_sim.errors import InputError, reason_of, require_known
+from humanoid_sim.mit import IndexArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import compile_spec, read_spec
 from humanoid_sim.robots.piano import key_joint_names
@@ -26,9 +26,9 @@ _SCALAR_JOINTS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 class JointAddresses:
     """Indices of joints in MuJoCo's arrays, in the order in which they were asked for."""
 
-    qpos: npt.NDArray[np.intp]
+    qpos: IndexArray
     """Shape (n,), indices into `qpos`."""
-    dof: npt.NDArray[np.intp]
+    dof: IndexArray
     """Shape (n,), indices into `qvel`, `qfrc_applied` and the rows of the mass matrix."""
 
 
@@ -48,10 +48,10 @@ def build_model(
     longer fit. Joint and effort limits are the description's, which also says whether joints keep damping of their own.
     Euler integration unless it is to be implicit, and no automatic reset of a bad state. Joints that the MJCF has and
     the description does not stay passive. Whatever else the MJCF says about contacts and the solver stays as it is. A
-    floating base gets a support, see `humanoid_sim.simulation.floating_base`.
+    floating base gets a support, see `humanoid_sim.simulation.floating_base`. Raises `InputError` if the MJCF cannot be
+    read, or does not have what the description names, or there is to be a terrain and it brings a ground of its own.
 
     Args:
-        description: the robot.
         physics_timestep: s; None for the description's.
         affine_actuators: add one actuator per joint, in order, of force `ctrl - K_p q - K_d qd` saturated at the effort
             limit. The gains start at 0; `humanoid_sim.simulation.plant` sets them.
@@ -60,10 +60,6 @@ def build_model(
             textures are 2 MB.
         terrain: in the scene instead of a level floor; None for that.
         edit: changes the model before it is compiled, when all else is in it.
-
-    Raises:
-        InputError: the MJCF cannot be read, or does not have what the description names, or there is to be a terrain
-            and it brings a ground of its own.
     """
     spec = read_spec(description.mjcf_path)
     driven = [sensor for sensor in spec.sensors if mujoco.mjtObj.mjOBJ_ACTUATOR in (sensor.objtype, sensor.reftype)]
@@ -103,9 +99,7 @@ def joint_addresses(model: mujoco.MjModel, names: tuple[str, ...]) -> JointAddre
     known = [
         model.joint(i).name for i in range(model.njnt) if mujoco.mjtJoint(int(model.jnt_type[i])) in _SCALAR_JOINTS
     ]
-    for name in names:
-        if name not in known:
-            raise InputError(known_names("joint", name, known))
+    require_known("joint", names, known)
     ids = [model.joint(name).id for name in names]
     return JointAddresses(
         qpos=np.array(model.jnt_qposadr[ids], dtype=np.intp), dof=np.array(model.jnt_dofadr[ids], dtype=np.intp)
@@ -114,10 +108,16 @@ def joint_addresses(model: mujoco.MjModel, names: tuple[str, ...]) -> JointAddre
 
 def base_body(model: mujoco.MjModel, description: RobotDescription) -> int:
     """Id of the body that holds the robot's first joint's kinematic tree: the chest of the Lite."""
-    body = int(model.jnt_bodyid[model.joint(description.joints[0].name).id])
-    while model.body_parentid[body] != 0:
+    return bodies_above(model, int(model.jnt_bodyid[model.joint(description.joints[0].name).id]))[-1]
+
+
+def bodies_above(model: mujoco.MjModel, body: int) -> list[int]:
+    """Return a body and all that carry it, but for the world, from the body on."""
+    chain = []
+    while body:
+        chain.append(body)
         body = int(model.body_parentid[body])
-    return body
+    return chain
 
 
 def breadth_first(model: mujoco.MjModel, root: int = 0) -> list[int]:
@@ -143,17 +143,14 @@ def joints_of(model: mujoco.MjModel, bodies: Iterable[int], names: tuple[str, ..
 def body_ids(model: mujoco.MjModel, names: Sequence[str]) -> tuple[int, ...]:
     """Ids of bodies by name. Raises `InputError` for others, listing those that there are."""
     known = [model.body(i).name for i in range(1, model.nbody)]
-    for name in names:
-        if name not in known:
-            raise InputError(known_names("body", name, known))
+    require_known("body", names, known)
     return tuple(int(model.body(name).id) for name in names)
 
 
 def named_frame(model: mujoco.MjModel, name: str, what: str) -> tuple[mujoco.mjtObj, int]:
     """Return kind and id of the frame of that name: a site, or else a body.
 
-    Raises:
-        InputError: there is neither; the line begins with `what`.
+    Raises `InputError` if there is neither; the line begins with `what`.
     """
     # A body's own axes; mjOBJ_BODY stands for those of its inertia.
     for kind in (mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_XBODY):
@@ -167,16 +164,12 @@ def _check_names(description: RobotDescription, spec: mujoco.MjSpec) -> None:
     path = description.mjcf_path
     joints = [joint.name for joint in spec.joints if joint.type in _SCALAR_JOINTS]
     for i, name in enumerate(description.joint_names):
-        if name not in joints:
-            raise InputError(f"{path}: joints[{i}] of '{description.name}': {known_names('joint', name, joints)}")
+        require_known("joint", [name], joints, f"{path}: joints[{i}] of '{description.name}': ")
     bodies = [body.name for body in spec.bodies if body.name]
     for i, name in enumerate(description.hands):
-        if name not in bodies:
-            raise InputError(f"{path}: hands[{i}] of '{description.name}': {known_names('body', name, bodies)}")
+        require_known("body", [name], bodies, f"{path}: hands[{i}] of '{description.name}': ")
     sites = [site.name for site in spec.sites if site.name]
-    if description.imu not in (*sites, *bodies):
-        known = known_names("site or body", description.imu, [*sites, *bodies])
-        raise InputError(f"{path}: imu of '{description.name}': {known}")
+    require_known("site or body", [description.imu], [*sites, *bodies], f"{path}: imu of '{description.name}': ")
     if description.is_floating:
         _check_base(description, spec)
     if description.piano is not None:
@@ -184,10 +177,7 @@ def _check_names(description: RobotDescription, spec: mujoco.MjSpec) -> None:
             if name not in joints:
                 raise InputError(f"{path}: has no joint '{name}', key {i} of the piano of '{description.name}'")
         for i, name in enumerate(description.piano.fingers):
-            if name not in sites:
-                raise InputError(
-                    f"{path}: piano.fingers[{i}] of '{description.name}': {known_names('site', name, sites)}"
-                )
+            require_known("site", [name], sites, f"{path}: piano.fingers[{i}] of '{description.name}': ")
 
 
 def _check_base(description: RobotDescription, spec: mujoco.MjSpec) -> None:
@@ -196,9 +186,8 @@ def _check_base(description: RobotDescription, spec: mujoco.MjSpec) -> None:
         for body in spec.worldbody.bodies
         if any(joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in body.joints)
     ]
-    if description.base.body not in free:
-        known = known_names("body with a free joint", description.base.body, free)
-        raise InputError(f"{description.mjcf_path}: base.body of '{description.name}': {known}")
+    where = f"{description.mjcf_path}: base.body of '{description.name}': "
+    require_known("body with a free joint", [description.base.body], free, where)
 
 
 def _add_affine_actuators(spec: mujoco.MjSpec, description: RobotDescription) -> None:

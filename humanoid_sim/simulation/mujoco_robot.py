@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Generic, Literal, TypeVar, get_args
 
-import mujoco
 import numpy as np
 
 from humanoid_sim.controllers.rotation import multiply
@@ -100,14 +99,15 @@ class MujocoRobot:
     ) -> None:
         """Build the model.
 
+        Raises `InputError` if an option is not accepted, the MJCF does not fit the description, or the description's
+        damping is unstable at this physics step.
+
         Args:
-            description: the robot.
             control_period: s; None for the description's.
             physics_timestep: s, must divide the control period; None for the description's, or `IMPLICIT_TIMESTEP`.
             actuation: `qfrc_applied`, the reference, `affine` or `implicit`; see `humanoid_sim.simulation.plant`.
             command_delay: s, a multiple of the physics step.
             state_delay: s, a multiple of the physics step.
-            state_sampling: `now` or `on_command`.
             support: whether a floating base starts held; a fixed one ignores this and the four below.
             base_position: m, world frame, x and y where the base starts.
             base_yaw: rad, about the vertical, how the base is turned at the start.
@@ -120,118 +120,85 @@ class MujocoRobot:
             pushes: of a floating base, each at its time.
             motors: a motor model of your own, in place of motors that give exactly what the MIT law asks for.
             terrain: instead of a level floor. A floating base starts as high as it would on that, at the origin.
-
-        Raises:
-            InputError: an option is not accepted, the MJCF does not fit the description, or the description's damping
-                is unstable at this physics step.
         """
         if state_sampling not in get_args(StateSampling):
             accepted = " or ".join(get_args(StateSampling))
             raise InputError(f"state_sampling: is {state_sampling!r}, expected {accepted}")
-        settings = description.simulation
         timestep = timestep_of(description, actuation, physics_timestep)
-        period = 1.0 / settings.control_frequency if control_period is None else control_period
-        steps = steps_per_period(period, timestep)
+        period = 1.0 / description.simulation.control_frequency if control_period is None else control_period
+        self.physics_steps = steps_per_period(period, timestep)
+        """Physics steps in one control period."""
         command_steps = delay_steps("command_delay", command_delay, timestep)
         state_steps = delay_steps("state_delay", state_delay, timestep)
 
-        self._description = description
+        self.description = description
+        """What this robot was built from."""
+        self.joints = description.joint_names
+        """See `Robot.joints`."""
+        self.control_period = period
+        """s, by which one `write` advances the simulation."""
         self._timestep = timestep
-        self._control_period = period
-        self._joints = description.joint_names
         self._plant = make_plant(
             description, actuation=actuation, physics_timestep=timestep, terrain=terrain, motors=motors
         )
-        self._stability = DampingStability(self._plant.model, description)
-        self._warnings = self._stability.check_description()
+        self.model = self._plant.model
+        """The compiled MuJoCo model."""
+        self.data = self._plant.data
+        """MuJoCo's state, live. What it derives from `qpos` (`xpos`, contacts) is one physics step older."""
+        self.acceleration = self._plant.acceleration
+        """Shape (nv,), of the latest physics step, live: what the IMU feels; see `Plant.acceleration`."""
+        self.stability = DampingStability(self.model, description)
+        """The stability measure of this robot's model, for the gains of a policy."""
+        self.warnings = self.stability.check_description()
+        """Messages to an operator about this simulation, one line each: gains that are close to unstable."""
+        self.is_closed = False
+        """True once `close` was called."""
         self._starts_held = support
         self._is_lifted = False
         self._base: FloatingBase | None = None
         self._observer: BaseObserver | None = None
         if description.is_floating:
-            self._observer = BaseObserver(self._plant.model, description)
-            level = self._plant.model if terrain is None else build_model(description, scene="floor")
+            self._observer = BaseObserver(self.model, description)
+            level = self.model if terrain is None else build_model(description, scene="floor")
             self._base = FloatingBase(
                 level,
                 description,
-                self._plant.data.qpos,
+                self.data.qpos,
                 position=base_position,
                 yaw=base_yaw,
                 height=base_height,
                 drop=drop,
             )
         self._measured = anchor_body, tuple(velocity_at), height_scan
-        self._sensors = BodySensors(self._plant.model, description, *self._measured)
+        self._sensors = BodySensors(self.model, description, *self._measured)
 
         piano = description.piano
-        self._keys = None if piano is None else PianoKeys(self._plant.model, piano.fingers)
+        self._keys = None if piano is None else PianoKeys(self.model, piano.fingers)
         self._contacts: frozenset[tuple[int, int]] = frozenset()
-        self._touch: Touch | None = None
+        self.hardest_touch: Touch | None = None
+        """Hardest touch of a key of its piano since `forget_touches`; None for none. Of every physics step, or, of the
+        implicit plant, of the last one in each control period."""
         # The implicit plant's steps depend on how many are taken at a time.
-        self._steps_at_once = 1 if self._keys is not None and actuation != "implicit" else steps
+        self._steps_at_once = 1 if self._keys is not None and actuation != "implicit" else self.physics_steps
 
-        self.pushes = Pushes(pushes, self._plant.model, description)
+        self.pushes = Pushes(pushes, self.model, description)
         """Those, and others that are added as they come."""
+        self._set_timing(command_steps, state_steps, is_sampled_now=state_sampling == "now")
+        self.activate()
 
-        self._steps = steps
+    def _set_timing(self, command_steps: int, state_steps: int, *, is_sampled_now: bool) -> None:
+        """Set up the lines of what is under way; delays are in physics steps."""
+        self._step = 0
+        self._fault = ""
+        self._state: MITState | None = None
         # A command written at the start of a period arrives `whole` periods and `offset` steps later. Samples for
         # the read at the end of a period are taken `state_steps` before it, so at one fixed offset too.
-        self._whole_periods_late, self._arrival_offset = divmod(command_steps, steps)
-        self._sample_offset = steps - state_steps % steps
-        self._samples_now = state_sampling == "now"
+        self._whole_periods_late, self._arrival_offset = divmod(command_steps, self.physics_steps)
+        self._sample_offset = self.physics_steps - state_steps % self.physics_steps
+        self._samples_now = is_sampled_now
         self._pending: deque[MITCommand] = deque()
         self._joint_line: _DelayLine[_JointSample] = _DelayLine(state_steps)
         self._body_line: _DelayLine[BodySample] = _DelayLine(state_steps)
-        self._step = 0
-        self._fault = ""
-        self._is_closed = False
-        self._state: MITState | None = None
-        self.activate()
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """See `Robot.joints`."""
-        return self._joints
-
-    @property
-    def description(self) -> RobotDescription:
-        """Return what this robot was built from."""
-        return self._description
-
-    @property
-    def model(self) -> mujoco.MjModel:
-        """The compiled MuJoCo model."""
-        return self._plant.model
-
-    @property
-    def data(self) -> mujoco.MjData:
-        """MuJoCo's state, live. What it derives from `qpos` (`xpos`, contacts) is one physics step older."""
-        return self._plant.data
-
-    @property
-    def acceleration(self) -> FloatArray:
-        """Shape (nv,), of the latest physics step, live: what the IMU feels; see `Plant.acceleration`."""
-        return self._plant.acceleration
-
-    @property
-    def control_period(self) -> float:
-        """s, by which one `write` advances the simulation."""
-        return self._control_period
-
-    @property
-    def physics_steps(self) -> int:
-        """Physics steps in one control period."""
-        return self._steps
-
-    @property
-    def stability(self) -> DampingStability:
-        """The stability measure of this robot's model, for the gains of a policy."""
-        return self._stability
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Say what an operator should know about this simulation, one line each: gains that are close to unstable."""
-        return self._warnings
 
     @property
     def time(self) -> float:
@@ -246,21 +213,13 @@ class MujocoRobot:
     @property
     def supported(self) -> bool:
         """Return whether the support holds a floating base; a fixed base never needs one."""
-        return self._base is not None and self._base.is_held(self._plant.data)
+        return self._base is not None and self._base.is_held(self.data)
 
     @property
     def base_state(self) -> BaseState | None:
         """Pose and motion of a floating base at the present simulation time, None for a fixed one. For monitors."""
-        data = self._plant.data
+        data = self.data
         return None if self._observer is None else self._observer.at(data.qpos, data.qvel)
-
-    @property
-    def hardest_touch(self) -> Touch | None:
-        """Return how hard a key of its piano was touched since `forget_touches`, at most; None for not at all.
-
-        Of every physics step, or, of the implicit plant, of the last one in each control period.
-        """
-        return self._touch
 
     @property
     def other_contacts(self) -> tuple[str, ...]:
@@ -268,35 +227,35 @@ class MujocoRobot:
 
         Of the same physics steps as `hardest_touch`.
         """
-        body = self._plant.model.body
+        body = self.model.body
         return tuple(f"{body(a).name} and {body(b).name}" for a, b in sorted(self._contacts))
 
     @property
     def pressed_keys(self) -> FloatArray:
         """Shape (88,), 1 for each key of its piano that sounds now, else 0. Raises `RobotError` without a piano."""
         if self._keys is None:
-            raise RobotError(f"{self._description.name}: has no piano, whose keys could be pressed")
-        return self._keys.pressed(self._plant.data.qpos)
+            raise RobotError(f"{self.description.name}: has no piano, whose keys could be pressed")
+        return self._keys.pressed(self.data.qpos)
 
     def forget_touches(self) -> None:
         """Look for the hardest touch, and for other contacts, from here on."""
-        self._touch, self._contacts = None, frozenset()
+        self.hardest_touch, self._contacts = None, frozenset()
 
     @property
     def qpos(self) -> FloatArray:
         """Shape (nq,), a read-only copy of MuJoCo's generalised position, for viewers."""
-        qpos: FloatArray = self._plant.data.qpos.copy()
+        qpos: FloatArray = self.data.qpos.copy()
         qpos.setflags(write=False)
         return qpos
 
     def activate(self) -> None:
         """Put the joints to rest in the initial position, forget commands, clear a fault. Raises `RobotError`."""
-        if self._is_closed:
-            raise RobotError(f"{self._description.name}: the simulated robot is closed")
+        if self.is_closed:
+            raise RobotError(f"{self.description.name}: the simulated robot is closed")
         self._plant.reset()
         self.pushes.forget()
         if self._base is not None:
-            self._base.place(self._plant.data)
+            self._base.place(self.data)
             self.set_support(self._starts_held)
         self._fault = ""
         self._begin()
@@ -306,14 +265,13 @@ class MujocoRobot:
     ) -> Callable[[], None]:
         """Make ready to report other live inputs; arguments as for the constructor.
 
+        Raises `InputError` if the model has no such body or site.
+
         Returns:
             What makes the state report them, from the next reading on; to be called between two ticks.
-
-        Raises:
-            InputError: the model has no such body or site.
         """
         wanted = anchor_body, tuple(velocity_at), height_scan
-        sensors = BodySensors(self._plant.model, self._description, *wanted)
+        sensors = BodySensors(self.model, self.description, *wanted)
 
         def measure() -> None:
             if wanted != self._measured:
@@ -332,7 +290,7 @@ class MujocoRobot:
         and how it moved, nobody measures.
         """
         self.activate()
-        data, addresses = self._plant.data, self._plant.addresses
+        data, addresses = self.data, self._plant.addresses
         self._step = round(time / self._timestep)
         data.qpos[addresses.qpos], data.qvel[addresses.dof] = joint_position, joint_velocity
         if self._base is not None:
@@ -347,7 +305,7 @@ class MujocoRobot:
 
     def _begin(self) -> None:
         """Nothing is under way, and all is seen as it now is."""
-        self._plant.data.time = self.time
+        self.data.time = self.time
         self._pending.clear()
         self._state = None
         self._joint_line.restart(self._step, self._joint_sample())
@@ -359,55 +317,61 @@ class MujocoRobot:
         Reading twice gives the same state.
         """
         if self._state is None:
-            sampled, (position, velocity, effort) = self._joint_line.at(self._step)
+            sampled, joints = self._joint_line.at(self._step)
             felt, body = self._body_line.at(self._step)
-            live = {name: Extern(value, felt * self._timestep) for name, value in body.live.items()}
-            self._state = MITState(
-                time=self.time,
-                joint_position=position,
-                joint_velocity=velocity,
-                joint_effort=effort,
-                joint_age=np.full(len(self._joints), (self._step - sampled) * self._timestep),
-                imu_quaternion=body.imu.quaternion,
-                imu_angular_velocity=body.imu.angular_velocity,
-                imu_linear_acceleration=body.imu.linear_acceleration,
-                **({"extern": live} if live else {}),
-            )
+            age = (self._step - sampled) * self._timestep
+            self._state = self._seen(joints, age, body, felt * self._timestep)
         if self._fault:
             return self._state, (SafetyStatus(level=SafetyLevel.CRITICAL, source=_SOURCE, message=self._fault),)
         return self._state, (_OK,)
+
+    def _seen(self, joints: _JointSample, age: float, body: BodySample, felt: float) -> MITState:
+        """Return the state of samples; `age`, s, is the joints', and `felt`, s, the time of the body's."""
+        live = {name: Extern(value, felt) for name, value in body.live.items()}
+        position, velocity, effort = joints
+        return MITState(
+            time=self.time,
+            joint_position=position,
+            joint_velocity=velocity,
+            joint_effort=effort,
+            joint_age=np.full(len(self.joints), age),
+            imu_quaternion=body.imu.quaternion,
+            imu_angular_velocity=body.imu.angular_velocity,
+            imu_linear_acceleration=body.imu.linear_acceleration,
+            **({"extern": live} if live else {}),
+        )
 
     def write(self, command: MITCommand) -> None:
         """Apply a command, shape (n,), and advance physics by one control period.
 
         Raises `RobotError` if the command is for another number of joints, or the robot is closed.
         """
-        if command.position.shape != (len(self._joints),):
+        if command.position.shape != (len(self.joints),):
             raise RobotError(
-                f"{self._description.name}: command has shape {command.position.shape}, expected ({len(self._joints)},)"
+                f"{self.description.name}: command has shape {command.position.shape}, expected ({len(self.joints)},)"
             )
-        if self._is_closed:
-            raise RobotError(f"{self._description.name}: the simulated robot is closed")
+        if self.is_closed:
+            raise RobotError(f"{self.description.name}: the simulated robot is closed")
         self._state = None
         if self._fault:
-            self._step += self._steps
+            self._step += self.physics_steps
             return
         if self._is_lifted and self._base is not None:
-            self._base.lift(self._plant.data, self._control_period)
-        self.pushes.apply(self._plant.data, self.time)
+            self._base.lift(self.data, self.control_period)
+        self.pushes.apply(self.data, self.time)
         self._pending.append(command)
         if self._arrival_offset < self._sample_offset:
             self._advance(self._arrival_offset)
             self._arrive()
             self._advance(self._sample_offset - self._arrival_offset)
             self._sample()
-            self._advance(self._steps - self._sample_offset)
+            self._advance(self.physics_steps - self._sample_offset)
         else:
             self._advance(self._sample_offset)
             self._sample()
             self._advance(self._arrival_offset - self._sample_offset)
             self._arrive()
-            self._advance(self._steps - self._arrival_offset)
+            self._advance(self.physics_steps - self._arrival_offset)
         fault = self._plant.fault()
         if fault:
             self._fault = f"{fault} (t = {self.time:.4f} s)"
@@ -415,22 +379,15 @@ class MujocoRobot:
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Let the support take a floating base where it now is, or let the base go; from the next write on.
 
-        If it `lifts`, it then raises the base, slowly, to the height of its start; never without a `drop`.
-
-        Raises:
-            RobotError: the base is fixed.
+        If it `lifts`, it then raises the base, slowly, to the height of its start; never without a `drop`. Raises
+        `RobotError` if the base is fixed.
         """
-        move_support(self._base, self._plant.data, held, self._description.name)
+        move_support(self._base, self.data, held, self.description.name)
         self._is_lifted = lifts
-
-    @property
-    def is_closed(self) -> bool:
-        """Return whether `close` was called."""
-        return self._is_closed
 
     def close(self) -> None:
         """Refuse further commands. May be called twice."""
-        self._is_closed = True
+        self.is_closed = True
 
     def _advance(self, steps: int) -> None:
         while steps:
@@ -439,8 +396,8 @@ class MujocoRobot:
             self._step += count
             steps -= count
             if self._keys is not None:
-                self._touch = hardest_touch(self._keys, self._plant.model, self._plant.data, self.time, self._touch)
-                self._contacts |= self._keys.other_contacts(self._plant.model, self._plant.data)
+                self.hardest_touch = hardest_touch(self._keys, self.model, self.data, self.time, self.hardest_touch)
+                self._contacts |= self._keys.other_contacts(self.model, self.data)
 
     def _arrive(self) -> None:
         """Let the command written `command_delay` ago reach the motors, which may answer."""
@@ -455,7 +412,7 @@ class MujocoRobot:
             self._joint_line.push(self._step, self._joint_sample())
 
     def _body_sample(self) -> BodySample:
-        return self._sensors.read(self._plant.data, self._plant.acceleration)
+        return self._sensors.read(self.data, self.acceleration)
 
     def _joint_sample(self) -> _JointSample:
         return self._plant.position.copy(), self._plant.velocity.copy(), self._plant.effort.copy()

@@ -273,8 +273,7 @@ def make_plant(
 ) -> Plant:
     """Build the model and its plant, on a terrain or on a level floor; with motors of your own, if they are given.
 
-    Raises:
-        InputError: `actuation` is unknown, or the model cannot be built (see `build_model`).
+    Raises `InputError` if `actuation` is unknown, or the model cannot be built (see `build_model`).
     """
     check_actuation(actuation)
     native = actuation != "qfrc_applied"

@@ -50,19 +50,14 @@ def add_scene(
         _add_lights(spec, center, extent)
     taken = {camera.name for camera in spec.cameras}
     base = bare.body(description.base.body).id if description.is_floating else 0
-    distance = _viewing_distance(extent, stands=description.is_floating)
+    # m, at which a sphere as large as the robot fills a 4:3 picture almost from side to side. One that stands on its
+    # legs is as high as that sphere, and needs room to sway.
+    share = 0.60 if description.is_floating else 0.42
+    distance = share * extent / math.sin(math.radians(0.5 * _FIELD_OF_VIEW))
     for name, (azimuth, elevation) in CAMERAS.items():
         if name not in taken:
             rotation = _looking_back(math.radians(azimuth), math.radians(elevation))
             _add_camera(spec, name, bare, base, center + distance * rotation[:, 2], rotation)
-
-
-def _viewing_distance(extent: float, *, stands: bool) -> float:
-    """m, at which a sphere as large as the robot fills a 4:3 picture almost from side to side.
-
-    One that stands on its legs is as high as that sphere, and needs room to sway.
-    """
-    return (0.60 if stands else 0.42) * extent / math.sin(math.radians(0.5 * _FIELD_OF_VIEW))
 
 
 def _add_sky_and_quality(spec: mujoco.MjSpec) -> None:
@@ -125,10 +120,8 @@ def add_floor(
     """Add a floor, or a terrain, to a robot that brings none, the only part of a room that dynamics know.
 
     Whatever can collide at all collides with it, whichever bits its contact masks use. `bare` is the spec compiled;
-    without a material the floor is grey.
-
-    Raises:
-        InputError: there is to be a terrain, and the robot brings a ground of its own.
+    without a material the floor is grey. Raises `InputError` if there is to be a terrain, and the robot brings a ground
+    of its own.
     """
     # A robot could stand on a plane, on terrain, and on anything else fixed that extends a metre all around.
     is_ground = np.isin(bare.geom_type, (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)))

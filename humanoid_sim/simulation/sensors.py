@@ -13,18 +13,10 @@ from types import MappingProxyType
 import mujoco
 import numpy as np
 
+from humanoid_sim import mit
 from humanoid_sim.controllers.terms import HeightScan
-from humanoid_sim.errors import InputError, known_names
-from humanoid_sim.mit import (
-    ANCHOR_POSE,
-    BASE_LINEAR_VELOCITY,
-    EXTERN_WIDTHS,
-    HEIGHT_SCAN,
-    IMU,
-    KEY_PRESSED,
-    FloatArray,
-    point_velocity,
-)
+from humanoid_sim.errors import InputError, blaming, known_names
+from humanoid_sim.mit import FloatArray, point_velocity
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.piano import KEY_COUNT
 from humanoid_sim.simulation.floating_base import base_addresses
@@ -109,30 +101,27 @@ def live_inputs(
 ) -> Mapping[str, int]:
     """Names and widths of the live inputs that a simulated robot's state carries; only a floating base has velocities.
 
+    Raises `InputError` if the anchor body, or a site, is not in the model.
+
     Args:
         anchor_body: MJCF body whose pose is asked for; empty for none.
         velocity_at: `imu`, or sites, whose velocity is asked for.
         height_scan: of the ground, if it is asked for.
-
-    Raises:
-        InputError: the anchor body, or a site, is not in the model.
     """
     known = [model.site(i).name for i in range(model.nsite) if model.site(i).name]
     for point in velocity_at:
-        if point != IMU and point not in known:
+        if point != mit.IMU and point not in known:
             what = known_names("site", point, known)
             raise InputError(f"velocity of the base: at is neither base nor imu nor a site of the model: {what}")
-    names = [BASE_LINEAR_VELOCITY] if description.is_floating else []
+    names = [mit.BASE_LINEAR_VELOCITY] if description.is_floating else []
     if anchor_body:
-        names.append(ANCHOR_POSE)
-        try:
+        names.append(mit.ANCHOR_POSE)
+        with blaming("anchor body", InputError):
             body_ids(model, [anchor_body])
-        except InputError as error:
-            raise InputError(f"anchor body: {error}") from None
     points = [point_velocity(point) for point in velocity_at] if description.is_floating else []
-    keys = {KEY_PRESSED: KEY_COUNT} if description.piano is not None else {}
-    scan = {} if height_scan is None else {HEIGHT_SCAN: height_scan.count}
-    known_widths = {name: EXTERN_WIDTHS[name] for name in names}
+    keys = {mit.KEY_PRESSED: KEY_COUNT} if description.piano is not None else {}
+    scan = {} if height_scan is None else {mit.HEIGHT_SCAN: height_scan.count}
+    known_widths = {name: mit.EXTERN_WIDTHS[name] for name in names}
     return MappingProxyType({**known_widths, **dict.fromkeys(points, 3), **keys, **scan})
 
 
@@ -161,8 +150,7 @@ class BodySensors:
     ) -> None:
         """Find the frames; arguments as of `live_inputs`.
 
-        Raises:
-            InputError: the IMU, the anchor body, a site or the middle of the scan is not in the model.
+        Raises `InputError` if the IMU, the anchor body, a site or the middle of the scan is not in the model.
         """
         self.widths = live_inputs(model, description, anchor_body, velocity_at, height_scan)
         """Names and widths of the live inputs."""
@@ -170,14 +158,10 @@ class BodySensors:
         self._base_velocity = base_addresses(model, description)[2] if description.is_floating else None
         self._model, self._data = model, mujoco.MjData(model)
         self._anchor = model.body(anchor_body).id if anchor_body else None
-        self._points = (
-            {
-                point_velocity(point): named_frame(model, description.imu if point == IMU else point, "imu")
-                for point in velocity_at
-            }
-            if description.is_floating
-            else {}
-        )
+        self._points = {
+            point_velocity(point): named_frame(model, description.imu if point == mit.IMU else point, "imu")
+            for point in (velocity_at if description.is_floating else ())
+        }
         self._twist = np.empty(6)
         self._keys = PianoKeys(model) if description.piano is not None else None
         self._scanner = None if height_scan is None else HeightScanner(model, description, height_scan)
@@ -186,7 +170,7 @@ class BodySensors:
         """Return the reading at the data's present `qpos` and `qvel`; the acceleration is as `Imu.read` takes it."""
         live = {}
         if self._base_velocity is not None:
-            live[BASE_LINEAR_VELOCITY] = data.qvel[self._base_velocity].copy()
+            live[mit.BASE_LINEAR_VELOCITY] = data.qvel[self._base_velocity].copy()
         own = self._data
         if self._anchor is not None or self._points or self._scanner is not None:
             own.qpos[:], own.qvel[:] = data.qpos, data.qvel
@@ -198,9 +182,9 @@ class BodySensors:
             mujoco.mj_objectVelocity(self._model, own, kind, i, self._twist, 0)
             live[name] = self._twist[3:].copy()
         if self._anchor is not None:
-            live[ANCHOR_POSE] = _pose(self._model, own, mujoco.mjtObj.mjOBJ_XBODY, self._anchor)
+            live[mit.ANCHOR_POSE] = _pose(self._model, own, mujoco.mjtObj.mjOBJ_XBODY, self._anchor)
         if self._keys is not None:
-            live[KEY_PRESSED] = self._keys.pressed(data.qpos)
+            live[mit.KEY_PRESSED] = self._keys.pressed(data.qpos)
         if self._scanner is not None:
-            live[HEIGHT_SCAN] = self._scanner.read(_pose(self._model, own, *self._scanner.frame))
+            live[mit.HEIGHT_SCAN] = self._scanner.read(_pose(self._model, own, *self._scanner.frame))
         return BodySample(self._imu.read(data, acceleration), live)

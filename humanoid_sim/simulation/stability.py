@@ -13,7 +13,7 @@ that limit may stay there and chatter, as with explicit damping.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -94,8 +94,11 @@ class DampingStability:
         """Measure a K_d: shape (n,) or scalar, N·m·s/rad. Infinite at the largest if it is beyond all measure."""
         symmetric = self._symmetric(damping)
         if not (np.abs(symmetric) < _MEASURABLE).all():  # NaN too
-            gains = np.broadcast_to(damping, (self._description.joint_count,))
-            return DampingMeasure(math.inf, self._description.joint_names[int(np.argmax(gains))])
+            return DampingMeasure(math.inf, self._description.joint_names[int(np.argmax(self._per_joint(damping)))])
+        return self._worst(symmetric)
+
+    def _worst(self, symmetric: npt.NDArray[np.float64]) -> DampingMeasure:
+        """Return the largest eigenvalue of the poses' matrices, times the physics step."""
         values, vectors = np.linalg.eigh(symmetric)
         worst = int(np.argmax(values[:, -1]))
         joint = int(np.argmax(np.abs(vectors[worst, :, -1])))
@@ -118,22 +121,18 @@ class DampingStability:
 
     def _symmetric(self, damping: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return √K_d M⁻¹ √K_d of each pose, which is symmetric and has the eigenvalues of M⁻¹ K_d."""
-        root = np.sqrt(np.broadcast_to(np.asarray(damping, dtype=np.float64), (self._description.joint_count,)))
+        root = np.sqrt(self._per_joint(damping))
         with np.errstate(over="ignore", invalid="ignore"):
             symmetric: npt.NDArray[np.float64] = root[:, None] * self._inverse_mass * root
         return symmetric
 
     def measure_stiffness(self, stiffness: npt.ArrayLike, damping: npt.ArrayLike) -> DampingMeasure:
         """Measure `dt · ω` of the undamped oscillation under implicit damping; arguments (n,) or scalar."""
-        n = self._description.joint_count
-        root = np.sqrt(np.broadcast_to(np.asarray(stiffness, dtype=np.float64), (n,)))
-        added = 0.5 * self._timestep * np.diag(np.broadcast_to(np.asarray(damping, dtype=np.float64), (n,)))
+        root = np.sqrt(self._per_joint(stiffness))
+        added = 0.5 * self._timestep * np.diag(self._per_joint(damping))
         damped = np.linalg.inv(np.linalg.inv(self._inverse_mass) + added)
-        values, vectors = np.linalg.eigh(root[:, None] * damped * root)
-        worst = int(np.argmax(values[:, -1]))
-        joint = int(np.argmax(np.abs(vectors[worst, :, -1])))
-        turned = self._timestep * math.sqrt(max(float(values[worst, -1]), 0.0))
-        return DampingMeasure(turned, self._description.joint_names[joint])
+        squared = self._worst(root[:, None] * damped * root)
+        return replace(squared, eigenvalue=math.sqrt(self._timestep * max(squared.eigenvalue, 0.0)))
 
     def suits(self, damping: npt.ArrayLike, stiffness: npt.ArrayLike, limit: float) -> bool:
         """Return whether gains, as `check` takes them, stay below a limit of what is unstable above `REFUSED_ABOVE`."""
@@ -144,11 +143,8 @@ class DampingStability:
     def check(self, damping: npt.ArrayLike, what: str, stiffness: npt.ArrayLike = 0.0) -> str:
         """Warn about a K_d and its K_p, or return '' if they are stable without oscillation; `what` has them.
 
-        K_p matters only where damping is implicit.
-
-        Raises:
-            InputError: it is unstable at this physics step; the message names the joint, and a step that works, if
-                there is one.
+        K_p matters only where damping is implicit. Raises `InputError` if it is unstable at this physics step; the
+        message names the joint, and a step that works, if there is one.
         """
         if self.is_implicit:
             return self._check_implicit(damping, stiffness, what)
@@ -159,14 +155,7 @@ class DampingStability:
             f"{what}: dt·M⁻¹·K_d reaches {_shown(measure.eigenvalue)} at {measure.joint} with a physics step of "
             f"{self._timestep:g} s"
         )
-        if measure.eigenvalue > REFUSED_ABOVE:
-            longest = self._timestep * REFUSED_ABOVE / measure.eigenvalue
-            if longest <= _SHORTEST_STEP:
-                raise InputError(f"{message}: unstable above {REFUSED_ABOVE:g}, and no physics step makes it stable")
-            raise InputError(
-                f"{message}: unstable above {REFUSED_ABOVE:g}, use less than {longest:.2g} s, such as "
-                f"{_round_step_below(longest):g} s"
-            )
+        self._refuse_unstable(message, measure)
         return f"{message}: stable, but the velocity changes sign from step to step above {WARNED_ABOVE:g}"
 
     def _check_implicit(self, damping: npt.ArrayLike, stiffness: npt.ArrayLike, what: str) -> str:
@@ -175,14 +164,10 @@ class DampingStability:
             raise InputError(f"{what}: the gains are beyond all measure, and no physics step makes them stable")
         measure, step = self.measure_stiffness(stiffness, damping), f"implicit steps of {self._timestep:g} s"
         if measure.eigenvalue > WARNED_ABOVE:
-            message = f"{what}: dt·√((M + ½·dt·K_d)⁻¹·K_p) reaches {_shown(measure.eigenvalue)} at {measure.joint}"
-            if measure.eigenvalue > REFUSED_ABOVE:
-                longest = self._timestep * REFUSED_ABOVE / measure.eigenvalue
-                raise InputError(
-                    f"{message} with {step}: unstable above {REFUSED_ABOVE:g}, use less than {longest:.2g} s, such as "
-                    f"{_round_step_below(longest):g} s"
-                )
-            return f"{message} with {step}: stable, but its oscillations are far off above {WARNED_ABOVE:g}"
+            reached = f"dt·√((M + ½·dt·K_d)⁻¹·K_p) reaches {_shown(measure.eigenvalue)} at {measure.joint}"
+            message = f"{what}: {reached} with {step}"
+            self._refuse_unstable(message, measure)
+            return f"{message}: stable, but its oscillations are far off above {WARNED_ABOVE:g}"
         if not self.exceeds(damping, REFUSED_ABOVE):
             return ""
         chatter = self.measure(damping)
@@ -190,6 +175,16 @@ class DampingStability:
             f"{what}: dt·M⁻¹·K_d reaches {_shown(chatter.eigenvalue)} at {chatter.joint} with {step}: stable, but a "
             f"joint that is thrown to its effort limit may chatter there above {REFUSED_ABOVE:g}"
         )
+
+    def _refuse_unstable(self, message: str, measure: DampingMeasure) -> None:
+        if measure.eigenvalue > REFUSED_ABOVE:
+            longest = self._timestep * REFUSED_ABOVE / measure.eigenvalue
+            remedy = (
+                f"use less than {longest:.2g} s, such as {_round_step_below(longest):g} s"
+                if longest > _SHORTEST_STEP
+                else "and no physics step makes it stable"
+            )
+            raise InputError(f"{message}: unstable above {REFUSED_ABOVE:g}, {remedy}")
 
     def check_description(self) -> tuple[str, ...]:
         """Return the warnings about all the description's own gains. Raises as `check`."""
@@ -204,15 +199,15 @@ class DampingStability:
             ("remote_policy_controller", robot.passive_damping, 0.0),
         ):
             gains = self._per_joint(damping), self._per_joint(stiffness if self.is_implicit else 0.0)
-            owners.setdefault(gains, []).append(name)
+            owners.setdefault((tuple(gains[0].tolist()), tuple(gains[1].tolist())), []).append(name)
         found = [
             self.check(damping, f"{robot.name}: {', '.join(names)}", stiffness)
             for (damping, stiffness), names in owners.items()
         ]
         return tuple(warning for warning in found if warning)
 
-    def _per_joint(self, gains: npt.ArrayLike) -> tuple[float, ...]:
-        return tuple(np.broadcast_to(np.asarray(gains, dtype=np.float64), (self._description.joint_count,)).tolist())
+    def _per_joint(self, gains: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        return np.broadcast_to(np.asarray(gains, dtype=np.float64), (self._description.joint_count,))
 
 
 def _shown(value: float) -> str:

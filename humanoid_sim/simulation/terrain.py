@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, known_names, require_known
 from humanoid_sim.mit import FloatArray
 
 TerrainKind = Literal["rough", "slopes", "steps", "mixed"]
@@ -97,9 +97,7 @@ class Terrain:
         if not isinstance(value, Mapping) or "kind" not in value:
             kinds = ", ".join(("flat", *get_args(TerrainKind)))
             raise InputError(f"terrain: is {value!r}, expected {kinds}, or the fields of a Terrain with its kind")
-        for name in value:
-            if name not in known:
-                raise InputError(f"terrain: {known_names('field', str(name), known)}")
+        require_known("field", value, known, "terrain: ")
         return cls(**value)
 
     def heights(self) -> FloatArray:

@@ -20,6 +20,7 @@ from humanoid_sim.envs.spaces import observation_space
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.mit import EXTERN_WIDTHS, MITState
 from humanoid_sim.policy.checkpoint import Checkpoint
+from humanoid_sim.policy.checks import estimate_findings
 from humanoid_sim.policy.describe import term_lines
 from humanoid_sim.policy.golden.make import blind_spots, own_samples
 from humanoid_sim.policy.golden.verify import golden_problem, value_name
@@ -27,7 +28,6 @@ from humanoid_sim.policy.loaded_policy import contract_layout, load_policy
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.readers.merge import merge
 from humanoid_sim.policy.readers.partial import PartialContract, given
-from humanoid_sim.policy.robot_check import estimate_findings
 from humanoid_sim.robots.description import load_robot
 
 LITE = load_robot("lite")

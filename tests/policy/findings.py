@@ -4,7 +4,7 @@ from typing import Any
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.policy.checkpoint import placeholder_checkpoint
-from humanoid_sim.policy.robot_check import Finding
+from humanoid_sim.policy.checks import Finding
 from humanoid_sim.robots.description import RobotDescription
 
 

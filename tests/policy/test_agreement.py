@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from humanoid_sim.policy.readers.agreement import agreed, contradiction
+from humanoid_sim.policy.readers.merge import agreed, contradiction
 from humanoid_sim.policy.readers.partial import Given
 
 

@@ -31,8 +31,8 @@ def read(path, text):
         ("override: {terms: {joint_pos: {history: 1.5}}}", "override.terms.joint_pos.history: is 1.5, expected a w"),
         ("task_type: dance", "task_type: is 'dance', expected one of tracking, piano, locomotion"),
         ("- policy_dt", "is ['policy_dt'], expected a mapping"),
-        ("policy_dt: 0.02\npolicy_dt: 0.04", "is not YAML that can be read (line 2): 'policy_dt' is given twice"),
-        ("policy_dt: [", "is not YAML that can be read (line 1): "),
+        ("policy_dt: 0.02\npolicy_dt: 0.04", "line 2, column 1: not valid YAML: 'policy_dt' is given twice"),
+        ("policy_dt: [", "line 1, column 13: not valid YAML: "),
         ("phase: {period: -1}", "phase.period: is -1.0, expected a finite number > 0"),
         ("tensors: {action: 1}", "tensors.action: is 1, expected a text"),
         ("observation: [{name: a, scale: 1}]\nterms: {a: {scale: 1}}", "terms.a.scale: is given in observation as"),
@@ -81,7 +81,7 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path):
 def test_python_tags_are_refused(tmp_path):
     message = read(tmp_path / "contract.yaml", "body_names: !!python/object/apply:os.system [ls]")
     assert message == (
-        "is not YAML that can be read (line 1): the tag !!python/object/apply:os.system is not read; "
+        "line 1, column 13: not valid YAML: the tag !!python/object/apply:os.system is not read; "
         "the only one of Python that is: !!python/object/apply:builtins.slice"
     )
 

@@ -61,7 +61,7 @@ def test_joints_that_the_policy_lacks_are_left_out(checkpoint, tmp_path):
         ),
         checkpoint.contract,
     )
-    assert trace.recorded.joint_names == trainer.ROBOT_JOINTS
+    assert trace.joint_names == trainer.ROBOT_JOINTS
     assert trainer_samples(checkpoint, trace).target_origin == "trainer"
 
 
@@ -95,7 +95,7 @@ def test_a_robots_model_tells_imu_and_anchor(tmp_path):
     path = trainer.save_trace(tmp_path / "t.npz", run)
     robot = load_robot(str(mjcf))
     trace = read_trace(path, trainer.contract(), body_reader(robot, "left_thigh"))
-    state = trace.recorded.state(1)
+    state = trace.state(1)
     np.testing.assert_allclose(state.imu_angular_velocity, run.qvel[1, 3:6], atol=1e-12)
     np.testing.assert_allclose(state.extern["base_linear_velocity"].value, run.qvel[1, :3], atol=1e-12)
     pose = state.extern["anchor_pose"].value
@@ -229,7 +229,7 @@ def test_a_height_scan_is_in_the_trace_or_follows_from_the_ground_in_the_robots_
     bodies = body_reader(load_robot(str(mjcf)), "", (), SEEING.contract.height_scan)
     without = trainer.save_trace(tmp_path / "b.npz", run, obs=seen(run, heights))
     by_rays = read_trace(without, SEEING.contract, bodies)
-    np.testing.assert_allclose(by_rays.recorded.extern["height_scan"], heights, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(by_rays.extern["height_scan"], heights, rtol=0.0, atol=1e-9)
     trainer_samples(SEEING, by_rays)
     with pytest.raises(
         InputError, match="height_scan is missing, expected it, as the policy observes height_scan, or "

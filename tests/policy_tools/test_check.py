@@ -13,10 +13,15 @@ from published import HOLOSOMA_REST, MJLAB, POLICIES, needs_policies
 from trainer import contract, network, save_checkpoint, terms
 
 from humanoid_sim.controllers.terms import Term
+from humanoid_sim.policy.checks import (
+    effort_findings,
+    naming_findings,
+    range_findings,
+    sorted_findings,
+    suspicious_findings,
+)
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.metadata import write_metadata
-from humanoid_sim.policy.robot_check import effort_findings, naming_findings, range_findings, sorted_findings
-from humanoid_sim.policy.suspicious import suspicious_findings
 from humanoid_sim.policy_tools.check import check_checkpoint
 from humanoid_sim.policy_tools.stamp import add_metadata
 

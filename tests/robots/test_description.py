@@ -248,7 +248,7 @@ def test_a_pipe_and_a_name_that_is_too_long(tmp_path):
 def test_a_binary_file(tmp_path):
     path = tmp_path / "robot.yaml"
     path.write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(InputError, match=r"is not a text file \(UTF-8\)$"):
+    with pytest.raises(InputError, match=r"is not a text file \(UTF-8\), expected a YAML file$"):
         load_robot(path)
 
 

@@ -68,8 +68,7 @@ class Reasons:
         """Return the reason, and how the robot has fallen, empty if it has not; `record` is the newest tick."""
         fallen = ""
         if self._observer is not None and record.qpos is not None:
-            still = np.zeros(3)
-            base = self._observer.moving(record.qpos, still, still)
+            base = self._observer.at(record.qpos, None)
             if has_fallen(base, self._standing_height):
                 fallen = describe_fall(base, self._standing_height)
         return {"reason": self._reason, "fallen": fallen}

@@ -8,25 +8,17 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from humanoid_sim import mit
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import PolicyMemory, action_command, resolve_action
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import PolicyStep
-from humanoid_sim.mit import (
-    ANCHOR_POSE,
-    BASE_LINEAR_VELOCITY,
-    HEIGHT_SCAN,
-    KEY_PRESSED,
-    VELOCITY_COMMAND,
-    FloatArray,
-    point_velocity,
-)
+from humanoid_sim.mit import Float32Array, FloatArray, point_velocity
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.golden.samples import GoldenSamples
-from humanoid_sim.policy.golden.trace import Recorded, Trace
+from humanoid_sim.policy.golden.trace import Trace
 from humanoid_sim.policy.golden.verify import golden_problem, memory_fields, observe, recorded_wiring, samples_wiring
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion
@@ -46,17 +38,15 @@ class _Row(NamedTuple):
 def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None = None) -> GoldenSamples:
     """Return samples of a trainer's run, spread evenly over it, after every step of it has been computed again.
 
-    Args:
-        checkpoint: wired as it will be stamped.
-        motion: what the run followed, where the model does not carry it.
+    Raises `InputError` if the checkpoint's observation, action or targets differ from the trainer's; the line names the
+    first step, term and joint, and both values.
 
-    Raises:
-        InputError: the checkpoint's observation, action or targets differ from the trainer's; the line names the first
-            step, term and joint, and both values.
+    Args:
+        motion: what the run followed, where the model does not carry it.
     """
     loaded = checkpoint.following(motion)
-    rows = _rolled(checkpoint, loaded, trace.recorded, trace.name)
-    whole = _samples(checkpoint, loaded, trace.recorded, rows)
+    whole = _samples(checkpoint, loaded, trace, _rolled(checkpoint, loaded, trace))
+    assert trace.observation is not None  # a file has it
     whole = replace(whole, origin="trainer", source=trace.name, observation=trace.observation)
     if trace.target is not None:
         whole = replace(whole, target=trace.target, target_origin="trainer")
@@ -69,62 +59,60 @@ def trainer_samples(checkpoint: Checkpoint, trace: Trace, motion: Motion | None 
 def own_samples(checkpoint: Checkpoint, motion: Motion | None = None, count: int = SAMPLE_COUNT) -> GoldenSamples:
     """Return samples of made-up states, with the observation and the action as this program makes them: drift only.
 
-    Raises:
-        InputError: the policy does not run on them.
+    Raises `InputError` if the policy does not run on them.
     """
     loaded = checkpoint.following(motion)
-    recorded = _made_up(checkpoint, loaded)
-    rows = _rolled(checkpoint, loaded, recorded, "made-up states")
+    made_up = _made_up(checkpoint, loaded)
+    rows = _rolled(checkpoint, loaded, made_up)
     answers = [checkpoint.policy(row.step.observation, row.step.frame) for row in rows]
-    action = np.asarray(answers, dtype=np.float32)
-    whole = _samples(checkpoint, loaded, replace(recorded, action=action), rows)
+    whole = _samples(checkpoint, loaded, replace(made_up, action=np.asarray(answers, dtype=np.float32)), rows)
     return _pick(whole, count)
 
 
-def _rolled(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, name: str) -> list[_Row]:
+def _rolled(checkpoint: Checkpoint, loaded: LoadedPolicy, trace: Trace) -> list[_Row]:
     """Go through a run from activation on."""
     rows: list[_Row] = []
     where = ""
     try:
-        wiring = recorded_wiring(loaded, recorded.joint_names)
-        memory = wiring.activate(recorded.state(0))
-        for k, action in enumerate(recorded.action):
+        wiring = recorded_wiring(loaded, trace.joint_names)
+        memory = wiring.activate(trace.state(0))
+        for k, action in enumerate(trace.action):
             where = f"step {k}: "
-            entered = replace(memory, **memory_fields({name: table[k] for name, table in recorded.memory.items()}))
-            step, observed = observe(wiring, entered, recorded.state(k), action)
+            entered = replace(memory, **memory_fields({name: table[k] for name, table in trace.memory.items()}))
+            step, observed = observe(wiring, entered, trace.state(k), action)
             rows.append(_Row(entered, step))
             memory, _ = wiring.act(observed, action)
     except (FieldError, ValueError) as error:
-        raise InputError(f"{checkpoint.source}: on {name}: {where}{error}") from None
+        raise InputError(f"{checkpoint.source}: on {trace.name}: {where}{error}") from None
     return rows
 
 
-def _samples(checkpoint: Checkpoint, loaded: LoadedPolicy, recorded: Recorded, rows: list[_Row]) -> GoldenSamples:
-    state: dict[str, Any] = dict(recorded.arrays)
+def _samples(checkpoint: Checkpoint, loaded: LoadedPolicy, trace: Trace, rows: list[_Row]) -> GoldenSamples:
+    state: dict[str, Any] = dict(trace.arrays)
     reference = loaded.reference
     frames = np.array([row.step.frame for row in rows], dtype=np.int64)
     tables = {} if checkpoint.motion is not None else dict(reference.terms)
-    action_map = resolve_action(checkpoint.contract, recorded.joint_names)
+    action_map = resolve_action(checkpoint.contract, trace.joint_names)
     return GoldenSamples(
         origin="own",
         source="",
-        joint_names=recorded.joint_names,
+        joint_names=trace.joint_names,
         **state,
         last_action=np.stack([row.memory.last_action for row in rows]),
         frame=frames,
         walked=np.array([row.memory.walked for row in rows]),
         alignment=np.stack([_alignment(row.memory) for row in rows]),
         observation=np.stack([row.step.observation for row in rows]),
-        action=recorded.action,
-        target=action_command(action_map, recorded.action).position,
-        extern=recorded.extern,
+        action=trace.action,
+        target=action_command(action_map, trace.action).position,
+        extern=trace.extern,
         history=_histories(rows),
         reference={name: np.asarray(table[reference.clamp(frames)]) for name, table in tables.items()},
         frame_count=reference.frame_count,
     )
 
 
-def _histories(rows: list[_Row]) -> npt.NDArray[np.float32] | None:
+def _histories(rows: list[_Row]) -> Float32Array | None:
     """Shape (S, h, w); NaN where there was no step before. None for a policy that shows only the present."""
     known = next((row.memory.history for row in rows if row.memory.history is not None), None)
     if known is None:
@@ -151,7 +139,7 @@ def _pick(whole: GoldenSamples, count: int) -> GoldenSamples:
     return replace(whole, **chosen)
 
 
-def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Recorded:
+def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Trace:
     """Get steps of a robot that stumbles about its default pose, heading and all else not zero: nothing must cancel."""
     contract, steps = checkpoint.contract, _OWN_STEPS
     rng = np.random.default_rng(0)
@@ -169,19 +157,19 @@ def _made_up(checkpoint: Checkpoint, loaded: LoadedPolicy) -> Recorded:
         "imu_linear_acceleration": np.array([0.0, 0.0, 9.81]) + rng.normal(0.0, 1.0, (steps, 3)),
     }
     live = {
-        VELOCITY_COMMAND: rng.uniform(ranges[:, 0], ranges[:, 1], (steps, 3)),
-        BASE_LINEAR_VELOCITY: rng.normal(0.0, 0.5, (steps, 3)),
-        ANCHOR_POSE: np.concatenate([rng.normal([1.0, 2.0, 0.8], 0.1, (steps, 3)), quaternion], axis=1),
+        mit.VELOCITY_COMMAND: rng.uniform(ranges[:, 0], ranges[:, 1], (steps, 3)),
+        mit.BASE_LINEAR_VELOCITY: rng.normal(0.0, 0.5, (steps, 3)),
+        mit.ANCHOR_POSE: np.concatenate([rng.normal([1.0, 2.0, 0.8], 0.1, (steps, 3)), quaternion], axis=1),
     }
     for point in contract.velocity_points:
         live[point_velocity(point)] = rng.normal(0.0, 0.5, (steps, 3))
     if contract.height_scan is not None:
-        live[HEIGHT_SCAN] = rng.uniform(0.0, 1.0, (steps, contract.height_scan.count))
-    keys = loaded.extern.get(KEY_PRESSED)
+        live[mit.HEIGHT_SCAN] = rng.uniform(0.0, 1.0, (steps, contract.height_scan.count))
+    keys = loaded.extern.get(mit.KEY_PRESSED)
     if keys is not None:
-        live[KEY_PRESSED] = rng.integers(0, 2, (steps, keys)).astype(np.float64)
+        live[mit.KEY_PRESSED] = rng.integers(0, 2, (steps, keys)).astype(np.float64)
     actions = rng.normal(0.0, 0.5, (steps, contract.action_count)).astype(np.float32)
-    return Recorded(contract.joint_names, arrays, live, actions)
+    return Trace("made-up states", contract.joint_names, arrays, live, actions)
 
 
 _ZERO = 1e-6

@@ -16,14 +16,13 @@ import numpy.typing as npt
 
 from humanoid_sim.bounds import MOTION_VALUES
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.mit import Extern, FloatArray, MITState
+from humanoid_sim.mit import Extern, Float32Array, FloatArray, IntArray, MITState
 from humanoid_sim.strict_json import parse_json
 
 GOLDEN_KEY = "humanoid_sim_golden"
 """Metadata key of the samples."""
 
 Origin = Literal["trainer", "own"]
-Float32Array = npt.NDArray[np.float32]
 
 _VERSION = 1
 _LARGEST = 10_000_000
@@ -73,7 +72,7 @@ class GoldenSamples:
     """Shape (S, 3), m/s², body frame, gravity included."""
     last_action: Float32Array
     """Shape (S, m), raw."""
-    frame: npt.NDArray[np.int64]
+    frame: IntArray
     """Shape (S,), reference frame."""
     walked: FloatArray
     """Shape (S,), rad of gait phase since activation, or since standing, before the sample's own step."""

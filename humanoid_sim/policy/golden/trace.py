@@ -14,60 +14,43 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from humanoid_sim import mit
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
-from humanoid_sim.mit import (
-    ANCHOR_POSE,
-    BASE_LINEAR_VELOCITY,
-    HEIGHT_SCAN,
-    IMU,
-    KEY_PRESSED,
-    VELOCITY_COMMAND,
-    FloatArray,
-    MITState,
-    point_velocity,
-)
+from humanoid_sim.mit import Float32Array, FloatArray, MITState, point_velocity
 from humanoid_sim.npz_file import read_arrays
 from humanoid_sim.policy.golden.samples import STATE_ARRAYS, recorded_state
 
 BodyReader = Callable[[FloatArray, FloatArray, tuple[str, ...]], Mapping[str, FloatArray]]
 """`(qpos (F, nq), qvel (F, nv), names of its joints) -> arrays` of what a robot's model knows beside its joints."""
 
-_SAME = {"observation": "obs", "action": "actions", VELOCITY_COMMAND: "cmd"}
-_MEMORY = ("last_action", "frame", "walked", "history", "alignment")
-_LIVE = (VELOCITY_COMMAND, BASE_LINEAR_VELOCITY, ANCHOR_POSE, HEIGHT_SCAN, KEY_PRESSED)
+_SAME = {"observation": "obs", "action": "actions", mit.VELOCITY_COMMAND: "cmd"}
+_LIVE = (mit.VELOCITY_COMMAND, mit.BASE_LINEAR_VELOCITY, mit.ANCHOR_POSE, mit.HEIGHT_SCAN, mit.KEY_PRESSED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recorded:
-    """The robot's side of a run, F policy steps one after the other from activation on, and what is known beside it."""
+class Trace:
+    """A run of F policy steps one after the other from activation on: the robot's side, and what is known beside it."""
 
+    name: str
     joint_names: tuple[str, ...]
     arrays: Mapping[str, FloatArray]
     """`STATE_ARRAYS` of the samples, one row per step."""
     extern: Mapping[str, FloatArray]
     """Live inputs by name, likewise."""
-    action: npt.NDArray[np.float32]
+    action: Float32Array
     """Shape (F, m), raw."""
     memory: Mapping[str, npt.NDArray[np.floating | np.integer]] = field(default_factory=lambda: MappingProxyType({}))
     """`last_action`, `frame`, `walked`, `history`, `alignment`, one row per step, as far as the source gives them; what
     it does not follows from the steps before."""
+    observation: Float32Array | None = None
+    """Shape (F, N), the trainer's."""
+    target: FloatArray | None = None
+    """Shape (F, J), rad, in the order of `joint_names`; None if the file does not say."""
 
     def state(self, i: int) -> MITState:
         """Return what the robot reported in step i."""
         return recorded_state(self.arrays, self.extern, i)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Trace:
-    """A trainer's run."""
-
-    name: str
-    recorded: Recorded
-    observation: npt.NDArray[np.float32]
-    """Shape (F, N)."""
-    target: FloatArray | None
-    """Shape (F, J), rad, in the order of `recorded.joint_names`; None if the file does not say."""
 
 
 def read_trace(path: Path, contract: PolicyContract, bodies: BodyReader | None = None) -> Trace:
@@ -94,25 +77,26 @@ class _Reader:
         self.steps = len(action)
         observation = self.table("observation")
         names = self.names()
-        known = {**self.live(), **self.states(names)}
-        joints = tuple(name for name in self.hinges(names) if name in self.contract.joint_names)
+        # A free joint has 7 values, and any other 1; it has a name of its own, or none.
+        surplus = (self.arrays["qpos"].shape[-1] if "qpos" in self.arrays else 0) - len(names)
+        hinges = names[1:] if surplus == 6 else names
+        known = {**self.live(), **self.states(hinges, free=7 if surplus in (6, 7) else 0)}
+        joints = tuple(name for name in hinges if name in self.contract.joint_names)
         missing = [name for name in self.contract.joint_names if name not in joints]
         if missing:
             raise self.wrong("joint_names", f"lacks {', '.join(missing)}", "every joint of the policy")
-        columns = [self.hinges(names).index(name) for name in joints]
+        columns = [hinges.index(name) for name in joints]
         self.check_needs(known)
-        target = self.optional("target", len(self.hinges(names)))
+        target = self.optional("target", len(hinges))
         known |= {name: known[name][:, columns] for name in ("joint_position", "joint_velocity")}
         known.setdefault("imu_linear_acceleration", np.zeros((self.steps, 3)))
         return Trace(
             name=self.path.name,
-            recorded=Recorded(
-                joint_names=joints,
-                arrays={name: known[name] for name in STATE_ARRAYS},
-                extern={name: known[name] for name in self.live_names if name in known},
-                action=self.as_float32("action", action),
-                memory=self.memory(),
-            ),
+            joint_names=joints,
+            arrays={name: known[name] for name in STATE_ARRAYS},
+            extern={name: known[name] for name in self.live_names if name in known},
+            action=self.as_float32("action", action),
+            memory=self.memory(),
             observation=self.as_float32("observation", observation),
             target=None if target is None else target[:, columns],
         )
@@ -127,32 +111,20 @@ class _Reader:
             raise self.wrong("joint_names", "names a joint twice", "one text per joint")
         return tuple(texts)
 
-    def is_floating(self, names: tuple[str, ...]) -> bool:
-        """Return whether the state has a free joint, by its width: 7 values for one, and 1 for any other joint."""
-        width = 0 if "qpos" not in self.arrays else self.arrays["qpos"].shape[-1]
-        return width in (len(names) + 6, len(names) + 7)
-
-    def hinges(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the names without the free joint's."""
-        if "qpos" in self.arrays and self.arrays["qpos"].shape[-1] == len(names) + 6:
-            return names[1:]
-        return names
-
-    def states(self, names: tuple[str, ...]) -> dict[str, FloatArray]:
-        joints = len(self.hinges(names))
+    def states(self, hinges: tuple[str, ...], free: int) -> dict[str, FloatArray]:
+        joints = len(hinges)
         if "qpos" not in self.arrays:
             known = {name: self.table(name, joints) for name in ("joint_position", "joint_velocity")}
             known |= {"imu_quaternion": self.table("imu_quaternion", 4)}
             return known | {"imu_angular_velocity": self.table("imu_angular_velocity", 3)}
-        free = 7 if self.is_floating(names) else 0
         qpos, qvel = self.table("qpos", free + joints), self.table("qvel", max(free - 1, 0) + joints)
         found = {"joint_position": qpos[:, free:], "joint_velocity": qvel[:, max(free - 1, 0) :]}
         if self.bodies is not None:
-            found |= self.bodies(qpos, qvel, self.hinges(names))
+            found |= self.bodies(qpos, qvel, hinges)
         elif free:
             found |= {"imu_quaternion": qpos[:, 3:7], "imu_angular_velocity": qvel[:, 3:6]}
-            found |= {BASE_LINEAR_VELOCITY: qvel[:, :3]}
-            found |= {name: qvel[:, :3] for name, point in self.points.items() if point == IMU}
+            found |= {mit.BASE_LINEAR_VELOCITY: qvel[:, :3]}
+            found |= {name: qvel[:, :3] for name, point in self.points.items() if point == mit.IMU}
         else:
             found |= {"imu_quaternion": np.tile([1.0, 0.0, 0.0, 0.0], (self.steps, 1))}
             found |= {"imu_angular_velocity": np.zeros((self.steps, 3))}
@@ -161,12 +133,17 @@ class _Reader:
         return found | {name: table for name, table in stated.items() if table is not None}
 
     def live(self) -> dict[str, FloatArray]:
-        widths = {VELOCITY_COMMAND: 3, BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7, "imu_linear_acceleration": 3}
+        widths = {
+            mit.VELOCITY_COMMAND: 3,
+            mit.BASE_LINEAR_VELOCITY: 3,
+            mit.ANCHOR_POSE: 7,
+            "imu_linear_acceleration": 3,
+        }
         widths |= dict.fromkeys(self.points, 3)
         if self.contract.height_scan is not None:
-            widths[HEIGHT_SCAN] = self.contract.height_scan.count
+            widths[mit.HEIGHT_SCAN] = self.contract.height_scan.count
         tables = {name: self.optional(name, width) for name, width in widths.items()}
-        tables[KEY_PRESSED] = self.optional(KEY_PRESSED)
+        tables[mit.KEY_PRESSED] = self.optional(mit.KEY_PRESSED)
         return {name: table for name, table in tables.items() if table is not None}
 
     def check_needs(self, known: Mapping[str, FloatArray]) -> None:
@@ -175,26 +152,30 @@ class _Reader:
             if array and array not in known:
                 hint = (
                     ", or the robot, whose model tells it from qpos"
-                    if array in (ANCHOR_POSE, HEIGHT_SCAN, *self.points)
+                    if array in (mit.ANCHOR_POSE, mit.HEIGHT_SCAN, *self.points)
                     else ""
                 )
                 raise self.wrong(array, "is missing", f"it, as the policy observes {term.name}{hint}")
 
     def memory(self) -> dict[str, npt.NDArray[np.floating | np.integer]]:
         found: dict[str, npt.NDArray[np.floating | np.integer]] = {}
-        widths = {"last_action": self.contract.action_count, "alignment": 7}
-        for name in _MEMORY:
+        shapes: dict[str, tuple[int, ...]] = {
+            "last_action": (self.steps, self.contract.action_count),
+            "frame": (self.steps,),
+            "walked": (self.steps,),
+            "alignment": (self.steps, 7),
+        }
+        for name in (*shapes, "history"):
             table = self.numbers(name)
             if table is None:
                 continue
             if name == "alignment" and table.ndim == 1:
                 table = np.broadcast_to(table, (self.steps, len(table)))
-            shape = {"frame": (self.steps,), "walked": (self.steps,)}.get(name, (self.steps, widths.get(name)))
             if name == "history":
                 if table.ndim != 3 or len(table) != self.steps:
                     raise self.wrong(name, f"has shape {table.shape}", f"({self.steps}, steps, width of one step)")
-            elif table.shape != shape:
-                raise self.wrong(name, f"has shape {table.shape}", f"{shape}")
+            elif table.shape != shapes[name]:
+                raise self.wrong(name, f"has shape {table.shape}", f"{shapes[name]}")
             found[name] = table
         return found
 
@@ -221,7 +202,7 @@ class _Reader:
             raise self.wrong(name, f"is not finite in row {row}", expected)
         return values.astype(np.float64)
 
-    def as_float32(self, name: str, table: FloatArray) -> npt.NDArray[np.float32]:
+    def as_float32(self, name: str, table: FloatArray) -> Float32Array:
         """Shape (F, width): what a policy saw or answered, in its own precision."""
         if not (np.abs(table) <= np.finfo(np.float32).max).all():
             row = int(np.argmax((np.abs(table) > np.finfo(np.float32).max).any(axis=1)))

@@ -15,7 +15,7 @@ from humanoid_sim.controllers.reference import Alignment, MotionReference
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.messages import PolicyStep
-from humanoid_sim.mit import FloatArray, MITState
+from humanoid_sim.mit import Float32Array, FloatArray, MITState
 from humanoid_sim.policy.checkpoint import Checkpoint
 from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode_samples
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -37,14 +37,9 @@ _SHOWN = 4
 
 
 def verify_golden(checkpoint: Checkpoint) -> str:
-    """Check a checkpoint against the golden vectors that it carries.
+    """Check a checkpoint against its golden vectors, and return what they are worth in words; '' without any.
 
-    Returns:
-        What its samples are worth, in words; empty if it has none.
-
-    Raises:
-        InputError: one line with the first sample, term and joint that differ, and both values; or the samples are
-            malformed.
+    Raises `InputError` with the first sample, term and joint that differ, and both values; or for malformed samples.
     """
     if GOLDEN_KEY not in checkpoint.metadata:
         return ""
@@ -145,19 +140,17 @@ def samples_wiring(checkpoint: Checkpoint, samples: GoldenSamples) -> PolicyWiri
 def recorded_wiring(loaded: LoadedPolicy, joint_names: tuple[str, ...]) -> PolicyWiring:
     """Return the wiring of a policy whose actions are those of a run.
 
-    Raises:
-        FieldError: if the contract does not fit the joints, or a term lacks its source.
+    Raises `FieldError` if the contract does not fit the joints, or a term lacks its source.
     """
     return PolicyWiring(joint_names, loaded.contract, loaded.reference, loaded.extern, action_limit=_NO_LIMIT)
 
 
 def observe(
-    wiring: PolicyWiring, memory: PolicyMemory, state: MITState, action: npt.NDArray[np.float32]
+    wiring: PolicyWiring, memory: PolicyMemory, state: MITState, action: Float32Array
 ) -> tuple[PolicyStep, PolicyMemory]:
     """One step whose policy answers `action`, and the memory with its observation.
 
-    Raises:
-        FieldError: if the controller would refuse the observation or the action.
+    Raises `FieldError` if the controller would refuse the observation or the action.
     """
     observation, observed = wiring.observe(memory, state)
     problem = wiring.observation_problem(observation) or wiring.action_problem(action)
@@ -220,7 +213,6 @@ def _difference(
 
     Args:
         samples: with the array `kind`, (S, width), that is expected.
-        kind: what is compared.
         value: shape (S, width).
         tolerance: absolute up to 1, relative beyond.
         names: term or joint of each column.

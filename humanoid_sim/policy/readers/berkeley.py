@@ -5,16 +5,14 @@ A file of this form comes with every checkpoint of the project: https://github.c
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from humanoid_sim.errors import InputError, one_line
+from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed, given
-from humanoid_sim.policy.readers.values import cut, is_number, plain_numbers
+from humanoid_sim.policy.readers.values import YamlDocument, is_number
 from humanoid_sim.strict_yaml import read_yaml
 
 _KEYS = frozenset({"joint_kp", "joint_kd", "default_joint_positions", "num_observations", "action_indices"})
@@ -50,78 +48,45 @@ def _speaks(path: Path) -> bool:
 
 def read_berkeley(path: Path) -> PartialContract:
     """Return what the file states, and the terms that come with the dialect."""
-    reader = _Reader(path, read_yaml(path))
-    fields = given(path.name, dict(reader.fields()))
-    history = reader.count("history_length", 0, least=0) + 1
+    file = YamlDocument(path)
+    fields = given(path.name, dict(_fields(file)))
+    history = file.count(file.document.get("history_length", 0), "history_length") + 1
     fields |= given(_DIALECT, {"observation": _TERMS, "command_names": ("base_velocity",)})
     options: dict[str, dict[str, Given]] = {name: given(path.name, {"history": history}) for name in _TERMS}
     for name in ("joint_pos", "joint_vel"):
-        options[name] |= given(path.name, {"joint_places": reader.driven})
+        options[name] |= given(path.name, {"joint_places": fields["action_joint_places"].value})
     # Without names the joints are in the robot's own order.
-    implied = given(path.name, {} if reader.names else {"joint_places": slice(None)})
-    implied |= assumed(_DIALECT, {"action_limit": max(_ACTION_LIMIT, reader.clip or 0.0), "history_layout": "per_step"})
-    if history == 1:
-        del implied["history_layout"]
+    implied = given(path.name, {} if "joint_names" in fields else {"joint_places": slice(None)})
+    clip = fields["action_clip"].value if "action_clip" in fields else 0.0
+    implied |= assumed(_DIALECT, {"action_limit": max(_ACTION_LIMIT, clip)})
+    if history > 1:
+        implied |= assumed(_DIALECT, {"history_layout": "per_step"})
     return PartialContract(path.name, fields, options, implied)
 
 
-class _Reader:
-    def __init__(self, path: Path, document: Any) -> None:
-        self.path = path
-        self.document: Mapping[str, Any] = document
-        driven = document["action_indices"]
-        self.size = self.count("num_joints", len(driven) if isinstance(driven, list) else 1, least=1)
-        self.names = document.get("joints")
-        is_list = isinstance(self.names, list | tuple) and all(isinstance(name, str) for name in self.names)
-        if self.names is not None and not (is_list and len(self.names) == self.size):
-            raise self._wrong("joints", self.names, f"{self.size} names, as num_joints says")
-        self.driven = self._indices()
-        lower, upper = (document.get(f"action_limit_{end}") for end in ("lower", "upper"))
-        self.clip: float | None = None
-        if lower is not None or upper is not None:
-            if not (is_number(lower) and is_number(upper) and lower == -upper and upper > 0):
-                raise self._wrong("action_limit_lower, action_limit_upper", [lower, upper], "-x and x, with x > 0")
-            self.clip = float(upper)
-
-    def fields(self) -> Iterator[tuple[str, Any]]:
-        if self.names:
-            yield "joint_names", tuple(self.names)
-        for key, field in (
-            ("joint_kp", "joint_stiffness"),
-            ("joint_kd", "joint_damping"),
-            ("default_joint_positions", "default_joint_pos"),
-        ):
-            yield field, self._numbers(key, self.size)
-        if self.document.get("effort_limits") is not None:
-            yield "effort_limit", self._numbers("effort_limits", self.size)
-        if self.document.get("action_scale") is not None:
-            yield "action_scale", self._numbers("action_scale", len(self.driven))
-        if self.document.get("policy_dt") is not None:
-            if not is_number(self.document["policy_dt"]):
-                raise self._wrong("policy_dt", self.document["policy_dt"], "a number")
-            yield "policy_dt", float(self.document["policy_dt"])
-        yield "action_joint_places", self.driven
-        if self.clip is not None:
-            yield "action_clip", self.clip
-
-    def count(self, key: str, default: int, least: int) -> int:
-        value = self.document.get(key, default)
-        if type(value) is not int or not least <= value <= 1000:
-            raise self._wrong(key, value, f"a whole number >= {least}")
-        return value
-
-    def _indices(self) -> tuple[int, ...]:
-        value = self.document["action_indices"]
-        is_list = isinstance(value, list) and all(type(i) is int and 0 <= i < self.size for i in value)
-        if not is_list or not value or len(set(value)) < len(value):
-            raise self._wrong("action_indices", value, f"places of joints, 0 to {self.size - 1}, none twice")
-        return tuple(value)
-
-    def _numbers(self, key: str, size: int) -> Any:
-        found = plain_numbers(self.document[key])
-        if found is None or (isinstance(found, np.ndarray) and len(found) != size):
-            raise self._wrong(key, self.document[key], f"a number, or {size} of them")
-        return found
-
-    def _wrong(self, key: str, value: Any, expected: str) -> InputError:
-        return InputError(f"{self.path}: {one_line(f'{key} is {cut(str(value))}, expected {expected}')}")
+def _fields(file: YamlDocument) -> Iterator[tuple[str, Any]]:
+    document = file.document
+    indices, names = document["action_indices"], document.get("joints")
+    size = file.count(document.get("num_joints", len(indices) if isinstance(indices, list) else 1), "num_joints", 1)
+    driven = file.places(indices, "action_indices", f"places of joints, 0 to {size - 1}, none twice", size)
+    if names is not None:
+        if not isinstance(names, list) or len(names) != size or not all(isinstance(name, str) for name in names):
+            raise file.wrong("joints", names, f"{size} names, as num_joints says")
+        yield "joint_names", tuple(names)
+    for key, field, count in (
+        ("joint_kp", "joint_stiffness", size),
+        ("joint_kd", "joint_damping", size),
+        ("default_joint_positions", "default_joint_pos", size),
+        ("effort_limits", "effort_limit", size),
+        ("action_scale", "action_scale", len(driven)),
+    ):
+        if key in _KEYS or document.get(key) is not None:
+            yield field, file.numbers(document[key], key, count)
+    if document.get("policy_dt") is not None:
+        yield "policy_dt", file.number(document["policy_dt"], "policy_dt")
+    yield "action_joint_places", driven
+    lower, upper = (document.get(f"action_limit_{end}") for end in ("lower", "upper"))
+    if lower is not None or upper is not None:
+        if not (is_number(lower) and is_number(upper) and lower == -upper and upper > 0):
+            raise file.wrong("action_limit_lower, action_limit_upper", [lower, upper], "-x and x, with x > 0")
+        yield "action_clip", float(upper)

@@ -57,12 +57,11 @@ def complete(
 ) -> None:
     """Add what follows from the fields that are known, and turn places of joints into names.
 
+    Raises `FieldError` if a place leads nowhere.
+
     Args:
         known: changed in place; the three kinds of places are taken out of it.
         terms: options of the observation terms, changed in place.
-
-    Raises:
-        FieldError: if a place leads nowhere.
     """
     places, named = known.pop("joint_places", None), known.pop("joint_patterns", None)
     # Without gains, the robot's own order has nothing to be the order of.

@@ -124,7 +124,6 @@ def parse_contract(document: Any, where: str, source: str) -> list[PartialContra
     """Return the same of a document that has been read already.
 
     Args:
-        document: as YAML gives it.
         where: what to call the file in messages.
         source: what to call it in the contract's provenance.
     """

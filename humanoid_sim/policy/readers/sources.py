@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.policy.contract_json import STAMP_KEY, STAMP_SOURCE, decode, read_stamp
 from humanoid_sim.policy.graph_motion import graph_conventions
 from humanoid_sim.policy.metadata import METADATA_KEYS, OWN_SOURCE, is_own, read_own, write_metadata
@@ -39,14 +39,11 @@ def assemble_contract(
     """Return the contract of a checkpoint, from everything that speaks about it.
 
     A stamped checkpoint is complete by itself, so no trainer's file beside it is read; a `contract.yaml` always is.
+    Raises `InputError` if a source is malformed, if two contradict each other, or if something is missing.
 
     Args:
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
         robot_joints: the joints in the robot's own order, for sources that give places instead of names.
-        outputs: names of the model's outputs.
-
-    Raises:
-        InputError: if a source is malformed, if two contradict each other, or if something is missing.
     """
     chosen = find_contract(path) if contract_file is None else contract_file
     by_hand = [] if chosen is None else read_contract_file(chosen)
@@ -56,9 +53,7 @@ def assemble_contract(
         if beside is not None:
             sources[beside.name] = partial(read, beside)
     ignored = {name for source in by_hand for name in source.ignores}
-    for name in ignored:
-        if name not in sources:
-            raise InputError(f"{chosen}: ignore: {known_names('source', name, sources)}")
+    require_known("source", ignored, sources, f"{chosen}: ignore: ")
     partials = [read() for name, read in sources.items() if name not in ignored]
     return merge([*partials, *by_hand, graph_conventions(outputs)], str(path), robot_joints)
 
@@ -80,10 +75,8 @@ def _metadata_sources(metadata: Mapping[str, str], where: str) -> dict[str, Call
 def _stamp(metadata: Mapping[str, str], where: str) -> PartialContract:
     """Return a stamped contract; refuse one of whose thirteen keys somebody has changed one since: neither may win."""
     own = {key: text for key, text in metadata.items() if key in METADATA_KEYS}
-    try:
+    with blaming(f"{where}: stamped contract"):
         stamped = write_metadata(decode(metadata[STAMP_KEY], where))
-    except FieldError as error:
-        raise InputError(f"{where}: stamped contract: {error}") from None
     for name, given in read_own(own, where).fields.items():
         expected = read_own(stamped, where).fields[name]
         if not np.array_equal(given.value, expected.value):

@@ -11,14 +11,13 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.controllers.term_kinds import term_kind
-from humanoid_sim.errors import FieldError, InputError, one_line
+from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.mit import HEIGHT_SCAN
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES
 from humanoid_sim.policy.readers.mjlab import GAIT_CLOCK
 from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed, given
-from humanoid_sim.policy.readers.values import cut, is_number, pair_of_numbers, plain_numbers
-from humanoid_sim.strict_yaml import read_yaml
+from humanoid_sim.policy.readers.values import YamlDocument
 
 DEPLOY_FILE = "deploy.yaml"
 _SCAN: Mapping[str, Any] = MappingProxyType(
@@ -53,7 +52,7 @@ def read_deploy(path: Path) -> PartialContract:
     Gains are listed in the robot's order, everything else in the policy's: `joint_ids_map` leads from the one to the
     other.
     """
-    reader = _Reader(path, read_yaml(path))
+    reader = _Reader(path)
     fields = {name: Given(value, path.name) for name, value in reader.fields().items()}
     terms = {name: given(path.name, options) for name, options in reader.terms.items()}
     implied = assumed("Unitree", {"reference_quaternion": "wxyz"})
@@ -64,10 +63,9 @@ def read_deploy(path: Path) -> PartialContract:
     return PartialContract(path.name, fields, terms, implied, assumed_kinds={HEIGHT_SCAN: assumed("Isaac Lab", _SCAN)})
 
 
-class _Reader:
-    def __init__(self, path: Path, document: Any) -> None:
-        self.path = path
-        self.document = self._mapping(document, "")
+class _Reader(YamlDocument):
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
         self.terms: dict[str, dict[str, Any]] = {}
         self.commands: list[str] = []
         self.patterns: list[str] = []
@@ -78,15 +76,15 @@ class _Reader:
         places = None
         if self.document.get("joint_ids_map") is not None:
             accepted = "places on the robot, each a whole number >= 0, none twice"
-            places = fields["joint_places"] = self._indices(self.document["joint_ids_map"], "joint_ids_map", accepted)
+            places = fields["joint_places"] = self.places(self.document["joint_ids_map"], "joint_ids_map", accepted)
         if "step_dt" in self.document:
-            fields["policy_dt"] = self._number(self.document["step_dt"], "step_dt")
+            fields["policy_dt"] = self.number(self.document["step_dt"], "step_dt")
         for key in ("stiffness", "damping"):
             if self.document.get(key) is not None:
-                values = self._numbers(self.document[key], key)
+                values = self.numbers(self.document[key], key)
                 fields[f"joint_{key}"] = self._policy_order(values, places, key)
         if self.document.get("default_joint_pos") is not None:
-            fields["default_joint_pos"] = self._numbers(self.document["default_joint_pos"], "default_joint_pos")
+            fields["default_joint_pos"] = self.numbers(self.document["default_joint_pos"], "default_joint_pos")
         fields |= self._commands() | self._action() | self._observations()
         if self.patterns:
             fields["joint_patterns"] = tuple(dict.fromkeys(self.patterns))
@@ -102,47 +100,47 @@ class _Reader:
         if len(values) == len(places):  # the robot lacks some joints of the full one, and so does the list
             return values[[sorted(places).index(place) for place in places]]
         expected = f"{max(places) + 1} values, as joint_ids_map leads to place {max(places)}, or {len(places)}"
-        raise self._wrong(key, f"{len(values)} values", expected)
+        raise self.wrong(key, f"{len(values)} values", expected)
 
     def _commands(self) -> dict[str, Any]:
-        commands = self._mapping(self.document.get("commands") or {}, "commands")
+        commands = self.mapping(self.document.get("commands") or {}, "commands")
         fields: dict[str, Any] = {}
         if commands:
             fields["command_names"] = tuple(commands)
-        velocity = self._mapping(commands.get("base_velocity") or {}, "commands.base_velocity")
-        ranges = self._mapping(velocity.get("ranges") or {}, "commands.base_velocity.ranges")
+        velocity = self.mapping(commands.get("base_velocity") or {}, "commands.base_velocity")
+        ranges = self.mapping(velocity.get("ranges") or {}, "commands.base_velocity.ranges")
         if ranges:
-            rows = [self._pair(ranges.get(name), f"commands.base_velocity.ranges.{name}") for name in COMMAND_AXES]
+            rows = [self.pair(ranges.get(name), f"commands.base_velocity.ranges.{name}") for name in COMMAND_AXES]
             fields["command_ranges"] = np.array(rows)
         return fields
 
     def _action(self) -> dict[str, Any]:
-        actions = self._mapping(self.document.get("actions") or {}, "actions")
+        actions = self.mapping(self.document.get("actions") or {}, "actions")
         if not actions:
             return {}
         if tuple(actions) != ("JointPositionAction",):
-            raise self._wrong("actions", ", ".join(map(str, actions)), "JointPositionAction alone")
+            raise self.wrong("actions", ", ".join(map(str, actions)), "JointPositionAction alone")
         where = "actions.JointPositionAction"
-        action = self._mapping(actions["JointPositionAction"], where)
+        action = self.mapping(actions["JointPositionAction"], where)
         fields: dict[str, Any] = {}
         for key, field in (("scale", "action_scale"), ("offset", "action_offset")):
             if action.get(key) is not None:
-                fields[field] = self._numbers(action[key], f"{where}.{key}")
+                fields[field] = self.numbers(action[key], f"{where}.{key}")
         if action.get("clip") is not None:
             fields["position_clip"] = self._clip(action["clip"], f"{where}.clip")
         ids = action.get("joint_ids")
         if ids is not None and ids != slice(None):
             fields["action_joint_places"] = self._chosen(ids, f"{where}.joint_ids")
         elif action.get("joint_names") is not None:
-            patterns = self._list(action["joint_names"], f"{where}.joint_names")
+            patterns = self.items(action["joint_names"], f"{where}.joint_names")
             if not all(isinstance(pattern, str) for pattern in patterns):
-                raise self._wrong(f"{where}.joint_names", patterns, "patterns of joint names")
+                raise self.wrong(f"{where}.joint_names", patterns, "patterns of joint names")
             fields["action_joint_patterns"] = tuple(patterns)
             self.patterns += patterns
         return fields
 
     def _observations(self) -> dict[str, Any]:
-        group = self._mapping(self.document.get("observations") or {}, "observations")
+        group = self.mapping(self.document.get("observations") or {}, "observations")
         where = "observations"
         while len(group) == 1 and _is_group(next(iter(group.values()))):
             name, group = next(iter(group.items()))
@@ -150,13 +148,13 @@ class _Reader:
         switches = {name: group.get(name, False) for name in _SWITCHES}
         for name, value in switches.items():
             if not isinstance(value, bool):
-                raise self._wrong(f"{where}.{name}", value, "true or false")
+                raise self.wrong(f"{where}.{name}", value, "true or false")
         names = [str(name) for name in group if name not in _SWITCHES]
         fields: dict[str, Any] = {}
         for name in names:
-            term = self._mapping(group[name] if group[name] is not None else {}, f"{where}.{name}")
+            term = self.mapping(group[name] if group[name] is not None else {}, f"{where}.{name}")
             if _is_group(term):
-                raise self._wrong(where, f"the groups {', '.join(names)}", "one group of terms, for one input")
+                raise self.wrong(where, f"the groups {', '.join(names)}", "one group of terms, for one input")
             fields |= self._term(name, term, f"{where}.{name}", switches["scale_first"])
         if names:
             fields["observation"] = tuple(names)
@@ -166,30 +164,27 @@ class _Reader:
     def _term(self, name: str, term: Mapping[str, Any], where: str, scale_first: bool) -> dict[str, Any]:
         options: dict[str, Any] = {"history": 1, "scale": 1.0}
         if term.get("scale") is not None:
-            options["scale"] = self._numbers(term["scale"], f"{where}.scale")
+            options["scale"] = self.numbers(term["scale"], f"{where}.scale")
         if term.get("clip") is not None:
-            options["clip"] = self._pair(term["clip"], f"{where}.clip")
+            options["clip"] = self.pair(term["clip"], f"{where}.clip")
             if scale_first:
                 options["clip"] = self._before_scaling(options, where)
-        length = term.get("history_length", 1)
-        if type(length) is not int or not 0 <= length <= 1000:
-            raise self._wrong(f"{where}.history_length", length, "a whole number >= 0")
-        options["history"] = max(length, 1)
-        params = self._mapping(term.get("params") or {}, f"{where}.params")
+        options["history"] = max(self.count(term.get("history_length", 1), f"{where}.history_length"), 1)
+        params = self.mapping(term.get("params") or {}, f"{where}.params")
         if isinstance(params.get("command_name"), str):
             self.commands.append(params["command_name"])
-        asset = self._mapping(params.get("asset_cfg") or {}, f"{where}.params.asset_cfg")
+        asset = self.mapping(params.get("asset_cfg") or {}, f"{where}.params.asset_cfg")
         names = asset.get("joint_names")
         self.patterns += [text for text in (names if isinstance(names, list) else [names]) if isinstance(text, str)]
         ids = asset.get("joint_ids")
         if ids is not None and ids != slice(None):
             options["joint_places"] = self._chosen(ids, f"{where}.params.asset_cfg.joint_ids")
         if term_kind(name).name == HEIGHT_SCAN and params.get("offset") is not None:
-            options["offset"] = self._number(params["offset"], f"{where}.params.offset")
+            options["offset"] = self.number(params["offset"], f"{where}.params.offset")
         self.terms[name] = options
         if term_kind(name).requires == "phase" and params.get("period") is not None:
             try:
-                return {"phase.period": PhaseRule(self._number(params["period"], f"{where}.params.period")).period}
+                return {"phase.period": PhaseRule(self.number(params["period"], f"{where}.params.period")).period}
             except FieldError as error:
                 raise InputError(f"{self.path}: {where}.params.{str(error).removeprefix('PhaseRule.')}") from None
         return {}
@@ -198,56 +193,19 @@ class _Reader:
         """Bounds of the scaled value as bounds of the value itself."""
         scale = np.unique(options["scale"])
         if len(scale) != 1 or not scale[0] > 0.0:
-            raise self._wrong(f"{where}.scale", options["scale"], "one positive factor, as scale_first clips after it")
+            raise self.wrong(f"{where}.scale", options["scale"], "one positive factor, as scale_first clips after it")
         low, high = options["clip"]
         return low / float(scale[0]), high / float(scale[0])
 
     def _chosen(self, ids: Any, where: str) -> Any:
-        return (
-            ids if isinstance(ids, slice) else self._indices(ids, where, "a slice, or whole numbers >= 0, none twice")
-        )
-
-    def _indices(self, value: Any, where: str, accepted: str) -> tuple[int, ...]:
-        indices = self._list(value, where)
-        if not all(type(index) is int and 0 <= index < 1000 for index in indices) or len(set(indices)) < len(indices):
-            raise self._wrong(where, value, accepted)
-        return tuple(indices)
+        accepted = "a slice, or whole numbers >= 0, none twice"
+        return ids if isinstance(ids, slice) else self.places(ids, where, accepted)
 
     def _clip(self, value: Any, where: str) -> Any:
-        rows = self._list(value, where)
+        rows = self.items(value, where)
         if len(rows) == 2 and not any(isinstance(row, Sequence) for row in rows):
-            return np.array([self._pair(rows, where)])
-        return np.array([self._pair(row, f"{where}[{index}]") for index, row in enumerate(rows)])
-
-    def _pair(self, value: Any, where: str) -> tuple[float, float]:
-        pair = pair_of_numbers(value)
-        if pair is None:
-            raise self._wrong(where, value, "[least, greatest]")
-        return pair
-
-    def _numbers(self, value: Any, where: str) -> Any:
-        found = plain_numbers(value)
-        if found is None:
-            raise self._wrong(where, value, "a number, or a list of numbers")
-        return found
-
-    def _number(self, value: Any, where: str) -> float:
-        if not is_number(value):
-            raise self._wrong(where, value, "a number")
-        return float(value)
-
-    def _list(self, value: Any, where: str) -> list[Any]:
-        if not isinstance(value, list) or not value:
-            raise self._wrong(where, value, "a list")
-        return value
-
-    def _mapping(self, value: Any, where: str) -> Mapping[str, Any]:
-        if not isinstance(value, dict):
-            raise self._wrong(where or "the file", value, "a mapping")
-        return value
-
-    def _wrong(self, where: str, value: Any, expected: str) -> InputError:
-        return InputError(f"{self.path}: {one_line(f'{where} is {cut(str(value))}, expected {expected}')}")
+            return np.array([self.pair(rows, where)])
+        return np.array([self.pair(row, f"{where}[{index}]") for index, row in enumerate(rows)])
 
 
 def _is_group(value: Any) -> bool:

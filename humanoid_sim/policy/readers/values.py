@@ -1,18 +1,21 @@
 """Values as sources write them: comma-separated text, plain JSON and YAML; and as messages of one line show them.
 
-Text that is malformed is an `InputError`, which names `where`, the key and the text.
+Whatever is malformed is an `InputError`, which names the file, the key and the value.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from humanoid_sim.controllers.contract import FORMS
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, one_line
 from humanoid_sim.policy.readers.partial import Given
+from humanoid_sim.strict_yaml import read_yaml
 
 
 def csv_field(field: str, key: str, text: str, where: str, source: str) -> Given:
@@ -50,6 +53,66 @@ def pair_of_numbers(value: Any) -> tuple[float, float] | None:
     if not isinstance(value, list) or len(value) != 2 or not all(map(is_number, value)):
         return None
     return float(value[0]), float(value[1])
+
+
+class YamlDocument:
+    """A trainer's YAML file, whose values are checked as they are taken; `where` is a value's place in the file."""
+
+    def __init__(self, path: Path) -> None:
+        """Read the file, a mapping."""
+        self.path = path
+        self.document = self.mapping(read_yaml(path), "the file")
+
+    def wrong(self, where: str, value: Any, expected: str) -> InputError:
+        """Return the refusal of a value."""
+        return InputError(f"{self.path}: {one_line(f'{where} is {cut(str(value))}, expected {expected}')}")
+
+    def mapping(self, value: Any, where: str) -> Mapping[str, Any]:
+        """Return a mapping."""
+        if not isinstance(value, dict):
+            raise self.wrong(where, value, "a mapping")
+        return value
+
+    def items(self, value: Any, where: str) -> list[Any]:
+        """Return a list that is not empty."""
+        if not isinstance(value, list) or not value:
+            raise self.wrong(where, value, "a list")
+        return value
+
+    def number(self, value: Any, where: str) -> float:
+        """Return a number."""
+        if not is_number(value):
+            raise self.wrong(where, value, "a number")
+        return float(value)
+
+    def numbers(self, value: Any, where: str, size: int | None = None) -> Any:
+        """Return a number, or an array of shape (k,): as many numbers as `size` says, or any."""
+        found = plain_numbers(value)
+        if found is None or (size is not None and np.shape(found) not in ((), (size,))):
+            raise self.wrong(
+                where, value, "a number, or a list of numbers" if size is None else f"a number, or {size} of them"
+            )
+        return found
+
+    def pair(self, value: Any, where: str) -> tuple[float, float]:
+        """Return `[least, greatest]`."""
+        found = pair_of_numbers(value)
+        if found is None:
+            raise self.wrong(where, value, "[least, greatest]")
+        return found
+
+    def count(self, value: Any, where: str, least: int = 0) -> int:
+        """Return a whole number."""
+        if type(value) is not int or not least <= value <= 1000:
+            raise self.wrong(where, value, f"a whole number >= {least}")
+        return value
+
+    def places(self, value: Any, where: str, accepted: str, below: int = 1000) -> tuple[int, ...]:
+        """Return places of joints, none twice; `accepted` says in words which."""
+        found = self.items(value, where)
+        if not all(type(place) is int and 0 <= place < below for place in found) or len(set(found)) < len(found):
+            raise self.wrong(where, value, accepted)
+        return tuple(found)
 
 
 def names(text: str) -> tuple[str, ...]:

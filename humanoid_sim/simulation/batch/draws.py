@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.mit import FloatArray
-from humanoid_sim.simulation.batch.randomisation import Randomisation
+from humanoid_sim.mit import FloatArray, IndexArray, IntArray
+from humanoid_sim.simulation.batch.randomisation import NEUTRAL, Randomisation
 
 Words = npt.NDArray[np.uint64]
 
@@ -23,7 +22,7 @@ _ROUNDS = 10
 
 
 def philox(counter: Words, key: Words) -> Words:
-    """Return random words as a function of key and counter: nothing to advance, so nothing depends on the batch.
+    """Return random words, shape (4, ...), as a function of key and counter: nothing depends on the batch.
 
     Philox4x32-10 (Salmon, Moraes, Dror, Shaw 2011, "Parallel random numbers: as easy as 1, 2, 3"), for many keys at
     once. A generator object per environment would need a Python loop in every step.
@@ -31,9 +30,6 @@ def philox(counter: Words, key: Words) -> Words:
     Args:
         counter: shape (4, ...), 32-bit words.
         key: shape (2, ...), 32-bit words, broadcast against the counter's.
-
-    Returns:
-        Shape (4, ...), 32-bit words.
     """
     c0, c1, c2, c3 = counter
     k0, k1 = key
@@ -89,10 +85,7 @@ def normals(keys: Words, stream: int, counter: npt.NDArray[np.integer], width: i
     return np.concatenate([radius * np.cos(angle), radius * np.sin(angle)], axis=1)[:, :width]
 
 
-IntArray = npt.NDArray[np.int64]
-IndexArray = npt.NDArray[np.intp]
-
-SCALED = tuple(field.name for field in fields(Randomisation) if field.name != "push_interval")
+SCALED = tuple(NEUTRAL)
 """Fields of a `Randomisation` that can be drawn in part."""
 FULL: Mapping[str, float] = MappingProxyType({})
 """Every field to its whole extent."""
@@ -194,13 +187,16 @@ class Draws:
         amount: FloatArray = self._amounts[SCALED.index(name), indices][:, None]
         return amount
 
-    def factor(self, name: str, indices: IndexArray) -> FloatArray:
-        """Factors, shape (k, w), of these environments' episodes: from a range, and 1 where nothing differs."""
-        return self._within(name, indices, neutral=1.0)
-
-    def quantity(self, name: str, indices: IndexArray) -> FloatArray:
-        """Values of a range in its unit, shape (k, w); 0 where nothing differs."""
-        return self._within(name, indices, neutral=0.0)
+    def ranged(self, name: str, indices: IndexArray) -> FloatArray:
+        """Values of a range in its unit, shape (k, w); where nothing differs a factor is 1, and anything else is 0."""
+        neutral = NEUTRAL[name][0]
+        if name not in self._shares:
+            return np.full((len(indices), self._widths[name]), neutral)
+        low, high = getattr(self.randomisation, name)
+        amount = self.amount(name, indices)
+        least, greatest = amount * low + (1.0 - amount) * neutral, amount * high + (1.0 - amount) * neutral
+        drawn: FloatArray = least + (greatest - least) * self._shares[name][indices]
+        return drawn
 
     def symmetric(self, name: str, indices: IndexArray) -> FloatArray:
         """Values within ± the field, in its unit, shape (k, w)."""
@@ -229,15 +225,6 @@ class Draws:
     def _counter(self, indices: IndexArray | slice, part: npt.ArrayLike) -> IntArray:
         counter: IntArray = (self._episode[indices] << _EPISODE) + np.asarray(part, dtype=np.int64)
         return counter
-
-    def _within(self, name: str, indices: IndexArray, neutral: float) -> FloatArray:
-        if name not in self._shares:
-            return np.full((len(indices), self._widths[name]), neutral)
-        low, high = getattr(self.randomisation, name)
-        amount = self.amount(name, indices)
-        least, greatest = amount * low + (1.0 - amount) * neutral, amount * high + (1.0 - amount) * neutral
-        drawn: FloatArray = least + (greatest - least) * self._shares[name][indices]
-        return drawn
 
     def snapshot(self) -> dict[str, npt.NDArray[Any]]:
         """Return copies, for `restore` of as many environments."""

@@ -9,12 +9,9 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.mit import FloatArray, MITCommand, affine_law, affine_torque
+from humanoid_sim.mit import FloatArray, IndexArray, IntArray, MITCommand, affine_law, affine_torque
 from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.physics import ModelPool
-
-IntArray = npt.NDArray[np.int64]
-IndexArray = npt.NDArray[np.intp]
 
 _LONG_AGO = np.iinfo(np.int64).min
 
@@ -45,11 +42,11 @@ class MotorDifferences:
 
     def draw(self, indices: IndexArray, draws: Draws, timestep: float, effort_limit: FloatArray) -> None:
         """Take over what is drawn for these environments' episodes; `timestep` is of the physics, s."""
-        self.delay[indices] = np.rint(draws.quantity("command_delay", indices)[:, 0] / timestep)
-        self.stiffness[indices] = draws.factor("stiffness", indices)
-        self.damping[indices] = draws.factor("damping", indices)
-        self.strength[indices] = draws.factor("motor_strength", indices)
-        factor = self.strength[indices] * draws.factor("effort_limit", indices)
+        self.delay[indices] = np.rint(draws.ranged("command_delay", indices)[:, 0] / timestep)
+        self.stiffness[indices] = draws.ranged("stiffness", indices)
+        self.damping[indices] = draws.ranged("damping", indices)
+        self.strength[indices] = draws.ranged("motor_strength", indices)
+        factor = self.strength[indices] * draws.ranged("effort_limit", indices)
         self.limit[indices] = np.where(np.isfinite(effort_limit), effort_limit, 1.0) * factor
         self.limit[:, ~np.isfinite(effort_limit)] = np.inf
         self.bias[indices] = draws.symmetric("joint_position_bias", indices)

@@ -10,16 +10,12 @@ from functools import cached_property
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 from mujoco import rollout
 
 from humanoid_sim.controllers.rotation import rotate
-from humanoid_sim.mit import FloatArray
+from humanoid_sim.mit import BoolArray, FloatArray, IndexArray
 from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.simulation.batch.draws import Draws
-
-BoolArray = npt.NDArray[np.bool_]
-IndexArray = npt.NDArray[np.intp]
 
 _CONTROL = int(mujoco.mjtState.mjSTATE_CTRL)
 _CONTROL_AND_WRENCH = _CONTROL | int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
@@ -58,7 +54,7 @@ class ModelPool:
         """Return the model of environment i."""
         return self._models[i]
 
-    def select(self, indices: npt.NDArray[np.intp] | None) -> list[mujoco.MjModel]:
+    def select(self, indices: IndexArray | None) -> list[mujoco.MjModel]:
         """Return the models of these environments, None for all."""
         return self._list if indices is None else self._models[indices].tolist()
 
@@ -69,7 +65,7 @@ class ModelPool:
             self._list = [copy.copy(self._list[0]) for _ in self._list]
             self._models[:] = self._list
 
-    def set_gains(self, changed: npt.NDArray[np.intp], bias: FloatArray) -> None:
+    def set_gains(self, changed: IndexArray, bias: FloatArray) -> None:
         """Put gains into the actuators.
 
         Args:
@@ -105,14 +101,14 @@ def vary_models(pool: ModelPool, indices: IndexArray, draws: Draws, dof: IndexAr
     pool.separate()
     models = pool.select(indices)
     if has("friction"):
-        for model, factor in zip(models, draws.factor("friction", indices)[:, 0], strict=True):
+        for model, factor in zip(models, draws.ranged("friction", indices)[:, 0], strict=True):
             model.geom_friction[:] = nominal.geom_friction * factor
             model.pair_friction[:] = nominal.pair_friction * factor
     if has("joint_friction"):
-        for model, loss in zip(models, draws.factor("joint_friction", indices), strict=True):
+        for model, loss in zip(models, draws.ranged("joint_friction", indices), strict=True):
             model.dof_frictionloss[dof] = nominal.dof_frictionloss[dof] * loss
     if has("effort_limit", "motor_strength"):
-        strength = draws.factor("motor_strength", indices) * draws.factor("effort_limit", indices)
+        strength = draws.ranged("motor_strength", indices) * draws.ranged("effort_limit", indices)
         for model, factor in zip(models, strength, strict=True):
             model.actuator_forcerange[:] = nominal.actuator_forcerange * factor[:, None]
     if has("gravity_tilt"):
@@ -125,9 +121,9 @@ def vary_models(pool: ModelPool, indices: IndexArray, draws: Draws, dof: IndexAr
 
 def _vary_inertia(pool: ModelPool, indices: IndexArray, draws: Draws, dof: IndexArray, carriers: IndexArray) -> None:
     nominal, models = pool.nominal, pool.select(indices)
-    masses = draws.factor("mass", indices)
-    loads = draws.quantity("payload", indices)
-    armatures = draws.factor("armature", indices)
+    masses = draws.ranged("mass", indices)
+    loads = draws.ranged("payload", indices)
+    armatures = draws.ranged("armature", indices)
     shifts = draws.symmetric("centre_of_mass", indices).reshape(-1, nominal.nbody, 3)
     # Loose bodies keep theirs: MuJoCo's compiler has laid the mass matrix out for a centre of mass at their origin.
     is_robot = nominal.body_rootid == nominal.body_rootid[nominal.dof_bodyid[dof[0]]]

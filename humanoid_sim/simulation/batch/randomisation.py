@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.simulation.push import PUSH_DURATION
 
 Range = tuple[float, float]
@@ -123,27 +123,25 @@ class Randomisation:
         if values is not None and not isinstance(values, Mapping):
             raise InputError(f"randomisation: is {values!r}, expected its fields by name, or None")
         known = [field.name for field in fields(cls)]
-        for name in values or {}:
-            if name not in known:
-                raise InputError(f"randomisation: {known_names('field', name, known)}")
+        require_known("field", values or (), known, "randomisation: ")
         return cls(**(values or {}))
 
     def has(self, *names: str) -> bool:
         """Return whether any of these fields says that something differs."""
-        return any(getattr(self, name) != _NEUTRAL[name] for name in names)
+        return any(getattr(self, name) != NEUTRAL[name] for name in names)
 
     @property
     def is_noisy(self) -> bool:
         """Return whether what the policy sees differs from what is, from report to report."""
-        return self.has(*(name for name in _NEUTRAL if name.endswith("_noise")))
+        return self.has(*(name for name in NEUTRAL if name.endswith("_noise")))
 
     @property
     def is_biased(self) -> bool:
         """Return whether what the policy sees is off by something that stays for the episode."""
-        return self.has(*(name for name in _NEUTRAL if name.endswith("_bias")))
+        return self.has(*(name for name in NEUTRAL if name.endswith("_bias")))
 
 
-_NEUTRAL: Mapping[str, Any] = {
+NEUTRAL: Mapping[str, Any] = {
     field.name: field.default for field in fields(Randomisation) if field.name != "push_interval"
 }
 """By field, where nothing differs."""

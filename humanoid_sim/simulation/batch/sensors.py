@@ -8,21 +8,11 @@ from typing import Self
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from humanoid_sim import mit
 from humanoid_sim.controllers.rotation import conjugate, multiply, rotate, rotate_inverse, seen_from
 from humanoid_sim.controllers.terms import HeightScan
-from humanoid_sim.mit import (
-    ANCHOR_POSE,
-    BASE_LINEAR_VELOCITY,
-    HEIGHT_SCAN,
-    IMU,
-    KEY_PRESSED,
-    Extern,
-    FloatArray,
-    MITState,
-    point_velocity,
-)
+from humanoid_sim.mit import Extern, FloatArray, IndexArray, IntArray, MITState, point_velocity
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.physics import BatchPhysics, PhysicalStates, gravity_turns
@@ -31,8 +21,6 @@ from humanoid_sim.simulation.height_scan import HeightScanner
 from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import JointAddresses, body_ids, build_model
 from humanoid_sim.simulation.sensors import Imu, live_inputs
-
-IndexArray = npt.NDArray[np.intp]
 
 _SENSOR = mujoco.mjtSensor.__members__
 _BASE = "humanoid_sim_base"
@@ -46,7 +34,7 @@ _ARMATURE = 2.0**60
 class SensorDifferences:
     """Differences between the sensors of N robots."""
 
-    delay: npt.NDArray[np.int64]
+    delay: IntArray
     """Shape (N,), physics steps from a state to its report."""
     joint_position: FloatArray
     """Shape (N, n), rad, too much."""
@@ -68,7 +56,7 @@ class SensorDifferences:
 
     def draw(self, indices: IndexArray, draws: Draws, timestep: float) -> None:
         """Take over what is drawn for these environments' episodes; `timestep` is of the physics, s."""
-        self.delay[indices] = np.rint(draws.quantity("state_delay", indices)[:, 0] / timestep)
+        self.delay[indices] = np.rint(draws.ranged("state_delay", indices)[:, 0] / timestep)
         self.joint_position[indices] = draws.symmetric("joint_position_bias", indices)
         self.turn[indices] = _small_turn(draws.symmetric("orientation_bias", indices))
         self.angular_velocity[indices] = draws.symmetric("angular_velocity_bias", indices)
@@ -97,8 +85,7 @@ class BatchSensors:
     ) -> None:
         """Build the model that measures, of `bodies` the poses; the rest as `live_inputs` takes it.
 
-        Raises:
-            InputError: a body is not in the model.
+        Raises `InputError` if a body is not in the model.
         """
         self._addresses = addresses
         self._draws = draws
@@ -121,9 +108,9 @@ class BatchSensors:
         self._body_count = len(bodies)
         self._scan = None if height_scan is None else _BatchScan(physics, description, height_scan)
         scanned = None if self._scan is None else self._scan.site_or_body
-        points = {point_velocity(point): description.imu if point == IMU else point for point in velocity_at}
-        self._points = list(points) if description.is_floating else []
-        sites = list(points.values()) if description.is_floating else []
+        velocity_at = velocity_at if description.is_floating else ()
+        self._points = [point_velocity(point) for point in velocity_at]
+        sites = [description.imu if point == mit.IMU else point for point in velocity_at]
         self._model = build_model(
             description, scene=False, edit=lambda spec: _add_sensors(spec, description, frames, sites, scanned)
         )
@@ -147,17 +134,17 @@ class BatchSensors:
         position = states.qpos[:, self._addresses.qpos]
         live = {}
         if base is not None:
-            live[BASE_LINEAR_VELOCITY] = Extern(base.linear_velocity, 0.0)
+            live[mit.BASE_LINEAR_VELOCITY] = Extern(base.linear_velocity, 0.0)
         if self._is_anchored:
             anchor = 20 + 7 * self._body_count
-            live[ANCHOR_POSE] = Extern(measured[:, anchor : anchor + 7], 0.0)
+            live[mit.ANCHOR_POSE] = Extern(measured[:, anchor : anchor + 7], 0.0)
         first = 20 + 7 * (self._body_count + self._is_anchored)
         for i, name in enumerate(self._points):
             live[name] = Extern(measured[:, first + 3 * i : first + 3 * i + 3], 0.0)
         if self._keys is not None:
-            live[KEY_PRESSED] = Extern(self._keys.pressed(states.qpos), 0.0)
+            live[mit.KEY_PRESSED] = Extern(self._keys.pressed(states.qpos), 0.0)
         if self._scan is not None:
-            live[HEIGHT_SCAN] = Extern(self._scan.read(self._physics, measured[:, -7:]), 0.0)
+            live[mit.HEIGHT_SCAN] = Extern(self._scan.read(self._physics, measured[:, -7:]), 0.0)
         imu = measured[:, :10]
         if self._constant is not None:
             imu = np.broadcast_to(self._constant, imu.shape)
@@ -195,7 +182,7 @@ class BatchSensors:
         """Return the whole robot's centre of mass, shape (N, 3), m, world frame; a new array."""
         return measured[:, 10:13].copy()
 
-    def disturb(self, state: MITState, step: npt.NDArray[np.int64]) -> MITState:
+    def disturb(self, state: MITState, step: IntArray) -> MITState:
         """Return what the sensors make of the true state; `step`, shape (N,), counts reports since each start."""
         own, noise = self.differences, self._draws.randomisation
         if noise.is_biased:

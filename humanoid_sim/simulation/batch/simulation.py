@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import InputError, RobotError
-from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import COMMAND_FIELDS, BoolArray, FloatArray, IndexArray, IntArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.robots.rates import delay_steps, steps_per_period
@@ -30,9 +30,6 @@ from humanoid_sim.simulation.stability import DampingStability
 from humanoid_sim.simulation.terrain import Terrain
 
 Scalar = TypeVar("Scalar", bound=np.generic)
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.int64]
-IndexArray = npt.NDArray[np.intp]
 
 _DELAYS = "command_delay", "state_delay"
 _OF_MOTORS = "command_delay", "stiffness", "damping", "motor_strength", "effort_limit", "joint_position_bias"
@@ -74,9 +71,10 @@ class BatchSimulation:
     ) -> None:
         """Build the model once, and copies of it where environments differ.
 
+        Raises `InputError` if an option is not accepted, the MJCF does not fit the description, or the description's
+        damping is unstable at this physics step.
+
         Args:
-            description: the robot.
-            count: N.
             control_period: s, by which one `step` advances; None for the description's.
             physics_timestep: s, must divide the control period; None for what suits robot and plant.
             actuation: `affine`, which agrees with the reference, or `implicit`, the faster approximation.
@@ -84,15 +82,10 @@ class BatchSimulation:
             anchor_body: MJCF body whose pose the state reports as `anchor_pose`; empty for none.
             velocity_at: `imu`, or MJCF sites, whose velocity the state of robots with a floating base reports.
             height_scan: of the ground, which the state reports; None for none.
-            bodies: MJCF bodies that `body_poses` gives.
             push_body: MJCF body that the wrenches of `step` act on; empty for the base.
             randomisation: how the environments differ, drawn again by `redraw`; None: not at all.
             terrain: instead of a level floor; None for that.
             seeds: shape (N,), whole numbers, of the differences and the noise; None: 0, 1, 2, ….
-
-        Raises:
-            InputError: an option is not accepted, the MJCF does not fit the description, or the description's damping
-                is unstable at this physics step.
         """
         for name, value in (("count", count), ("threads", 1 if threads is None else threads)):
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
@@ -101,6 +94,8 @@ class BatchSimulation:
         check_actuation(actuation, get_args(BatchActuation))
         timestep = timestep_of(description, actuation, physics_timestep)
         self.description = description
+        self.joints = description.joint_names
+        """Names of the n joints, in the order of all per-joint arrays."""
         self.count = count
         self.control_period = 1.0 / settings.control_frequency if control_period is None else control_period
         """s"""
@@ -176,11 +171,6 @@ class BatchSimulation:
         self.reseed(np.arange(count) if seeds is None else seeds)
 
     @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the n joints, in the order of all per-joint arrays."""
-        return self.description.joint_names
-
-    @property
     def extern(self) -> Mapping[str, int]:
         """Names and widths of the live inputs that the state carries, as the policy's controller wants them."""
         return self._sensors.widths
@@ -226,9 +216,7 @@ class BatchSimulation:
         """Shape (N,), N, with which a key of each robot's piano was touched in the latest `step`, at most.
 
         Of every physics step; 0 where none was touched. Computed when it is asked for, at about the cost of a `step`.
-
-        Raises:
-            RobotError: the robot has no piano.
+        Raises `RobotError` if the robot has no piano.
         """
         if self._touches is None:
             raise RobotError(f"{self.description.name}: has no piano, whose keys could be touched")
@@ -270,14 +258,9 @@ class BatchSimulation:
         self,
         indices: npt.ArrayLike | None = None,
         *,
-        joint_position: FloatArray | None = None,
-        joint_velocity: FloatArray | None = None,
-        base_yaw: FloatArray | None = None,
-        base_offset: FloatArray | None = None,
-        base_pose: FloatArray | None = None,
-        base_velocity: FloatArray | None = None,
         qpos: FloatArray | None = None,
         qvel: FloatArray | None = None,
+        **pose: FloatArray | None,
     ) -> None:
         """Start some environments anew, at time 0, without a fault or a memory of what was.
 
@@ -285,25 +268,12 @@ class BatchSimulation:
 
         Args:
             indices: shape (k,), which; None for all.
-            joint_position: shape (k, n), rad; None for the description's initial position.
-            joint_velocity: shape (k, n), rad/s; None for rest.
-            base_yaw: shape (k,), rad, about the vertical, by which a floating base is turned at its start.
-            base_offset: shape (k, 3), m, world frame, by which it is moved; None for not at all.
-            base_pose: shape (k, 7), where it is instead, as `StartPose.arrays` takes it.
-            base_velocity: shape (k, 6), how it moves then, likewise.
-            qpos: shape (k, nq), MuJoCo's generalised position, instead of all these.
-            qvel: shape (k, nv), MuJoCo's generalised velocity, instead of all these.
+            qpos: shape (k, nq), MuJoCo's generalised position, instead of a pose.
+            qvel: shape (k, nv), MuJoCo's generalised velocity, likewise.
+            pose: where the robots start, and how they move, as `StartPose.arrays` takes it, shape (k, …) each.
         """
         where = np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
-        position, velocity = self.start_pose.arrays(
-            where.shape,
-            joint_position=joint_position,
-            joint_velocity=joint_velocity,
-            base_yaw=base_yaw,
-            base_offset=base_offset,
-            base_pose=base_pose,
-            base_velocity=base_velocity,
-        )
+        position, velocity = self.start_pose.arrays(where.shape, **pose)
         position = position if qpos is None else np.asarray(qpos)
         velocity = velocity if qvel is None else np.asarray(qvel)
         self._physics.set(where, position, velocity)
@@ -316,15 +286,14 @@ class BatchSimulation:
     def step(self, command: MITCommand, *, wrench: FloatArray | None = None, where: BoolArray | None = None) -> None:
         """Advance by one control period.
 
+        Raises `RobotError` if the command has another shape, or the simulation is closed.
+
         Args:
             command: shape (N, n). A row that is not finite is a fault of its environment.
             wrench: shape (N, 6), N and N·m, force and torque on the push body at its centre of mass, world frame, for
                 the whole period; None for none.
             where: shape (N,), the environments that advance; None for all. The others stand still, as do those with a
                 fault.
-
-        Raises:
-            RobotError: the command has another shape, or the simulation is closed.
         """
         name = self.description.name
         self._check_open()
@@ -408,11 +377,7 @@ class BatchSimulation:
         return replace(self._sensors.read(then, measured, effort, base), time=self._physics.time, joint_age=age)
 
     def body_poses(self, *, in_base: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Return where the bodies truly are, in the frame of the robot's base or in the world's.
-
-        Returns:
-            Positions (N, b, 3), m, and quaternions (N, b, 4), w x y z; new arrays.
-        """
+        """Return where the bodies truly are, in the base's frame or the world's: new (N, b, 3), m, and (N, b, 4)."""
         return self._sensors.poses(self._measure(), in_base=in_base)
 
     def _measure(self) -> FloatArray:
@@ -450,7 +415,7 @@ class RandomPushes:
         self._interval = max(round(draws.randomisation.push_interval / control_period), 1)
         self._duration = min(max(round(PUSH_DURATION / control_period), 1), self._interval)
 
-    def wrench(self, step: npt.NDArray[np.int64]) -> FloatArray:
+    def wrench(self, step: IntArray) -> FloatArray:
         """Force and torque in the control periods that begin now, shape (N, 6), N and N·m, world frame.
 
         `step`, shape (N,), counts control periods since each environment's start.

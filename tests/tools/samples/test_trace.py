@@ -18,9 +18,9 @@ def test_the_trainers_run_follows_the_motion_and_is_a_trace(tmp_path):
     trace = read_trace(output, load_checkpoint(SAMPLE_POLICY).contract)
     assert trace.observation.shape == (200, 78)
     assert (trace.observation[0, 64:] == 0.0).all()  # no action came before the first
-    np.testing.assert_array_equal(trace.observation[1:, 64:], trace.recorded.action[:-1])
+    np.testing.assert_array_equal(trace.observation[1:, 64:], trace.action[:-1])
     assert (np.abs(trace.observation[0, 36:64]) > 1e-4).all()
-    lag = np.abs(trace.target - trace.recorded.arrays["joint_position"])
+    lag = np.abs(trace.target - trace.arrays["joint_position"])
     assert lag[50:].max() < 0.2
 
 
