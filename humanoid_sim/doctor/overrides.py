@@ -64,14 +64,9 @@ class Pasting:
 
 
 def pasting_for(checkpoint: Path, contract_file: Path | None) -> Pasting:
-    """Return where the cure of a checkpoint belongs.
+    """Return where the cure of a checkpoint belongs: the contract.yaml that took part, or, without one, its own.
 
-    Args:
-        checkpoint: the model.
-        contract_file: the contract.yaml that took part; None without one.
-
-    Raises:
-        InputError: the file cannot be read.
+    Raises `InputError` if the file cannot be read.
     """
     if contract_file is None:
         return Pasting(own_contract(checkpoint))

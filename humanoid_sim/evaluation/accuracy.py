@@ -96,8 +96,7 @@ def commanded_motion(
 def plant_errors(motion: CommandedMotion, plants: Sequence[tuple[Actuation, float | None]]) -> tuple[PlantError, ...]:
     """Give the commands to plants, each with a physics step in s or its own, and compare where they go.
 
-    Raises:
-        InputError: gains are unstable on a plant, or its step does not divide the policy's.
+    Raises `InputError` if gains are unstable on a plant, or its step does not divide the policy's.
     """
     own = timestep_of(motion.description, "affine")
     true_joints, true_hands, _ = _run(motion, "affine", own / _CONVERGED)

@@ -54,15 +54,12 @@ def play_with_policy(
     table: npt.NDArray[np.floating],
     actuation: Actuation = "qfrc_applied",
 ) -> PlayedSong:
-    """Play a song in closed loop.
+    """Play a song in closed loop. Raises `InputError` if a controller would refuse an observation or an action.
 
     Args:
         description: of the robot, with the policy's gains, where the song begins.
         wiring: of the policy, with the song as its reference.
         table: shape (F, 88), 0 or 1: the goals of the same song, one row per policy step.
-
-    Raises:
-        InputError: a controller would refuse an observation or an action.
     """
     period = wiring.contract.policy_dt
     robot = MujocoRobot(description, control_period=period, actuation=actuation)

@@ -180,8 +180,7 @@ class ClosedLoop:
             wrench: as `BatchSimulation.step` takes it.
             where: likewise.
 
-        Returns:
-            What was commanded, shape (..., n).
+        Returns the command, shape (..., n).
         """
         self.previous, self.asked, self.action = self.memory.last_action, self.velocity, action
         memory, command = self.wiring.act(self.memory, action)
@@ -274,13 +273,7 @@ def _state_rows(state: MITState, indices: IndexArray) -> MITState:
 
 
 def _memory_with(memory: PolicyMemory, indices: IndexArray, rows: PolicyMemory) -> PolicyMemory:
-    """Return a memory of N robots with those of k of them replaced.
-
-    Args:
-        memory: shape (N, …).
-        indices: shape (k,).
-        rows: shape (k, …).
-    """
+    """Return a memory of shape (N, …) with k robots' rows, shape (k, …), replaced."""
     alignment = memory.alignment
     if alignment is not None and rows.alignment is not None:
         alignment = Alignment(

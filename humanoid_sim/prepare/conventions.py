@@ -153,10 +153,8 @@ def in_si(source: SourceMotion, conventions: Conventions) -> SourceMotion:
 def interpret(source: SourceMotion, conventions: Conventions, skeleton: Skeleton) -> SourceMotion:
     """Return the motion with its columns named: joints in the robot's order, SI units, quaternions w x y z.
 
-    The pose of the base is taken from the bodies where they hold it in the world.
-
-    Raises:
-        InputError: if the robot has a joint that the motion does not, or the other way round; likewise for bodies.
+    The pose of the base is taken from the bodies where they hold it in the world. Raises `InputError` if the robot has
+    a joint that the motion does not, or the other way round; likewise for bodies.
     """
     source = in_si(source, conventions)
     position, velocity = source.joint_position, source.joint_velocity

@@ -54,13 +54,12 @@ def episode_motion(
 ) -> SourceMotion:
     """Return the motion in an episode's columns.
 
+    Raises `InputError` if the columns hold no motion, or one that contradicts itself.
+
     Args:
         columns: numeric features, each (F, …).
         names: what the dataset calls the values of each feature, if it does.
         roles: features whose names are not the usual ones, by role.
-
-    Raises:
-        InputError: if the columns hold no motion, or one that contradicts itself.
     """
     found = _find(source, columns, roles)
     _check_times(source, columns.get("timestamp"), fps)

@@ -32,7 +32,8 @@ def fetch_checkpoint(run_path: str, name: str | None, *, timeout: float) -> tupl
     """Return a run's checkpoint as a local file, with the `.data` file of its external tensors if it has one.
 
     The newest `model_*.onnx` of the run's files by its number, else its only `.onnx`; failing that, the newest logged
-    artifact with such a file. A file that is in the cache with the right digest is not fetched again.
+    artifact with such a file. A file that is in the cache with the right digest is not fetched again. Raises
+    `InputError` if the run or the file does not exist, or the network is not there.
 
     Args:
         name: of the file in the run; None for the newest.
@@ -40,9 +41,6 @@ def fetch_checkpoint(run_path: str, name: str | None, *, timeout: float) -> tupl
 
     Returns:
         The path, and a notice for the user or ''.
-
-    Raises:
-        InputError: if the run or the file does not exist, or the network is not there.
     """
     run_path = run_path.strip().removeprefix("wandb://").strip("/")
     if not _RUN_PATH.match(run_path):

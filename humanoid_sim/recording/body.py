@@ -85,8 +85,7 @@ class RecordedBody:
     def of(cls, header: SessionHeader, documents: Mapping[str, str] | None = None) -> Self | None:
         """Return the body that a header, or these of its documents, describe; None if they describe none.
 
-        Raises:
-            BodyError: what it says is damaged.
+        Raises `BodyError` if what it says is damaged.
         """
         documents = header.documents if documents is None else documents
         if URDF_DOCUMENT not in documents:

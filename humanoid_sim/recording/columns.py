@@ -100,14 +100,8 @@ def frame(recording: Recording) -> Any:
 def figure(recording: Recording, joints: Sequence[str] = ()) -> Any:
     """Draw the joints' positions and commands over time, the modes as background; the first few where none are named.
 
-    Where a command has no stiffness, its position means nothing and is left out.
-
-    Returns:
-        A Matplotlib figure.
-
-    Raises:
-        InputError: a joint is not one of the recording's.
-        MissingPackageError: Matplotlib is not installed.
+    Where a command has no stiffness, its position means nothing and is left out. Raises `InputError` if a joint is not
+    one of the recording's, and `MissingPackageError` if Matplotlib is not installed, of which the figure is.
     """
     try:
         from matplotlib.figure import Figure  # noqa: PLC0415 - an optional package

@@ -37,11 +37,7 @@ def json_of(value: msgspec.Struct) -> bytes:
 
 
 def read_baseline(path: Path) -> PolicyRun:
-    """Return a stored run.
-
-    Raises:
-        InputError: one line with the file and what is wrong with it.
-    """
+    """Return a stored run. Raises `InputError`: one line with the file and what is wrong with it."""
     try:
         data = regular_file(path, "a baseline (.json) or a checkpoint (.onnx)", JSON_BYTES).read_bytes()
     except OSError as error:
@@ -60,9 +56,8 @@ def read_baseline(path: Path) -> PolicyRun:
 def matching_baseline(prepared: PreparedSuite, baseline: PolicyRun, config: RegressConfig) -> PolicyRun:
     """Return the part of a stored baseline that a suite's cases are compared with.
 
-    Raises:
-        InputError: a case is not in it, or was another when the baseline was made, its figures mean something else, or
-            it lacks a metric that the suite judges.
+    Raises `InputError` if a case is not in it, or was another when the baseline was made, its figures mean something
+    else, or it lacks a metric that the suite judges.
     """
     source, digests, suite = config.baseline, prepared.digests, prepared.suite
     again = f"make it again: {_remake(baseline, config)}"
@@ -108,10 +103,8 @@ def _remake(baseline: PolicyRun, config: RegressConfig) -> str:
 def junit_xml(results: Results, seconds: Sequence[float] = ()) -> bytes:
     """Return the verdicts as a JUnit XML document.
 
-    A metric without a baseline to compare with, or without episodes, is a skipped case.
-
-    Args:
-        seconds: that each candidate took; its cases share them equally, as every verdict is of all its episodes.
+    A metric without a baseline to compare with, or without episodes, is a skipped case. The `seconds` that a candidate
+    took are shared equally by its cases, as every verdict is of all its episodes.
     """
     root = ElementTree.Element("testsuites", name=_clean(f"regress {results.suite.name}"))
     for i, candidate in enumerate(results.candidates):
@@ -134,13 +127,14 @@ def _policy(results: Results, candidate: Candidate, seconds: float | None) -> El
     for metric in results.metrics:
         comparison = by_metric.get(metric.name)
         if comparison is None:
-            verdicts.append((metric.name, "skipped", "no baseline"))
+            verdict, words = "skipped", "no baseline"
         elif comparison.verdict == "lost":
-            verdicts.append((metric.name, "lost", "no episode got to its end"))
+            verdict, words = "lost", "no episode got to its end"
         elif comparison.verdict == "unmeasured":
-            verdicts.append((metric.name, "skipped", "no episodes to compare"))
+            verdict, words = "skipped", "no episodes to compare"
         else:
-            verdicts.append((metric.name, comparison.verdict, describe_change(metric, comparison)))
+            verdict, words = comparison.verdict, describe_change(metric, comparison)
+        verdicts.append((metric.name, verdict, words))
     verdicts += [(f"margin {margin.axis}", margin.verdict, describe_margin(margin)) for margin in candidate.margins]
     for title, verdict, words in verdicts:
         case = ElementTree.SubElement(suite, "testcase", name=title, classname=place)

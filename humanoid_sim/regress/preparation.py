@@ -86,12 +86,11 @@ class TestedPolicy:
 def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> PreparedSuite:
     """Read what a suite names.
 
+    Raises `InputError` if no robot is named, the robot is not one for the suite, or a motion cannot be read.
+
     Args:
         folder: what its paths are relative to.
         robot: instead of the suite's.
-
-    Raises:
-        InputError: no robot is named, the robot is not one for the suite, or a motion cannot be read.
     """
     name = robot or suite.robot
     if not name:
@@ -170,8 +169,7 @@ def prepare_policy(
 ) -> TestedPolicy:
     """Load a checkpoint and bring it together with every case of a suite; its name is by default the file's.
 
-    Raises:
-        InputError: one line that names the file and what is wrong, or does not fit.
+    Raises `InputError`: one line that names the file and what is wrong, or does not fit.
     """
     suite, description = prepared.suite, prepared.description
     checkpoint = load_checkpoint(path, contract_file, description.joint_names)
@@ -204,11 +202,10 @@ def prepare_case(
 ) -> PreparedCase:
     """Bring a policy and a case together.
 
+    Raises `InputError`: one line that names the checkpoint and what does not fit.
+
     Args:
         motion: that the case names, or the goals of its song; None for the one in the policy, or for a task without.
-
-    Raises:
-        InputError: one line that names the checkpoint and what does not fit.
     """
     if suite.task == "tracking" and motion is None:
         motion = checkpoint.motion

@@ -47,8 +47,7 @@ def regress(config: RegressConfig) -> int:
 def tested(config: RegressConfig, verdicts: Console) -> Results:
     """Run policies over a suite, write the files that were asked for, and print the verdicts on a console.
 
-    Raises:
-        InputError: if what was given cannot be used.
+    Raises `InputError` if what was given cannot be used.
     """
     check_outputs(config)
     if config.report is not None and find_spec("matplotlib") is None:
@@ -178,11 +177,7 @@ class EpisodeProgress(BarOrLines):
     """A context that is called with how many episodes have just ended."""
 
     def __init__(self, console: Console, label: str, total: int, clock: Callable[[], float] = perf_counter) -> None:
-        """Start at none.
-
-        Args:
-            label: whose episodes these are; empty to show nothing.
-        """
+        """Start at none. The label says whose episodes these are; an empty one shows nothing."""
         super().__init__(console, label, total, TimeRemainingColumn())
         self._label, self._done, self._total = label, 0, total
         self._clock, self._begin = clock, clock()
@@ -200,12 +195,7 @@ class EpisodeProgress(BarOrLines):
 def run_policy(
     prepared: PreparedSuite, policy: TestedPolicy, executor: Executor, margins: bool = False, label: str = ""
 ) -> PolicyRun:
-    """Run every episode of a policy.
-
-    Args:
-        margins: measure the robustness margins too.
-        label: of how far it is, on stderr; empty for silence.
-    """
+    """Run every episode of a policy, and on request measure its margins; `label` is that of the progress on stderr."""
     suite = prepared.suite
     total = len(suite.cases) * suite.seeds + (planned_levels(suite) if margins else 0)
     with EpisodeProgress(Console(stderr=True, emoji=False), label, total) as advance:
@@ -258,8 +248,7 @@ def _record(
 def _write(documents: Mapping[Path | None, Callable[[], bytes]]) -> None:
     """Write all files that were asked for: what keeps one from being written keeps none of the others.
 
-    Raises:
-        InputError: the first that could not be written.
+    Raises the first `InputError`.
     """
     problems = []
     for path, document in documents.items():

@@ -70,8 +70,7 @@ class Painter:
     def render(self, data: mujoco.MjData, ghost: mujoco.MjData | None = None) -> Picture:
         """Return the picture of the poses in `data`, shape (height, width, 3), RGB. What is not finite is not drawn.
 
-        Args:
-            ghost: another pose of the model, shown through it in one colour, as far as its bodies can move.
+        `ghost` is another pose of the model, shown through it in one colour, as far as its bodies can move.
         """
         geoms = self._seen(data, self._scene)
         view = View(self._scene, self._width, self._height)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Self
 
 from humanoid_sim.controllers.supervisor import Supervisor
@@ -33,22 +32,20 @@ STANDBY_B = "standby_controller_b"
 RL = "rl_policy_controller"
 REMOTE = "remote_policy_controller"
 
-MODE_NUMBER: Mapping[str, int] = MappingProxyType({ZERO: 0, DAMPING: 1, STANDBY_A: 2, STANDBY_B: 2, RL: 3, REMOTE: 4})
+MODE_NUMBER: Mapping[str, int] = {ZERO: 0, DAMPING: 1, STANDBY_A: 2, STANDBY_B: 2, RL: 3, REMOTE: 4}
 """The mode that each controller is, as on the wire."""
 
 SAFE = (ZERO, DAMPING)
 
-EDGES: Mapping[tuple[str, str], Intent] = MappingProxyType(
-    {
-        (ZERO, DAMPING): Intent.DAMP,
-        (DAMPING, STANDBY_A): Intent.LOAD_A,
-        (DAMPING, STANDBY_B): Intent.LOAD_B,
-        (STANDBY_A, RL): Intent.START_LOCOMOTION,
-        (STANDBY_A, REMOTE): Intent.START_REMOTE,
-        (STANDBY_B, RL): Intent.START_LOCOMOTION,
-        (STANDBY_B, REMOTE): Intent.START_REMOTE,
-    }
-)
+EDGES: Mapping[tuple[str, str], Intent] = {
+    (ZERO, DAMPING): Intent.DAMP,
+    (DAMPING, STANDBY_A): Intent.LOAD_A,
+    (DAMPING, STANDBY_B): Intent.LOAD_B,
+    (STANDBY_A, RL): Intent.START_LOCOMOTION,
+    (STANDBY_A, REMOTE): Intent.START_REMOTE,
+    (STANDBY_B, RL): Intent.START_LOCOMOTION,
+    (STANDBY_B, REMOTE): Intent.START_REMOTE,
+}
 """Between two ticks the controller stays, follows one of these edges with its intent, or leaves for SAFE."""
 
 

@@ -8,7 +8,7 @@ import math
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -126,8 +126,7 @@ def _again(results: Results, candidate: Candidate, pair: Pair) -> str:
     return "\n".join(shlex.join(command) for command in commands)
 
 
-@dataclass(frozen=True, slots=True)
-class IntervalBar:
+class IntervalBar(NamedTuple):
     """Position of the change of a metric and its interval on a bar from -100 to 100, worse to the right."""
 
     left: float
@@ -189,11 +188,7 @@ def worst_pictures(
     baseline: TestedPolicy | PolicyRun | None,
     results: Results,
 ) -> list[list[Picture]]:
-    """For each candidate its worst episode at its worst moment; and the baseline then, where it is a checkpoint.
-
-    Args:
-        baseline: a checkpoint, or a stored run, of which nothing is drawn.
-    """
+    """For each candidate its worst episode at its worst moment; and the baseline then, where it is a checkpoint."""
     model = build_model(prepared.description)
     painter = PoseRenderer(lambda: model, *_SIZE, fastest=True)
     found = []

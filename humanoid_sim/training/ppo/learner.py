@@ -121,8 +121,7 @@ def reading(checkpoint: Path) -> Iterator[None]:
 def require_sound(optimiser: Any, *networks: Any) -> None:
     """Try one step of what was read, on a copy: what would fail in an update only is found here.
 
-    Raises:
-        Exception: whatever PyTorch makes of a state that does not fit; a ValueError for numbers that are not finite.
+    Raises whatever PyTorch makes of a state that does not fit, and a `ValueError` for numbers that are not finite.
     """
     trial = copy.deepcopy(optimiser)
     tried = [weights for group in trial.param_groups for weights in group["params"]]
@@ -135,11 +134,7 @@ def require_sound(optimiser: Any, *networks: Any) -> None:
 
 
 def learner_class(algorithm: str) -> type[Learner]:
-    """Return the learner of an algorithm's name.
-
-    Raises:
-        MissingPackageError: its library is not installed.
-    """
+    """Return the learner of an algorithm's name. Raises `MissingPackageError` if its library is not installed."""
     try:
         if algorithm == "ppo-sb3":
             from humanoid_sim.training.ppo.sb3 import StableBaselinesLearner  # noqa: PLC0415 - one of them is enough
