@@ -67,12 +67,10 @@ def commanded_motion(
     seconds: float,
     velocity: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> CommandedMotion:
-    """Let a policy run on the affine plant, and keep its commands.
+    """Let a policy run on the affine plant for some seconds, and keep its commands.
 
-    Args:
-        description: of the robot, with the policy's gains.
-        seconds: how long.
-        velocity: shape (3,), vx and vy in m/s and yaw rate in rad/s, of a policy that walks.
+    The description has the policy's gains. The velocity, shape (3,), vx and vy in m/s and yaw rate in rad/s, is for a
+    policy that walks.
     """
     contract = wiring.contract
     robot = MujocoRobot(

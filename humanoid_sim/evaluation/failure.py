@@ -41,9 +41,7 @@ _TOPPLED = math.radians(45.0)
 def has_fallen(base: BaseState, standing_height: FloatArray | float) -> BoolArray:
     """Return whether floating bases have fallen, shape (...).
 
-    Args:
-        base: pose and motion, shape (...).
-        standing_height: shape (...) or scalar, m, of the centre of mass above the floor where the robot stands.
+    `standing_height`, shape (...) or scalar, m, is that of the centre of mass above the floor where the robot stands.
     """
     fallen: BoolArray = (base.tilt > FALLEN_TILT) | (base.mass_height < FALLEN_HEIGHT * standing_height)
     return fallen

@@ -85,13 +85,9 @@ def play_open_loop(
     period: float,
     actuation: Actuation = "qfrc_applied",
 ) -> PlayedSong:
-    """Play a song with the commands that follow from its goals alone.
+    """Play a song with the commands that follow from its goals alone: shape (F, 88), 0 or 1, one row per `period` s.
 
-    Args:
-        description: of the robot, whose gains the servos have.
-        player: of the same robot and period.
-        table: shape (F, 88), 0 or 1: the goals, one row per `period`.
-        period: s between two commands.
+    The servos have the gains of the description; the player is of the same robot and period.
     """
     ready = description.standby_controller_a.pose_segments[-1]
     description = msgspec.structs.replace(description, initial_position=ready)

@@ -29,11 +29,8 @@ _PURPOSE = "reading a LeRobot dataset"
 def import_lerobot(module: str, purpose: str, *, offline: bool) -> Any:
     """Return a module of `lerobot`, such as `datasets.utils`; `purpose` is what needs it, for the message.
 
-    With `offline` it does not ask the hub for files that a local dataset lacks.
-
-    Raises:
-        MissingPackageError: with the install command.
-        InputError: if the version that is installed has no such module.
+    With `offline` it does not ask the hub for files that a local dataset lacks. Raises `MissingPackageError`, or
+    `InputError` if the version that is installed has no such module.
     """
     if offline:
         # Read when the hub's package is imported; a local dataset must not wait for the network.

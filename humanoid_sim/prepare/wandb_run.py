@@ -35,12 +35,8 @@ def fetch_checkpoint(run_path: str, name: str | None, *, timeout: float) -> tupl
     artifact with such a file. A file that is in the cache with the right digest is not fetched again. Raises
     `InputError` if the run or the file does not exist, or the network is not there.
 
-    Args:
-        name: of the file in the run; None for the newest.
-        timeout: s without an answer about the run and its files after which to give up.
-
-    Returns:
-        The path, and a notice for the user or ''.
+    Gives up after `timeout` s without an answer about the run and its files. Returns the path, and a notice for the
+    user or ''.
     """
     run_path = run_path.strip().removeprefix("wandb://").strip("/")
     if not _RUN_PATH.match(run_path):

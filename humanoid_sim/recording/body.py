@@ -52,10 +52,8 @@ class RecordedBody:
     def __init__(self, header: SessionHeader, urdf: str, addresses: Mapping[str, int], imu: str = "") -> None:
         """Read a URDF. Raises `BodyError` if it is none.
 
-        Args:
-            header: names the joints of the state.
-            addresses: by joint, where its value begins in `qpos`.
-            imu: the link that is the IMU; empty for none.
+        The header names the joints of the state, `addresses` say where the value of each joint begins in `qpos`, and
+        `imu` is the link that is the IMU; empty for none.
         """
         self.urdf = urdf
         joints = _joints(urdf, addresses)

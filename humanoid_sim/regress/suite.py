@@ -33,12 +33,8 @@ Share = Annotated[float, Accepted(0.0, below=1.0)]
 
 Axis = Literal["delay", "jitter", "gains", "friction", "joint_friction", "mass", "push", "noise"]
 AXES: Mapping[str, tuple[str, float]] = {
-    "delay": ("s", 0.0),
-    "jitter": ("s", 0.0),
-    "gains": ("×", 1.0),
-    "friction": ("×", 1.0),
-    "joint_friction": ("×", 1.0),
-    "mass": ("×", 1.0),
+    **dict.fromkeys(("delay", "jitter"), ("s", 0.0)),
+    **dict.fromkeys(("gains", "friction", "joint_friction", "mass"), ("×", 1.0)),
     "push": ("m/s", 0.0),
     "noise": ("rad", 0.0),
 }

@@ -24,23 +24,10 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput, TickOutput
 from humanoid_sim.mit import FloatArray, MITCommand
-from humanoid_sim.testing.checks import fingerprint, require
+from humanoid_sim.testing import strategies
 from humanoid_sim.testing.healthy import ObedientJoints, healthy_externs, healthy_state, healthy_tick
 from humanoid_sim.testing.policies import Answer, ScriptedPolicy, misbehaviours, well_behaved
-from humanoid_sim.testing.properties import REMOTE, RL, STANDBY_A, STANDBY_B, SafetyProperties
-from humanoid_sim.testing.strategies import (
-    EXTERN_NAMES,
-    any_externs,
-    any_remote_commands,
-    any_states,
-    any_tick_inputs,
-    button_readings,
-    clock_jumps,
-    healthy_states,
-    intents,
-    safety_statuses,
-    valid_commands,
-)
+from humanoid_sim.testing.properties import REMOTE, RL, STANDBY_A, STANDBY_B, SafetyProperties, fingerprint, require
 
 SHRINK_SECONDS = 30.0
 """s, unless another time is given."""
@@ -159,7 +146,7 @@ class StackMachine(RuleBasedStateMachine):
         if isinstance(learned, RLPolicyController):
             count, limit, self.externs = learned.contract.action_count, learned.wiring.limit, dict(learned.extern)
         self.answers: dict[str, Answer] = {"well behaved": well_behaved(count), **misbehaviours(count, limit)}
-        self.extern_names = tuple(dict.fromkeys((*self.externs, *EXTERN_NAMES)))
+        self.extern_names = tuple(dict.fromkeys((*self.externs, *strategies.EXTERN_NAMES)))
         self.guards: Guards | None = getattr(self.stack, "guards", None)
         self.robot = self._new_robot()
         self.memory = self.stack.initial()
@@ -338,7 +325,7 @@ class StackMachine(RuleBasedStateMachine):
         """One intent, or a tick in which nothing is asked for."""
         self.tick(*([wanted] if wanted else []))
 
-    @rule(buttons=button_readings(_BUTTONS))
+    @rule(buttons=strategies.button_readings(_BUTTONS))
     def play_the_gamepad(self, buttons: tuple[bool, ...]) -> None:
         """Buttons as they are held down now; DAMP must come through whatever else is pressed."""
         wanted = pressed_intents(self.bindings, buttons, self.buttons)
@@ -363,7 +350,9 @@ class StackMachine(RuleBasedStateMachine):
         """Each step is a jump of the clock, and the skew of a new command's stamp or None for a silent sender."""
         if not self._begin(pose, Intent.START_REMOTE):
             return
-        sent: list[MITCommand] = data.draw(st.lists(valid_commands(self.joint_count), min_size=1, max_size=3))
+        sent: list[MITCommand] = data.draw(
+            st.lists(strategies.valid_commands(self.joint_count), min_size=1, max_size=3)
+        )
         for i, (jump, skew) in enumerate(steps):
             self.time += jump
             new = None if skew is None else RemoteCommand(sent[i % len(sent)], self.time + skew)
@@ -393,7 +382,9 @@ class StackMachine(RuleBasedStateMachine):
         """Move the healthy robot."""
         self.time += self.period
         externs = healthy_externs(self.externs, self.time)
-        self.feed(TickInput(data.draw(healthy_states(self.joint_count, self.time, externs)), remote=self.remote))
+        self.feed(
+            TickInput(data.draw(strategies.healthy_states(self.joint_count, self.time, externs)), remote=self.remote)
+        )
 
     # --- the attacks ---
 
@@ -420,16 +411,16 @@ class StackMachine(RuleBasedStateMachine):
     def the_state_is_odd(self, data: DataObject) -> None:
         """Joints that were never heard, NaN, impossible quaternions."""
         self.time += self.period
-        state = data.draw(any_states(self.joint_count, self.time, self.extern_names))
+        state = data.draw(strategies.any_states(self.joint_count, self.time, self.extern_names))
         self.feed(TickInput(state, remote=self.remote))
 
     @rule(data=st.data())
     def a_remote_command_is_odd(self, data: DataObject) -> None:
         """Negative gains, NaN, a wrong width, a stamp from anywhere."""
         self.time += self.period
-        self.feed(self._healthy(remote=data.draw(any_remote_commands(self.joint_count, self.time))))
+        self.feed(self._healthy(remote=data.draw(strategies.any_remote_commands(self.joint_count, self.time))))
 
-    @rule(jump=clock_jumps())
+    @rule(jump=strategies.clock_jumps())
     def the_clock_jumps(self, jump: float) -> None:
         """Backwards, ahead, to no number at all."""
         before, self.time = self.time, self.time + jump
@@ -437,7 +428,7 @@ class StackMachine(RuleBasedStateMachine):
         if not np.isfinite(self.time) or abs(self.time) > _FURTHEST_TIME:
             self.time = before
 
-    @rule(safety=safety_statuses(), wanted=intents())
+    @rule(safety=strategies.safety_statuses(), wanted=strategies.intents())
     def safety_speaks(self, safety: tuple[SafetyStatus, ...], wanted: tuple[Intent, ...]) -> None:
         """Any status of any source, together with any intents."""
         self.time += self.period
@@ -448,18 +439,18 @@ class StackMachine(RuleBasedStateMachine):
     def live_values_are_odd(self, data: DataObject) -> None:
         """Missing, late, of another width."""
         self.time += self.period
-        extern = data.draw(any_externs(self.extern_names))
-        state = data.draw(healthy_states(self.joint_count, self.time, extern))
+        extern = data.draw(strategies.any_externs(self.extern_names))
+        state = data.draw(strategies.healthy_states(self.joint_count, self.time, extern))
         self.feed(TickInput(state, remote=self.remote))
 
-    @rule(data=st.data(), answer=_ANSWERS, jump=clock_jumps())
+    @rule(data=st.data(), answer=_ANSWERS, jump=strategies.clock_jumps())
     def everything_at_once(self, data: DataObject, answer: str, jump: float) -> None:
         """Whatever a tick may hold, and a policy that may misbehave."""
-        self.feed(data.draw(any_tick_inputs(self.joint_count, self.time + jump, self.extern_names)), answer)
+        self.feed(data.draw(strategies.any_tick_inputs(self.joint_count, self.time + jump, self.extern_names)), answer)
 
     @rule(data=st.data(), change=st.sampled_from([-1, 1, 3]))
     def the_state_has_another_width(self, data: DataObject, change: int) -> None:
         """More joints than there are, or fewer."""
         self.time += self.period
-        state = data.draw(healthy_states(max(self.joint_count + change, 0), self.time))
-        self.feed(TickInput(state, intents=data.draw(intents())))
+        state = data.draw(strategies.healthy_states(max(self.joint_count + change, 0), self.time))
+        self.feed(TickInput(state, intents=data.draw(strategies.intents())))

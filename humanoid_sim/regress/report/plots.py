@@ -257,9 +257,7 @@ def candidate_colour(index: int) -> str:
 def _panels(count: int, height: float, header: float = 0.0) -> tuple[Figure, list[Axes]]:
     """Return a figure with `count` places for plots, `_COLUMNS` in a row at most.
 
-    Args:
-        height: inches of 72 points, of a row.
-        header: likewise, above the first one.
+    A row is `height` inches of 72 points high; `header` is the room above the first one.
     """
     rows = -(-count // _COLUMNS)
     figure = Figure(figsize=(_WIDTH, header + rows * height), layout="constrained")
@@ -277,12 +275,10 @@ def _style_axes(axes: Axes, *, grid: Literal["both", "x"] = "both") -> None:
 
 
 def _svg_of(figure: Figure, name: str, description: str) -> str:
-    """Return the `svg` element of a figure, its colours those of the page in light and dark.
+    """Return the `svg` element of a figure drawn under `SETTINGS`, its colours those of the page in light and dark.
 
-    Args:
-        figure: drawn under `SETTINGS`.
-        name: unique in the page: what the SVG defines must not be confused with another's.
-        description: for readers who cannot see it.
+    `name` is unique in the page: what the SVG defines must not be confused with another's. The description is for
+    readers who cannot see it.
     """
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", dpi=_DPI, metadata={"Date": None, "Creator": None})

@@ -88,13 +88,10 @@ class Learner(ABC):
 
     @abstractmethod
     def __init__(self, envs: VectorEnv[Any, Any, Any], spread: float, seed: int, start: Path | None) -> None:
-        """Begin, or go on.
+        """Begin, or go on from the checkpoint `start`.
 
-        Args:
-            envs: that start episodes in the step that ends the last ones.
-            spread: standard deviation of the raw actions of a new network.
-            seed: of networks, actions and environments.
-            start: a checkpoint to go on from.
+        The environments start episodes in the step that ends the last ones; `spread` is the standard deviation of the
+        raw actions of a new network; the seed is that of networks, actions and environments.
         """
 
     @abstractmethod
