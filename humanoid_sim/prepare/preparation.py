@@ -18,7 +18,7 @@ from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.acceptance import accept
 from humanoid_sim.prepare.conventions import choose_conventions
 from humanoid_sim.prepare.convert import convert, has_rate, resample
-from humanoid_sim.prepare.dataset_features import parse_roles
+from humanoid_sim.prepare.lerobot_dataset import parse_roles, read_hub_dataset, read_local_dataset
 from humanoid_sim.prepare.motion_files import read_csv, read_npz
 from humanoid_sim.prepare.motion_fit import Tolerance
 from humanoid_sim.prepare.outputs import (
@@ -137,15 +137,11 @@ def _read(options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, c
         raise InputError(f"--motion: is missing, and {checkpoint.source} names no dataset")
     if options.dataset is None:
         console.print(f"motion: the dataset {dataset} that the checkpoint names", markup=False)
-    from humanoid_sim.prepare.lerobot_dataset import read_hub_dataset  # noqa: PLC0415
-
     return read_hub_dataset(dataset, options.episode, roles, skeleton.joints, options.timeout)
 
 
 def _read_path(options: PrepareOptions, path: Path, roles: dict[str, str], skeleton: Skeleton) -> SourceMotion:
     if path.is_dir():
-        from humanoid_sim.prepare.lerobot_dataset import read_local_dataset  # noqa: PLC0415 - brings PyTorch
-
         return read_local_dataset(path, options.episode, roles, skeleton.joints)
     if not path.exists():
         raise InputError(f"--motion: '{path}' does not exist, expected an .npz or .csv file or a dataset's folder")

@@ -187,7 +187,7 @@ class McapRecorder:
         except Exception as error:  # a bug in the encoder; the run is worth more than its recording
             self._tell(self._fail(f"{type(error).__name__}: {error}"))
         finally:
-            run.close()
+            run.file.close()
 
     def _drain_until_stopped(self, run: _RunWriter) -> None:
         next_flush = monotonic() + FLUSH_PERIOD
@@ -284,10 +284,6 @@ class _RunWriter:
         if lost:
             self._report_loss(f"{lost} ticks left out in all")
         self._writer.finish()
-
-    def close(self) -> None:
-        """Close the file, finished or not."""
-        self.file.close()
 
     def _report_loss(self, text: str) -> None:
         self.event(Event(self._time, f"recording: {text}", EventKind.LOSS))

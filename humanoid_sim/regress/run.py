@@ -82,7 +82,7 @@ def tested(config: RegressConfig, verdicts: Console) -> Results:
         for candidate in results.candidates:
             show_verdict(verdicts, results, candidate)
             if results.baseline is not None and candidate.worse:
-                say(console, _which_joints(config, candidate, results.baseline))
+                say(console, _which_joints(results, candidate, results.baseline))
     documents: dict[Path | None, Callable[[], bytes]] = {
         config.write_baseline: lambda: json_of(results.candidates[0].run),
         config.json: lambda: json_of(results),
@@ -99,13 +99,11 @@ def tested(config: RegressConfig, verdicts: Console) -> Results:
     return results
 
 
-def _which_joints(config: RegressConfig, candidate: Candidate, baseline: PolicyRun) -> str:
+def _which_joints(results: Results, candidate: Candidate, baseline: PolicyRun) -> str:
     """Return how to see which joints move differently: figures are over all joints, recordings hold each."""
-    first = candidate.run.failures[0] if candidate.run.failures else candidate.run.episodes[0]
-    command = ["regress", candidate.run.source, baseline.source, "--suite", config.suite]
-    for name in ("robot", "contract"):
-        command += [f"--{name}", value] if (value := getattr(config, name)) is not None else []
-    command += ["--episode", f"{first.case}:{first.seed}"]
+    first = (*candidate.run.failures, *candidate.run.episodes)[0]
+    sources = candidate.run.source, baseline.source
+    command = ["regress", *sources, *results.arguments, "--episode", f"{first.case}:{first.seed}"]
     return f"joint by joint: {shlex.join(command)}; then compare --joints on the two recordings"
 
 
