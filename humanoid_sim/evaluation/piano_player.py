@@ -133,12 +133,9 @@ class PianoPlayer:
         self._horizon = round(HORIZON / policy_dt)
 
     def play(self, table: npt.NDArray[np.floating]) -> FloatArray:
-        """Return the commands of a song, shape (F, n), rad.
+        """Return the commands of a song, shape (F, n), rad, by the goals at each step, shape (F, 88), 0 or 1.
 
         They lead the planned poses by what the MIT law takes to follow them: `q + (K_d q' + M q'') / K_p`.
-
-        Args:
-            table: shape (F, 88), 0 or 1: the goals at each step.
         """
         return self.led(self.poses_of(self.plan(table)))
 

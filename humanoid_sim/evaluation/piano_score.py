@@ -86,11 +86,7 @@ def score(
 ) -> PianoScore:
     """Score a performance. Raises `FieldError` if the shapes differ, or there are no rows.
 
-    Args:
-        pressed: shape (T, K), 1 where a key was down.
-        wanted: shape (T, K), 1 where it should have been.
-        step: s between two rows.
-        onset_tolerance: s.
+    Both are shape (T, K), 1 where a key was down and where it should have been, one row every `step` s.
     """
     down, goal = np.asarray(pressed) > 0.5, np.asarray(wanted) > 0.5
     if down.shape != goal.shape or down.ndim != 2 or not len(down):

@@ -247,9 +247,8 @@ def repeat_run(
     loaded, it goes on with that one. Raises `InputError` if the recording cannot be read, or its header does not
     describe a control stack.
 
-    Args:
-        infer: called for every policy step that is reached.
-        entries: the recording's, read past damage, if the caller wants to see them pass; read from it otherwise.
+    `infer` is called for every policy step that is reached. `entries` are the recording's, read past damage, for a
+    caller who wants to see them pass.
     """
     policy = RecordedPolicy()
     header = recording.header

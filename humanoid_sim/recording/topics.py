@@ -25,7 +25,7 @@ from humanoid_sim.messages import (
     TickRecord,
 )
 from humanoid_sim.mit import Extern, MITState
-from humanoid_sim.recording.body import RecordedBody
+from humanoid_sim.recording.body import RecordedBody, json_document
 from humanoid_sim.ros2 import definitions as schema
 from humanoid_sim.ros2 import messages as ros
 from humanoid_sim.ros2.topics import (
@@ -39,7 +39,6 @@ from humanoid_sim.ros2.topics import (
     joint_states_topic,
     standby_topic,
 )
-from humanoid_sim.strict_json import parse_json
 
 VIEWER_PERIOD = 0.02
 """s between two messages of a topic that has something new in every tick."""
@@ -64,7 +63,7 @@ def labels_document(observation: Mapping[str, tuple[str, ...]], action: tuple[st
 def read_labels(header: SessionHeader) -> Labels:
     """Return the names in a header; names that are damaged or missing are none: plots go without."""
     try:
-        document = parse_json(header.documents.get(LABELS_DOCUMENT, "{}"))
+        document = json_document(header.documents, LABELS_DOCUMENT)
         observation = {str(term): _texts(names) for term, names in document.get("observation", {}).items()}
         return Labels(observation, _texts(document.get("action", [])))
     except (ValueError, TypeError, AttributeError):
@@ -89,23 +88,14 @@ class TopicMessage(NamedTuple):
 
 def topic_prefix(header: SessionHeader) -> str:
     """Return what the robot's own topics are under: `topic_prefix` of its description, or else its name."""
-    try:
-        robot = parse_json(header.documents.get("robot", "{}"))
-    except ValueError:
-        robot = None
-    prefix = robot.get("topic_prefix") if isinstance(robot, dict) else None
+    prefix = json_document(header.documents, "robot").get("topic_prefix")
     return prefix if isinstance(prefix, str) and prefix else header.robot
 
 
 def _live_topics(header: SessionHeader) -> Mapping[str, str]:
     """Return the topics of live inputs, by name: the usual ones, and those of the recorded contract's terms."""
     topics = {kind.reads: kind.topic for kind in TERM_KINDS.values() if kind.topic}
-    try:
-        contract = parse_json(header.documents.get("contract", "{}"))
-    except ValueError:
-        contract = None
-    terms = contract.get("observation", ()) if isinstance(contract, dict) else ()
-    for term in terms:
+    for term in json_document(header.documents, "contract").get("observation", ()):
         if isinstance(term, dict) and "kind" in term and ("width" in term or "topic" in term):
             topics[term["kind"]] = term.get("topic") or live_kind(term["kind"]).topic
     return topics

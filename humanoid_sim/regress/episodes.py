@@ -215,13 +215,9 @@ class EpisodeBatch:
 def thinned(traces: Mapping[str, FloatArray], period: float) -> tuple[tuple[float, ...], dict[str, Trace]]:
     """Return the traces of an episode, at most `LONGEST_TRACE` values each, and their times.
 
-    Args:
-        traces: by name, shape (K,), one value per policy step; NaN where there is none.
-        period: s between two.
-
-    Returns:
-        Times in s since the start, the middles of equal stretches; and by name the means over them, None where a
-        stretch has no value. Traces without any value are left out.
+    A trace has a value per policy step, `period` s apart; NaN where there is none. The times, in s since the start, are
+    the middles of equal stretches, the values the means over them, None where a stretch has none. Traces without any
+    value are left out.
     """
     count = min((len(values) for values in traces.values()), default=0)
     if not count:

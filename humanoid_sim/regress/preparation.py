@@ -84,13 +84,9 @@ class TestedPolicy:
 
 
 def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> PreparedSuite:
-    """Read what a suite names.
+    """Read what a suite names, with paths relative to a folder; a robot may be given in place of the suite's.
 
     Raises `InputError` if no robot is named, the robot is not one for the suite, or a motion cannot be read.
-
-    Args:
-        folder: what its paths are relative to.
-        robot: instead of the suite's.
     """
     name = robot or suite.robot
     if not name:
@@ -200,12 +196,9 @@ def prepare_case(
     description: RobotDescription,
     motion: Motion | None,
 ) -> PreparedCase:
-    """Bring a policy and a case together.
+    """Bring a policy and a case together. Raises `InputError`: one line that names the checkpoint and what is wrong.
 
-    Raises `InputError`: one line that names the checkpoint and what does not fit.
-
-    Args:
-        motion: that the case names, or the goals of its song; None for the one in the policy, or for a task without.
+    The motion is the one that the case names, or its song's goals; None for the policy's own, or for a task without.
     """
     if suite.task == "tracking" and motion is None:
         motion = checkpoint.motion

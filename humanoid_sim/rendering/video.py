@@ -71,9 +71,7 @@ class VideoSink(Sink):
     `InputError` if the path cannot be written, or its suffix or the size is not accepted.
 
     Args:
-        path: where to write; ends in `.mp4`.
         model_factory: makes the model to draw; called once, on a thread of its own.
-        fps: frames per second.
         size: width and height in pixels; even, as H.264 with 4:2:0 colour requires.
         max_frames: at 25 fps, 2.4 minutes at the full rate.
         ghost: the motion that a policy follows, drawn through the robot.
@@ -165,10 +163,8 @@ class VideoSink(Sink):
     def finish(self, progress: Callable[[int, int], None] | None = None) -> VideoReport:
         """Wait until the rest is drawn. An exception meanwhile, such as a `KeyboardInterrupt`, leaves no file.
 
-        Raises `InputError` if there is nothing to show, or the file cannot be written.
-
-        Args:
-            progress: called with the frames done and their total, after each.
+        `progress` is called with the frames done and their total, after each. Raises `InputError` if there is nothing
+        to show, or the file cannot be written.
         """
         if self._drawing is None:
             raise InputError(f"video '{self.path}': nothing to show: no tick came from a simulated robot")

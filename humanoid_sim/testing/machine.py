@@ -213,10 +213,7 @@ class StackMachine(RuleBasedStateMachine):
     def pass_time(self, ticks: int, *, sends: bool = True) -> None:
         """Healthy ticks in the present mode, checked one by one, the last one also run twice.
 
-        The mode stays, and no controller fails.
-
-        Args:
-            sends: a valid remote command arrives in each of them; else the last one grows old.
+        The mode stays, and no controller fails. A valid remote command arrives in each, or the last one grows old.
         """
         if sends:
             self.remote = RemoteCommand(MITCommand.zeros(self.joint_count), self.time)

@@ -7,7 +7,6 @@ import io
 import math
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -169,17 +168,12 @@ def _listed(names: Sequence[str]) -> str:
     return " and ".join([", ".join(readable[:-1]), readable[-1]] if len(readable) > 1 else readable)
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
+class Picture(NamedTuple):
     """A robot at one moment of an episode."""
 
     title: str
-    png: bytes
-
-    @property
-    def address(self) -> str:
-        """The picture itself, as what an `img` element takes for a file's address."""
-        return f"data:image/png;base64,{base64.b64encode(self.png).decode()}"
+    address: str
+    """The picture itself, as what an `img` element takes for a file's address."""
 
 
 def worst_pictures(
@@ -205,7 +199,8 @@ def worst_pictures(
                 file = io.BytesIO()
                 Image.fromarray(painter.draw(steps[step].qpos[0])).save(file, "PNG")
                 time = step * case.scenario.contract.policy_dt
-                pictures.append(Picture(f"{shown.name} at {time:.2f} s", file.getvalue()))
+                address = f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
+                pictures.append(Picture(f"{shown.name} at {time:.2f} s", address))
         found.append(pictures)
     painter.close()
     return found

@@ -157,8 +157,9 @@ def own_object(option: str, text: str) -> Any:
         else:
             known = vars(importlib.import_module(place))
     except (Exception, SystemExit) as error:  # whatever somebody's code does
-        is_missing = isinstance(error, ModuleNotFoundError)
-        why = f"no module '{error.name}'" if is_missing else f"{type(error).__name__}: {reason_of(error)}"
+        why = f"{type(error).__name__}: {reason_of(error)}"
+        if isinstance(error, ModuleNotFoundError):
+            why = f"no module '{error.name}'"
         raise InputError(f"{option}: '{place}' cannot be imported: {why}") from None
     if name not in known:
         names = [each for each in known if not each.startswith("_")]

@@ -199,10 +199,8 @@ class RunFolder:
     def __init__(self, path: Path, config: TrainConfig, subject: Mapping[str, Any], suffix: str) -> None:
         """Begin a run in a folder that is there, or find the checkpoint of the one to resume.
 
-        Raises `InputError` if it cannot be written, it has a run that is not to be resumed, or another one.
-
-        Args:
-            subject: what options came to that name a file, a class or a default, by option, as plain values.
+        `subject` has plain values of the options that name a file, a class or a default. Raises `InputError` if the
+        folder cannot be written, or has a run that is not to be resumed, or another one.
         """
         self.path, self.checkpoint = path, path / f"checkpoint{suffix}"
         self._place = path / _RUN
