@@ -146,16 +146,19 @@ StackBuilder = Callable[[SessionHeader, Policy], Supervisor]
 class RecordedPolicy:
     """Stands in for the policy: answers what it answered then, and fails where it failed then."""
 
-    output: TickOutput | None = None
-    """Recorded output of the tick that comes next."""
+    _output: TickOutput | None = None
+
+    def expect(self, output: TickOutput) -> None:
+        """Set the recorded output of the tick that comes next."""
+        self._output = output
 
     def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
         """Return the recorded action. Raises `RuntimeError`, with the recorded reason, if there was none."""
-        if self.output is not None:
-            if self.output.policy_step is not None:
-                return self.output.policy_step.action
-            if self.output.policy_error is not None:
-                raise RuntimeError(self.output.policy_error)
+        if self._output is not None:
+            if self._output.policy_step is not None:
+                return self._output.policy_step.action
+            if self._output.policy_error is not None:
+                raise RuntimeError(self._output.policy_error)
         raise RuntimeError("the recording has no policy step in this tick")
 
 
@@ -272,7 +275,7 @@ def repeat_run(
         elif report.can_continue and record.index > following:
             report.gap = record.index - following
         elif report.can_continue:
-            policy.output = record.output
+            policy.expect(record.output)
             memory, output = stack.step(memory, record.input)
             report.difference = first_difference(header, record.output, output)
         if not report.can_continue and report.tick is None:

@@ -148,7 +148,7 @@ def _ticks(supervisor: Supervisor, steps: Sequence[Step], period: float) -> Iter
 
     intents, ready = [Intent.DAMP, Intent.LOAD_A, Intent.START_LOCOMOTION], True
     while intents:
-        if index > _LONGEST_STANDBY:
+        if index >= _LONGEST_STANDBY:
             raise AssertionError("the shortened standby did not end")
         # The tick of START_LOCOMOTION is the episode's first step already.
         record = tick(steps[0], *((intents.pop(0),) if ready else ()))
