@@ -6,7 +6,8 @@ one line and exit with status 2. Everything else that escapes a program is a bug
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 _LONGEST_LINE = 10_000
 """Characters."""
@@ -39,6 +40,15 @@ class MissingPackageError(InputError):
         super().__init__(
             f"{purpose} needs the package '{package}', which is not installed: pip install 'humanoid_sim[{extra}]'"
         )
+
+
+@contextmanager
+def needing(package: str, extra: str, purpose: str) -> Iterator[None]:
+    """Raise `MissingPackageError` if an import within fails."""
+    try:
+        yield
+    except ImportError:
+        raise MissingPackageError(package, extra, purpose) from None
 
 
 class RobotError(HumanoidSimError):

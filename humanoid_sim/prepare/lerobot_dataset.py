@@ -17,7 +17,7 @@ import numpy as np
 
 from humanoid_sim.bounds import JSON_BYTES
 from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_from_6d
-from humanoid_sim.errors import InputError, MissingPackageError, meant, one_line, reason_of
+from humanoid_sim.errors import InputError, meant, needing, one_line, reason_of
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.source_motion import SourceMotion, joint_of
@@ -53,10 +53,8 @@ def import_lerobot(module: str, purpose: str, *, offline: bool) -> Any:
     if offline:
         # Read when the hub's package is imported; a local dataset must not wait for the network.
         os.environ.setdefault("HF_HUB_OFFLINE", "1")
-    try:
+    with needing("lerobot", "lerobot", purpose):
         importlib.import_module("lerobot")
-    except ImportError:
-        raise MissingPackageError("lerobot", "lerobot", purpose) from None
     try:
         return importlib.import_module(f"lerobot.{module}")
     except ModuleNotFoundError as error:

@@ -14,7 +14,7 @@ from concurrent.futures import TimeoutError as FutureTimeout
 from pathlib import Path
 from typing import Any, TypeVar
 
-from humanoid_sim.errors import InputError, MissingPackageError, reason_of
+from humanoid_sim.errors import InputError, needing, reason_of
 
 _RUN_PATH = re.compile(r"^[^/\s]+/[^/\s]+/[^/\s]+$")
 _NUMBER = re.compile(r"\d+")
@@ -41,10 +41,8 @@ def fetch_checkpoint(run_path: str, name: str | None, *, timeout: float) -> tupl
     run_path = run_path.strip().removeprefix("wandb://").strip("/")
     if not _RUN_PATH.match(run_path):
         raise InputError(f"--wandb-run-path: is '{run_path}', expected entity/project/run")
-    try:
+    with needing("wandb", "wandb", "--wandb-run-path"):
         import wandb  # noqa: PLC0415 - optional, and slow to import
-    except ImportError:
-        raise MissingPackageError("wandb", "wandb", "--wandb-run-path") from None
     folder = cache_folder() / run_path
     try:
         run = _within(timeout, lambda: wandb.Api(timeout=max(1, round(timeout))).run(run_path))

@@ -24,7 +24,6 @@ from humanoid_sim.regress.results import (
     PolicyRun,
     Results,
     describe_change,
-    describe_margin,
 )
 
 _UNWRITABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -135,7 +134,7 @@ def _policy(results: Results, candidate: Candidate, seconds: float | None) -> El
         else:
             verdict, words = comparison.verdict, describe_change(metric, comparison)
         verdicts.append((metric.name, verdict, words))
-    verdicts += [(f"margin {margin.axis}", margin.verdict, describe_margin(margin)) for margin in candidate.margins]
+    verdicts += [(f"margin {margin.axis}", margin.verdict, margin.words) for margin in candidate.margins]
     for title, verdict, words in verdicts:
         case = ElementTree.SubElement(suite, "testcase", name=title, classname=place)
         if verdict == "skipped":

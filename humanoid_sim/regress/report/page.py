@@ -34,9 +34,6 @@ from humanoid_sim.regress.results import (
     MetricInfo,
     PolicyRun,
     Results,
-    describe_limit,
-    describe_share,
-    describe_verdicts,
     quantity,
 )
 from humanoid_sim.rendering.offscreen import PoseRenderer
@@ -58,7 +55,7 @@ def report_page(results: Results, pictures: Sequence[Sequence[Picture]] = ()) ->
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    environment.filters |= {"quantity": quantity, "limit": describe_limit, "listed": _listed, "share": describe_share}
+    environment.filters |= {"quantity": quantity, "listed": _listed}
     comparisons = [comparison for candidate in results.candidates for comparison in candidate.comparisons]
     paired = results.baseline is not None and all(comparison.paired for comparison in comparisons)
     moved = moved_metrics(results)
@@ -94,7 +91,7 @@ def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, 
     return {
         "run": candidate.run,
         "word": "passed" if candidate.passed else "undecided" if candidate.undecided else "failed",
-        "verdicts": describe_verdicts(results, candidate),
+        "verdicts": results.verdicts(candidate),
         "unclear": candidate.unclear,
         "undecided": candidate.undecided,
         "few_seeds": candidate.few_seeds,

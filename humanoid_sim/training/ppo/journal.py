@@ -18,7 +18,7 @@ from gymnasium.vector import VectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from humanoid_sim.envs.resets import term_means
-from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.errors import InputError, needing
 from humanoid_sim.files import is_file, output_file, whole_file
 from humanoid_sim.training.ppo.options import CurvesConfig
 
@@ -107,10 +107,8 @@ class Journal:
                 file.write(_line(row))
         self._writer: Any = None
         if tensorboard:
-            try:
+            with needing("tensorboard", "rl", "training train (or give --no-tensorboard)"):
                 from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - heavy, and can be done without
-            except ImportError:
-                raise MissingPackageError("tensorboard", "rl", "training train (or give --no-tensorboard)") from None
             self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=done + 1 if done else None)
         self._begin = self._shown = self._noted = time.monotonic()
         self._steps = done
@@ -220,10 +218,8 @@ def curves(config: CurvesConfig) -> int:
     runs = [read_curve(Path(name)) for name in config.runs]
     if not runs:
         raise InputError("RUNS: is empty, expected one or more folders of `train`")
-    try:
+    with needing("matplotlib", "report", "training curves"):
         from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise MissingPackageError("matplotlib", "report", "training curves") from None
     subjects = list(dict.fromkeys(run.subject for run in runs))
     figure: Any = Figure(figsize=(9.0, 3.2 * len(subjects)), layout="constrained")
     grid = figure.subplots(len(subjects), 2, squeeze=False, sharey="row")
