@@ -154,11 +154,7 @@ def _reach(motion: SourceMotion, skeleton: Skeleton, tolerance: Tolerance) -> tu
 
 
 def _check_joints_alone(
-    source: SourceMotion,
-    conventions: Conventions,
-    skeleton: Skeleton,
-    tolerance: Tolerance,
-    excess: LimitExcess | None,
+    source: SourceMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance, excess: LimitExcess | None
 ) -> None:
     """Limits, and which way is up."""
     if is_upside_down(replace(source, quaternion_order=conventions.quaternions)):
@@ -227,8 +223,7 @@ def _named_orders(conventions: Conventions, skeleton: Skeleton) -> Iterator[tupl
     angles = {"": conventions.angle_unit} | {unit: unit for unit in ANGLE_UNITS if unit != conventions.angle_unit}
     lengths = {"": conventions.length_unit} | {unit: unit for unit in LENGTH_UNITS if unit != conventions.length_unit}
     changes = sorted(
-        product(joints, bodies, turns, conjugates, angles, lengths),
-        key=lambda change: len(change) - change.count(""),
+        product(joints, bodies, turns, conjugates, angles, lengths), key=lambda change: len(change) - change.count("")
     )
     options = ("--joint-order", "--body-order", "--quaternions", "--conjugate", "--angle-unit", "--length-unit")
     for change in changes:

@@ -177,12 +177,7 @@ class EpisodeBatch:
         return wrench
 
     def _episode(
-        self,
-        i: int,
-        steps: int,
-        failure: tuple[str, str],
-        traces: Mapping[str, FloatArray],
-        whole: Mapping[str, float],
+        self, i: int, steps: int, failure: tuple[str, str], traces: Mapping[str, FloatArray], whole: Mapping[str, float]
     ) -> Episode:
         (kind, reason), period = failure, self.case.scenario.contract.policy_dt
         ends = {

@@ -17,14 +17,7 @@ from humanoid_sim.files import regular_file
 from humanoid_sim.regress.metrics import has_metric
 from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.preparation import PreparedSuite
-from humanoid_sim.regress.results import (
-    FAILING,
-    OPEN,
-    Candidate,
-    PolicyRun,
-    Results,
-    describe_change,
-)
+from humanoid_sim.regress.results import FAILING, OPEN, Candidate, PolicyRun, Results, describe_change
 
 _UNWRITABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 cannot hold, not even escaped."""

@@ -136,11 +136,7 @@ def _digest(suite: Suite, case: Case, motion: Motion | Song | None, description:
     described = {**msgspec.to_builtins(case), "motion": bool(case.motion), "song": bool(case.song)}
     if not case.song:  # what baselines ran that know of none
         del described["song"]
-    document = {
-        "conditions": conditions,
-        "case": described,
-        "robot": description.to_json(),
-    }
+    document = {"conditions": conditions, "case": described, "robot": description.to_json()}
     digest = hashlib.sha256(msgspec.json.encode(document, order="deterministic"))
     if isinstance(motion, Song):
         digest.update(np.array([(note.key, note.start, note.end) for note in motion.notes]).tobytes())

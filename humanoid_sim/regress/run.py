@@ -221,11 +221,7 @@ def run_policy(
 
 
 def _record(
-    config: RegressConfig,
-    prepared: PreparedSuite,
-    policies: Sequence[TestedPolicy],
-    results: Results,
-    console: Console,
+    config: RegressConfig, prepared: PreparedSuite, policies: Sequence[TestedPolicy], results: Results, console: Console
 ) -> None:
     """Record failing episodes, or the one that was asked for."""
     folder = config.record_failures or _RECORDINGS

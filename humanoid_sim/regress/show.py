@@ -8,14 +8,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from humanoid_sim.regress.compare import FEW_SEEDS
-from humanoid_sim.regress.results import (
-    Candidate,
-    Comparison,
-    PolicyRun,
-    Results,
-    describe_detectable,
-    quantity,
-)
+from humanoid_sim.regress.results import Candidate, Comparison, PolicyRun, Results, describe_detectable, quantity
 
 _COLOURS = {
     "lost": "red",

@@ -227,13 +227,7 @@ class _OpenGLRenderer:
     """
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        width: int,
-        height: int,
-        camera: mujoco.MjvCamera,
-        choice: Choice,
-        is_plain: bool,
+        self, model: mujoco.MjModel, width: int, height: int, camera: mujoco.MjvCamera, choice: Choice, is_plain: bool
     ) -> None:
         self.backend, self.is_plain = str(choice), is_plain
         self._model, self._camera = model, camera

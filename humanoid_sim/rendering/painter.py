@@ -49,13 +49,7 @@ class Painter:
     backend = "software painter"
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        width: int,
-        height: int,
-        camera: mujoco.MjvCamera,
-        *,
-        outlined: bool = False,
+        self, model: mujoco.MjModel, width: int, height: int, camera: mujoco.MjvCamera, *, outlined: bool = False
     ) -> None:
         """Prepare; geoms that are `outlined` are set off from each other by a dark line."""
         self._model, self._camera = model, camera

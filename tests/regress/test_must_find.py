@@ -132,9 +132,7 @@ HEADINGS = ("policy", "candidate", "verdict", "metric", "change", "between", "s"
 def table_row(policy, name, candidate, metric, seconds):
     (found,) = (c for c in candidate.comparisons if c.metric == metric)
     unit = METRICS["velocity"][metric].info.unit
-    change, low, high = (
-        found.share(value, unit, signed=True) for value in (found.change, found.low, found.high)
-    )
+    change, low, high = (found.share(value, unit, signed=True) for value in (found.change, found.low, found.high))
     return policy, name, found.verdict, metric, f"{change}; {found.reasons}", f"{low} to {high}", f"{seconds:.0f}"
 
 

@@ -27,15 +27,7 @@ from humanoid_sim.regress.report.plots import (
     moved_metrics,
     trace_plot,
 )
-from humanoid_sim.regress.results import (
-    Candidate,
-    Comparison,
-    Episode,
-    MetricInfo,
-    PolicyRun,
-    Results,
-    quantity,
-)
+from humanoid_sim.regress.results import Candidate, Comparison, Episode, MetricInfo, PolicyRun, Results, quantity
 from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.simulation.model import build_model
 
