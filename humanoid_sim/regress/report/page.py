@@ -17,16 +17,8 @@ from PIL import Image
 from humanoid_sim.regress.episodes import Step, run_episodes
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy
 from humanoid_sim.regress.recordings import recording_name
+from humanoid_sim.regress.report import plots
 from humanoid_sim.regress.report.pairs import Pair, mean_over_cases, pair_up, trace, worst
-from humanoid_sim.regress.report.plots import (
-    COLOURS,
-    SETTINGS,
-    candidate_colour,
-    case_plot,
-    margin_plot,
-    moved_metrics,
-    trace_plot,
-)
 from humanoid_sim.regress.results import Candidate, Comparison, Episode, MetricInfo, PolicyRun, Results, quantity
 from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.simulation.model import build_model
@@ -50,20 +42,20 @@ def report_page(results: Results, pictures: Sequence[Sequence[Picture]] = ()) ->
     environment.filters |= {"quantity": quantity, "listed": _listed}
     comparisons = [comparison for candidate in results.candidates for comparison in candidate.comparisons]
     paired = results.baseline is not None and all(comparison.paired for comparison in comparisons)
-    moved = moved_metrics(results)
-    with mpl.rc_context(SETTINGS):
-        plots = {
-            "cases": case_plot(results, moved, paired=paired, name="cases-plot") if moved else "",
+    moved = plots.moved_metrics(results)
+    with mpl.rc_context(plots.SETTINGS):
+        drawn = {
+            "cases": plots.case_plot(results, moved, paired=paired, name="cases-plot") if moved else "",
             "candidates": [
                 {**_candidate(results, i, candidate), "pictures": pictures[i] if pictures else ()}
                 for i, candidate in enumerate(results.candidates)
             ],
-            "margins": margin_plot(results, "margins-plot"),
+            "margins": plots.margin_plot(results, "margins-plot"),
         }
     return environment.get_template("page.html").render(
-        **plots,
+        **drawn,
         results=results,
-        colours=COLOURS,
+        colours=plots.COLOURS,
         paired=paired,
         old_margins={margin.axis: margin for margin in results.baseline.margins} if results.baseline else {},
         mean=mean_over_cases,
@@ -96,7 +88,9 @@ def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, 
         "left_out": list(candidate.left_out.items()),
         "worst": first,
         "again": _again(results, candidate, first[0]) if first else "",
-        "traces": trace_plot(results, first[0], candidate_colour(index), f"traces-{index}-plot") if first else "",
+        "traces": plots.trace_plot(results, first[0], plots.candidate_colour(index), f"traces-{index}-plot")
+        if first
+        else "",
         "margin_verdicts": {comparison.axis: comparison.verdict for comparison in candidate.margins},
     }
 
