@@ -28,17 +28,7 @@ from humanoid_sim.mit import Extern, MITState
 from humanoid_sim.recording.body import RecordedBody, json_document
 from humanoid_sim.ros2 import definitions as schema
 from humanoid_sim.ros2 import messages as ros
-from humanoid_sim.ros2.topics import (
-    COMMAND_TOPIC,
-    CONTROL_MODE_TOPIC,
-    DESCRIPTION_TOPIC,
-    IMU_TOPIC,
-    SAFETY_TOPIC,
-    TF_STATIC_TOPIC,
-    TF_TOPIC,
-    joint_states_topic,
-    standby_topic,
-)
+from humanoid_sim.ros2 import topics
 
 VIEWER_PERIOD = 0.02
 """s between two messages of a topic that has something new in every tick."""
@@ -94,11 +84,11 @@ def topic_prefix(header: SessionHeader) -> str:
 
 def _live_topics(header: SessionHeader) -> Mapping[str, str]:
     """Return the topics of live inputs, by name: the usual ones, and those of the recorded contract's terms."""
-    topics = {kind.reads: kind.topic for kind in TERM_KINDS.values() if kind.topic}
+    found = {kind.reads: kind.topic for kind in TERM_KINDS.values() if kind.topic}
     for term in json_document(header.documents, "contract").get("observation", ()):
         if isinstance(term, dict) and "kind" in term and ("width" in term or "topic" in term):
-            topics[term["kind"]] = term.get("topic") or live_kind(term["kind"]).topic
-    return topics
+            found[term["kind"]] = term.get("topic") or live_kind(term["kind"]).topic
+    return found
 
 
 class PolicyTopics:
@@ -138,7 +128,7 @@ class ViewerTopics:
     def __init__(self, header: SessionHeader, *, every_state: bool = False) -> None:
         """Prepare for a run; `every_state` is for those who control by joint states and IMU, otherwise 50 a second."""
         self._joints = header.joint_names
-        self._joint_topic = joint_states_topic(topic_prefix(header))
+        self._joint_topic = topics.joint_states_topic(topic_prefix(header))
         self._every_state = every_state
         self._every = max(1, round(VIEWER_PERIOD / header.control_period))
         self._control_mode: ControlMode | None = None
@@ -173,14 +163,14 @@ class ViewerTopics:
         if is_due or self._every_state:
             data = ros.encode_joint_state(time_ns, self._joints, state)
             yield TopicMessage(self._joint_topic, schema.JOINT_STATE, data)
-            yield TopicMessage(IMU_TOPIC, schema.IMU, ros.encode_imu(time_ns, state))
+            yield TopicMessage(topics.IMU_TOPIC, schema.IMU, ros.encode_imu(time_ns, state))
         if is_due:
             data = ros.encode_mit_command(time_ns, self._joints, output.command)
             yield TopicMessage("/mit_command", schema.MIT_COMMAND, data)
         if is_due or output.control_mode != self._control_mode:
             self._control_mode = output.control_mode
             data = ros.encode_control_mode(time_ns, output.control_mode)
-            yield TopicMessage(CONTROL_MODE_TOPIC, schema.CONTROL_MODE, data)
+            yield TopicMessage(topics.CONTROL_MODE_TOPIC, schema.CONTROL_MODE, data)
         if output.standby is not None:
             yield from self._standby_state(output.control_mode.controller_name, output.standby, time_ns, is_due)
         yield from self._safety_statuses(record, time_ns)
@@ -188,7 +178,7 @@ class ViewerTopics:
         if remote is not None and remote is not self._remote:
             self._remote = remote
             data = ros.encode_mit_command(time_ns, self._joints, remote.command)
-            yield TopicMessage(COMMAND_TOPIC, schema.MIT_COMMAND, data)
+            yield TopicMessage(topics.COMMAND_TOPIC, schema.MIT_COMMAND, data)
         if is_due and self._body is not None:
             yield from self._frames(self._body, record, time_ns)
         if output.policy_step is not None:
@@ -210,7 +200,7 @@ class ViewerTopics:
         if is_news or (is_due and key != self._standby):
             self._standby = key
             data = ros.encode_standby_state(time_ns, standby)
-            yield TopicMessage(standby_topic(controller), schema.STANDBY_STATE, data)
+            yield TopicMessage(topics.standby_topic(controller), schema.STANDBY_STATE, data)
 
     def _safety_statuses(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """Yield those that changed, and all once a second: a volatile subscriber that comes late sees them too.
@@ -231,17 +221,17 @@ class ViewerTopics:
             if is_due or self._safety.get(source) != status:
                 self._safety[source] = status
                 data = ros.encode_safety_status(time_ns, status)
-                yield TopicMessage(SAFETY_TOPIC, schema.SAFETY_STATUS, data, source)
+                yield TopicMessage(topics.SAFETY_TOPIC, schema.SAFETY_STATUS, data, source)
 
     def _description(self, time_ns: int) -> Iterator[TopicMessage]:
         """Yield what the robot looks like, and the links that do not move."""
         assert self._body is not None  # asked by the caller
-        yield TopicMessage(DESCRIPTION_TOPIC, schema.STRING, ros.encode_string(self._body.urdf))
+        yield TopicMessage(topics.DESCRIPTION_TOPIC, schema.STRING, ros.encode_string(self._body.urdf))
         fixed = self._body.fixed
         if fixed:
             encoder = ros.TransformEncoder([(joint.parent, joint.child) for joint in fixed])
             poses = np.array([[*joint.position, *joint.quaternion] for joint in fixed])
-            yield TopicMessage(TF_STATIC_TOPIC, schema.TF_MESSAGE, encoder.encode(time_ns, poses))
+            yield TopicMessage(topics.TF_STATIC_TOPIC, schema.TF_MESSAGE, encoder.encode(time_ns, poses))
 
     def _frames(self, body: RecordedBody, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """Yield where the links are, each in its parent's frame, and the base in the world's."""
@@ -250,7 +240,7 @@ class ViewerTopics:
         if body.floating:
             self._poses[count:] = body.floating_poses(record)
         if len(self._poses):
-            yield TopicMessage(TF_TOPIC, schema.TF_MESSAGE, self._transforms.encode(time_ns, self._poses))
+            yield TopicMessage(topics.TF_TOPIC, schema.TF_MESSAGE, self._transforms.encode(time_ns, self._poses))
         if body.floating and body.knows_base(record):
             yield TopicMessage("/base_pose", schema.POSE_STAMPED, ros.encode_pose(time_ns, "world", self._poses[count]))
 
