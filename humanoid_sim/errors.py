@@ -51,6 +51,15 @@ class MissingPackageError(InputError):
         )
 
 
+@contextmanager
+def needing(package: str, extra: str, purpose: str) -> Iterator[None]:
+    """Raise `MissingPackageError` if an import within fails."""
+    try:
+        yield
+    except ImportError:
+        raise MissingPackageError(package, extra, purpose) from None
+
+
 class RobotError(HumanoidSimError):
     """A robot cannot be activated; the message lists everything that is wrong with it."""
 

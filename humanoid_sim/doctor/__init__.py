@@ -12,8 +12,6 @@ from typing import ClassVar, Literal
 
 import tyro
 
-__all__ = ["DoctorConfig"]
-
 
 @dataclass(frozen=True)
 class DoctorConfig:

@@ -56,8 +56,7 @@ class ExaminedPolicy:
     def load(self, contract: PolicyContract) -> LoadedPolicy:
         """Return the policy and its motion under another contract.
 
-        Raises:
-            InputError: the motion does not fit the contract.
+        Raises `InputError` if the motion does not fit the contract.
         """
         return load_policy(contract, self.policy, self.motion_under(contract))
 
@@ -87,14 +86,10 @@ def load_examined(
 ) -> ExaminedPolicy:
     """Return a checkpoint on a robot, however wrong its contract: only what cannot run at all is refused.
 
-    Args:
-        path: the model.
-        description: of the robot.
-        contract_file: a contract.yaml; None: the one beside the model, if there is one.
-        motion: a motion file or the name of a sample motion; None: the one that the model carries.
+    Raises `InputError` if the checkpoint cannot be read, its widths do not fit, or it needs a motion.
 
-    Raises:
-        InputError: the checkpoint cannot be read, its widths do not fit, or it needs a motion.
+    Without a contract.yaml it is the one beside the model, if there is one; without the file or name of a motion, the
+    one that the model carries.
     """
     # Golden vectors would refuse a wrong contract, and that is what the doctor is called for.
     checkpoint = load_checkpoint(path, contract_file, description.joint_names, verify=False)
@@ -149,11 +144,7 @@ def _reread_quaternions(motion: Motion, order: str) -> Motion:
 
 
 def robot_facts(description: RobotDescription, motion: Motion | None) -> RobotFacts:
-    """Return what the hypotheses need.
-
-    Raises:
-        InputError: the robot's MJCF cannot be built.
-    """
+    """Return what the hypotheses need. Raises `InputError` if the robot's MJCF cannot be built."""
     model = build_model(description, scene=False)
     base = base_body(model, description)
     sites = [model.site(i) for i in range(model.nsite) if description.is_floating and model.site(i).name]

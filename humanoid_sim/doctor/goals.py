@@ -18,6 +18,18 @@ from humanoid_sim.evaluation.tracking import TrackingErrors
 from humanoid_sim.mit import ANCHOR_POSE, FloatArray, MITCommand, MITState
 from humanoid_sim.simulation.floating_base import BaseState
 
+_SETTLED = 1.0
+"""s until the velocity counts: the robot starts at rest."""
+_VELOCITY, _TURNING, _TILT, _HEIGHT = 0.2, 0.5, 0.1, 0.02
+"""m/s, rad/s, rad, and m of standard deviation, at which an onlooker begins to notice, as all below. Policies that are
+wired right are about 0.1 m/s slower than commanded: tests/doctor/test_mistakes.py."""
+_JOINTS, _POSITION, _ANGLE = 0.1, 0.3, 0.2
+"""rad, mean over the joints; m and rad of the body that is compared."""
+_HAND_POSITION, _HAND_ANGLE = 0.1, 0.3
+"""m and rad, root mean squares."""
+_SHAKING, _TORQUE = 5.0, 15.0
+"""rad/s, root mean square of the commanded positions' change; N·m, root mean square."""
+
 
 class Goal:
     """Judges a run step by step: of a free base, whether it falls. Subclasses know more."""
@@ -28,10 +40,7 @@ class Goal:
     def update(self, frame: int, state: MITState, base: BaseState | None) -> str:
         """Take in the state of one policy step; says how the robot was lost, or '' while it is not.
 
-        Args:
-            frame: of the reference, which the policy is shown in this step.
-            state: read in this step.
-            base: of a robot that stands free, None for one that does not.
+        `frame` is the reference's that the policy is shown in this step; `base` is None unless the robot stands free.
         """
         if base is None:
             return ""
@@ -46,21 +55,10 @@ class Goal:
 class VelocityGoal(Goal):
     """Walk at a commanded velocity without falling."""
 
-    _SETTLED = 1.0
-    """s until the velocity counts: the robot starts at rest."""
-    _VELOCITY = 0.2
-    """m/s. Policies that are wired right are about 0.1 m/s slower than commanded: tests/doctor/test_mistakes.py."""
-    _TURNING = 0.5
-    """rad/s"""
-    _TILT = 0.1
-    """rad"""
-    _HEIGHT = 0.02
-    """m, standard deviation."""
-
     def __init__(self, command: FloatArray, policy_dt: float) -> None:
         super().__init__()
         self._command = command
-        self._skip = round(self._SETTLED / policy_dt)
+        self._skip = round(_SETTLED / policy_dt)
         self._count = 0
         self._velocity = np.zeros(3)
         self._tilt = 0.0
@@ -80,22 +78,15 @@ class VelocityGoal(Goal):
         """See `Goal.parts`."""
         error = self._velocity / max(self._count - self._skip, 1) - self._command
         return {
-            "velocity": math.hypot(error[0], error[1]) / self._VELOCITY,
-            "turning": abs(float(error[2])) / self._TURNING,
-            "tilt": math.sqrt(self._tilt / max(self._count, 1)) / self._TILT,
-            "height": float(np.std(self._heights)) / self._HEIGHT if self._heights else 0.0,
+            "velocity": math.hypot(error[0], error[1]) / _VELOCITY,
+            "turning": abs(float(error[2])) / _TURNING,
+            "tilt": math.sqrt(self._tilt / max(self._count, 1)) / _TILT,
+            "height": float(np.std(self._heights)) / _HEIGHT if self._heights else 0.0,
         }
 
 
 class MotionGoal(Goal):
     """Follow a motion with the joints and with one body, laid onto the robot as it stands at the start."""
-
-    _JOINTS = 0.1
-    """rad, mean over the joints."""
-    _POSITION = 0.3
-    """m"""
-    _ANGLE = 0.2
-    """rad"""
 
     def __init__(
         self,
@@ -104,13 +95,9 @@ class MotionGoal(Goal):
         base: MotionReference | None,
         robot_joints: tuple[str, ...],
     ) -> None:
-        """Look the joints up.
+        """Look up the joints of the reference, which the contract orders, in the state's order, `robot_joints`.
 
-        Args:
-            contract: under which the policy runs.
-            reference: with the joints, in that contract's order.
-            base: the base's poses as its anchor terms; None: the anchor body is compared, as the contract has it.
-            robot_joints: order of the state's per-joint arrays.
+        `base` has the base's poses as its anchor terms; None: the anchor body is compared, as the contract has it.
         """
         super().__init__()
         self._order = joint_indices(contract.joint_names, robot_joints, "joint_names of the policy")
@@ -145,20 +132,11 @@ class MotionGoal(Goal):
     def parts(self) -> dict[str, float]:
         """See `Goal.parts`."""
         joints, position, angle = (float(mean) for mean in self._sums / max(self._count, 1))
-        return {
-            "joints": joints / self._JOINTS,
-            "position": position / self._POSITION,
-            "angle": angle / self._ANGLE,
-        }
+        return {"joints": joints / _JOINTS, "position": position / _POSITION, "angle": angle / _ANGLE}
 
 
 class BodiesGoal(Goal):
     """Follow the bodies of a motion that is given in the base's frame."""
-
-    _POSITION = 0.1
-    """m"""
-    _ANGLE = 0.3
-    """rad"""
 
     def __init__(self, errors: TrackingErrors) -> None:
         super().__init__()
@@ -172,16 +150,11 @@ class BodiesGoal(Goal):
     def parts(self) -> dict[str, float]:
         """See `Goal.parts`."""
         hands = self._errors.summary().hands
-        return {"position": hands.position_rms / self._POSITION, "angle": hands.orientation_rms / self._ANGLE}
+        return {"position": hands.position_rms / _HAND_POSITION, "angle": hands.orientation_rms / _HAND_ANGLE}
 
 
 class Strain:
     """Strain on the joints: a wrong wiring that stays up shakes and strains them."""
-
-    _SHAKING = 5.0
-    """rad/s, root mean square of the commanded positions' change."""
-    _TORQUE = 15.0
-    """N·m, root mean square."""
 
     def __init__(self, policy_dt: float) -> None:
         self._period = policy_dt
@@ -202,6 +175,6 @@ class Strain:
         """As parts of the quality."""
         count = max(self._count, 1)
         return {
-            "shaking": math.sqrt(self._change / count) / self._period / self._SHAKING,
-            "torque": math.sqrt(self._torque / count) / self._TORQUE,
+            "shaking": math.sqrt(self._change / count) / self._period / _SHAKING,
+            "torque": math.sqrt(self._torque / count) / _TORQUE,
         }

@@ -93,10 +93,6 @@ def pairs(contract: PolicyContract, promising: Sequence[Hypothesis]) -> Iterator
 
     What is promising together has one promising half: the other may stand anywhere. So pairs go by the product of their
     halves' places; that of an edit of one joint counts `_DETAIL` times.
-
-    Args:
-        contract: the present one.
-        promising: single edits, best first.
     """
     places = [place * (_DETAIL if edit.is_detail else 1) for place, edit in enumerate(promising, 1)]
     keys = [_contract_key(contract), *(_contract_key(hypothesis.contract) for hypothesis in promising)]
@@ -114,9 +110,7 @@ def pairs(contract: PolicyContract, promising: Sequence[Hypothesis]) -> Iterator
 def spared(contract: PolicyContract, hypothesis: Hypothesis) -> Iterator[Hypothesis]:
     """Yield the hypothesis less one part of what it changes: a coarse edit may alter a right value as well.
 
-    Args:
-        contract: the present one, whose values the parts keep.
-        hypothesis: whose edits change several fields, or options of several terms; others have no parts.
+    Its parts are fields of the present contract, or options of terms; a single one has no parts.
     """
     if not hypothesis.edits or any(edit.is_whole for edit in hypothesis.edits):
         return

@@ -64,14 +64,9 @@ class Pasting:
 
 
 def pasting_for(checkpoint: Path, contract_file: Path | None) -> Pasting:
-    """Return where the cure of a checkpoint belongs.
+    """Return where the cure of a checkpoint belongs: the contract.yaml that took part, or, without one, its own.
 
-    Args:
-        checkpoint: the model.
-        contract_file: the contract.yaml that took part; None without one.
-
-    Raises:
-        InputError: the file cannot be read.
+    Raises `InputError` if the file cannot be read.
     """
     if contract_file is None:
         return Pasting(own_contract(checkpoint))
@@ -96,9 +91,15 @@ def overrides(present: PolicyContract, wanted: PolicyContract) -> dict[str, Any]
 
 def change_lines(present: PolicyContract, wanted: PolicyContract) -> list[str]:
     """Return what differs, one line each: the field, its value before, and after; long lists cut."""
-    pairs = [(path, _at(present, path), value) for path, value in _flat("", overrides(present, wanted))]
-    # A section is overridden as a whole, what stays in it too.
-    changed = [(path, before, after) for path, before, after in pairs if after not in (before, [before])]
+    known, terms = dict(_flat("", overrides(wanted, present))), {term.name: term for term in present.terms}
+    changed = []
+    for path, after in _flat("", overrides(present, wanted)):
+        before = known.get(path)
+        name, _, option = path.removeprefix("terms.").rpartition(".")
+        if option == "relative" and before is None:
+            before = f"{_short(present.kind(terms[name]).is_relative(terms[name]))} (default)"
+        if after not in (before, [before]):  # a section is overridden as a whole, what stays in it too
+            changed.append((path, before, after))
     moved = {path for path, before, after in changed if _is_reordered(before, after)}
     lines = [f"{path}: {_short(before)} → {_short(after)}" for path, before, after in changed]
     if len(moved) < _MANY:
@@ -112,21 +113,6 @@ def _is_reordered(before: Any, after: Any) -> bool:
     if not isinstance(before, list) or not isinstance(after, list):
         return False
     return sorted(map(str, before)) == sorted(map(str, after))
-
-
-def _at(contract: PolicyContract, path: str) -> Any:
-    """Return the value of a field, or of a term's option as `terms.<name>.<option>`, as plain values."""
-    if path.startswith("terms."):
-        name, _, option = path.removeprefix("terms.").rpartition(".")
-        (term,) = (term for term in contract.terms if term.name == name)
-        if option == "relative" and term.relative is None:
-            return f"{_short(contract.kind(term).is_relative(term))} (default)"
-        return _plain(option, getattr(term, option))
-    name, _, part = path.partition(".")
-    value = getattr(contract, name)
-    if part:
-        return _plain(part, getattr(value, part, None))
-    return list(contract.observation_names) if name == "observation" else _plain(name, value)
 
 
 def _plain(name: str, value: Any) -> Any:

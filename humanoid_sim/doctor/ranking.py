@@ -202,7 +202,12 @@ class Ranking:
         if pair.worst > min((single.worst for single in up), default=math.inf) + _WORSENED:
             return False
         halves = [self.verdicts[edit.name] for edit in pair.hypothesis.edits if edit.name in self.verdicts]
-        return all(_beats(pair, half) for half in halves)
+        return all(
+            pair.time_up > half.time_up
+            if abs(pair.time_up - half.time_up) > _LONGER
+            else pair.doubtful_cost < (1.0 - _WORTH) * half.doubtful_cost
+            for half in halves
+        )
 
     def equals(self, verdict: Verdict) -> list[Verdict]:
         """Return changes of other causes, no more at once, that do as well: these trials cannot tell which is right."""
@@ -221,10 +226,3 @@ class Ranking:
         """Other edits of the same cause, best first."""
         causes = verdict.hypothesis.causes
         return [other for other in self.ordered if other.hypothesis.causes == causes and other is not verdict]
-
-
-def _beats(pair: Verdict, half: Verdict) -> bool:
-    """Return whether a second change is worth it."""
-    if abs(pair.time_up - half.time_up) > _LONGER:
-        return pair.time_up > half.time_up
-    return pair.doubtful_cost < (1.0 - _WORTH) * half.doubtful_cost

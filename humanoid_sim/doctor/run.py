@@ -26,13 +26,9 @@ from humanoid_sim.session.sources import parse_velocity
 
 
 def doctor(config: DoctorConfig) -> int:
-    """Search and print.
+    """Search and print. Raises `InputError` as `examine`.
 
-    Returns:
-        0 if the contract as it is does best and keeps the robot up, 1 if not, 130 after Ctrl-C.
-
-    Raises:
-        InputError: as `examine`.
+    Returns 0 if the contract as it is does best and keeps the robot up, 1 if not, 130 after Ctrl-C.
     """
     found = examine(config, Console(stderr=True))
     if config.json:
@@ -45,8 +41,7 @@ def doctor(config: DoctorConfig) -> int:
 def examine(config: DoctorConfig, console: Console) -> Examination:
     """Search, and show on a console how far it is.
 
-    Raises:
-        InputError: an option, the checkpoint or the motion is not accepted.
+    Raises `InputError` if an option, the checkpoint or the motion is not accepted.
     """
     start = time.perf_counter()
     _check(config)

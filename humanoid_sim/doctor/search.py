@@ -88,15 +88,9 @@ def make_plan(
     pairs: int = DoctorConfig.pairs,
     budget: float | None = None,
 ) -> Plan:
-    """Return the trials for a policy.
+    """Return the trials for a policy, the brief ones of so many seconds; `pairs` and `budget` are the plan's.
 
-    Args:
-        contract: of the policy.
-        seconds: of a brief trial.
-        command: velocity for all trials; None for a few that a walking policy should know.
-        motion_seconds: length of the motion; 0 for none.
-        pairs: at most so many are tried.
-        budget: s of wall time, as `Plan.budget`.
+    Without a velocity command there are a few that a walking policy should know; without a motion its length is 0 s.
     """
     if contract.task_type != "locomotion":
         long = max(min(motion_seconds, 5.0 * seconds), contract.policy_dt)
@@ -208,8 +202,7 @@ class _Search:
     ) -> list[Hypothesis]:
         """Try some hypotheses, `count` of them, until that share of the budget is used up.
 
-        Returns:
-            Those that there was no time for; of an iterator the first.
+        Returns those that there was no time for; of an iterator the first.
         """
         # One after the other: most of a trial is Python's, so threads would only wait for each other.
         end = math.inf if self._plan.budget is None else self._start + until * self._plan.budget

@@ -80,13 +80,7 @@ class TrialRunner:
     def run(self, contract: PolicyContract, trial: Trial, until: float = math.inf) -> Outcome | None:
         """Try a contract once. A contract that cannot run is lost at 0 s; the same trial gives the same outcome.
 
-        Args:
-            contract: to be tried.
-            trial: how.
-            until: s of `time.perf_counter`, from which on the trial is broken off.
-
-        Returns:
-            What came of it; None if it was broken off.
+        None if the trial was broken off, at `until` s of `time.perf_counter`.
         """
         try:
             loaded = self.examined.load(contract)

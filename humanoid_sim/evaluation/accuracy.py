@@ -67,12 +67,10 @@ def commanded_motion(
     seconds: float,
     velocity: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> CommandedMotion:
-    """Let a policy run on the affine plant, and keep its commands.
+    """Let a policy run on the affine plant for some seconds, and keep its commands.
 
-    Args:
-        description: of the robot, with the policy's gains.
-        seconds: how long.
-        velocity: shape (3,), vx and vy in m/s and yaw rate in rad/s, of a policy that walks.
+    The description has the policy's gains. The velocity, shape (3,), vx and vy in m/s and yaw rate in rad/s, is for a
+    policy that walks.
     """
     contract = wiring.contract
     robot = MujocoRobot(
@@ -96,8 +94,7 @@ def commanded_motion(
 def plant_errors(motion: CommandedMotion, plants: Sequence[tuple[Actuation, float | None]]) -> tuple[PlantError, ...]:
     """Give the commands to plants, each with a physics step in s or its own, and compare where they go.
 
-    Raises:
-        InputError: gains are unstable on a plant, or its step does not divide the policy's.
+    Raises `InputError` if gains are unstable on a plant, or its step does not divide the policy's.
     """
     own = timestep_of(motion.description, "affine")
     true_joints, true_hands, _ = _run(motion, "affine", own / _CONVERGED)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -42,9 +41,7 @@ _TOPPLED = math.radians(45.0)
 def has_fallen(base: BaseState, standing_height: FloatArray | float) -> BoolArray:
     """Return whether floating bases have fallen, shape (...).
 
-    Args:
-        base: pose and motion, shape (...).
-        standing_height: shape (...) or scalar, m, of the centre of mass above the floor where the robot stands.
+    `standing_height`, shape (...) or scalar, m, is that of the centre of mass above the floor where the robot stands.
     """
     fallen: BoolArray = (base.tilt > FALLEN_TILT) | (base.mass_height < FALLEN_HEIGHT * standing_height)
     return fallen
@@ -91,15 +88,13 @@ def describe_body_stray(distance: FloatArray, bodies: tuple[str, ...]) -> str:
     return f"strayed: {bodies[worst]} is {distance[worst]:.2f} m from the motion"
 
 
-DEFINITIONS: Mapping[str, str] = MappingProxyType(
-    {
-        "fall": f"the centre of mass is below {FALLEN_HEIGHT:g} of the height above the floor at which it stands, or "
-        f"the axis of the base that then points up leans by more than {FALLEN_TILT:g} rad",
-        "loss": f"a tracked body is more than {STRAYED_DISTANCE:g} m from the motion, or the anchor body is more than "
-        f"{STRAYED_HEIGHT:g} m off its height or leans by more than {STRAYED_TILT:g} rad against it",
-        "errors": "the pose in the very tick in which a frame is shown, less that frame; each frame once, the last too",
-    }
-)
+DEFINITIONS: Mapping[str, str] = {
+    "fall": f"the centre of mass is below {FALLEN_HEIGHT:g} of the height above the floor at which it stands, or "
+    f"the axis of the base that then points up leans by more than {FALLEN_TILT:g} rad",
+    "loss": f"a tracked body is more than {STRAYED_DISTANCE:g} m from the motion, or the anchor body is more than "
+    f"{STRAYED_HEIGHT:g} m off its height or leans by more than {STRAYED_TILT:g} rad against it",
+    "errors": "the pose in the very tick in which a frame is shown, less that frame; each frame once, the last too",
+}
 """By name. A change of what is measured changes these words."""
 
 

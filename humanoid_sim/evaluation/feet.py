@@ -36,12 +36,7 @@ class Feet:
     """m, height of the floor."""
 
     def place(self, position: FloatArray, quaternion: FloatArray) -> FloatArray:
-        """Return the points in the world, shape (N, P, 3), m.
-
-        Args:
-            position: shape (N, b, 3), m, of the bodies, world frame.
-            quaternion: shape (N, b, 4), w x y z, body frame in the world frame.
-        """
+        """Return the points in the world, shape (N, P, 3), m, by the bodies' poses: (N, b, 3), m, and (N, b, 4)."""
         foot = list(self.foot)
         placed: FloatArray = position[:, foot] + rotate(quaternion[:, foot], self.points)
         return placed
@@ -49,10 +44,7 @@ class Feet:
     def slip(self, before: FloatArray, after: FloatArray, period: float) -> FloatArray:
         """Mean speed of the points that touch the floor at both instants, shape (N,), m/s; NaN where none does.
 
-        Args:
-            before: shape (N, P, 3), m, from `place`.
-            after: the same, `period` later.
-            period: s.
+        Both are shape (N, P, 3), m, from `place`, `period` s apart.
         """
         ground = self.floor + self.radius + _TOUCHING
         touching = (before[..., 2] < ground) & (after[..., 2] < ground)

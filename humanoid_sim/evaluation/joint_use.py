@@ -17,13 +17,9 @@ class JointUse:
     """Accumulates states; in constant memory. Values that are no numbers are left out."""
 
     def __init__(self, names: Sequence[str], effort_limit: FloatArray, lower: FloatArray, upper: FloatArray) -> None:
-        """Start empty.
+        """Start empty, for n joints. All limits are (n,), joint frame, and infinite where there is none.
 
-        Args:
-            names: of the n joints.
-            effort_limit: shape (n,), N·m, joint frame; infinity where none is known.
-            lower: shape (n,), rad, joint frame; minus infinity where there is no limit.
-            upper: shape (n,), rad, joint frame; infinity where there is no limit.
+        Effort limits are in N·m, those of positions, lower and upper, in rad.
         """
         self._names = tuple(names)
         self._limit = np.asarray(effort_limit)

@@ -44,8 +44,7 @@ class KeyPoses:
     def of(cls, description: RobotDescription, keys: Collection[int] = range(KEY_COUNT)) -> KeyPoses:
         """Find the poses of a robot with a piano; takes a few seconds for all keys.
 
-        Raises:
-            InputError: the robot has no piano, or a hand reaches none of the keys.
+        Raises `InputError` if the robot has no piano, or a hand reaches none of the keys.
         """
         fingers = Fingers(description)
         table = np.full((len(HANDS), 4, KEY_COUNT, 7), np.nan)

@@ -119,13 +119,7 @@ class PianoPlayer:
         poses: KeyPoses | None = None,
         timing: Timing = Timing(),
     ) -> None:
-        """Prepare.
-
-        Args:
-            description: of a robot with a piano.
-            policy_dt: s between two commands.
-            poses: of the same robot, if they are known.
-        """
+        """Prepare for a robot with a piano and commands `policy_dt` s apart; its poses are found unless given."""
         self.poses = KeyPoses.of(description) if poses is None else poses
         self._numbered = self.poses.numbered
         self._lower, self._upper = description.lower, description.upper
@@ -139,23 +133,16 @@ class PianoPlayer:
         self._horizon = round(HORIZON / policy_dt)
 
     def play(self, table: npt.NDArray[np.floating]) -> FloatArray:
-        """Return the commands of a song, shape (F, n), rad.
+        """Return the commands of a song, shape (F, n), rad, by the goals at each step, shape (F, 88), 0 or 1.
 
         They lead the planned poses by what the MIT law takes to follow them: `q + (K_d q' + M q'') / K_p`.
-
-        Args:
-            table: shape (F, 88), 0 or 1: the goals at each step.
         """
         return self.led(self.poses_of(self.plan(table)))
 
     def led(self, planned: FloatArray) -> FloatArray:
-        """Return the commands that servos need to be in planned poses in time; the robot is at rest before and after.
+        """Return the commands that servos need to be in planned poses in time, shape (F, n), rad.
 
-        Args:
-            planned: shape (F, n), rad, one row a policy step, with what the servos sag.
-
-        Returns:
-            Shape (F, n), rad.
+        The poses are likewise, one row a policy step, with what the servos sag; the robot is at rest before and after.
         """
         padded = np.concatenate([planned[:1], planned, planned[-1:]])
         velocity = (padded[2:] - padded[:-2]) / (2.0 * self._dt)

@@ -54,15 +54,12 @@ def play_with_policy(
     table: npt.NDArray[np.floating],
     actuation: Actuation = "qfrc_applied",
 ) -> PlayedSong:
-    """Play a song in closed loop.
+    """Play a song in closed loop. Raises `InputError` if a controller would refuse an observation or an action.
 
     Args:
         description: of the robot, with the policy's gains, where the song begins.
         wiring: of the policy, with the song as its reference.
         table: shape (F, 88), 0 or 1: the goals of the same song, one row per policy step.
-
-    Raises:
-        InputError: a controller would refuse an observation or an action.
     """
     period = wiring.contract.policy_dt
     robot = MujocoRobot(description, control_period=period, actuation=actuation)
@@ -88,13 +85,9 @@ def play_open_loop(
     period: float,
     actuation: Actuation = "qfrc_applied",
 ) -> PlayedSong:
-    """Play a song with the commands that follow from its goals alone.
+    """Play a song with the commands that follow from its goals alone: shape (F, 88), 0 or 1, one row per `period` s.
 
-    Args:
-        description: of the robot, whose gains the servos have.
-        player: of the same robot and period.
-        table: shape (F, 88), 0 or 1: the goals, one row per `period`.
-        period: s between two commands.
+    The servos have the gains of the description; the player is of the same robot and period.
     """
     ready = description.standby_controller_a.pose_segments[-1]
     description = msgspec.structs.replace(description, initial_position=ready)

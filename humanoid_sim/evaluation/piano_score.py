@@ -51,12 +51,7 @@ class PlayedKeys:
     """The keys of one run, at the song's frames that the policy was shown, of each the first time."""
 
     def __init__(self, goals: npt.NDArray[np.floating], step: float) -> None:
-        """Begin.
-
-        Args:
-            goals: shape (F, K), 1 where a key should be down.
-            step: s between two rows.
-        """
+        """Begin with goals of shape (F, K), 1 where a key should be down, one row every `step` s."""
         self._goals, self.step = np.asarray(goals) > 0.5, step
         self._pressed = np.zeros_like(self._goals)
         self._seen = np.zeros(len(self._goals), dtype=np.bool_)
@@ -64,8 +59,7 @@ class PlayedKeys:
     def update(self, frame: int, keys: npt.NDArray[np.floating]) -> None:
         """Take the keys, shape (K,), 1 where one is down, in the tick in which a frame is shown.
 
-        Raises:
-            FieldError: their number is not the song's.
+        Raises `FieldError` if their number is not the song's.
         """
         if keys.shape != self._goals.shape[1:]:
             raise FieldError(f"has {len(keys)} keys, and the song {self._goals.shape[1]}")
@@ -90,16 +84,9 @@ def score(
     *,
     onset_tolerance: float = ONSET_TOLERANCE,
 ) -> PianoScore:
-    """Score a performance.
+    """Score a performance. Raises `FieldError` if the shapes differ, or there are no rows.
 
-    Args:
-        pressed: shape (T, K), 1 where a key was down.
-        wanted: shape (T, K), 1 where it should have been.
-        step: s between two rows.
-        onset_tolerance: s.
-
-    Raises:
-        FieldError: the shapes differ, or there are no rows.
+    Both are shape (T, K), 1 where a key was down and where it should have been, one row every `step` s.
     """
     down, goal = np.asarray(pressed) > 0.5, np.asarray(wanted) > 0.5
     if down.shape != goal.shape or down.ndim != 2 or not len(down):

@@ -131,12 +131,9 @@ class ClosedLoop:
         return loop
 
     def restart(self, chosen: IndexArray, velocity: FloatArray, frame: Frame | None = None) -> None:
-        """Restart some robots of a batch, which are at the start of an episode.
+        """Restart the robots of a batch with indices `chosen`, (k,), which are at the start of an episode.
 
-        Args:
-            chosen: shape (k,), indices.
-            velocity: shape (N, 3), the commands, of all.
-            frame: shape (k,), of the reference, to begin with; None: 0.
+        `velocity`, (N, 3), has the commands of all, `frame`, (k,), the reference's frames to begin with; None: 0.
         """
         self.velocity = velocity
         self.asked = _with(self.asked, chosen, velocity[chosen])
@@ -174,14 +171,8 @@ class ClosedLoop:
     ) -> MITCommand:
         """One policy step, and the observation after it.
 
-        Args:
-            action: shape (..., m), raw.
-            velocity: shape (..., 3), the commands from then on; None: as before.
-            wrench: as `BatchSimulation.step` takes it.
-            where: likewise.
-
-        Returns:
-            What was commanded, shape (..., n).
+        The action is raw, shape (..., m); `velocity`, shape (..., 3), has the commands from then on, None: as before.
+        `wrench` and `where` are as of `BatchSimulation.step`. Returns the command, shape (..., n).
         """
         self.previous, self.asked, self.action = self.memory.last_action, self.velocity, action
         memory, command = self.wiring.act(self.memory, action)
@@ -241,9 +232,7 @@ class StepSample:
 def sample_step(loop: ClosedLoop, robots: TransparentRobots, step: int | npt.NDArray[np.integer]) -> StepSample:
     """Return the latest step as it truly was, whatever the sensors make of it.
 
-    Args:
-        robots: with the bodies that are tracked, or none.
-        step: shape (...), policy steps since the start, this one included.
+    `step`, shape (...), counts the policy steps since the start, this one included.
     """
     position, quaternion = robots.body_poses(in_base=True)
     contract = loop.wiring.contract
@@ -274,13 +263,7 @@ def _state_rows(state: MITState, indices: IndexArray) -> MITState:
 
 
 def _memory_with(memory: PolicyMemory, indices: IndexArray, rows: PolicyMemory) -> PolicyMemory:
-    """Return a memory of N robots with those of k of them replaced.
-
-    Args:
-        memory: shape (N, …).
-        indices: shape (k,).
-        rows: shape (k, …).
-    """
+    """Return a memory of shape (N, …) with k robots' rows, shape (k, …), replaced."""
     alignment = memory.alignment
     if alignment is not None and rows.alignment is not None:
         alignment = Alignment(

@@ -24,17 +24,27 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.kinematics import ForwardKinematics
 
 
-class _End:
-    """Tells when a motion is over, although its last frame is still shown. A single frame is a pose, which never is."""
+class _Errors:
+    """Errors of a run until its motion is over, although its last frame is still shown; a single one never is over."""
 
-    def __init__(self, frame_count: int) -> None:
-        self._last = frame_count - 1
-        self._is_shown = False
+    latest: FloatArray | None = None
+    """Errors of the latest policy step; None before any, and once the motion is over."""
 
-    def is_past(self, frame: int) -> bool:
+    def __init__(self, frame_count: int, shape: tuple[int, ...]) -> None:
+        self._last, self._is_last_shown = frame_count - 1, False
+        self._sum, self._largest = np.zeros(shape), np.zeros(shape)
+        self._samples = 0
+
+    def _is_over(self, frame: int) -> bool:
         """Return whether the last frame was shown before; asked in every policy step."""
-        was_shown, self._is_shown = self._is_shown, frame >= self._last > 0
-        return was_shown and self._is_shown
+        was_shown, self._is_last_shown = self._is_last_shown, frame >= self._last > 0
+        return was_shown and self._is_last_shown
+
+    def _add(self, error: FloatArray, summand: FloatArray) -> None:
+        self.latest = error
+        self._sum += summand
+        np.maximum(self._largest, error, out=self._largest)
+        self._samples += 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +76,11 @@ class TrackingSummary:
     """In the motion's order."""
 
 
-class TrackingErrors:
-    """Accumulates the errors of a run. The hands are the description's; where a motion holds none, all its bodies."""
+class TrackingErrors(_Errors):
+    """Accumulates the errors of a run. The hands are the description's; where a motion holds none, all its bodies.
+
+    The latest ones are (B, 2), m and rad.
+    """
 
     def __init__(
         self,
@@ -93,37 +106,23 @@ class TrackingErrors:
                 f"TrackingErrors.frames: shape is {frames.shape}, expected (F, {9 * count}), "
                 f"9 for each of {count} bodies"
             )
+        super().__init__(len(frames), (count, 2))
         self._kinematics = ForwardKinematics(description, body_names)
         self.names = body_names
         hands = [i for i, name in enumerate(body_names) if name in description.hands]
         self._hands = hands or list(range(count))
         self._position, self._rotation = body_poses(frames, count)
         self._peak_speed = peak_speed(self._position[:, self._hands], policy_dt)
-        self._end = _End(len(frames))
-        self._samples = 0
-        # Columns: position (m), orientation (rad).
-        self._sum_of_squares = np.zeros((count, 2))
-        self._largest = np.zeros((count, 2))
-        self.latest: FloatArray | None = None
-        """Shape (B, 2), m and rad: the latest policy step's errors; None before any, and once the motion is over."""
 
     def update(self, frame: int, joint_position: FloatArray) -> None:
-        """Take one policy step.
-
-        Args:
-            frame: the frame that the policy was shown.
-            joint_position: shape (n,), rad, joint frame, read in that same tick.
-        """
-        if self._end.is_past(frame):
+        """Take a policy step: the frame it was shown, and joint positions in that tick, (n,), rad, joint frame."""
+        if self._is_over(frame):
             self.latest = None
             return
         position, rotation = self._kinematics(joint_position)
         k = min(frame, len(self._position) - 1)
         error = np.stack([length(position - self._position[k]), rotation_angle(rotation, self._rotation[k])], axis=-1)
-        self.latest = error
-        self._sum_of_squares += error * error
-        np.maximum(self._largest, error, out=self._largest)
-        self._samples += 1
+        self._add(error, error * error)
 
     def summary(self) -> TrackingSummary:
         """Return the errors so far."""
@@ -133,7 +132,7 @@ class TrackingErrors:
     def _error(self, name: str, rows: list[int]) -> BodyError:
         if not self._samples:
             return BodyError(name, *[float("nan")] * 4)
-        rms = np.sqrt(self._sum_of_squares[rows].sum(axis=0) / (self._samples * len(rows)))
+        rms = np.sqrt(self._sum[rows].sum(axis=0) / (self._samples * len(rows)))
         largest = self._largest[rows].max(axis=0)
         return BodyError(name, float(rms[0]), float(largest[0]), float(rms[1]), float(largest[1]))
 
@@ -156,36 +155,30 @@ class AnchorSummary:
     """rad"""
 
 
-class AnchorErrors:
-    """Accumulates errors against the reference, laid onto the robot as the policy's own was at activation."""
+class AnchorErrors(_Errors):
+    """Accumulates errors against the reference, laid onto the robot as the policy's own was at activation.
+
+    The latest ones are (3,): rad, of the mean over the joints, m and rad of the anchor body; None too while nobody
+    knows how the reference was laid onto the robot.
+    """
 
     def __init__(
         self, reference: MotionReference, joint_names: tuple[str, ...], robot_joints: tuple[str, ...], *, align: bool
     ) -> None:
-        """Look the joints up.
+        """Look the policy's joints up; `robot_joints` orders the state's arrays.
 
-        Args:
-            reference: with joint positions and anchor poses.
-            joint_names: of the policy.
-            robot_joints: order of the state's per-joint arrays.
-            align: whether the policy's reference is laid onto the robot.
+        The reference has joint positions and anchor poses; with `align` it is laid onto the robot.
         """
+        super().__init__(reference.frame_count, (3,))
         self._reference = reference
         self._order = joint_indices(joint_names, robot_joints, "joint_names of the policy")
         self._align = align
         self._alignment: Alignment | None = None
-        self._end = _End(reference.frame_count)
-        self._sum = np.zeros(3)
-        self._largest = np.zeros(3)
-        self._samples = 0
-        self.latest: FloatArray | None = None
-        """Shape (3,): rad, of the mean over the joints, m and rad of the anchor body, in the latest policy step; None
-        before any, once the motion is over, and while nobody knows how it was laid onto the robot."""
 
     def update(self, frame: int, state: MITState) -> None:
         """Compare the state of a policy step with the frame that it was shown."""
         live = state.extern.get(ANCHOR_POSE)
-        if live is None or self._end.is_past(frame):
+        if live is None or self._is_over(frame):
             self.latest = None
             return
         pose = live.value
@@ -196,10 +189,7 @@ class AnchorErrors:
         joints = self._reference.term("reference_joint_pos", frame)
         posed = pose_error(pose, *self._reference.anchor(frame, self._alignment))
         error = np.array([np.abs(state.joint_position[self._order] - joints).mean(), posed.distance, posed.angle])
-        self.latest = error
-        self._sum += error
-        np.maximum(self._largest, error, out=self._largest)
-        self._samples += 1
+        self._add(error, error)
 
     def summary(self) -> AnchorSummary | None:
         """Return the errors so far; None if nothing was compared."""

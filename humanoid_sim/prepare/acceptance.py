@@ -12,15 +12,8 @@ import numpy as np
 from humanoid_sim.controllers.rotation import matrix
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.prepare.conventions import (
-    ANGLE_UNITS,
-    LENGTH_UNITS,
-    Conventions,
-    in_si,
-    interpret,
-)
+from humanoid_sim.prepare.conventions import ANGLE_UNITS, LENGTH_UNITS, Conventions, in_si, interpret
 from humanoid_sim.prepare.motion_fit import (
-    BaseHeight,
     BodyCheck,
     LimitExcess,
     Tolerance,
@@ -66,7 +59,7 @@ def accept(source: SourceMotion, conventions: Conventions, skeleton: Skeleton, t
     motion = interpret(source, conventions, skeleton)
     rate, velocities = _check_velocities(motion, skeleton)
     excess = None if motion.joint_position is None else worst_excess(motion.joint_position, skeleton.description)
-    high = None if conventions.is_length_given else implausible_height(motion, skeleton)
+    high, hint = ("", "") if conventions.is_length_given else implausible_height(motion, skeleton)
     notes: list[str] = []
     method, bodies = FORWARD, check_bodies(motion, skeleton, tolerance)
     if bodies:
@@ -75,24 +68,17 @@ def accept(source: SourceMotion, conventions: Conventions, skeleton: Skeleton, t
         method, bodies = INVERSE, _check_bodies_alone(motion, skeleton, tolerance)
     else:
         method = ""
-        if high is not None:
-            unit = high.unit
-            hint = (
-                f"; with --length-unit {unit} it would be at {LENGTH_UNITS[unit] * high.height:.2f} m" if unit else ""
-            )
-            raise InputError(f"{source.source}: {_high_in_words(high)}{hint}; --length-unit m says that it is right")
+        if high:
+            raise InputError(f"{source.source}: {high}{hint}; --length-unit m says that it is right")
         _check_joints_alone(source, conventions, skeleton, tolerance, excess)
         notes.append(
             "the source holds no body poses, so the order of its joints could not be verified, only that they stay "
             "within the robot's limits"
         )
-    if high is not None:
-        notes.append(_high_in_words(high))
+    if high:
+        notes.append(high)
     if excess is not None:
-        notes.append(
-            f"joint {excess.joint} is at {excess.position:.3f} rad in frame {excess.frame}, beyond its limits "
-            f"{excess.lower:g} to {excess.upper:g}"
-        )
+        notes.append(f"joint {excess.joint} {excess.words}")
     return Findings(motion, method, bodies, rate, velocities, excess, tuple(notes))
 
 
@@ -115,10 +101,6 @@ def _refuse_mismatch(
         f"{source.source}: body '{worst.name}' is up to {_far(worst)} from where the robot's forward kinematics puts "
         f"it (frame {worst.worst_frame}); {off} of {len(bodies)} bodies are off; tolerance {_shown(tolerance)}; {hint}"
     )
-
-
-def _high_in_words(base: BaseHeight) -> str:
-    return f"the base is at {base.height:.3g} m, and the robot is about {base.robot:.2g} m high"
 
 
 def _far(check: BodyCheck) -> str:
@@ -172,11 +154,7 @@ def _reach(motion: SourceMotion, skeleton: Skeleton, tolerance: Tolerance) -> tu
 
 
 def _check_joints_alone(
-    source: SourceMotion,
-    conventions: Conventions,
-    skeleton: Skeleton,
-    tolerance: Tolerance,
-    excess: LimitExcess | None,
+    source: SourceMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance, excess: LimitExcess | None
 ) -> None:
     """Limits, and which way is up."""
     if is_upside_down(replace(source, quaternion_order=conventions.quaternions)):
@@ -187,10 +165,7 @@ def _check_joints_alone(
     if excess is None or excess.excess <= tolerance.angle:
         return
     hint = _within_limits(source, conventions, skeleton, tolerance)
-    raise InputError(
-        f"{source.source}: joint '{excess.joint}' is at {excess.position:.3f} rad in frame {excess.frame}, beyond its "
-        f"limits {excess.lower:g} to {excess.upper:g} rad{hint}"
-    )
+    raise InputError(f"{source.source}: joint '{excess.joint}' {excess.words} rad{hint}")
 
 
 def _within_limits(source: SourceMotion, conventions: Conventions, skeleton: Skeleton, tolerance: Tolerance) -> str:
@@ -248,8 +223,7 @@ def _named_orders(conventions: Conventions, skeleton: Skeleton) -> Iterator[tupl
     angles = {"": conventions.angle_unit} | {unit: unit for unit in ANGLE_UNITS if unit != conventions.angle_unit}
     lengths = {"": conventions.length_unit} | {unit: unit for unit in LENGTH_UNITS if unit != conventions.length_unit}
     changes = sorted(
-        product(joints, bodies, turns, conjugates, angles, lengths),
-        key=lambda change: len(change) - change.count(""),
+        product(joints, bodies, turns, conjugates, angles, lengths), key=lambda change: len(change) - change.count("")
     )
     options = ("--joint-order", "--body-order", "--quaternions", "--conjugate", "--angle-unit", "--length-unit")
     for change in changes:

@@ -52,8 +52,12 @@ def choose_conventions(source: SourceMotion, skeleton: Skeleton, options: Prepar
 
     Raises `InputError` if an option contradicts names in the source, or a number of columns fits no order.
     """
-    joints, joints_by = _joints(source, skeleton.joint_orders, options.joint_order)
-    bodies, bodies_by = _bodies(source, skeleton.body_orders, options.body_order)
+    positions, usual = source.joint_position, "robot" if source.kind.startswith("csv") else "contract"
+    orders, option = skeleton.joint_orders, options.joint_order
+    joints, joints_by = _columns(source, "joint", positions, source.joint_names, orders, option, usual)
+    positions, orders, option = source.body_position, skeleton.body_orders, options.body_order
+    usual = "contract" if positions is not None and positions.shape[1] == len(orders["contract"]) else "mjcf"
+    bodies, bodies_by = _columns(source, "body", positions, source.body_names, orders, option, usual)
     order, order_by, given = source.quaternion_order, source.quaternion_order_source, options.quaternions
     if given is not None and order_by != "column names":
         order, order_by = given, "--quaternions"
@@ -73,47 +77,33 @@ def choose_conventions(source: SourceMotion, skeleton: Skeleton, options: Prepar
     )
 
 
-def _joints(source: SourceMotion, orders: Orders, option: str | None) -> tuple[tuple[str, ...], str]:
-    """Names of the joint columns, and where they come from."""
-    if source.joint_position is None:
-        return (), ""
-    if source.joint_names is not None:
-        return _own_names(source, "joint", source.joint_names, option)
-    chosen = option or ("robot" if source.kind.startswith("csv") else "contract")
-    names = named_order("--joint-order", chosen, orders)
-    count = source.joint_position.shape[1]
-    if len(names) != count:
-        raise InputError(
-            f"{source.source}: has {count} joints per frame, and the order '{chosen}' has {len(names)} "
-            f"({', '.join(names)}); say which they are with --joint-order"
-        )
-    return names, f"--joint-order {chosen}" if option else f"assumed: {chosen}"
-
-
-def _bodies(source: SourceMotion, orders: Orders, option: str | None) -> tuple[tuple[str, ...], str]:
-    """Names of the bodies, and where they come from."""
-    if source.body_position is None:
-        return (), ""
-    if source.body_names:
-        return _own_names(source, "body", source.body_names, option)
-    count = source.body_position.shape[1]
-    chosen = option or ("contract" if count == len(orders["contract"]) else "mjcf")
-    names = named_order("--body-order", chosen, orders)
-    if len(names) != count:
-        raise InputError(
-            f"{source.source}: has {count} bodies per frame; the contract has {len(orders['contract'])}, the "
-            f"robot {len(orders['mjcf'])}; say which they are with --body-order"
-        )
-    return names, f"--body-order {chosen}" if option else f"assumed: {chosen}"
-
-
-def _own_names(
-    source: SourceMotion, what: str, names: tuple[str, ...], option: str | None
+def _columns(
+    source: SourceMotion,
+    what: Literal["joint", "body"],
+    array: FloatArray | None,
+    own: tuple[str, ...] | None,
+    orders: Orders,
+    option: str | None,
+    usual: str,
 ) -> tuple[tuple[str, ...], str]:
-    if option is not None:
-        plural = {"joint": "joints", "body": "bodies"}[what]
-        raise InputError(f"--{what}-order: is given, but {source.source} names its {plural}")
-    return names, "names in the file"
+    """Names of the columns of joints or bodies, and where they come from."""
+    if array is None:
+        return (), ""
+    plural = {"joint": "joints", "body": "bodies"}[what]
+    if own:
+        if option is not None:
+            raise InputError(f"--{what}-order: is given, but {source.source} names its {plural}")
+        return own, "names in the file"
+    chosen, count = option or usual, array.shape[1]
+    names = named_order(f"--{what}-order", chosen, orders)
+    if len(names) != count:
+        known = f", and the order '{chosen}' has {len(names)} ({', '.join(names)})"
+        if what == "body":
+            known = f"; the contract has {len(orders['contract'])}, the robot {len(orders['mjcf'])}"
+        raise InputError(
+            f"{source.source}: has {count} {plural} per frame{known}; say which they are with --{what}-order"
+        )
+    return names, f"--{what}-order {chosen}" if option else f"assumed: {chosen}"
 
 
 def named_order(option: str, value: str, known: Orders) -> tuple[str, ...]:
@@ -153,10 +143,8 @@ def in_si(source: SourceMotion, conventions: Conventions) -> SourceMotion:
 def interpret(source: SourceMotion, conventions: Conventions, skeleton: Skeleton) -> SourceMotion:
     """Return the motion with its columns named: joints in the robot's order, SI units, quaternions w x y z.
 
-    The pose of the base is taken from the bodies where they hold it in the world.
-
-    Raises:
-        InputError: if the robot has a joint that the motion does not, or the other way round; likewise for bodies.
+    The pose of the base is taken from the bodies where they hold it in the world. Raises `InputError` if the robot has
+    a joint that the motion does not, or the other way round; likewise for bodies.
     """
     source = in_si(source, conventions)
     position, velocity = source.joint_position, source.joint_velocity

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import continuous, matrix, multiply, quaternion_from_matrix, rotate, slerp
@@ -39,34 +39,15 @@ def resample(motion: SourceMotion, policy_dt: float) -> SourceMotion:
     place = np.minimum(np.arange(frames) * policy_dt * motion.fps, count - 1)
     lower = np.minimum(place.astype(np.intp), max(count - 2, 0))
     weight = place - lower
-
     upper = np.minimum(lower + 1, count - 1)
-
-    def linear(array: FloatArray | None) -> FloatArray | None:
-        if array is None:
-            return None
-        w = _beside(weight, array)
-        mixed: FloatArray = (1.0 - w) * array[lower] + w * array[upper]
-        return mixed
-
-    def spherical(array: FloatArray | None) -> FloatArray | None:
-        return None if array is None else slerp(array[lower], array[upper], _beside(weight, array))
-
-    return replace(
-        motion,
-        fps=1.0 / policy_dt,
-        joint_position=linear(motion.joint_position),
-        joint_velocity=linear(motion.joint_velocity),
-        body_position=linear(motion.body_position),
-        body_quaternion=spherical(motion.body_quaternion),
-        base_position=linear(motion.base_position),
-        base_quaternion=spherical(motion.base_quaternion),
-    )
-
-
-def _beside(weight: npt.NDArray[np.float64], array: FloatArray) -> FloatArray:
-    """Weights (F,) as a column for arrays (F, …)."""
-    return weight.reshape(-1, *[1] * (array.ndim - 1))
+    mixed: dict[str, Any] = {}
+    for name, array in motion.arrays().items():
+        w = weight.reshape(-1, *[1] * (array.ndim - 1))
+        if name.endswith("quaternion"):
+            mixed[name] = slerp(array[lower], array[upper], w)
+        else:
+            mixed[name] = (1.0 - w) * array[lower] + w * array[upper]
+    return replace(motion, fps=1.0 / policy_dt, **mixed)
 
 
 def layout_of(contract: PolicyContract) -> MotionLayout:
@@ -123,15 +104,21 @@ def _velocity(motion: SourceMotion) -> FloatArray:
     return rate
 
 
+def _own_poses(motion: SourceMotion, bodies: tuple[str, ...]) -> tuple[FloatArray, FloatArray] | None:
+    """Positions (F, B, 3), m, and quaternions (F, B, 4) of bodies, in the motion's frame; None if it lacks some."""
+    if motion.body_position is None or motion.body_quaternion is None or not set(bodies) <= set(motion.body_names):
+        return None
+    columns = [motion.body_names.index(name) for name in bodies]
+    return motion.body_position[:, columns], motion.body_quaternion[:, columns]
+
+
 def _base_frame(
     motion: SourceMotion, bodies: tuple[str, ...], skeleton: Skeleton
 ) -> tuple[FloatArray, FloatArray, str]:
     """Positions (F, B, 3), m, and rotation matrices (F, B, 3, 3) in the base frame."""
-    has_bodies = set(bodies) <= set(motion.body_names) and motion.body_quaternion is not None
-    has_base = motion.frame == "base" or motion.base_quaternion is not None
-    if has_bodies and has_base and motion.body_position is not None and motion.body_quaternion is not None:
-        columns = [motion.body_names.index(name) for name in bodies]
-        position, rotation = motion.body_position[:, columns], matrix(motion.body_quaternion[:, columns])
+    poses = _own_poses(motion, bodies)
+    if poses is not None and (motion.frame == "base" or motion.base_quaternion is not None):
+        position, rotation = poses[0], matrix(poses[1])
         if motion.base_position is not None and motion.base_quaternion is not None and motion.frame == "world":
             base = matrix(motion.base_quaternion)
             position = np.einsum("tji,tbj->tbi", base, position - motion.base_position[:, None])
@@ -150,14 +137,9 @@ def _world_frame(
     motion: SourceMotion, bodies: tuple[str, ...], skeleton: Skeleton
 ) -> tuple[FloatArray, FloatArray, str]:
     """Positions (F, B, 3), m, and quaternions (F, B, 4), w x y z, in the world frame."""
-    if (
-        motion.frame == "world"
-        and set(bodies) <= set(motion.body_names)
-        and motion.body_position is not None
-        and motion.body_quaternion is not None
-    ):
-        columns = [motion.body_names.index(name) for name in bodies]
-        return motion.body_position[:, columns], motion.body_quaternion[:, columns], FROM_SOURCE
+    poses = _own_poses(motion, bodies)
+    if motion.frame == "world" and poses is not None:
+        return *poses, FROM_SOURCE
     position, rotation, origin = _base_frame(motion, bodies, skeleton)
     base_position, base_quaternion = motion.base_position, motion.base_quaternion
     if base_position is None or base_quaternion is None:

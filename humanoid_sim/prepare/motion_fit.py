@@ -10,7 +10,7 @@ import numpy as np
 from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.prepare.conventions import LENGTH_UNITS, LengthUnit
+from humanoid_sim.prepare.conventions import LENGTH_UNITS
 from humanoid_sim.prepare.skeleton import Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order, swap_quaternion_order
 from humanoid_sim.robots.description import RobotDescription
@@ -53,18 +53,6 @@ class BodyCheck:
 
 
 @dataclass(frozen=True, slots=True)
-class BaseHeight:
-    """The base of a motion is far too high above the ground, or below it."""
-
-    height: float
-    """m, the median over frames."""
-    robot: float
-    """m, about how high the robot is."""
-    unit: LengthUnit | None
-    """The unit that would explain it."""
-
-
-@dataclass(frozen=True, slots=True)
 class LimitExcess:
     """A joint of the motion that is beyond its limits."""
 
@@ -81,6 +69,12 @@ class LimitExcess:
     def excess(self) -> float:
         """Rad beyond the limit."""
         return max(self.lower - self.position, self.position - self.upper)
+
+    @property
+    def words(self) -> str:
+        """Return the rest of a sentence that begins with the joint."""
+        where = f"is at {self.position:.3f} rad in frame {self.frame}"
+        return f"{where}, beyond its limits {self.lower:g} to {self.upper:g}"
 
 
 def check_bodies(motion: SourceMotion, skeleton: Skeleton, tolerance: Tolerance) -> tuple[BodyCheck, ...]:
@@ -138,18 +132,24 @@ def _summary(name: str, distance: FloatArray, angle: FloatArray, tolerance: Tole
     )
 
 
-def implausible_height(motion: SourceMotion, skeleton: Skeleton) -> BaseHeight | None:
-    """Tell whether the base is several times the robot's height above the ground; None if not, or without a base."""
+def implausible_height(motion: SourceMotion, skeleton: Skeleton) -> tuple[str, str]:
+    """Say that the base is several times the robot's height above the ground, and which unit would explain it.
+
+    Both are empty if it is not, or without a base; the second if no unit does.
+    """
     if motion.base_position is None or motion.frame == "base":
-        return None
+        return "", ""
     height = float(np.median(motion.base_position[:, 2]))
     ratio = abs(height) / skeleton.height
     if ratio <= _HIGH:
-        return None
+        return "", ""
+    words = f"the base is at {height:.3g} m, and the robot is about {skeleton.height:.2g} m high"
     unit, distance = min(
         ((unit, abs(math.log(ratio * metres))) for unit, metres in LENGTH_UNITS.items()), key=lambda item: item[1]
     )
-    return BaseHeight(height, skeleton.height, unit if distance < math.log(_EXPLAINS) else None)
+    if distance >= math.log(_EXPLAINS):
+        return words, ""
+    return words, f"; with --length-unit {unit} it would be at {LENGTH_UNITS[unit] * height:.2f} m"
 
 
 def worst_excess(joint_position: FloatArray, description: RobotDescription) -> LimitExcess | None:

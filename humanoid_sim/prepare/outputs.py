@@ -111,62 +111,60 @@ class MotionReport:
     """Origin of the poses in the motion file."""
     resampled: bool
 
+    def json_bytes(self) -> bytes:
+        """Return the report as a JSON file: lengths in m, angles in rad."""
+        source, found, motion = self.source, self.found, self.motion
+        file = Path(source.source)
+        document = {
+            "source": source.source,
+            "kind": source.kind,
+            "sha256": hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else "",
+            "robot": motion.robot,
+            "policy": self.policy,
+            "source_fps": source.fps,
+            "source_frames": source.frame_count,
+            "policy_dt": motion.policy_dt,
+            "frames": len(motion.frames),
+            "resampled": self.resampled,
+            "layout": motion.layout,
+            "bodies_from": self.bodies_from,
+            "conventions": asdict(self.conventions),
+            "method": found.method,
+            "tolerance": asdict(self.tolerance),
+            "bodies": [asdict(body) for body in found.bodies],
+            "rate": found.rate and asdict(found.rate),
+            "velocities": [asdict(check) for check in found.velocities],
+            "beyond_limits": found.beyond_limits and asdict(found.beyond_limits),
+            "notes": found.notes,
+            "verified": bool(found.method),
+        }
+        return (json.dumps(document, indent=2) + "\n").encode()
 
-def report_bytes(report: MotionReport) -> bytes:
-    """Return the report as a JSON file: lengths in m, angles in rad."""
-    source, found, motion = report.source, report.found, report.motion
-    file = Path(source.source)
-    document = {
-        "source": source.source,
-        "kind": source.kind,
-        "sha256": hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else "",
-        "robot": motion.robot,
-        "policy": report.policy,
-        "source_fps": source.fps,
-        "source_frames": source.frame_count,
-        "policy_dt": motion.policy_dt,
-        "frames": len(motion.frames),
-        "resampled": report.resampled,
-        "layout": motion.layout,
-        "bodies_from": report.bodies_from,
-        "conventions": asdict(report.conventions),
-        "method": found.method,
-        "tolerance": asdict(report.tolerance),
-        "bodies": [asdict(body) for body in found.bodies],
-        "rate": found.rate and asdict(found.rate),
-        "velocities": [asdict(check) for check in found.velocities],
-        "beyond_limits": found.beyond_limits and asdict(found.beyond_limits),
-        "notes": found.notes,
-        "verified": bool(found.method),
-    }
-    return (json.dumps(document, indent=2) + "\n").encode()
-
-
-def print_report(console: Console, report: MotionReport) -> None:
-    """Print the table for a person: lengths in mm, angles in degrees."""
-    read, source, found, motion = report.conventions, report.source, report.found, report.motion
-    columns = Column(style="bold"), Column(overflow="fold")
-    table = Table(*columns, title=f"motion {escape(source.source)}", show_header=False, title_justify="left")
-    rows = {
-        "robot": f"{motion.robot}, policy {report.policy}",
-        "source": f"{source.kind}, {source.frame_count} frames at {source.fps:g} per second",
-        "motion": f"{len(motion.frames)} frames at {1.0 / motion.policy_dt:g} per second, {motion.duration:.2f} s, "
-        f"layout {motion.layout}, poses from {report.bodies_from}" + (", resampled" if report.resampled else ""),
-        "joints": _order(read.joint_names, read.joints_said_by),
-        "bodies": _order(read.body_names, read.bodies_said_by),
-        "quaternions": f"{read.quaternions} ({read.quaternions_said_by})",
-        "velocities": _velocities(report),
-        "frame rate": "joint velocities do not show it"
-        if found.rate is None
-        else f"joint velocities fit {found.rate.fps:.1f} per second, correlation {found.rate.correlation:.3f}",
-    }
-    for name, text in rows.items():
-        table.add_row(name, escape(text))
-    console.print(table)
-    if found.bodies:
-        console.print(_bodies(report))
-    for note in found.notes:
-        console.print(f"[yellow]note:[/] {escape(note)}")
+    def print(self, console: Console) -> None:
+        """Print the table for a person: lengths in mm, angles in degrees."""
+        read, source, found, motion = self.conventions, self.source, self.found, self.motion
+        columns = Column(style="bold"), Column(overflow="fold")
+        table = Table(*columns, title=f"motion {escape(source.source)}", show_header=False, title_justify="left")
+        rows = {
+            "robot": f"{motion.robot}, policy {self.policy}",
+            "source": f"{source.kind}, {source.frame_count} frames at {source.fps:g} per second",
+            "motion": f"{len(motion.frames)} frames at {1.0 / motion.policy_dt:g} per second, {motion.duration:.2f} s, "
+            f"layout {motion.layout}, poses from {self.bodies_from}" + (", resampled" if self.resampled else ""),
+            "joints": _order(read.joint_names, read.joints_said_by),
+            "bodies": _order(read.body_names, read.bodies_said_by),
+            "quaternions": f"{read.quaternions} ({read.quaternions_said_by})",
+            "velocities": _velocities(self),
+            "frame rate": "joint velocities do not show it"
+            if found.rate is None
+            else f"joint velocities fit {found.rate.fps:.1f} per second, correlation {found.rate.correlation:.3f}",
+        }
+        for name, text in rows.items():
+            table.add_row(name, escape(text))
+        console.print(table)
+        if found.bodies:
+            console.print(_bodies(self))
+        for note in found.notes:
+            console.print(f"[yellow]note:[/] {escape(note)}")
 
 
 def _velocities(report: MotionReport) -> str:

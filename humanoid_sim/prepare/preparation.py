@@ -18,17 +18,10 @@ from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.acceptance import accept
 from humanoid_sim.prepare.conventions import choose_conventions
 from humanoid_sim.prepare.convert import convert, has_rate, resample
-from humanoid_sim.prepare.dataset_features import parse_roles
+from humanoid_sim.prepare.lerobot_dataset import parse_roles, read_hub_dataset, read_local_dataset
 from humanoid_sim.prepare.motion_files import read_csv, read_npz
 from humanoid_sim.prepare.motion_fit import Tolerance
-from humanoid_sim.prepare.outputs import (
-    Content,
-    MotionReport,
-    OutputFolder,
-    checkpoint_files,
-    print_report,
-    report_bytes,
-)
+from humanoid_sim.prepare.outputs import Content, MotionReport, OutputFolder, checkpoint_files
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.song import SONG_RATE, prepare_song
 from humanoid_sim.prepare.source_motion import SourceMotion
@@ -73,9 +66,9 @@ def prepare(options: PrepareOptions) -> int:
     # The same check as `play` makes: terms, widths, bodies and rate.
     checkpoint.following(report.motion, source.source)
     name = options.name or _name(options, source)
-    files: dict[str, Content] = {f"{name}.mcap": motion_bytes(report.motion), f"{name}.json": report_bytes(report)}
+    files: dict[str, Content] = {f"{name}.mcap": motion_bytes(report.motion), f"{name}.json": report.json_bytes()}
     outputs.refuse_existing(files)
-    print_report(console, report)
+    report.print(console)
     _write(outputs, files, checkpoint, path, console)
     return 0
 
@@ -137,15 +130,11 @@ def _read(options: PrepareOptions, checkpoint: Checkpoint, skeleton: Skeleton, c
         raise InputError(f"--motion: is missing, and {checkpoint.source} names no dataset")
     if options.dataset is None:
         console.print(f"motion: the dataset {dataset} that the checkpoint names", markup=False)
-    from humanoid_sim.prepare.lerobot_dataset import read_hub_dataset  # noqa: PLC0415
-
     return read_hub_dataset(dataset, options.episode, roles, skeleton.joints, options.timeout)
 
 
 def _read_path(options: PrepareOptions, path: Path, roles: dict[str, str], skeleton: Skeleton) -> SourceMotion:
     if path.is_dir():
-        from humanoid_sim.prepare.lerobot_dataset import read_local_dataset  # noqa: PLC0415 - brings PyTorch
-
         return read_local_dataset(path, options.episode, roles, skeleton.joints)
     if not path.exists():
         raise InputError(f"--motion: '{path}' does not exist, expected an .npz or .csv file or a dataset's folder")

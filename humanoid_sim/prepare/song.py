@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 from collections import Counter
+from collections.abc import Iterable
 from io import BytesIO
 
 from rich.console import Console
@@ -13,17 +14,7 @@ from rich.console import Console
 from humanoid_sim.assets import song_path
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.policy.motion import Motion, motion_bytes
-from humanoid_sim.policy.song import (
-    Note,
-    Song,
-    goals,
-    key_name,
-    key_number,
-    read_song,
-    thin_out,
-    transpose,
-    with_lead_in,
-)
+from humanoid_sim.policy.song import Song, goals, key_name, key_number, read_song, thin_out, transpose, with_lead_in
 from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.outputs import Content
 from humanoid_sim.rendering.piano_roll import draw_piano_roll
@@ -53,8 +44,8 @@ def prepare_song(options: PrepareOptions, policy_dt: float, console: Console) ->
     song = with_lead_in(song, options.lead_in)
     table = goals(song, policy_dt)
     name = options.name or re.sub(r"[^\w.-]+", "_", path.stem) or "song"
-    beyond = [note for note in dropped if not lowest <= note.key <= highest]
-    crowded = [note for note in dropped if lowest <= note.key <= highest]
+    beyond = [note.key for note in dropped if not lowest <= note.key <= highest]
+    crowded = [note.key for note in dropped if lowest <= note.key <= highest]
     report = {
         "source": str(path),
         "kind": "song",
@@ -93,9 +84,9 @@ def _range(text: str | None) -> tuple[int, int]:
     return low, high
 
 
-def _counted(notes: list[Note]) -> dict[str, int]:
+def _counted(keys: Iterable[int]) -> dict[str, int]:
     """Return how many notes of each key, from the lowest up."""
-    return {key_name(key): count for key, count in sorted(Counter(note.key for note in notes).items())}
+    return {key_name(key): count for key, count in sorted(Counter(keys).items())}
 
 
 def _print(console: Console, report: dict[str, object], whole: Song, options: PrepareOptions) -> None:

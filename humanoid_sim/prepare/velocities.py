@@ -78,7 +78,7 @@ def check_rate(position: FloatArray, velocity: FloatArray, fps: float) -> RateCh
         return None
     smooth = _smooth(velocity[_EDGE:-_EDGE])
     # One exporter takes all differences alike.
-    rate = max(_derivatives(position, fps), key=lambda each: _correlation(each.ravel(), smooth.ravel()))
+    rate = max(_derivatives(position, fps), key=lambda each: _compare(each.ravel(), smooth.ravel())[1])
     power, cross, own = (float((a * b).sum()) for a, b in ((rate, rate), (rate, smooth), (smooth, smooth)))
     if min(power, own) < _LEAST_SPEED**2 * rate.size:
         return None
@@ -109,7 +109,7 @@ def _check(joint: str, rates: list[FloatArray], velocity: FloatArray, fps: float
         return VelocityCheck(joint, math.inf, 0.0, f"up to {fastest:.2f} rad/s, and it hardly moves")
     if speed <= _ZERO * moved:
         return VelocityCheck(joint, speed / moved, 0.0, "all zero" if not velocity.any() else "all nearly zero")
-    correlation, ratio = _correlation(rate, velocity), _ratio(rate, velocity)
+    ratio, correlation = _compare(rate, velocity)
     least, most = _RATIOS if moved >= _NOISE else _SLOW_RATIOS
     fault = ""
     if _is_unlike(rate, velocity, fps):
@@ -187,7 +187,8 @@ def _nearest(rates: list[FloatArray], velocity: FloatArray) -> FloatArray:
     """Return the derivative that the velocities resemble most; of a sine they differ by a factor alone."""
 
     def likeness(rate: FloatArray) -> tuple[float, float]:
-        return round(abs(_correlation(rate, velocity)), 4), -abs(_ratio(rate, velocity) - 1.0)
+        ratio, correlation = _compare(rate, velocity)
+        return round(abs(correlation), 4), -abs(ratio - 1.0)
 
     return max(rates, key=likeness)
 
@@ -196,18 +197,14 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt((values * values).mean()))
 
 
-def _ratio(rate: FloatArray, velocity: FloatArray) -> float:
-    power = float(rate @ rate)
-    return float(rate @ velocity) / power if power > 0.0 else 0.0
-
-
-def _correlation(rate: FloatArray, velocity: FloatArray) -> float:
-    """Return the correlation of values whose mean counts; 0 where one of them is 0 throughout."""
-    power = float(rate @ rate) * float(velocity @ velocity)
-    return float(rate @ velocity) / math.sqrt(power) if power > 0.0 else 0.0
+def _compare(rate: FloatArray, velocity: FloatArray) -> tuple[float, float]:
+    """Return velocity over rate, and the correlation of values whose mean counts; 0 where they are 0 throughout."""
+    power, cross = float(rate @ rate), float(rate @ velocity)
+    both = power * float(velocity @ velocity)
+    return cross / power if power > 0.0 else 0.0, cross / math.sqrt(both) if both > 0.0 else 0.0
 
 
 def _is_unlike(rate: FloatArray, velocity: FloatArray, fps: float) -> bool:
     frames = max(1, min(round(_CALM * fps), len(rate) // 4))
     calm, own = _smooth(rate, frames), _smooth(velocity, frames)
-    return _rms(calm) >= _NOISE and abs(_correlation(calm, own)) < _POOR
+    return _rms(calm) >= _NOISE and abs(_compare(calm, own)[1]) < _POOR

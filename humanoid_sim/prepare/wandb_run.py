@@ -14,7 +14,7 @@ from concurrent.futures import TimeoutError as FutureTimeout
 from pathlib import Path
 from typing import Any, TypeVar
 
-from humanoid_sim.errors import InputError, MissingPackageError, reason_of
+from humanoid_sim.errors import InputError, needing, reason_of
 
 _RUN_PATH = re.compile(r"^[^/\s]+/[^/\s]+/[^/\s]+$")
 _NUMBER = re.compile(r"\d+")
@@ -32,25 +32,17 @@ def fetch_checkpoint(run_path: str, name: str | None, *, timeout: float) -> tupl
     """Return a run's checkpoint as a local file, with the `.data` file of its external tensors if it has one.
 
     The newest `model_*.onnx` of the run's files by its number, else its only `.onnx`; failing that, the newest logged
-    artifact with such a file. A file that is in the cache with the right digest is not fetched again.
+    artifact with such a file. A file that is in the cache with the right digest is not fetched again. Raises
+    `InputError` if the run or the file does not exist, or the network is not there.
 
-    Args:
-        name: of the file in the run; None for the newest.
-        timeout: s without an answer about the run and its files after which to give up.
-
-    Returns:
-        The path, and a notice for the user or ''.
-
-    Raises:
-        InputError: if the run or the file does not exist, or the network is not there.
+    Gives up after `timeout` s without an answer about the run and its files. Returns the path, and a notice for the
+    user or ''.
     """
     run_path = run_path.strip().removeprefix("wandb://").strip("/")
     if not _RUN_PATH.match(run_path):
         raise InputError(f"--wandb-run-path: is '{run_path}', expected entity/project/run")
-    try:
+    with needing("wandb", "wandb", "--wandb-run-path"):
         import wandb  # noqa: PLC0415 - optional, and slow to import
-    except ImportError:
-        raise MissingPackageError("wandb", "wandb", "--wandb-run-path") from None
     folder = cache_folder() / run_path
     try:
         run = _within(timeout, lambda: wandb.Api(timeout=max(1, round(timeout))).run(run_path))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 from xml.etree import ElementTree
 
 import numpy as np
@@ -52,10 +52,8 @@ class RecordedBody:
     def __init__(self, header: SessionHeader, urdf: str, addresses: Mapping[str, int], imu: str = "") -> None:
         """Read a URDF. Raises `BodyError` if it is none.
 
-        Args:
-            header: names the joints of the state.
-            addresses: by joint, where its value begins in `qpos`.
-            imu: the link that is the IMU; empty for none.
+        The header names the joints of the state, `addresses` say where the value of each joint begins in `qpos`, and
+        `imu` is the link that is the IMU; empty for none.
         """
         self.urdf = urdf
         joints = _joints(urdf, addresses)
@@ -85,8 +83,7 @@ class RecordedBody:
     def of(cls, header: SessionHeader, documents: Mapping[str, str] | None = None) -> Self | None:
         """Return the body that a header, or these of its documents, describe; None if they describe none.
 
-        Raises:
-            BodyError: what it says is damaged.
+        Raises `BodyError` if what it says is damaged.
         """
         documents = header.documents if documents is None else documents
         if URDF_DOCUMENT not in documents:
@@ -97,7 +94,8 @@ class RecordedBody:
             raise BodyError(f"'qpos_addresses' are no JSON: {error}") from None
         if not isinstance(addresses, dict) or not all(type(i) is int and 0 <= i < 10**6 for i in addresses.values()):
             raise BodyError("'qpos_addresses' are no JSON object of whole numbers")
-        return cls(header, documents[URDF_DOCUMENT], addresses, _imu(documents))
+        imu = str(json_document(documents, "robot").get("imu", ""))
+        return cls(header, documents[URDF_DOCUMENT], addresses, imu)
 
     def joint_values(self, record: TickRecord) -> FloatArray:
         """Shape (J,), rad or m, of `hinged`: as measured, and of passive joints as simulated, or 0."""
@@ -152,13 +150,13 @@ class RecordedBody:
         return quaternion
 
 
-def _imu(documents: Mapping[str, str]) -> str:
-    """Return the name of the robot's IMU; empty if the header does not say."""
+def json_document(documents: Mapping[str, str], name: str) -> dict[str, Any]:
+    """Return a JSON object among a header's documents; empty where there is none, or a damaged one."""
     try:
-        robot = parse_json(documents.get("robot", "{}"))
+        document = parse_json(documents.get(name, "{}"))
     except ValueError:
-        return ""
-    return str(robot.get("imu", "")) if isinstance(robot, dict) else ""
+        return {}
+    return document if isinstance(document, dict) else {}
 
 
 def _chain(joints: tuple[UrdfJoint, ...], link: str) -> tuple[UrdfJoint, ...]:

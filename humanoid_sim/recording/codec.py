@@ -29,7 +29,7 @@ from humanoid_sim.messages import (
     TickOutput,
     TickRecord,
 )
-from humanoid_sim.mit import Extern, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import COMMAND_FIELDS, Extern, FloatArray, MITCommand, MITState
 from humanoid_sim.ros2.cdr import ENCAPSULATION, CdrError, CdrReader, CdrWriter, layout
 
 INTENT_CODES = {intent: code for code, intent in enumerate(Intent)}
@@ -141,8 +141,8 @@ def _encode_rest(record: TickRecord, qpos: FloatArray | None) -> tuple[bytes, by
     writer.pack("I", remote is not None)
     if remote is not None:
         writer.pack("d", remote.arrival_time)
-        for values in _command_arrays(remote.command):
-            writer.array(values)
+        for name in COMMAND_FIELDS:
+            writer.array(getattr(remote.command, name))
     writer.pack("I", len(extern))
     for name, live in extern.items():
         writer.string(name)
@@ -180,10 +180,6 @@ def _encode_texts(
     return writer.body()
 
 
-def _command_arrays(command: MITCommand) -> tuple[FloatArray, ...]:
-    return command.position, command.velocity, command.effort, command.stiffness, command.damping
-
-
 def decode_tick(message: bytes) -> TickRecord:
     """Decode the tick of one message. Raises `CdrError` if the bytes are not one."""
     try:
@@ -197,13 +193,11 @@ def _decode(reader: CdrReader) -> TickRecord:
     quaternion, angular_velocity, linear_acceleration = (reader.fixed_array(np.float64, width) for width in (4, 3, 3))
     overrun, has_quit, has_qpos, mode = reader.unpack(_FLAG_CODES)
     position, velocity, effort, age = (reader.array(np.float64) for _ in range(4))
-    command = MITCommand(*(reader.array(np.float64) for _ in range(5)))
+    command = _decode_command(reader)
     if command.position.shape != position.shape or not len(position):
         raise CdrError(f"a state of {len(position)} joints and a command of {command.joint_count}")
     qpos = reader.array(np.float64)
-    step = _optional(reader, _decode_step)
-    standby = _optional(reader, _decode_standby)
-    remote = _optional(reader, _decode_remote)
+    step, standby, remote = (_optional(reader, part) for part in (_decode_step, _decode_standby, _decode_remote))
     extern = dict(_decode_extern(reader) for _ in range(reader.count(21)))
     state = MITState(time, position, velocity, effort, age, quaternion, angular_velocity, linear_acceleration, extern)
     control_mode = ControlMode(Mode(mode), reader.string(), reader.string())
@@ -242,7 +236,11 @@ def _decode_standby(reader: CdrReader) -> StandbyState:
 
 def _decode_remote(reader: CdrReader) -> RemoteCommand:
     (arrival_time,) = reader.unpack("d")
-    return RemoteCommand(MITCommand(*(reader.array(np.float64) for _ in range(5))), arrival_time)
+    return RemoteCommand(_decode_command(reader), arrival_time)
+
+
+def _decode_command(reader: CdrReader) -> MITCommand:
+    return MITCommand(*(reader.array(np.float64) for _ in COMMAND_FIELDS))
 
 
 def _decode_extern(reader: CdrReader) -> tuple[str, Extern]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from humanoid_sim.errors import InputError, MissingPackageError, known_names
+from humanoid_sim.errors import InputError, known_names, needing
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray
 
@@ -90,29 +90,19 @@ def arrays(recording: Recording) -> dict[str, Any]:
 
 def frame(recording: Recording) -> Any:
     """Return the table as a pandas frame. Raises `MissingPackageError` without pandas."""
-    try:
+    with needing("pandas", "report", "a frame"):
         import pandas as pd  # noqa: PLC0415 - an optional package
-    except ImportError:
-        raise MissingPackageError("pandas", "report", "a frame") from None
     return pd.DataFrame(rows(recording), columns=column_names(recording)).replace("", np.nan)
 
 
 def figure(recording: Recording, joints: Sequence[str] = ()) -> Any:
     """Draw the joints' positions and commands over time, the modes as background; the first few where none are named.
 
-    Where a command has no stiffness, its position means nothing and is left out.
-
-    Returns:
-        A Matplotlib figure.
-
-    Raises:
-        InputError: a joint is not one of the recording's.
-        MissingPackageError: Matplotlib is not installed.
+    Where a command has no stiffness, its position means nothing and is left out. Raises `InputError` if a joint is not
+    one of the recording's, and `MissingPackageError` if Matplotlib is not installed, of which the figure is.
     """
-    try:
+    with needing("matplotlib", "report", "a figure"):
         from matplotlib.figure import Figure  # noqa: PLC0415 - an optional package
-    except ImportError:
-        raise MissingPackageError("matplotlib", "report", "a figure") from None
     names = recording.header.joint_names
     for joint in joints:
         if joint not in names:

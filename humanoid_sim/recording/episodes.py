@@ -46,10 +46,8 @@ def read_episodes(recording: Recording, modes: frozenset[Mode], fps: float | Non
     """Return the stretches in the given modes, in order. A missed deadline or a lost tick ends a stretch.
 
     In LOCOMOTION a stretch begins with its first policy step, so that at the policy's rate every frame is one. Without
-    `fps` the rate is that of the policy's steps, or 50 Hz without them.
-
-    Raises:
-        InputError: if the control rate is not a multiple of `fps`, or a joint was never heard.
+    `fps` the rate is that of the policy's steps, or 50 Hz without them. Raises `InputError` if the control rate is not
+    a multiple of `fps`, or a joint was never heard.
     """
     period = recording.header.control_period
     stretch: list[TickRecord] = []

@@ -64,7 +64,7 @@ def parse_header(
     try:
         missing = set(_texts(fields, "attachments")) - set(attachments)
         if missing:
-            raise HeaderError(f"header is damaged (attachment '{min(missing)}' is missing)")
+            raise ValueError(f"attachment '{min(missing)}' is missing")
         return SessionHeader(
             robot=fields["robot"],
             joint_names=_joint_names(fields),
@@ -74,8 +74,6 @@ def parse_header(
             attachments=dict(attachments),
             observation_terms=_observation_terms(fields),
         )
-    except HeaderError:
-        raise
     except (KeyError, TypeError, ValueError) as error:
         raise HeaderError(f"header is damaged ({error})") from None
 
@@ -83,38 +81,37 @@ def parse_header(
 def _texts(fields: Mapping[str, str], name: str) -> tuple[str, ...]:
     values = parse_json(fields[name])
     if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
-        raise HeaderError(f"header is damaged ({name}: expected a list of texts)")
+        raise ValueError(f"{name}: expected a list of texts")
     return tuple(values)
 
 
 def _joint_names(fields: Mapping[str, str]) -> tuple[str, ...]:
     names = _texts(fields, "joint_names")
     if not names or len(set(names)) < len(names):
-        raise HeaderError("header is damaged (joint_names: expected at least one, each once)")
+        raise ValueError("joint_names: expected at least one, each once")
     return names
 
 
 def _control_period(fields: Mapping[str, str]) -> float:
     period = float(fields["control_period"])
     if not _SHORTEST_PERIOD <= period <= _LONGEST_PERIOD:  # written so that NaN fails it
-        accepted = f"{_SHORTEST_PERIOD:g} to {_LONGEST_PERIOD:g} s"
-        raise HeaderError(f"header is damaged (control_period: is {period:g}, expected {accepted})")
+        raise ValueError(f"control_period: is {period:g}, expected {_SHORTEST_PERIOD:g} to {_LONGEST_PERIOD:g} s")
     return period
 
 
 def _start_time(fields: Mapping[str, str]) -> int:
     time_ns = int(fields["start_time_ns"])
     if abs(time_ns) >= 2**63:
-        raise HeaderError("header is damaged (start_time_ns: expected nanoseconds in 64 bits)")
+        raise ValueError("start_time_ns: expected nanoseconds in 64 bits")
     return time_ns
 
 
 def _observation_terms(fields: Mapping[str, str]) -> tuple[tuple[str, int], ...]:
     terms = tuple((name, width) for name, width in parse_json(fields["observation_terms"]))
     if not all(isinstance(name, str) and type(width) is int and width >= 0 for name, width in terms):
-        raise HeaderError("header is damaged (observation_terms: expected names and widths)")
+        raise ValueError("observation_terms: expected names and widths")
     if sum(width for _, width in terms) > OBSERVATION_WIDTH:
-        raise HeaderError(f"header is damaged (observation_terms: more than {OBSERVATION_WIDTH} values)")
+        raise ValueError(f"observation_terms: more than {OBSERVATION_WIDTH} values")
     return terms
 
 

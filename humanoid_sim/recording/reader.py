@@ -61,11 +61,8 @@ class Recording:
     def entries(self, *, past_damage: bool = False) -> Iterator[Entry]:
         """Ticks and events in file order, to the first chunk that is not whole.
 
-        Args:
-            past_damage: go on behind it; the ticks' indices then show what is missing.
-
-        Raises:
-            InputError: if a message is not what its topic says, which no cut explains.
+        With `past_damage` it goes on behind it; the ticks' indices then show what is missing. Raises `InputError` if a
+        message is not what its topic says, which no cut explains.
         """
         topics: dict[str, TopicCount] = {}
         sound_to = 0
@@ -117,11 +114,8 @@ class Recording:
     def of_last_policy(self, before: float = math.inf) -> Recording:
         """Give the recording with the header of the policy that was loaded last; itself where none was.
 
-        Args:
-            before: s on the robot's clock; what was loaded later does not count.
-
-        Raises:
-            InputError: as `entries`, and if that policy cannot be read.
+        What was loaded from `before` on, s on the robot's clock, does not count. Raises `InputError` as `entries`, and
+        if that policy cannot be read.
         """
         found, loads = self.header, 0
         for entry in self.entries():
@@ -230,8 +224,7 @@ def _open(path: Path) -> IO[bytes]:
 def recorded_settings(path: str | Path, header: SessionHeader) -> dict[str, Any]:
     """Return the settings of a run; empty if its header says nothing.
 
-    Raises:
-        InputError: what it says is not a JSON object; the message names the path.
+    Raises `InputError`, which names the path, if what it says is not a JSON object.
     """
     try:
         settings = parse_json(header.documents.get("settings", "{}"))

@@ -86,9 +86,7 @@ class McapRecorder:
         """Name the file; `start` creates it, or replaces it if it may.
 
         Args:
-            path: of the file.
-            overwrite: whether it may replace one that is there.
-            encoded: the message of a tick, if somebody has made it already: no tick is encoded twice.
+            encoded: gives the message of a tick, if somebody has made it already: no tick is encoded twice.
             tell: is told, on the writer's thread, why the recording stopped while the run goes on.
         """
         self.path = Path(path)
@@ -100,26 +98,17 @@ class McapRecorder:
         self.backlog_limit = QUEUE_LIMIT
         """See `Sink`."""
         self._thread: threading.Thread | None = None
-        self._error: str | None = None
-        self._is_created = False
-        self._taken = 0
-        self._done = 0
-        self._lost = 0
-
-    @property
-    def error(self) -> str | None:
-        """Return why the recording stopped early, in one line; None while all is well."""
-        return self._error
-
-    @property
-    def lost(self) -> int:
+        self.error: str | None = None
+        """Reason why the recording stopped early, in one line; None while all is well."""
+        self.lost = 0
         """Ticks left out because the writer could not keep up."""
-        return self._lost
+        self._is_created = False
+        self._taken = self._done = 0
 
     @property
     def backlog(self) -> int:
         """Ticks taken but not yet written into a chunk."""
-        return 0 if self._error else self._taken - self._done
+        return 0 if self.error else self._taken - self._done
 
     def start(self, header: SessionHeader) -> None:
         """Create the file and write the header.
@@ -141,10 +130,10 @@ class McapRecorder:
 
     def tick(self, record: TickRecord) -> None:
         """Queue a tick. Never waits."""
-        if self._error is not None or self._thread is None:
+        if self.error is not None or self._thread is None:
             return
         if self._taken - self._done >= QUEUE_LIMIT:
-            self._lost += 1
+            self.lost += 1
             return
         self._taken += 1
         self._queue.put((record, self._encoded(record)))
@@ -161,7 +150,7 @@ class McapRecorder:
 
     def _put(self, item: Event | _Beside) -> None:
         is_open = self._thread is not None or not self._is_created  # events from before the run begins are kept as well
-        if self._error is None and is_open and self._queue.qsize() < 2 * QUEUE_LIMIT:
+        if self.error is None and is_open and self._queue.qsize() < 2 * QUEUE_LIMIT:
             self._queue.put(item)
 
     def close(self) -> None:
@@ -180,7 +169,7 @@ class McapRecorder:
 
         The next start with the same file is not refused then because of a run that was none.
         """
-        if self._thread is not None or not self._is_created or self._taken or self._lost or self._error:
+        if self._thread is not None or not self._is_created or self._taken or self.lost or self.error:
             return False
         with suppress(OSError):
             if self.path.is_file() and not self.path.is_symlink():
@@ -192,13 +181,13 @@ class McapRecorder:
         """Write, on a thread of its own. Contains every exception: it must not end the run, only the recording."""
         try:
             self._drain_until_stopped(run)
-            run.finish(self._lost)
+            run.finish(self.lost)
         except OSError as error:
             self._tell(self._fail(error.strerror or str(error)))
         except Exception as error:  # a bug in the encoder; the run is worth more than its recording
             self._tell(self._fail(f"{type(error).__name__}: {error}"))
         finally:
-            run.close()
+            run.file.close()
 
     def _drain_until_stopped(self, run: _RunWriter) -> None:
         next_flush = monotonic() + FLUSH_PERIOD
@@ -207,6 +196,9 @@ class McapRecorder:
             self._wake.clear()
             is_last = self._stop.is_set()
             while True:
+                if run.is_due or monotonic() >= next_flush:
+                    run.flush()
+                    next_flush = monotonic() + FLUSH_PERIOD
                 try:
                     item = self._queue.get_nowait()
                 except Empty:
@@ -218,19 +210,13 @@ class McapRecorder:
                 else:
                     run.tick(*item)
                     self._done += 1
-                if run.is_due or monotonic() >= next_flush:
-                    run.flush()
-                    next_flush = monotonic() + FLUSH_PERIOD
                 if self._done % _BATCH == 0:
                     sleep(0)  # lets the control thread in instead of keeping it out for the whole queue
-            if monotonic() >= next_flush:
-                run.flush()
-                next_flush = monotonic() + FLUSH_PERIOD
             if is_last and self._queue.empty():
                 return
 
     def _fail(self, reason: str) -> str:
-        self._error = error = f"{self.path}: recording stopped: {reason}"
+        self.error = error = f"{self.path}: recording stopped: {reason}"
         while not self._queue.empty():
             try:
                 self._queue.get_nowait()
@@ -298,10 +284,6 @@ class _RunWriter:
         if lost:
             self._report_loss(f"{lost} ticks left out in all")
         self._writer.finish()
-
-    def close(self) -> None:
-        """Close the file, finished or not."""
-        self.file.close()
 
     def _report_loss(self, text: str) -> None:
         self.event(Event(self._time, f"recording: {text}", EventKind.LOSS))

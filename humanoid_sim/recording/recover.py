@@ -43,9 +43,8 @@ def default_output(path: Path) -> Path:
 def recover(path: Path, output: Path, *, overwrite: bool = False) -> Recovery:
     """Copy what is sound in any MCAP file to `output`, with an index.
 
-    Raises:
-        InputError: if `path` is not an MCAP file or holds no sound message, or `output` exists (unless `overwrite`),
-            is the input, or cannot be written.
+    Raises `InputError` if `path` is not an MCAP file or holds no sound message, or `output` exists (unless
+    `overwrite`), is the input, or cannot be written.
     """
     regular_file(path, "a recording (.mcap)")
     if is_file(output) and output.samefile(path):

@@ -9,13 +9,13 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.controllers.supervisor import STARTED, start_reason
-from humanoid_sim.messages import EventKind, PolicyStep, SessionHeader, TickInput, TickOutput, TickRecord
+from humanoid_sim.controllers.supervisor import Supervisor, start_reason
+from humanoid_sim.messages import EventKind, PolicyStep, SessionHeader, TickOutput, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, MITState
 from humanoid_sim.recording.reader import Entry, Recording
 from humanoid_sim.recording.start import start_memory
@@ -40,22 +40,18 @@ class Difference:
 
 
 def first_difference(header: SessionHeader, recorded: TickOutput, replayed: TickOutput) -> Difference | None:
-    """Return the first field that differs, causes before consequences; None if the outputs are identical.
-
-    `header` names the joints and the observation terms.
-    """
+    """Return the first field that differs, causes before consequences; None if the outputs are identical."""
     return next(_differences(header, recorded, replayed), None)
 
 
 def _differences(header: SessionHeader, recorded: TickOutput, replayed: TickOutput) -> Iterator[Difference]:
     yield from _policy_steps(header, recorded.policy_step, replayed.policy_step)
-    yield from _plain("faults", recorded.faults, replayed.faults)
-    yield from _plain("policy_error", recorded.policy_error, replayed.policy_error)
-    yield from _plain("refusals", recorded.refusals, replayed.refusals)
+    for name in ("faults", "policy_error", "refusals"):
+        yield from _plain(name, getattr(recorded, name), getattr(replayed, name))
     before, now = recorded.control_mode, replayed.control_mode
     yield from _plain("control_mode.mode", before.mode.name, now.mode.name)
-    yield from _plain("control_mode.controller_name", before.controller_name, now.controller_name)
-    yield from _plain("control_mode.status_message", before.status_message, now.status_message)
+    for name in ("controller_name", "status_message"):
+        yield from _plain(f"control_mode.{name}", getattr(before, name), getattr(now, name))
     for name in COMMAND_FIELDS:
         arrays = getattr(recorded.command, name), getattr(replayed.command, name)
         yield from _arrays(f"command.{name}", *arrays, header.joint_names)
@@ -143,26 +139,14 @@ Policy = Callable[[npt.NDArray[np.float32], int], npt.ArrayLike]
 """`(observation of shape (N,), frame) -> action of shape (M,)`."""
 
 
-class ControlStack(Protocol):
-    """The methods of a `Supervisor` that are needed here."""
-
-    def initial(self, reason: str = STARTED, /) -> Any:
-        """Return the memory before the first tick, or the first after a fresh start; `reason` explains the start."""
-
-    def step(self, memory: Any, tick_input: TickInput, /) -> tuple[Any, TickOutput]:
-        """One tick."""
-
-
-StackBuilder = Callable[[SessionHeader, Policy], ControlStack]
+StackBuilder = Callable[[SessionHeader, Policy], Supervisor]
 """Makes the control stack of a recorded run again, around another policy."""
 
 
 class RecordedPolicy:
     """Stands in for the policy: answers what it answered then, and fails where it failed then."""
 
-    def __init__(self) -> None:
-        """Begin without an answer."""
-        self._output: TickOutput | None = None
+    _output: TickOutput | None = None
 
     def expect(self, output: TickOutput) -> None:
         """Set the recorded output of the tick that comes next."""
@@ -263,14 +247,11 @@ def repeat_run(
     """Repeat a run up to its end or the first difference; ticks behind a gap are only counted.
 
     Where an operator had the robot reactivated, the control stack begins again as it did then. Where another policy was
-    loaded, it goes on with that one.
+    loaded, it goes on with that one. Raises `InputError` if the recording cannot be read, or its header does not
+    describe a control stack.
 
-    Args:
-        infer: called for every policy step that is reached.
-        entries: the recording's, read past damage, if the caller wants to see them pass; read from it otherwise.
-
-    Raises:
-        InputError: if the recording cannot be read, or its header does not describe a control stack.
+    `infer` is called for every policy step that is reached. `entries` are the recording's, read past damage, for a
+    caller who wants to see them pass.
     """
     policy = RecordedPolicy()
     header = recording.header

@@ -15,7 +15,7 @@ import numpy as np
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import PolicyStep, SessionHeader
-from humanoid_sim.mit import MITCommand
+from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.policy.contract_json import encode
 from humanoid_sim.policy.describe import observation_labels
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
@@ -33,7 +33,6 @@ _PREFIX = "/humanoid_sim/shadow"
 SHADOW_TOPIC = f"{_PREFIX}/step"
 _MOST = 4096
 """Values of an answer that are kept: one that is too long is a fault, and its beginning shows why."""
-_COMMAND = ("position", "velocity", "effort", "stiffness", "damping")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +59,7 @@ def encode_shadow_step(shadow: ShadowStep) -> bytes:
     writer.pack("Qdq", shadow.tick, shadow.time, -1 if step is None else step.frame)
     writer.array(nothing if step is None else step.observation)
     writer.array(nothing if step is None else step.action.reshape(-1)[:_MOST])
-    for name in _COMMAND:
+    for name in COMMAND_FIELDS:
         writer.array(none if shadow.command is None else getattr(shadow.command, name))
     writer.string(shadow.fault)
     return writer.message()
@@ -71,7 +70,7 @@ def decode_shadow_step(message: bytes) -> ShadowStep:
     reader = CdrReader(message)
     tick, time, frame = reader.unpack("Qdq")
     observation, action = reader.array(np.float32), reader.array(np.float32)
-    arrays = [reader.array(np.float64) for _ in _COMMAND]
+    arrays = [reader.array(np.float64) for _ in COMMAND_FIELDS]
     fault = reader.string()
     reader.finish()
     if len({len(values) for values in arrays}) > 1:

@@ -10,7 +10,6 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -33,26 +32,24 @@ from humanoid_sim.strict_json import parse_json
 
 START_DOCUMENT = "start"
 
-_TYPES: Mapping[str, type[Any]] = MappingProxyType(
-    {
-        kind.__name__: kind
-        for kind in (
-            Alignment,
-            DampingMemory,
-            GuardMemory,
-            MITCommand,
-            Memory,
-            PolicyMemory,
-            PolicyStep,
-            RLPolicyMemory,
-            RemoteMemory,
-            SignMemory,
-            StandbyMemory,
-            StandbyState,
-            SupervisorMemory,
-        )
-    }
-)
+_TYPES: Mapping[str, type[Any]] = {
+    kind.__name__: kind
+    for kind in (
+        Alignment,
+        DampingMemory,
+        GuardMemory,
+        MITCommand,
+        Memory,
+        PolicyMemory,
+        PolicyStep,
+        RLPolicyMemory,
+        RemoteMemory,
+        SignMemory,
+        StandbyMemory,
+        StandbyState,
+        SupervisorMemory,
+    )
+}
 
 
 def start_document(memory: SupervisorMemory) -> str:

@@ -25,44 +25,10 @@ from humanoid_sim.messages import (
     TickRecord,
 )
 from humanoid_sim.mit import Extern, MITState
-from humanoid_sim.recording.body import RecordedBody
-from humanoid_sim.ros2.definitions import (
-    CONTROL_MODE,
-    FLOAT32_MULTI_ARRAY,
-    IMU,
-    JOINT_STATE,
-    MIT_COMMAND,
-    POSE_STAMPED,
-    SAFETY_STATUS,
-    STANDBY_STATE,
-    STRING,
-    TF_MESSAGE,
-)
-from humanoid_sim.ros2.messages import (
-    TransformEncoder,
-    encode_control_mode,
-    encode_float32_array,
-    encode_imu,
-    encode_joint_state,
-    encode_mit_command,
-    encode_named_values,
-    encode_pose,
-    encode_safety_status,
-    encode_standby_state,
-    encode_string,
-)
-from humanoid_sim.ros2.topics import (
-    COMMAND_TOPIC,
-    CONTROL_MODE_TOPIC,
-    DESCRIPTION_TOPIC,
-    IMU_TOPIC,
-    SAFETY_TOPIC,
-    TF_STATIC_TOPIC,
-    TF_TOPIC,
-    joint_states_topic,
-    standby_topic,
-)
-from humanoid_sim.strict_json import parse_json
+from humanoid_sim.recording.body import RecordedBody, json_document
+from humanoid_sim.ros2 import definitions as schema
+from humanoid_sim.ros2 import messages as ros
+from humanoid_sim.ros2 import topics
 
 VIEWER_PERIOD = 0.02
 """s between two messages of a topic that has something new in every tick."""
@@ -87,7 +53,7 @@ def labels_document(observation: Mapping[str, tuple[str, ...]], action: tuple[st
 def read_labels(header: SessionHeader) -> Labels:
     """Return the names in a header; names that are damaged or missing are none: plots go without."""
     try:
-        document = parse_json(header.documents.get(LABELS_DOCUMENT, "{}"))
+        document = json_document(header.documents, LABELS_DOCUMENT)
         observation = {str(term): _texts(names) for term, names in document.get("observation", {}).items()}
         return Labels(observation, _texts(document.get("action", [])))
     except (ValueError, TypeError, AttributeError):
@@ -112,26 +78,17 @@ class TopicMessage(NamedTuple):
 
 def topic_prefix(header: SessionHeader) -> str:
     """Return what the robot's own topics are under: `topic_prefix` of its description, or else its name."""
-    try:
-        robot = parse_json(header.documents.get("robot", "{}"))
-    except ValueError:
-        robot = None
-    prefix = robot.get("topic_prefix") if isinstance(robot, dict) else None
+    prefix = json_document(header.documents, "robot").get("topic_prefix")
     return prefix if isinstance(prefix, str) and prefix else header.robot
 
 
 def _live_topics(header: SessionHeader) -> Mapping[str, str]:
     """Return the topics of live inputs, by name: the usual ones, and those of the recorded contract's terms."""
-    topics = {kind.reads: kind.topic for kind in TERM_KINDS.values() if kind.topic}
-    try:
-        contract = parse_json(header.documents.get("contract", "{}"))
-    except ValueError:
-        contract = None
-    terms = contract.get("observation", ()) if isinstance(contract, dict) else ()
-    for term in terms:
+    found = {kind.reads: kind.topic for kind in TERM_KINDS.values() if kind.topic}
+    for term in json_document(header.documents, "contract").get("observation", ()):
         if isinstance(term, dict) and "kind" in term and ("width" in term or "topic" in term):
-            topics[term["kind"]] = term.get("topic") or live_kind(term["kind"]).topic
-    return topics
+            found[term["kind"]] = term.get("topic") or live_kind(term["kind"]).topic
+    return found
 
 
 class PolicyTopics:
@@ -160,9 +117,9 @@ class PolicyTopics:
     ) -> TopicMessage:
         """Under their names, if there are any; of a policy that fails, the answer may have any shape."""
         if not names:
-            return TopicMessage(topic, FLOAT32_MULTI_ARRAY, encode_float32_array(values))
+            return TopicMessage(topic, schema.FLOAT32_MULTI_ARRAY, ros.encode_float32_array(values))
         flat = values.reshape(-1)[: len(names)]
-        return TopicMessage(topic, JOINT_STATE, encode_named_values(time_ns, names[: len(flat)], flat))
+        return TopicMessage(topic, schema.JOINT_STATE, ros.encode_named_values(time_ns, names[: len(flat)], flat))
 
 
 class ViewerTopics:
@@ -171,7 +128,7 @@ class ViewerTopics:
     def __init__(self, header: SessionHeader, *, every_state: bool = False) -> None:
         """Prepare for a run; `every_state` is for those who control by joint states and IMU, otherwise 50 a second."""
         self._joints = header.joint_names
-        self._joint_topic = joint_states_topic(topic_prefix(header))
+        self._joint_topic = topics.joint_states_topic(topic_prefix(header))
         self._every_state = every_state
         self._every = max(1, round(VIEWER_PERIOD / header.control_period))
         self._control_mode: ControlMode | None = None
@@ -188,7 +145,7 @@ class ViewerTopics:
         self._is_described = self._body is None
         if self._body is not None:
             moving = (*self._body.hinged, *self._body.floating)
-            self._transforms = TransformEncoder([(joint.parent, joint.child) for joint in moving])
+            self._transforms = ros.TransformEncoder([(joint.parent, joint.child) for joint in moving])
             self._poses = np.empty((len(moving), 7))
 
     def follow(self, header: SessionHeader) -> None:
@@ -204,21 +161,24 @@ class ViewerTopics:
             self._is_described = True
             yield from self._description(time_ns)
         if is_due or self._every_state:
-            yield TopicMessage(self._joint_topic, JOINT_STATE, encode_joint_state(time_ns, self._joints, state))
-            yield TopicMessage(IMU_TOPIC, IMU, encode_imu(time_ns, state))
+            data = ros.encode_joint_state(time_ns, self._joints, state)
+            yield TopicMessage(self._joint_topic, schema.JOINT_STATE, data)
+            yield TopicMessage(topics.IMU_TOPIC, schema.IMU, ros.encode_imu(time_ns, state))
         if is_due:
-            yield TopicMessage("/mit_command", MIT_COMMAND, encode_mit_command(time_ns, self._joints, output.command))
+            data = ros.encode_mit_command(time_ns, self._joints, output.command)
+            yield TopicMessage("/mit_command", schema.MIT_COMMAND, data)
         if is_due or output.control_mode != self._control_mode:
             self._control_mode = output.control_mode
-            yield TopicMessage(CONTROL_MODE_TOPIC, CONTROL_MODE, encode_control_mode(time_ns, output.control_mode))
+            data = ros.encode_control_mode(time_ns, output.control_mode)
+            yield TopicMessage(topics.CONTROL_MODE_TOPIC, schema.CONTROL_MODE, data)
         if output.standby is not None:
             yield from self._standby_state(output.control_mode.controller_name, output.standby, time_ns, is_due)
         yield from self._safety_statuses(record, time_ns)
         remote = record.input.remote
         if remote is not None and remote is not self._remote:
             self._remote = remote
-            data = encode_mit_command(time_ns, self._joints, remote.command)
-            yield TopicMessage(COMMAND_TOPIC, MIT_COMMAND, data)
+            data = ros.encode_mit_command(time_ns, self._joints, remote.command)
+            yield TopicMessage(topics.COMMAND_TOPIC, schema.MIT_COMMAND, data)
         if is_due and self._body is not None:
             yield from self._frames(self._body, record, time_ns)
         if output.policy_step is not None:
@@ -239,7 +199,8 @@ class ViewerTopics:
         )
         if is_news or (is_due and key != self._standby):
             self._standby = key
-            yield TopicMessage(standby_topic(controller), STANDBY_STATE, encode_standby_state(time_ns, standby))
+            data = ros.encode_standby_state(time_ns, standby)
+            yield TopicMessage(topics.standby_topic(controller), schema.STANDBY_STATE, data)
 
     def _safety_statuses(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """Yield those that changed, and all once a second: a volatile subscriber that comes late sees them too.
@@ -259,17 +220,18 @@ class ViewerTopics:
         for source, status in (heard | gone).items():
             if is_due or self._safety.get(source) != status:
                 self._safety[source] = status
-                yield TopicMessage(SAFETY_TOPIC, SAFETY_STATUS, encode_safety_status(time_ns, status), source)
+                data = ros.encode_safety_status(time_ns, status)
+                yield TopicMessage(topics.SAFETY_TOPIC, schema.SAFETY_STATUS, data, source)
 
     def _description(self, time_ns: int) -> Iterator[TopicMessage]:
         """Yield what the robot looks like, and the links that do not move."""
         assert self._body is not None  # asked by the caller
-        yield TopicMessage(DESCRIPTION_TOPIC, STRING, encode_string(self._body.urdf))
+        yield TopicMessage(topics.DESCRIPTION_TOPIC, schema.STRING, ros.encode_string(self._body.urdf))
         fixed = self._body.fixed
         if fixed:
-            encoder = TransformEncoder([(joint.parent, joint.child) for joint in fixed])
+            encoder = ros.TransformEncoder([(joint.parent, joint.child) for joint in fixed])
             poses = np.array([[*joint.position, *joint.quaternion] for joint in fixed])
-            yield TopicMessage(TF_STATIC_TOPIC, TF_MESSAGE, encoder.encode(time_ns, poses))
+            yield TopicMessage(topics.TF_STATIC_TOPIC, schema.TF_MESSAGE, encoder.encode(time_ns, poses))
 
     def _frames(self, body: RecordedBody, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:
         """Yield where the links are, each in its parent's frame, and the base in the world's."""
@@ -278,9 +240,9 @@ class ViewerTopics:
         if body.floating:
             self._poses[count:] = body.floating_poses(record)
         if len(self._poses):
-            yield TopicMessage(TF_TOPIC, TF_MESSAGE, self._transforms.encode(time_ns, self._poses))
+            yield TopicMessage(topics.TF_TOPIC, schema.TF_MESSAGE, self._transforms.encode(time_ns, self._poses))
         if body.floating and body.knows_base(record):
-            yield TopicMessage("/base_pose", POSE_STAMPED, encode_pose(time_ns, "world", self._poses[count]))
+            yield TopicMessage("/base_pose", schema.POSE_STAMPED, ros.encode_pose(time_ns, "world", self._poses[count]))
 
     def _live_inputs(self, state: MITState, is_due: bool) -> Iterator[TopicMessage]:
         """On change at once; else at most 50 a second, as long as new ones arrive."""
@@ -292,4 +254,5 @@ class ViewerTopics:
             is_new = last is None or heard.arrival_time != last.arrival_time
             if is_news or (is_due and is_new):
                 self._heard[name] = heard
-                yield TopicMessage(topic, FLOAT32_MULTI_ARRAY, encode_float32_array(heard.value.astype(np.float32)))
+                data = ros.encode_float32_array(heard.value.astype(np.float32))
+                yield TopicMessage(topic, schema.FLOAT32_MULTI_ARRAY, data)

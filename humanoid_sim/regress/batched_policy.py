@@ -27,11 +27,7 @@ class BatchedPolicy:
     """Kind of inference, for a report: `in batches`, or `row by row` and why."""
 
     def __init__(self, policy: OnnxPolicy) -> None:
-        """Try out whether the model answers a batch as it answers single rows.
-
-        Args:
-            policy: the checkpoint; answers one observation at a time.
-        """
+        """Try out whether the model of a policy answers a batch as it answers single rows."""
         self._policy = policy
         self._model: OnnxModel | None = None
         try:

@@ -54,11 +54,7 @@ def judge(suite: Suite, baseline: PolicyRun | None, run: PolicyRun, *, strict: b
     margins = compare_margins(suite, baseline.margins, run.margins) if run.margins else ()
     few = min(fewest_seeds(baseline), fewest_seeds(run))
     candidate = Candidate(
-        run=run,
-        passed=False,
-        comparisons=comparisons,
-        margins=margins,
-        few_seeds=few if few < FEW_SEEDS else None,
+        run=run, passed=False, comparisons=comparisons, margins=margins, few_seeds=few if few < FEW_SEEDS else None
     )
     return replace(
         candidate, passed=not candidate.worse and not candidate.undecided and not (strict and candidate.unclear)

@@ -64,14 +64,11 @@ def run_episodes(
     threads: int | None = None,
     watch: list[Step] | None = None,
 ) -> list[Episode]:
-    """Run one episode per seed.
+    """Run one episode per seed, and return them in the seeds' order.
 
     Args:
         threads: that step physics; None for one per processor.
         watch: is filled with every policy step; None: nobody watches.
-
-    Returns:
-        The episodes in the order of their seeds.
     """
     batch = EpisodeBatch(case, seeds, disturbance, threads)
     with closing(batch.simulation):
@@ -141,10 +138,13 @@ class EpisodeBatch:
         if watch is not None and watch[-1].state is not loop.state:
             watch.append(Step(loop.state, None, simulation.qpos.copy(), simulation.qvel.copy()))
         traces = measures.traces()
-        wholes = [measures.of_episode(i, int(steps[i])) for i in range(count)]
         return [
             self._episode(
-                i, steps, failures, {name: values[: steps[i], i] for name, values in traces.items()}, wholes[i]
+                i,
+                steps=int(steps[i]),
+                failure=failures.get(i, ("", "")),
+                traces={name: values[: steps[i], i] for name, values in traces.items()},
+                whole=measures.of_episode(i, int(steps[i])),
             )
             for i in range(count)
         ]
@@ -177,15 +177,9 @@ class EpisodeBatch:
         return wrench
 
     def _episode(
-        self,
-        i: int,
-        all_steps: npt.NDArray[np.int64],
-        failures: Mapping[int, tuple[str, str]],
-        traces: Mapping[str, FloatArray],
-        whole: Mapping[str, float],
+        self, i: int, steps: int, failure: tuple[str, str], traces: Mapping[str, FloatArray], whole: Mapping[str, float]
     ) -> Episode:
-        kind, reason = failures.get(i, ("", ""))
-        steps, period = int(all_steps[i]), self.case.scenario.contract.policy_dt
+        (kind, reason), period = failure, self.case.scenario.contract.policy_dt
         ends = {
             "faults": float(kind == "fault"),
             "losses": float(kind == "lost"),
@@ -216,13 +210,9 @@ class EpisodeBatch:
 def thinned(traces: Mapping[str, FloatArray], period: float) -> tuple[tuple[float, ...], dict[str, Trace]]:
     """Return the traces of an episode, at most `LONGEST_TRACE` values each, and their times.
 
-    Args:
-        traces: by name, shape (K,), one value per policy step; NaN where there is none.
-        period: s between two.
-
-    Returns:
-        Times in s since the start, the middles of equal stretches; and by name the means over them, None where a
-        stretch has no value. Traces without any value are left out.
+    A trace has a value per policy step, `period` s apart; NaN where there is none. The times, in s since the start, are
+    the middles of equal stretches, the values the means over them, None where a stretch has none. Traces without any
+    value are left out.
     """
     count = min((len(values) for values in traces.values()), default=0)
     if not count:

@@ -126,8 +126,7 @@ def _run_task(parcel: Parcel, seeds: tuple[int, ...], disturbance: Disturbance) 
 def _check_reachable(address: str) -> None:
     """Check that somebody listens at an address: Ray itself would try for minutes, and complain all the while.
 
-    Raises:
-        InputError: nobody does.
+    Raises `InputError` if nobody does.
     """
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not host or not port.isdigit():
@@ -142,14 +141,11 @@ class RayExecutor:
     """Runs episodes on a Ray cluster, one task per processor at a time."""
 
     def __init__(self, address: str, processors: int | None = None) -> None:
-        """Connect.
+        """Connect. Raises `InputError` if Ray is missing, or there is no such cluster.
 
         Args:
             address: of the cluster's head, `auto` for the one that this machine belongs to, or `local`.
             processors: of a cluster that is started here; None for all of this machine.
-
-        Raises:
-            InputError: Ray is missing, or there is no such cluster.
         """
         _check_reachable(address)
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")

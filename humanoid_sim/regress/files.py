@@ -17,15 +17,7 @@ from humanoid_sim.files import regular_file
 from humanoid_sim.regress.metrics import has_metric
 from humanoid_sim.regress.options import RegressConfig
 from humanoid_sim.regress.preparation import PreparedSuite
-from humanoid_sim.regress.results import (
-    FAILING,
-    OPEN,
-    Candidate,
-    PolicyRun,
-    Results,
-    describe_change,
-    describe_margin,
-)
+from humanoid_sim.regress.results import FAILING, OPEN, Candidate, PolicyRun, Results, describe_change
 
 _UNWRITABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 cannot hold, not even escaped."""
@@ -37,11 +29,7 @@ def json_of(value: msgspec.Struct) -> bytes:
 
 
 def read_baseline(path: Path) -> PolicyRun:
-    """Return a stored run.
-
-    Raises:
-        InputError: one line with the file and what is wrong with it.
-    """
+    """Return a stored run. Raises `InputError`: one line with the file and what is wrong with it."""
     try:
         data = regular_file(path, "a baseline (.json) or a checkpoint (.onnx)", JSON_BYTES).read_bytes()
     except OSError as error:
@@ -60,9 +48,8 @@ def read_baseline(path: Path) -> PolicyRun:
 def matching_baseline(prepared: PreparedSuite, baseline: PolicyRun, config: RegressConfig) -> PolicyRun:
     """Return the part of a stored baseline that a suite's cases are compared with.
 
-    Raises:
-        InputError: a case is not in it, or was another when the baseline was made, its figures mean something else, or
-            it lacks a metric that the suite judges.
+    Raises `InputError` if a case is not in it, or was another when the baseline was made, its figures mean something
+    else, or it lacks a metric that the suite judges.
     """
     source, digests, suite = config.baseline, prepared.digests, prepared.suite
     again = f"make it again: {_remake(baseline, config)}"
@@ -108,10 +95,8 @@ def _remake(baseline: PolicyRun, config: RegressConfig) -> str:
 def junit_xml(results: Results, seconds: Sequence[float] = ()) -> bytes:
     """Return the verdicts as a JUnit XML document.
 
-    A metric without a baseline to compare with, or without episodes, is a skipped case.
-
-    Args:
-        seconds: that each candidate took; its cases share them equally, as every verdict is of all its episodes.
+    A metric without a baseline to compare with, or without episodes, is a skipped case. The `seconds` that a candidate
+    took are shared equally by its cases, as every verdict is of all its episodes.
     """
     root = ElementTree.Element("testsuites", name=_clean(f"regress {results.suite.name}"))
     for i, candidate in enumerate(results.candidates):
@@ -134,14 +119,15 @@ def _policy(results: Results, candidate: Candidate, seconds: float | None) -> El
     for metric in results.metrics:
         comparison = by_metric.get(metric.name)
         if comparison is None:
-            verdicts.append((metric.name, "skipped", "no baseline"))
+            verdict, words = "skipped", "no baseline"
         elif comparison.verdict == "lost":
-            verdicts.append((metric.name, "lost", "no episode got to its end"))
+            verdict, words = "lost", "no episode got to its end"
         elif comparison.verdict == "unmeasured":
-            verdicts.append((metric.name, "skipped", "no episodes to compare"))
+            verdict, words = "skipped", "no episodes to compare"
         else:
-            verdicts.append((metric.name, comparison.verdict, describe_change(metric, comparison)))
-    verdicts += [(f"margin {margin.axis}", margin.verdict, describe_margin(margin)) for margin in candidate.margins]
+            verdict, words = comparison.verdict, describe_change(metric, comparison)
+        verdicts.append((metric.name, verdict, words))
+    verdicts += [(f"margin {margin.axis}", margin.verdict, margin.words) for margin in candidate.margins]
     for title, verdict, words in verdicts:
         case = ElementTree.SubElement(suite, "testcase", name=title, classname=place)
         if verdict == "skipped":

@@ -20,11 +20,9 @@ _RATE_NOISE = 10.0
 
 
 def disturbance_at(sweep: Sweep, level: float, pushes: Pushes | None, timestep: float) -> Disturbance:
-    """Return a robot that is as described but for one thing.
+    """Return a robot that is as described but for one thing, at a level in the unit of the sweep's axis.
 
-    Args:
-        level: in the unit of the axis.
-        timestep: s of physics, to a multiple of which jitter is rounded.
+    Jitter is rounded to a multiple of the physics timestep, s.
     """
     if sweep.axis == "push":
         return Disturbance(Randomisation(), Pushes(speed=level) if pushes is None else replace(pushes, speed=level))
@@ -57,10 +55,6 @@ def measure_margins(cases: Sequence[PreparedCase], executor: Executor, advance: 
 
     The levels of a sweep are tried one after the other until the policy fails; then the stretch between the last that
     it passed and the one that it failed is halved a few times, down to what the simulation can tell apart.
-
-    Args:
-        cases: of the policy, one per case of the suite.
-        advance: told of the levels that are done.
     """
     suite = cases[0].suite
     margins = suite.margins

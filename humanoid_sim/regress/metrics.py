@@ -6,9 +6,7 @@ A new metric is an entry in `METRICS` and, unless it is of the episode as a whol
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,9 +26,8 @@ Summary = Literal["rms", "mean", "episode"]
 """Summary of an episode's steps: root mean square, mean, or none, for a value of the episode as a whole."""
 
 
-@dataclass(frozen=True, slots=True)
-class Metric:
-    """One metric."""
+class Metric(NamedTuple):
+    """One metric, and the summary of its steps."""
 
     info: MetricInfo
     summary: Summary
@@ -98,18 +95,18 @@ _PIANO = (
     *_CARE,
     *_END,
 )
-METRICS: Mapping[TaskName, Mapping[str, Metric]] = MappingProxyType(
-    {
-        "tracking": MappingProxyType({metric.info.name: metric for metric in _TRACKING}),
-        "velocity": MappingProxyType({metric.info.name: metric for metric in _VELOCITY}),
-        "piano": MappingProxyType({metric.info.name: metric for metric in _PIANO}),
-    }
-)
+METRICS: Mapping[TaskName, Mapping[str, Metric]] = {
+    "tracking": {metric.info.name: metric for metric in _TRACKING},
+    "velocity": {metric.info.name: metric for metric in _VELOCITY},
+    "piano": {metric.info.name: metric for metric in _PIANO},
+}
 """By task and name, in the order in which they are shown."""
 
-ALWAYS: Mapping[TaskName, tuple[str, ...]] = MappingProxyType(
-    {"tracking": ("losses", "faults"), "velocity": ("falls", "faults"), "piano": ("hard_touches", "faults")}
-)
+ALWAYS: Mapping[TaskName, tuple[str, ...]] = {
+    "tracking": ("losses", "faults"),
+    "velocity": ("falls", "faults"),
+    "piano": ("hard_touches", "faults"),
+}
 """Metrics that are judged whether a suite names them or not: errors are those of the episodes that did not fail."""
 
 _WINDOW = 1.0
@@ -145,12 +142,7 @@ class Measures:
         self._last: FloatArray | None = None
 
     def add(self, step: int, sample: StepSample, command: MITCommand, simulation: BatchSimulation) -> None:
-        """Take one policy step.
-
-        Args:
-            sample: after the step, without the sensors' noise.
-            simulation: after the step.
-        """
+        """Take one policy step; the sample is what came of it, without the sensors' noise."""
         self.rows["effort"][step] = rms(sample.torque)
         if self._last is not None:
             self.rows["action_rate"][step] = rms((command.position - self._last) / self.period)
@@ -169,11 +161,7 @@ class TrackingMeasures(Measures):
     """Errors against a motion: of bodies in the base's frame, or of joints and an anchor body in the world."""
 
     def __init__(self, task: Task, joint_reference: FloatArray | None, steps: int, count: int) -> None:
-        """As `Measures`.
-
-        Args:
-            joint_reference: shape (F, n), rad, robot's order; None where the motion says nothing of the joints.
-        """
+        """As `Measures`; `joint_reference` is (F, n), rad, robot's order, or None where the motion names no joints."""
         super().__init__(task, steps, count, ("body_position_error", "body_orientation_error", "joint_error"))
         self._joint_reference = joint_reference
 

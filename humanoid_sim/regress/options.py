@@ -94,8 +94,7 @@ class RegressConfig:
 def with_files(config: RegressConfig) -> RegressConfig:
     """Return the options with the files of policies that are given by their names.
 
-    Raises:
-        InputError: there is no such policy, or its file cannot be an ONNX file.
+    Raises `InputError` if there is no such policy, or its file cannot be an ONNX file.
     """
     from humanoid_sim.policy.onnx_policy import check_file  # noqa: PLC0415 - NumPy stays out of `--help`
 
@@ -110,11 +109,7 @@ _OUTPUTS = ("write_baseline", "json", "junit", "report")
 
 
 def check_outputs(config: RegressConfig) -> None:
-    """Refuse outputs that could not be written at the end of a long run.
-
-    Raises:
-        InputError: naming the option.
-    """
+    """Refuse outputs that could not be written at the end of a long run. Raises `InputError`, naming the option."""
     if not config.policies:
         raise InputError("POLICIES: is empty, expected one or more ONNX checkpoints")
     if config.episode is not None:

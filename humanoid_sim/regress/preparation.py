@@ -84,14 +84,9 @@ class TestedPolicy:
 
 
 def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> PreparedSuite:
-    """Read what a suite names.
+    """Read what a suite names, with paths relative to a folder; a robot may be given in place of the suite's.
 
-    Args:
-        folder: what its paths are relative to.
-        robot: instead of the suite's.
-
-    Raises:
-        InputError: no robot is named, the robot is not one for the suite, or a motion cannot be read.
+    Raises `InputError` if no robot is named, the robot is not one for the suite, or a motion cannot be read.
     """
     name = robot or suite.robot
     if not name:
@@ -141,11 +136,7 @@ def _digest(suite: Suite, case: Case, motion: Motion | Song | None, description:
     described = {**msgspec.to_builtins(case), "motion": bool(case.motion), "song": bool(case.song)}
     if not case.song:  # what baselines ran that know of none
         del described["song"]
-    document = {
-        "conditions": conditions,
-        "case": described,
-        "robot": description.to_json(),
-    }
+    document = {"conditions": conditions, "case": described, "robot": description.to_json()}
     digest = hashlib.sha256(msgspec.json.encode(document, order="deterministic"))
     if isinstance(motion, Song):
         digest.update(np.array([(note.key, note.start, note.end) for note in motion.notes]).tobytes())
@@ -170,8 +161,7 @@ def prepare_policy(
 ) -> TestedPolicy:
     """Load a checkpoint and bring it together with every case of a suite; its name is by default the file's.
 
-    Raises:
-        InputError: one line that names the file and what is wrong, or does not fit.
+    Raises `InputError`: one line that names the file and what is wrong, or does not fit.
     """
     suite, description = prepared.suite, prepared.description
     checkpoint = load_checkpoint(path, contract_file, description.joint_names)
@@ -202,13 +192,9 @@ def prepare_case(
     description: RobotDescription,
     motion: Motion | None,
 ) -> PreparedCase:
-    """Bring a policy and a case together.
+    """Bring a policy and a case together. Raises `InputError`: one line that names the checkpoint and what is wrong.
 
-    Args:
-        motion: that the case names, or the goals of its song; None for the one in the policy, or for a task without.
-
-    Raises:
-        InputError: one line that names the checkpoint and what does not fit.
+    The motion is the one that the case names, or its song's goals; None for the policy's own, or for a task without.
     """
     if suite.task == "tracking" and motion is None:
         motion = checkpoint.motion

@@ -54,11 +54,8 @@ def recording_name(policy: str, episode: Episode) -> str:
 def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance: Disturbance, robot: str = "") -> None:
     """Run an episode again and write it as a recording, whole or not at all.
 
-    Args:
-        robot: what `play` calls it; empty for its name.
-
-    Raises:
-        InputError: if the file cannot be written, or the episode goes otherwise than when it failed.
+    `robot` is what `play` calls it; empty for its name. Raises `InputError` if the file cannot be written, or the
+    episode goes otherwise than when it failed.
     """
     steps: list[Step] = []
     again = run_episodes(case, [episode.seed], disturbance, threads=1, watch=steps)[0]
@@ -140,26 +137,26 @@ def _short_standby(description: RobotDescription, period: float) -> RobotDescrip
 
 def _ticks(supervisor: Supervisor, steps: Sequence[Step], period: float) -> Iterator[TickRecord]:
     """Yield the ticks of a recording: the FSM's way up, the episode, and a last one in DAMPING."""
-    memory = supervisor.initial()
-    intents: list[Intent] = [Intent.DAMP, Intent.LOAD_A, Intent.START_LOCOMOTION]
-    index, ready = 0, True
+    memory, index = supervisor.initial(), -1
+
+    def tick(step: Step, *intents: Intent) -> TickRecord:
+        nonlocal memory, index
+        index += 1
+        tick_input = TickInput(_one(step.state, index * period), (), intents)
+        memory, output = supervisor.step(memory, tick_input)
+        return TickRecord(index, tick_input, output, 0.0, False, step.qpos[0])
+
+    intents, ready = [Intent.DAMP, Intent.LOAD_A, Intent.START_LOCOMOTION], True
     while intents:
-        if index > _LONGEST_STANDBY:
+        if index >= _LONGEST_STANDBY:
             raise AssertionError("the shortened standby did not end")
         # The tick of START_LOCOMOTION is the episode's first step already.
-        due = (intents.pop(0),) if ready else ()
-        tick_input = TickInput(_one(steps[0].state, index * period), (), due)
-        memory, output = supervisor.step(memory, tick_input)
-        yield TickRecord(index, tick_input, output, 0.0, False, steps[0].qpos[0])
-        index += 1
-        ready = output.standby is None or output.standby.is_finished
+        record = tick(steps[0], *((intents.pop(0),) if ready else ()))
+        yield record
+        ready = record.output.standby is None or record.output.standby.is_finished
     for step in steps[1:]:
         # The last state is one in which no policy ran any more.
-        due = (Intent.DAMP,) if step.action is None else ()
-        tick_input = TickInput(_one(step.state, index * period), (), due)
-        memory, output = supervisor.step(memory, tick_input)
-        yield TickRecord(index, tick_input, output, 0.0, False, step.qpos[0])
-        index += 1
+        yield tick(step, *((Intent.DAMP,) if step.action is None else ()))
 
 
 def _one(state: MITState, time: float) -> MITState:

@@ -114,6 +114,11 @@ class Margin(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """At each level the share of the episodes that failed, or missed the suite's limit."""
 
     @property
+    def words(self) -> str:
+        """Such as `20 ms`, and `≥ 20 ms` where the sweep ended there."""
+        return f"{'≥ ' if self.reached_end else ''}{quantity(self.limit, self.unit)}"
+
+    @property
     def fails_at(self) -> float | None:
         """The smallest value that was tried and failed; None where none did."""
         if self.reached_end:
@@ -231,6 +236,21 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         return "; ".join(found)
 
     @property
+    def without(self) -> str:
+        """Such as `5 of 48 pairs in which an episode failed`."""
+        if not self.paired:
+            return f"{self.left_out} episodes that failed"
+        return f"{self.left_out} of {self.left_out + self.episodes} pairs in which an episode failed"
+
+    def share(self, value: float | None, unit: str, *, signed: bool = False) -> str:
+        """Return such as `8.0 %` of the baseline, and where it has no such share, the value itself."""
+        if value is None or not self.baseline or unit == "share":
+            return quantity(value, unit, signed=signed)
+        if not signed and value > abs(self.baseline):
+            return _TOO_FEW_SEEDS
+        return f"{100.0 * value / abs(self.baseline):{'+' if signed else ''}.1f} %"
+
+    @property
     def relative(self) -> float | None:
         """Change as a share of the baseline; None where that is 0 or unknown."""
         if self.change is None or not self.baseline:
@@ -248,6 +268,11 @@ class MarginComparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     candidate: float
     verdict: Literal["worse beyond tolerance", "better", "within tolerance"]
     """Worse where even the value at which the candidate failed is further from the baseline's limit than tolerated."""
+
+    @property
+    def words(self) -> str:
+        """Such as `up to 20 ms, was 30 ms`."""
+        return f"up to {quantity(self.candidate, self.unit)}, was {quantity(self.baseline, self.unit)}"
 
 
 class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -280,7 +305,7 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         found: dict[str, list[str]] = {}
         for comparison in self.comparisons:
             if comparison.left_out:
-                found.setdefault(describe_left_out(comparison), []).append(comparison.metric)
+                found.setdefault(comparison.without, []).append(comparison.metric)
         return found
 
     @property
@@ -323,6 +348,29 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         undecided = all(candidate.passed or candidate.undecided for candidate in self.candidates)
         return "UNDECIDED" if undecided and not self.strict else "FAILED"
 
+    def verdicts(self, candidate: Candidate) -> list[tuple[str, list[tuple[str, str]]]]:
+        """Return each verdict, the most urgent first, with the metrics that have it and what was seen of each.
+
+        Such as `("worse within tolerance", [("effort", "+1.3 % (+1.1 to +1.5 %)")])`; where no difference was seen, the
+        worsening that would have been, such as `("tilt", "(seen from 10.9 %)")`.
+        """
+        found: dict[str, list[tuple[str, str]]] = {verdict: [] for verdict in get_args(Verdict)}
+        for seen in candidate.comparisons:
+            unit, words = self.metric(seen.metric).unit, ""
+            if seen.verdict == "no difference seen":
+                words = f"(seen from {seen.share(seen.detectable, unit)})"
+            elif seen.change is not None:
+                change, low, high = (
+                    seen.share(value, unit, signed=True) for value in (seen.change, seen.low, seen.high)
+                )
+                reasons = f"; {seen.reasons}" if seen.reasons else ""
+                words = f"{change} ({low.removesuffix(' %')} to {high}{reasons})"
+            found[seen.verdict].append((seen.metric, words))
+        for margin in candidate.margins:
+            if margin.verdict in FAILING:
+                found[margin.verdict].append((f"margin {margin.axis}", margin.words))
+        return [(verdict, members) for verdict, members in found.items() if members]
+
     def metric(self, name: str) -> MetricInfo:
         """Return the metric of that name; KeyError if there is none."""
         return {metric.name: metric for metric in self.metrics}[name]
@@ -358,55 +406,11 @@ def describe_change(metric: MetricInfo, comparison: Comparison) -> str:
             f": {quantity(comparison.change, unit, signed=True)}{relative}, between "
             f"{quantity(comparison.low, unit, signed=True)} and {quantity(comparison.high, unit, signed=True)}; "
             f"tolerated: {quantity(comparison.tolerance, unit)}; "
-            f"seen from {describe_share(comparison.detectable, comparison, unit)}"
+            f"seen from {comparison.share(comparison.detectable, unit)}"
         )
     if comparison.left_out:
-        text += f"; without {describe_left_out(comparison)}"
+        text += f"; without {comparison.without}"
     return f"{text}; {comparison.reasons}" if comparison.reasons else text
-
-
-def describe_left_out(comparison: Comparison) -> str:
-    """Such as `5 of 48 pairs in which an episode failed`."""
-    planned = comparison.left_out + comparison.episodes
-    return (
-        f"{comparison.left_out} of {planned} pairs in which an episode failed"
-        if comparison.paired
-        else f"{comparison.left_out} episodes that failed"
-    )
-
-
-def describe_share(value: float | None, comparison: Comparison, unit: str, *, signed: bool = False) -> str:
-    """Return such as `8.0 %` of the baseline, and where it has no such share, the value itself."""
-    if value is None or not comparison.baseline or unit == "share":
-        return quantity(value, unit, signed=signed)
-    if not signed and value > abs(comparison.baseline):
-        return _TOO_FEW_SEEDS
-    return f"{100.0 * value / abs(comparison.baseline):{'+' if signed else ''}.1f} %"
-
-
-def describe_verdicts(results: Results, candidate: Candidate) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Return each verdict, the most urgent first, with the metrics that have it and what was seen of each.
-
-    Such as `("worse within tolerance", [("effort", "+1.3 % (+1.1 to +1.5 %)")])`; where no difference was seen, the
-    worsening that would have been, such as `("tilt", "(seen from 10.9 %)")`.
-    """
-    found: dict[str, list[tuple[str, str]]] = {verdict: [] for verdict in get_args(Verdict)}
-    for comparison in candidate.comparisons:
-        unit, words = results.metric(comparison.metric).unit, ""
-        if comparison.verdict == "no difference seen":
-            words = f"(seen from {describe_share(comparison.detectable, comparison, unit)})"
-        elif comparison.change is not None:
-            change, low, high = (
-                describe_share(value, comparison, unit, signed=True)
-                for value in (comparison.change, comparison.low, comparison.high)
-            )
-            reasons = f"; {comparison.reasons}" if comparison.reasons else ""
-            words = f"{change} ({low.removesuffix(' %')} to {high}{reasons})"
-        found[comparison.verdict].append((comparison.metric, words))
-    for margin in candidate.margins:
-        if margin.verdict in FAILING:
-            found[margin.verdict].append((f"margin {margin.axis}", describe_margin(margin)))
-    return [(verdict, members) for verdict, members in found.items() if members]
 
 
 def describe_detectable(metric: MetricInfo, change: float | None, baseline: float | None) -> str:
@@ -420,13 +424,3 @@ def describe_detectable(metric: MetricInfo, change: float | None, baseline: floa
     if baseline and change > abs(baseline):
         relative = f" ({_TOO_FEW_SEEDS})"
     return f"{quantity(sign * change, metric.unit, signed=True)}{relative}"
-
-
-def describe_margin(margin: MarginComparison) -> str:
-    """Such as `up to 20 ms, was 30 ms`."""
-    return f"up to {quantity(margin.candidate, margin.unit)}, was {quantity(margin.baseline, margin.unit)}"
-
-
-def describe_limit(margin: Margin | None) -> str:
-    """Such as `20 ms`, and `≥ 20 ms` where the sweep ended there; `-` where none was measured."""
-    return "-" if margin is None else f"{'≥ ' if margin.reached_end else ''}{quantity(margin.limit, margin.unit)}"

@@ -47,8 +47,7 @@ def regress(config: RegressConfig) -> int:
 def tested(config: RegressConfig, verdicts: Console) -> Results:
     """Run policies over a suite, write the files that were asked for, and print the verdicts on a console.
 
-    Raises:
-        InputError: if what was given cannot be used.
+    Raises `InputError` if what was given cannot be used.
     """
     check_outputs(config)
     if config.report is not None and find_spec("matplotlib") is None:
@@ -83,7 +82,7 @@ def tested(config: RegressConfig, verdicts: Console) -> Results:
         for candidate in results.candidates:
             show_verdict(verdicts, results, candidate)
             if results.baseline is not None and candidate.worse:
-                say(console, _which_joints(config, candidate, results.baseline))
+                say(console, _which_joints(results, candidate, results.baseline))
     documents: dict[Path | None, Callable[[], bytes]] = {
         config.write_baseline: lambda: json_of(results.candidates[0].run),
         config.json: lambda: json_of(results),
@@ -100,13 +99,11 @@ def tested(config: RegressConfig, verdicts: Console) -> Results:
     return results
 
 
-def _which_joints(config: RegressConfig, candidate: Candidate, baseline: PolicyRun) -> str:
+def _which_joints(results: Results, candidate: Candidate, baseline: PolicyRun) -> str:
     """Return how to see which joints move differently: figures are over all joints, recordings hold each."""
-    first = candidate.run.failures[0] if candidate.run.failures else candidate.run.episodes[0]
-    command = ["regress", candidate.run.source, baseline.source, "--suite", config.suite]
-    for name in ("robot", "contract"):
-        command += [f"--{name}", value] if (value := getattr(config, name)) is not None else []
-    command += ["--episode", f"{first.case}:{first.seed}"]
+    first = (*candidate.run.failures, *candidate.run.episodes)[0]
+    sources = candidate.run.source, baseline.source
+    command = ["regress", *sources, *results.arguments, "--episode", f"{first.case}:{first.seed}"]
     return f"joint by joint: {shlex.join(command)}; then compare --joints on the two recordings"
 
 
@@ -178,11 +175,7 @@ class EpisodeProgress(BarOrLines):
     """A context that is called with how many episodes have just ended."""
 
     def __init__(self, console: Console, label: str, total: int, clock: Callable[[], float] = perf_counter) -> None:
-        """Start at none.
-
-        Args:
-            label: whose episodes these are; empty to show nothing.
-        """
+        """Start at none. The label says whose episodes these are; an empty one shows nothing."""
         super().__init__(console, label, total, TimeRemainingColumn())
         self._label, self._done, self._total = label, 0, total
         self._clock, self._begin = clock, clock()
@@ -200,12 +193,7 @@ class EpisodeProgress(BarOrLines):
 def run_policy(
     prepared: PreparedSuite, policy: TestedPolicy, executor: Executor, margins: bool = False, label: str = ""
 ) -> PolicyRun:
-    """Run every episode of a policy.
-
-    Args:
-        margins: measure the robustness margins too.
-        label: of how far it is, on stderr; empty for silence.
-    """
+    """Run every episode of a policy, and on request measure its margins; `label` is that of the progress on stderr."""
     suite = prepared.suite
     total = len(suite.cases) * suite.seeds + (planned_levels(suite) if margins else 0)
     with EpisodeProgress(Console(stderr=True, emoji=False), label, total) as advance:
@@ -233,11 +221,7 @@ def run_policy(
 
 
 def _record(
-    config: RegressConfig,
-    prepared: PreparedSuite,
-    policies: Sequence[TestedPolicy],
-    results: Results,
-    console: Console,
+    config: RegressConfig, prepared: PreparedSuite, policies: Sequence[TestedPolicy], results: Results, console: Console
 ) -> None:
     """Record failing episodes, or the one that was asked for."""
     folder = config.record_failures or _RECORDINGS
@@ -258,8 +242,7 @@ def _record(
 def _write(documents: Mapping[Path | None, Callable[[], bytes]]) -> None:
     """Write all files that were asked for: what keeps one from being written keeps none of the others.
 
-    Raises:
-        InputError: the first that could not be written.
+    Raises the first `InputError`.
     """
     problems = []
     for path, document in documents.items():

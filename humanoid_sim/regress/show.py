@@ -8,17 +8,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from humanoid_sim.regress.compare import FEW_SEEDS
-from humanoid_sim.regress.results import (
-    Candidate,
-    Comparison,
-    PolicyRun,
-    Results,
-    describe_detectable,
-    describe_limit,
-    describe_share,
-    describe_verdicts,
-    quantity,
-)
+from humanoid_sim.regress.results import Candidate, Comparison, PolicyRun, Results, describe_detectable, quantity
 
 _COLOURS = {
     "lost": "red",
@@ -100,7 +90,7 @@ def show_candidate(console: Console, results: Results, candidate: Candidate) -> 
             quantity(comparison.baseline, unit),
             quantity(comparison.candidate, unit),
             _change(comparison, unit),
-            describe_share(comparison.detectable, comparison, unit),
+            comparison.share(comparison.detectable, unit),
         )
     for text, names in candidate.left_out.items():
         say(console, f"without {text}: {', '.join(names)}")
@@ -115,8 +105,8 @@ def _change(comparison: Comparison, unit: str) -> str:
     change, low, high = comparison.change, comparison.low, comparison.high
     if change is None or low is None or high is None:
         return "-"
-    middle = describe_share(change, comparison, unit, signed=True)
-    reach = describe_share(max(high - change, change - low), comparison, unit)
+    middle = comparison.share(change, unit, signed=True)
+    reach = comparison.share(max(high - change, change - low), unit)
     return f"{middle.removesuffix(' %')} ± {reach}" if reach[0].isdigit() else reach
 
 
@@ -145,8 +135,8 @@ def _show_trouble(console: Console, baseline: PolicyRun | None, candidate: Candi
     for margin in run.margins:
         verdict = verdicts.get(margin.axis, "")
         reason = "" if margin.fails_at is None else f"at {quantity(margin.fails_at, margin.unit)}: {margin.failure}"
-        beside = [_coloured(verdict), describe_limit(old.get(margin.axis))]
-        table.add_row(margin.axis, *(beside if verdicts else ()), describe_limit(margin), escape(reason))
+        beside = [_coloured(verdict), old[margin.axis].words if margin.axis in old else "-"]
+        table.add_row(margin.axis, *(beside if verdicts else ()), margin.words, escape(reason))
     console.print(table)
 
 
@@ -160,7 +150,7 @@ def show_verdict(console: Console, results: Results, candidate: Candidate) -> No
         word = "PASS" if candidate.passed else "UNDECIDED" if candidate.undecided else "FAIL"
         few = f"{candidate.few_seeds} seeds are too few to judge {', '.join(candidate.unclear)}; {FEW_SEEDS} or more"
         parts = [f"{few} are expected"] if word == "UNDECIDED" else []
-        for verdict, members in describe_verdicts(results, candidate):
+        for verdict, members in results.verdicts(candidate):
             parts.append(f"{verdict}: {', '.join(' '.join(member).strip() for member in members)}")
         line = f"{word} {name}: " + "\n  ".join(parts)
     say(console, line)

@@ -33,12 +33,8 @@ Share = Annotated[float, Accepted(0.0, below=1.0)]
 
 Axis = Literal["delay", "jitter", "gains", "friction", "joint_friction", "mass", "push", "noise"]
 AXES: Mapping[str, tuple[str, float]] = {
-    "delay": ("s", 0.0),
-    "jitter": ("s", 0.0),
-    "gains": ("×", 1.0),
-    "friction": ("×", 1.0),
-    "joint_friction": ("×", 1.0),
-    "mass": ("×", 1.0),
+    **dict.fromkeys(("delay", "jitter"), ("s", 0.0)),
+    **dict.fromkeys(("gains", "friction", "joint_friction", "mass"), ("×", 1.0)),
     "push": ("m/s", 0.0),
     "noise": ("rad", 0.0),
 }
@@ -186,11 +182,7 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     @property
     def disturbance(self) -> Disturbance:
-        """Return the disturbance of each episode.
-
-        Raises:
-            InputError: naming the field that is wrong.
-        """
+        """Return the disturbance of each episode. Raises `InputError`, naming the field that is wrong."""
         return Disturbance(Randomisation.of(self.randomisation), self.pushes)
 
 
@@ -201,8 +193,7 @@ SUITE_OF = {"tracking": "lite_tracking", "velocity": "velocity", "walking": "vel
 def load_suite(name_or_path: str) -> tuple[Suite, Path]:
     """Return a shipped suite by its name, or the one in a YAML file; with the folder that its paths are relative to.
 
-    Raises:
-        InputError: one line, such as `mine.yaml: seeds: is 1, expected at least 2`.
+    Raises `InputError`: one line, such as `mine.yaml: seeds: is 1, expected at least 2`.
     """
     known = shipped("suites")
     if name_or_path not in known and not is_file(name_or_path):
@@ -225,11 +216,7 @@ def load_suite(name_or_path: str) -> tuple[Suite, Path]:
 
 
 def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
-    """Return the suite with the options' cases and seeds.
-
-    Raises:
-        InputError: naming the option.
-    """
+    """Return the suite with the options' cases and seeds. Raises `InputError`, naming the option."""
     names = [case.name for case in suite.cases]
     cases = tuple(case for case in suite.cases if config.only is None or config.only in case.name)
     if not cases:

@@ -38,13 +38,11 @@ def tint_limbs(model: mujoco.MjModel) -> bool:
     """Give the limbs of a robot that is all of one colour a colour each, and its bodies alternating ones.
 
     Without meshes and materials a robot is a heap of grey capsules in which nobody sees which leg is in front.
-
-    Returns:
-        Whether it was; `model.geom_rgba` is written then.
+    Returns whether it was one; `model.geom_rgba` is written then.
     """
     geoms = robot_geoms(model)
     coloured = [geom for geom in geoms if model.geom_matid[geom] < 0 and model.geom_rgba[geom, 3] > 0.0]
-    if len(coloured) < 2 or len(coloured) < len(geoms):
+    if len(coloured) < max(len(geoms), 2):
         return False
     if np.ptp(model.geom_rgba[coloured, :3], axis=0).max() > _SAME:
         return False

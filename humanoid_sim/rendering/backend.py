@@ -6,11 +6,11 @@ from `mujoco.osmesa`, `mujoco.egl` or `mujoco.glfw` directly, when the first pic
 
 from __future__ import annotations
 
-import ctypes.util
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from ctypes.util import find_library
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal
@@ -19,14 +19,13 @@ from humanoid_sim.errors import InputError
 
 OpenGL = Literal["glfw", "osmesa", "egl", "none"]
 
-_WINDOW: OpenGL = "glfw"
-_NOTHING: OpenGL = "none"
-_REQUESTS: Mapping[str, OpenGL] = {
-    **dict.fromkeys(("glfw", "glx", "cgl", "wgl"), _WINDOW),
-    "osmesa": "osmesa",
-    "egl": "egl",
-    **dict.fromkeys(("disable", "disabled", "off", "false", "0"), _NOTHING),
+_NAMES: Mapping[OpenGL, tuple[str, ...]] = {
+    "glfw": ("glfw", "glx", "cgl", "wgl"),
+    "osmesa": ("osmesa",),
+    "egl": ("egl",),
+    "none": ("disable", "disabled", "off", "false", "0"),
 }
+_REQUESTS = {request: opengl for opengl, requests in _NAMES.items() for request in requests}
 _NO_REQUEST = ("", "enable", "enabled", "on", "true", "1")
 
 _EGL_PROBE = "from mujoco.egl import GLContext; GLContext(16, 16).make_current()"
@@ -44,46 +43,34 @@ class Choice:
         return f"{'software painter' if self.opengl == 'none' else self.opengl} ({self.reason})"
 
 
-def has_display(environ: Mapping[str, str] | None = None, platform: str = sys.platform) -> bool:
+def has_display() -> bool:
     """Return whether a window could be opened: on Linux, an X or Wayland display is named in the environment."""
-    environ = os.environ if environ is None else environ
-    return platform in {"darwin", "win32"} or bool(environ.get("DISPLAY") or environ.get("WAYLAND_DISPLAY"))
+    return sys.platform in {"darwin", "win32"} or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def check_environment(environ: Mapping[str, str] | None = None) -> str:
+def check_environment() -> str:
     """Return what `MUJOCO_GL` asks for, in lower case; empty if it asks for nothing.
 
     Raises `InputError` for a value that MuJoCo does not know; it would fail at import.
     """
-    request = (os.environ if environ is None else environ).get("MUJOCO_GL", "").lower().strip()
+    request = os.environ.get("MUJOCO_GL", "").lower().strip()
     if request not in _REQUESTS and request not in _NO_REQUEST:
         raise InputError(f"environment variable MUJOCO_GL: is '{request}', accepted: glfw, osmesa, egl, disable")
     return request
 
 
-def choose_backend(
-    environ: Mapping[str, str] | None = None,
-    *,
-    platform: str = sys.platform,
-    find_library: Callable[[str], str | None] = ctypes.util.find_library,
-    try_egl: Callable[[], bool] | None = None,
-) -> Choice:
-    """Choose the OpenGL to draw with: `MUJOCO_GL`'s, else a display's, else OSMesa, else a working EGL, else none.
-
-    Everything that the answer depends on can be given: `environ` (default: the process's), the platform, the search
-    for a shared library, and the trial of EGL.
-    """
-    environ = os.environ if environ is None else environ
-    request = check_environment(environ)
+def choose_backend() -> Choice:
+    """Choose the OpenGL to draw with: `MUJOCO_GL`'s, else a display's, else OSMesa, else a working EGL, else none."""
+    request = check_environment()
     if request in _REQUESTS:
         return Choice(_REQUESTS[request], f"MUJOCO_GL={request}")
-    if has_display(environ, platform):
+    if has_display():
         return Choice("glfw", "there is a display")
     if find_library("OSMesa"):
         return Choice("osmesa", "no display; libOSMesa is installed")
     if not find_library("EGL"):
         return Choice("none", "no display, no libOSMesa, no libEGL")
-    if (try_egl or egl_works)():
+    if egl_works():
         return Choice("egl", "no display, no libOSMesa; libEGL works")
     return Choice("none", "no display, no libOSMesa; libEGL is installed but makes no context")
 

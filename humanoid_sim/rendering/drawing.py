@@ -103,8 +103,7 @@ def draw_video(job: Job, moments: Iterator[Moment], progress: Callable[[int], No
         av.open(job.path, "w", format="mp4", options={"movflags": "+faststart"}) as container,
     ):
         stream = cast(
-            "av.VideoStream",
-            container.add_stream(codec, rate=job.fps, options={"crf": "20", "preset": "veryfast"}),
+            "av.VideoStream", container.add_stream(codec, rate=job.fps, options={"crf": "20", "preset": "veryfast"})
         )
         stream.width, stream.height = job.size
         stream.pix_fmt = "yuv420p"

@@ -22,10 +22,7 @@ from humanoid_sim.simulation.model import JointAddresses, joint_addresses
 def commanded_pose(command: MITCommand, qpos: FloatArray, addresses: JointAddresses) -> FloatArray | None:
     """Return where a command pulls the robot, shape (nq,): joints with a K_p where commanded; None without any.
 
-    Args:
-        command: shape (n,); a position without a K_p means nothing.
-        qpos: shape (nq,), the robot's own pose, for all the rest.
-        addresses: of the n joints.
+    All the rest is the robot's own pose, `qpos`, shape (nq,). The command's n joints have these addresses.
     """
     pulled = (command.stiffness > 0.0) & np.isfinite(command.position)
     if not pulled.any():

@@ -26,13 +26,9 @@ _CLOSING_TIMEOUT = 5.0
 class NativeViewerSink(Sink):
     """Shows the latest pose in a window, at most 60 times a second, from a thread with a model and data of its own.
 
-    When a user closes the window the run goes on; `closed` says so.
-
-    Args:
-        model_factory: makes the model to show; called once, by `start`.
-
-    Raises:
-        InputError: no window can be opened here; the message says what to use instead.
+    When a user closes the window the run goes on; `closed` says so. Raises `InputError`, which says what to use
+    instead, if no window can be opened here.
+    The model factory is called once, by `start`.
     """
 
     def __init__(self, model_factory: Callable[[], mujoco.MjModel]) -> None:
@@ -105,9 +101,7 @@ class NativeViewerSink(Sink):
 def open_window(model: mujoco.MjModel, data: mujoco.MjData, *, sliders: bool = False) -> Iterator[Any]:
     """MuJoCo's window (`mujoco.viewer.launch_passive`), seen by the camera that videos have.
 
-    Args:
-        data: shown, with its pose computed.
-        sliders: whether its panel is open, which has a slider for each joint.
+    `data` has its pose computed. With `sliders` the panel is open that has one for each joint.
     """
     import mujoco.viewer  # noqa: PLC0415 - loads GLFW, which only a machine with a display has
 

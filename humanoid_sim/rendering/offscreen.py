@@ -75,12 +75,8 @@ def make_renderer(
 class PoseRenderer:
     """Pictures of a model's poses. Nothing is loaded before the first; draw and close on the same thread.
 
-    Args:
-        model_factory: makes the model to draw.
-        width: pixels.
-        height: pixels.
-        camera: a camera of the model; None looks at the robot from the front.
-        fastest: draw with what is fastest here, measured, instead of with OpenGL wherever there is one.
+    Width and height are in pixels. `camera` is one of the model's; None looks at the robot from the front. With
+    `fastest` it draws with what is fastest here, measured, instead of with OpenGL wherever there is one.
     """
 
     backend = ""
@@ -205,8 +201,7 @@ def _floating_base(model: mujoco.MjModel) -> int | None:
 def update_pose(model: mujoco.MjModel, data: mujoco.MjData, qpos: FloatArray) -> bool:
     """Bring `data` to `qpos`, shape (nq,): positions of bodies, geoms, cameras and lights; no dynamics, no contacts.
 
-    Returns:
-        Whether it did: a `qpos` that is not finite leaves `data` as it was.
+    Returns whether it did: a `qpos` that is not finite leaves `data` as it was.
     """
     if not np.isfinite(qpos).all():
         return False
@@ -232,13 +227,7 @@ class _OpenGLRenderer:
     """
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        width: int,
-        height: int,
-        camera: mujoco.MjvCamera,
-        choice: Choice,
-        is_plain: bool,
+        self, model: mujoco.MjModel, width: int, height: int, camera: mujoco.MjvCamera, choice: Choice, is_plain: bool
     ) -> None:
         self.backend, self.is_plain = str(choice), is_plain
         self._model, self._camera = model, camera

@@ -49,13 +49,7 @@ class Painter:
     backend = "software painter"
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        width: int,
-        height: int,
-        camera: mujoco.MjvCamera,
-        *,
-        outlined: bool = False,
+        self, model: mujoco.MjModel, width: int, height: int, camera: mujoco.MjvCamera, *, outlined: bool = False
     ) -> None:
         """Prepare; geoms that are `outlined` are set off from each other by a dark line."""
         self._model, self._camera = model, camera
@@ -70,8 +64,7 @@ class Painter:
     def render(self, data: mujoco.MjData, ghost: mujoco.MjData | None = None) -> Picture:
         """Return the picture of the poses in `data`, shape (height, width, 3), RGB. What is not finite is not drawn.
 
-        Args:
-            ghost: another pose of the model, shown through it in one colour, as far as its bodies can move.
+        `ghost` is another pose of the model, shown through it in one colour, as far as its bodies can move.
         """
         geoms = self._seen(data, self._scene)
         view = View(self._scene, self._width, self._height)

@@ -188,12 +188,9 @@ class DepthBuffer:
         return (self._nearest & 0xFFFFFFFF).reshape(self._view.height, self._view.width)
 
     def draw(self, faces: FloatArray, colours: FloatArray, picture: npt.NDArray[np.uint8]) -> None:
-        """Draw convex polygons that turn towards the eye where nothing nearer was drawn.
+        """Draw convex polygons that turn towards the eye into the picture where nothing nearer was drawn.
 
-        Args:
-            faces: shape (F, 4, 3), m, camera frame, anticlockwise seen from the eye.
-            colours: shape (F, 3), in 0 to 1.
-            picture: shape (height, width, 3); written to.
+        Faces are (F, 4, 3), m, camera frame, anticlockwise seen from the eye; colours are (F, 3), in 0 to 1.
         """
         whole = (faces[..., 2] > self._view.near).all(axis=1)
         cut = np.flatnonzero(~whole & (faces[..., 2] > self._view.near).any(axis=1))

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from humanoid_sim.errors import MissingPackageError
+from humanoid_sim.errors import needing
 from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.mit import KEY_PRESSED, FloatArray
 from humanoid_sim.recording.body import RecordedBody
@@ -16,11 +16,9 @@ from humanoid_sim.recording.body import RecordedBody
 
 def rerun_module(purpose: str) -> Any:
     """Return the library, an extra. Raises `MissingPackageError` where it is not installed; `purpose` says what for."""
-    try:
+    with needing("rerun-sdk", "rerun", purpose):
         import rerun  # noqa: PLC0415
         import rerun.urdf  # noqa: PLC0415 - which the first does not load
-    except ImportError:
-        raise MissingPackageError("rerun-sdk", "rerun", purpose) from None
     return rerun
 
 

@@ -67,19 +67,15 @@ class VideoSink(Sink):
     """Hands how the robot stands, `fps` times a second of its clock, to a process that makes an MP4 (H.264) of it.
 
     Nothing is started before there is something to show. A long run is shown in whole and at its true speed: whenever
-    `max_frames` more have been drawn the rate halves, so that drawing time does not grow without bound.
+    `max_frames` more have been drawn the rate halves, so that drawing time does not grow without bound. Raises
+    `InputError` if the path cannot be written, or its suffix or the size is not accepted.
 
     Args:
-        path: where to write; ends in `.mp4`.
         model_factory: makes the model to draw; called once, on a thread of its own.
-        fps: frames per second.
         size: width and height in pixels; even, as H.264 with 4:2:0 colour requires.
         max_frames: at 25 fps, 2.4 minutes at the full rate.
         ghost: the motion that a policy follows, drawn through the robot.
         goals: shape (F, 88), 1 where a piano's key should be down: its song.
-
-    Raises:
-        InputError: the path cannot be written, or its suffix or the size is not accepted.
     """
 
     def __init__(
@@ -167,11 +163,8 @@ class VideoSink(Sink):
     def finish(self, progress: Callable[[int, int], None] | None = None) -> VideoReport:
         """Wait until the rest is drawn. An exception meanwhile, such as a `KeyboardInterrupt`, leaves no file.
 
-        Args:
-            progress: called with the frames done and their total, after each.
-
-        Raises:
-            InputError: there is nothing to show, or the file cannot be written.
+        `progress` is called with the frames done and their total, after each. Raises `InputError` if there is nothing
+        to show, or the file cannot be written.
         """
         if self._drawing is None:
             raise InputError(f"video '{self.path}': nothing to show: no tick came from a simulated robot")

@@ -35,7 +35,6 @@ except ImportError:
         sys.exit(2)
     raise _missing from None
 
-from humanoid_sim.testing.checks import SafetyViolationError, fingerprint
 from humanoid_sim.testing.fuzz import DEFAULT_SETTINGS, fuzz_controller, fuzz_stack, robot_stack
 from humanoid_sim.testing.healthy import healthy_externs, healthy_state, healthy_tick
 from humanoid_sim.testing.machine import StackMachine
@@ -46,7 +45,7 @@ from humanoid_sim.testing.policies import (
     policies_that_misbehave,
     well_behaved,
 )
-from humanoid_sim.testing.properties import SafetyProperties
+from humanoid_sim.testing.properties import SafetyProperties, SafetyViolationError, fingerprint
 from humanoid_sim.testing.strategies import (
     SPECIAL_NUMBERS,
     any_arrays,

@@ -24,11 +24,10 @@ from humanoid_sim.policy.checkpoint import placeholder_checkpoint
 from humanoid_sim.policy.loaded_policy import load_policy
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.stack import build_supervisor
-from humanoid_sim.testing.checks import SafetyViolationError, check_complete, fingerprint, require
 from humanoid_sim.testing.healthy import healthy_externs, healthy_tick
 from humanoid_sim.testing.machine import SHRINK_SECONDS, StackMachine, shrinking_for
 from humanoid_sim.testing.policies import ScriptedPolicy
-from humanoid_sim.testing.properties import REMOTE
+from humanoid_sim.testing.properties import REMOTE, SafetyViolationError, check_complete, fingerprint, require
 from humanoid_sim.testing.strategies import any_tick_inputs, clock_jumps, healthy_states
 
 DEFAULT_SETTINGS = settings(
@@ -95,40 +94,29 @@ def fuzz_stack(
     Raises:
         SafetyViolationError: with the shortest run that was found to break a property.
     """
-    search = _Search()
+    began, runs, has_told = perf_counter(), 0, False
 
     class Stack(StackMachine):
         def __init__(self) -> None:
+            nonlocal runs
             super().__init__()
-            search.runs += 1
+            runs += 1
 
         def build(self, policy: ScriptedPolicy) -> Supervisor:
             return build(policy)
 
         def broken(self, error: AssertionError) -> None:
-            search.tell(error)
+            nonlocal has_told
+            if not has_told:  # the search for a shorter run may take long
+                has_told, seconds = True, perf_counter() - began
+                sys.stderr.write(f"found in run {runs}, after {seconds:.1f} s (looking for a shorter one): {error}\n")
+                sys.stderr.flush()
 
     if healthy_ticks > 0:
         every_mode_lasts(Stack, healthy_ticks)
         every_report_and_intent(Stack)
     with shrinking_for(shrink_seconds):
         run_state_machine_as_test(Stack, settings=settings)
-
-
-class _Search:
-    """Tells of the first violation when it is found: the search for a shorter run may take long."""
-
-    def __init__(self) -> None:
-        self.runs = 0
-        self._began = perf_counter()
-        self._has_told = False
-
-    def tell(self, error: AssertionError) -> None:
-        if not self._has_told:
-            self._has_told = True
-            seconds = perf_counter() - self._began
-            sys.stderr.write(f"found in run {self.runs}, after {seconds:.1f} s (looking for a shorter one): {error}\n")
-            sys.stderr.flush()
 
 
 def fuzz_controller(

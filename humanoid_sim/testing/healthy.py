@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from humanoid_sim.mit import ANCHOR_POSE, Extern, FloatArray, MITCommand, MITSta
 _UPRIGHT_AT_ORIGIN = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 """Position in m and quaternion w x y z."""
 
-_NONE: Mapping[str, int] = MappingProxyType({})
+_NONE: Mapping[str, int] = {}
 
 
 def healthy_externs(widths: Mapping[str, int], time: float) -> dict[str, Extern]:

@@ -320,7 +320,7 @@ def test_memory_grows_by_the_index_of_the_chunks_alone(tmp_path):
     grown, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     run.finish(0)
-    run.close()
+    run.file.close()
     assert grown < 300 * 2000  # 12 000 chunks in an hour: 24 MB at most
 
 

@@ -17,7 +17,6 @@ from humanoid_sim.regress.compare import detectable_changes, judge
 from humanoid_sim.regress.executors import run_locally
 from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
-from humanoid_sim.regress.results import describe_share
 from humanoid_sim.regress.run import run_policy
 from humanoid_sim.regress.suite import load_suite
 
@@ -133,9 +132,7 @@ HEADINGS = ("policy", "candidate", "verdict", "metric", "change", "between", "s"
 def table_row(policy, name, candidate, metric, seconds):
     (found,) = (c for c in candidate.comparisons if c.metric == metric)
     unit = METRICS["velocity"][metric].info.unit
-    change, low, high = (
-        describe_share(value, found, unit, signed=True) for value in (found.change, found.low, found.high)
-    )
+    change, low, high = (found.share(value, unit, signed=True) for value in (found.change, found.low, found.high))
     return policy, name, found.verdict, metric, f"{change}; {found.reasons}", f"{low} to {high}", f"{seconds:.0f}"
 
 

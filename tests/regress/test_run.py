@@ -155,7 +155,8 @@ def test_the_report_is_made_of_the_results(suite, tmp_path, monkeypatch):
     monkeypatch.setattr(page_module, "report_page", lambda found, pictures: f"<p>{found.passed} {pictures}</p>")
     page = tmp_path / "report.html"
     assert main([str(SAMPLE), "--suite", suite, "--report", str(page), "--quiet"]) == 0
-    (picture,) = re.findall(r"Picture\(title='(.*?)', png=b'\\x89PNG", page.read_text(encoding="utf-8"))
+    shown = page.read_text(encoding="utf-8")
+    (picture,) = re.findall(r"Picture\(title='(.*?)', address='data:image/png;base64,iVBOR", shown)
     assert re.fullmatch(r"lite_tracking at 0\.\d+ s", picture)
 
 

@@ -146,7 +146,7 @@ def test_the_worst_episode_can_be_run_again_by_a_command(worse_html):
     results = msgspec.structs.replace(
         invented.worse(), arguments=("--suite", "my suite.yaml"), warnings=("2 seeds of each case are few",)
     )
-    html = report_page(results, [[Picture("tonight at 1.00 s", b"\x89PNG")]])
+    html = report_page(results, [[Picture("tonight at 1.00 s", "data:image/png;base64,iVBORw==")]])
     assert (
         "python -m humanoid_sim.regress tonight.onnx --suite &#39;my suite.yaml&#39; --episode wave:1\n"
         "python -m humanoid_sim.replay runs/tonight-wave-1.mcap\n"

@@ -1,9 +1,24 @@
 import pytest
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.rendering import backend
 from humanoid_sim.rendering.backend import choose_backend, has_display
 
 DISPLAY = {"DISPLAY": ":0"}
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    def made(environ, libraries=(), egl_works=False, platform="linux"):
+        for name in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"):
+            monkeypatch.delenv(name, raising=False)
+        for name, value in environ.items():
+            monkeypatch.setenv(name, value)
+        monkeypatch.setattr(backend.sys, "platform", platform)
+        monkeypatch.setattr(backend, "find_library", lambda name: f"lib{name}.so" if name in libraries else None)
+        monkeypatch.setattr(backend, "egl_works", lambda: egl_works)
+
+    return made
 
 
 @pytest.mark.parametrize(
@@ -25,13 +40,9 @@ DISPLAY = {"DISPLAY": ":0"}
         ({"MUJOCO_GL": ""}, (), False, "none"),
     ],
 )
-def test_the_first_that_is_asked_for_or_there_is_taken(environ, libraries, egl_works, expected):
-    choice = choose_backend(
-        environ,
-        platform="linux",
-        find_library=lambda name: f"lib{name}.so" if name in libraries else None,
-        try_egl=lambda: egl_works,
-    )
+def test_the_first_that_is_asked_for_or_there_is_taken(machine, environ, libraries, egl_works, expected):
+    machine(environ, libraries, egl_works)
+    choice = choose_backend()
     assert choice.opengl == expected
     assert choice.reason
     assert "\n" not in str(choice)
@@ -46,19 +57,18 @@ def test_the_first_that_is_asked_for_or_there_is_taken(environ, libraries, egl_w
         ({"MUJOCO_GL": "off"}, ("OSMesa",), "software painter (MUJOCO_GL=off)"),
     ],
 )
-def test_it_says_what_and_why(environ, libraries, said):
-    choice = choose_backend(
-        environ, platform="linux", find_library=lambda name: name if name in libraries else None, try_egl=lambda: False
-    )
-    assert str(choice) == said
+def test_it_says_what_and_why(machine, environ, libraries, said):
+    machine(environ, libraries)
+    assert str(choose_backend()) == said
 
 
-def test_a_value_that_mujoco_does_not_know_is_refused():
+def test_a_value_that_mujoco_does_not_know_is_refused(machine):
+    machine({"MUJOCO_GL": "vulkan"})
     with pytest.raises(InputError, match=r"MUJOCO_GL: is 'vulkan', accepted: glfw, osmesa, egl, disable"):
-        choose_backend({"MUJOCO_GL": "vulkan"}, platform="linux")
+        choose_backend()
 
 
-def test_a_desktop_without_x_has_a_display():
-    assert has_display({}, platform="darwin")
-    assert has_display({}, platform="win32")
-    assert not has_display({}, platform="linux")
+@pytest.mark.parametrize(("platform", "expected"), [("darwin", True), ("win32", True), ("linux", False)])
+def test_a_desktop_without_x_has_a_display(machine, platform, expected):
+    machine({}, platform=platform)
+    assert has_display() is expected

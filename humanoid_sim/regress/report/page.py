@@ -7,8 +7,7 @@ import io
 import math
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -18,28 +17,9 @@ from PIL import Image
 from humanoid_sim.regress.episodes import Step, run_episodes
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy
 from humanoid_sim.regress.recordings import recording_name
+from humanoid_sim.regress.report import plots
 from humanoid_sim.regress.report.pairs import Pair, mean_over_cases, pair_up, trace, worst
-from humanoid_sim.regress.report.plots import (
-    COLOURS,
-    SETTINGS,
-    candidate_colour,
-    case_plot,
-    margin_plot,
-    moved_metrics,
-    trace_plot,
-)
-from humanoid_sim.regress.results import (
-    Candidate,
-    Comparison,
-    Episode,
-    MetricInfo,
-    PolicyRun,
-    Results,
-    describe_limit,
-    describe_share,
-    describe_verdicts,
-    quantity,
-)
+from humanoid_sim.regress.results import Candidate, Comparison, Episode, MetricInfo, PolicyRun, Results, quantity
 from humanoid_sim.rendering.offscreen import PoseRenderer
 from humanoid_sim.simulation.model import build_model
 
@@ -59,23 +39,23 @@ def report_page(results: Results, pictures: Sequence[Sequence[Picture]] = ()) ->
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    environment.filters |= {"quantity": quantity, "limit": describe_limit, "listed": _listed, "share": describe_share}
+    environment.filters |= {"quantity": quantity, "listed": _listed}
     comparisons = [comparison for candidate in results.candidates for comparison in candidate.comparisons]
     paired = results.baseline is not None and all(comparison.paired for comparison in comparisons)
-    moved = moved_metrics(results)
-    with mpl.rc_context(SETTINGS):
-        plots = {
-            "cases": case_plot(results, moved, paired=paired, name="cases-plot") if moved else "",
+    moved = plots.moved_metrics(results)
+    with mpl.rc_context(plots.SETTINGS):
+        drawn = {
+            "cases": plots.case_plot(results, moved, paired=paired, name="cases-plot") if moved else "",
             "candidates": [
                 {**_candidate(results, i, candidate), "pictures": pictures[i] if pictures else ()}
                 for i, candidate in enumerate(results.candidates)
             ],
-            "margins": margin_plot(results, "margins-plot"),
+            "margins": plots.margin_plot(results, "margins-plot"),
         }
     return environment.get_template("page.html").render(
-        **plots,
+        **drawn,
         results=results,
-        colours=COLOURS,
+        colours=plots.COLOURS,
         paired=paired,
         old_margins={margin.axis: margin for margin in results.baseline.margins} if results.baseline else {},
         mean=mean_over_cases,
@@ -95,7 +75,7 @@ def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, 
     return {
         "run": candidate.run,
         "word": "passed" if candidate.passed else "undecided" if candidate.undecided else "failed",
-        "verdicts": describe_verdicts(results, candidate),
+        "verdicts": results.verdicts(candidate),
         "unclear": candidate.unclear,
         "undecided": candidate.undecided,
         "few_seeds": candidate.few_seeds,
@@ -108,7 +88,9 @@ def _candidate(results: Results, index: int, candidate: Candidate) -> dict[str, 
         "left_out": list(candidate.left_out.items()),
         "worst": first,
         "again": _again(results, candidate, first[0]) if first else "",
-        "traces": trace_plot(results, first[0], candidate_colour(index), f"traces-{index}-plot") if first else "",
+        "traces": plots.trace_plot(results, first[0], plots.candidate_colour(index), f"traces-{index}-plot")
+        if first
+        else "",
         "margin_verdicts": {comparison.axis: comparison.verdict for comparison in candidate.margins},
     }
 
@@ -126,8 +108,7 @@ def _again(results: Results, candidate: Candidate, pair: Pair) -> str:
     return "\n".join(shlex.join(command) for command in commands)
 
 
-@dataclass(frozen=True, slots=True)
-class IntervalBar:
+class IntervalBar(NamedTuple):
     """Position of the change of a metric and its interval on a bar from -100 to 100, worse to the right."""
 
     left: float
@@ -170,17 +151,12 @@ def _listed(names: Sequence[str]) -> str:
     return " and ".join([", ".join(readable[:-1]), readable[-1]] if len(readable) > 1 else readable)
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
+class Picture(NamedTuple):
     """A robot at one moment of an episode."""
 
     title: str
-    png: bytes
-
-    @property
-    def address(self) -> str:
-        """The picture itself, as what an `img` element takes for a file's address."""
-        return f"data:image/png;base64,{base64.b64encode(self.png).decode()}"
+    address: str
+    """The picture itself, as what an `img` element takes for a file's address."""
 
 
 def worst_pictures(
@@ -189,11 +165,7 @@ def worst_pictures(
     baseline: TestedPolicy | PolicyRun | None,
     results: Results,
 ) -> list[list[Picture]]:
-    """For each candidate its worst episode at its worst moment; and the baseline then, where it is a checkpoint.
-
-    Args:
-        baseline: a checkpoint, or a stored run, of which nothing is drawn.
-    """
+    """For each candidate its worst episode at its worst moment; and the baseline then, where it is a checkpoint."""
     model = build_model(prepared.description)
     painter = PoseRenderer(lambda: model, *_SIZE, fastest=True)
     found = []
@@ -210,7 +182,8 @@ def worst_pictures(
                 file = io.BytesIO()
                 Image.fromarray(painter.draw(steps[step].qpos[0])).save(file, "PNG")
                 time = step * case.scenario.contract.policy_dt
-                pictures.append(Picture(f"{shown.name} at {time:.2f} s", file.getvalue()))
+                address = f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
+                pictures.append(Picture(f"{shown.name} at {time:.2f} s", address))
         found.append(pictures)
     painter.close()
     return found

@@ -80,7 +80,12 @@ def trace_difference(pair: Pair, name: str) -> float:
         return 0.0
     before = np.interp(times, before_times, trace(pair.baseline, name))
     difference = (trace(pair.candidate, name) - before)[times <= before_times[-1]]
-    known = difference[np.isfinite(difference)]
+    return finite_rms(difference)
+
+
+def finite_rms(values: FloatArray) -> float:
+    """Root mean square of the finite values; 0 without any."""
+    known = values[np.isfinite(values)]
     return float(np.sqrt((known * known).mean())) if known.size else 0.0
 
 

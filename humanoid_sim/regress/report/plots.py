@@ -9,7 +9,6 @@ import io
 import re
 from collections.abc import Mapping, Sequence
 from html import escape
-from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -19,28 +18,26 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.regress.report.pairs import Pair, by_case, metric_values, pair_up, trace, trace_difference
+from humanoid_sim.regress.report.pairs import Pair, by_case, finite_rms, metric_values, pair_up, trace, trace_difference
 from humanoid_sim.regress.results import Episode, Margin, MetricInfo, PolicyRun, Results, Verdict, displayed_unit
 
-COLOURS: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {
-        "ink": ("#1c2733", "#e3e8ed"),
-        "faint": ("#66727f", "#98a4b0"),
-        "grid": ("#dfe4e9", "#313b46"),
-        "paper": ("#ffffff", "#12181e"),
-        "baseline": ("#7c8a99", "#8f9dab"),
-        "candidate1": ("#2563b8", "#6ea8f5"),
-        "candidate2": ("#b8650f", "#eda350"),
-        "candidate3": ("#7a3fb0", "#bd90ea"),
-        "candidate4": ("#0f7f7a", "#4fc3bd"),
-        "worse": ("#c42f3d", "#f0707b"),
-        "better": ("#1e8a4f", "#58c98a"),
-        "unclear": ("#a87800", "#e0b34a"),
-    }
-)
+COLOURS: Mapping[str, tuple[str, str]] = {
+    "ink": ("#1c2733", "#e3e8ed"),
+    "faint": ("#66727f", "#98a4b0"),
+    "grid": ("#dfe4e9", "#313b46"),
+    "paper": ("#ffffff", "#12181e"),
+    "baseline": ("#7c8a99", "#8f9dab"),
+    "candidate1": ("#2563b8", "#6ea8f5"),
+    "candidate2": ("#b8650f", "#eda350"),
+    "candidate3": ("#7a3fb0", "#bd90ea"),
+    "candidate4": ("#0f7f7a", "#4fc3bd"),
+    "worse": ("#c42f3d", "#f0707b"),
+    "better": ("#1e8a4f", "#58c98a"),
+    "unclear": ("#a87800", "#e0b34a"),
+}
 """Colours by meaning, in light and in dark. Colour-blind readers can tell worse from better, and candidates apart."""
 
-LIGHT: Mapping[str, str] = MappingProxyType({meaning: light for meaning, (light, _) in COLOURS.items()})
+LIGHT: Mapping[str, str] = {meaning: light for meaning, (light, _) in COLOURS.items()}
 """Colours that plots are drawn in; on the page these colours become variables."""
 
 _COLUMNS = 3
@@ -181,7 +178,8 @@ def trace_plot(results: Results, pair: Pair, colour: str, name: str) -> str:
     """Return the traces of an episode that differ most from the baseline's, beside those; '' where none differs."""
     names = list(pair.candidate.traces)
     if pair.baseline is not None:
-        sizes = {name: trace_difference(pair, name) / _usual(pair.baseline, name) for name in names}
+        known = {name: finite_rms(trace(pair.baseline, name)) for name in names if name in pair.baseline.traces}
+        sizes = {name: trace_difference(pair, name) / (known.get(name) or 1.0) for name in names}
         largest = sorted(sizes, key=lambda name: -sizes[name])[:_COLUMNS]
         names = [name for name in names if name in largest and sizes[name] > 0.0]
     names = names[:_COLUMNS]
@@ -201,13 +199,6 @@ def trace_plot(results: Results, pair: Pair, colour: str, name: str) -> str:
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
         _style_axes(axes)
     return _svg_of(figure, name, f"traces of {pair.candidate.label}")
-
-
-def _usual(episode: Episode, name: str) -> float:
-    """Root mean square of a trace; 1 where it has none."""
-    values = trace(episode, name) if name in episode.traces else np.empty(0)
-    known = values[np.isfinite(values)]
-    return float(np.sqrt((known * known).mean())) or 1.0 if known.size else 1.0
 
 
 def _draw_trace(axes: Axes, episode: Episode, values: FloatArray, colour: str) -> None:
@@ -266,9 +257,7 @@ def candidate_colour(index: int) -> str:
 def _panels(count: int, height: float, header: float = 0.0) -> tuple[Figure, list[Axes]]:
     """Return a figure with `count` places for plots, `_COLUMNS` in a row at most.
 
-    Args:
-        height: inches of 72 points, of a row.
-        header: likewise, above the first one.
+    A row is `height` inches of 72 points high; `header` is the room above the first one.
     """
     rows = -(-count // _COLUMNS)
     figure = Figure(figsize=(_WIDTH, header + rows * height), layout="constrained")
@@ -286,12 +275,10 @@ def _style_axes(axes: Axes, *, grid: Literal["both", "x"] = "both") -> None:
 
 
 def _svg_of(figure: Figure, name: str, description: str) -> str:
-    """Return the `svg` element of a figure, its colours those of the page in light and dark.
+    """Return the `svg` element of a figure drawn under `SETTINGS`, its colours those of the page in light and dark.
 
-    Args:
-        figure: drawn under `SETTINGS`.
-        name: unique in the page: what the SVG defines must not be confused with another's.
-        description: for readers who cannot see it.
+    `name` is unique in the page: what the SVG defines must not be confused with another's. The description is for
+    readers who cannot see it.
     """
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", dpi=_DPI, metadata={"Date": None, "Creator": None})

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from operator import attrgetter
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from humanoid_sim.controllers.contract import PolicyContract
@@ -46,8 +45,7 @@ class Argument(NamedTuple):
 def arguments_of(config: TrainConfig) -> dict[str, Argument]:
     """Return the environments' arguments by keyword.
 
-    Raises:
-        InputError: one line with the option, its value and what is accepted.
+    Raises `InputError`: one line with the option, its value and what is accepted.
     """
     found = {name: read(config) for name, read in ARGUMENTS.items()}
     return {name: one if isinstance(one, Argument) else Argument(one, one) for name, one in found.items()}
@@ -120,9 +118,8 @@ def _curriculum(config: TrainConfig) -> Argument:
         except InputError as error:
             raise InputError(f"{text}: {error}") from None
         except Exception as error:
-            raise InputError(
-                f"--curriculum: '{text}' fails at the progress {progress:g}: {type(error).__name__}: {error}"
-            ) from None
+            where = f"--curriculum: '{text}' fails at the progress {progress:g}"
+            raise InputError(f"{where}: {type(error).__name__}: {error}") from None
     return Argument(function, text)
 
 
@@ -146,11 +143,7 @@ def _named(text: str, values: Any, make: Callable[[Any], Any]) -> Any:
 def own_object(option: str, text: str) -> Any:
     """Return what `text` names: `examples/own_task.py:HoldTask`, or `my_package.tasks:HoldTask`.
 
-    Args:
-        text: a file or a module that can be imported, a colon, and a name in it.
-
-    Raises:
-        InputError: there is no such file, module or name, or it fails as it is imported.
+    Raises `InputError` if there is no such file, module or name, or it fails as it is imported.
     """
     place, _, name = text.rpartition(":")
     is_in_file = place.endswith(".py")
@@ -163,33 +156,27 @@ def own_object(option: str, text: str) -> Any:
             known = runpy.run_path(place, run_name=f"humanoid_sim_own_{Path(place).stem}")
         else:
             known = vars(importlib.import_module(place))
-    except ModuleNotFoundError as error:
-        raise InputError(f"{option}: '{place}' cannot be imported: no module '{error.name}'") from None
     except (Exception, SystemExit) as error:  # whatever somebody's code does
-        raise InputError(
-            f"{option}: '{place}' cannot be imported: {type(error).__name__}: {reason_of(error)}"
-        ) from None
+        why = f"{type(error).__name__}: {reason_of(error)}"
+        if isinstance(error, ModuleNotFoundError):
+            why = f"no module '{error.name}'"
+        raise InputError(f"{option}: '{place}' cannot be imported: {why}") from None
     if name not in known:
         names = [each for each in known if not each.startswith("_")]
         raise InputError(f"{option}: {known_names('name', name, names, listed=False)} in '{place}'")
     return known[name]
 
 
-ARGUMENTS: Mapping[str, Callable[[TrainConfig], Any]] = MappingProxyType(
-    {
-        "contract": _contract,
-        "robot": attrgetter("robot"),
-        "motion": _motion,
-        "task": _task,
-        "actuation": attrgetter("actuation"),
-        "physics_timestep": attrgetter("physics_timestep"),
-        "terrain": _terrain,
-        "reference_start": attrgetter("reference_start"),
-        "randomisation": _randomisation,
-        "curriculum": _curriculum,
-        "privileged": lambda config: Argument(config.privileged, list(config.privileged)),
-    }
-)
+ARGUMENTS: Mapping[str, Callable[[TrainConfig], Any]] = {
+    **{name: attrgetter(name) for name in ("robot", "actuation", "physics_timestep", "reference_start")},
+    "contract": _contract,
+    "motion": _motion,
+    "task": _task,
+    "terrain": _terrain,
+    "randomisation": _randomisation,
+    "curriculum": _curriculum,
+    "privileged": lambda config: Argument(config.privileged, list(config.privileged)),
+}
 """Readers from the options, by the environments' keyword; what is not an `Argument` is plain, and told as it is."""
 ONLY_TRAINED = ("randomisation", "curriculum", "privileged")
 """Arguments not passed to preview environments or scenarios."""
@@ -222,8 +209,7 @@ class Subject:
 def subject_of(config: TrainConfig) -> Subject:
     """Read and check what the options name.
 
-    Raises:
-        InputError: one line with the option, its value and what is accepted.
+    Raises `InputError`: one line with the option, its value and what is accepted.
     """
     if config.algorithm not in ALGORITHMS:
         raise InputError(f"--algorithm: {known_names('algorithm', config.algorithm, ALGORITHMS)}")

@@ -47,13 +47,10 @@ _STEPS = 100
 
 
 def actor_of(model: Any, envs: Any = None) -> Actor:
-    """Return the actor of a model.
+    """Return the actor of a model. Raises `InputError` if it is not such a model.
 
     Args:
         envs: around which it was trained; those of stable-baselines3 may normalise observations.
-
-    Raises:
-        InputError: it is not such a model.
     """
     library = {kind.__module__.partition(".")[0] for kind in type(model).__mro__}
     if "stable_baselines3" in library:
@@ -89,7 +86,7 @@ def export(model: Any, envs: Any, output: str | os.PathLike[str]) -> Path:
         if contract.live_inputs:  # nobody here can make them: no golden vectors
             stamp(plain, path, overwrite=True)
             return path
-        np.savez_compressed(trace, **_training_run(scenario, actor, seed=0))  # type: ignore[arg-type]
+        np.savez_compressed(trace, **_training_run(scenario, actor))  # type: ignore[arg-type]
         motion = motion_file(scenario.motion, Path(folder))
         stamp(plain, path, description=scenario.description, trace=trace, motion=motion, overwrite=True)
     return path
@@ -121,8 +118,7 @@ def write_network(path: Path, actor: Actor, contract: PolicyContract, name: str)
 def require_same_answers(checkpoint: Checkpoint, observations: Float32Array, expected: Float32Array) -> None:
     """Compare the checkpoint's actions on observations (k, N) with those of the network, (k, m).
 
-    Raises:
-        HumanoidSimError: they differ: a defect of the export.
+    Raises `HumanoidSimError`, for a defect of the export, if they differ.
     """
     actual = np.array([checkpoint.policy(observation, 0) for observation in observations])
     worst = float((np.abs(actual - expected) / np.maximum(np.abs(expected), 1.0)).max())
@@ -133,8 +129,7 @@ def require_same_answers(checkpoint: Checkpoint, observations: Float32Array, exp
 def motion_file(motion: Motions | None, folder: Path) -> Path | None:
     """Return a motion's file, of several the first; one without a file is written into `folder`. None: no motion.
 
-    Raises:
-        InputError: it cannot be written.
+    Raises `InputError` if it cannot be written.
     """
     first = motion[0] if isinstance(motion, list | tuple) else motion
     if first is None or isinstance(first, str | Path):
@@ -148,8 +143,7 @@ def motion_file(motion: Motions | None, folder: Path) -> Path | None:
 def _environment(envs: Any) -> PolicyEnv | PolicyVectorEnv:
     """Return what is inside the libraries' and Gymnasium's wrappers.
 
-    Raises:
-        InputError: it is not an environment of a policy, or a wrapper changes what the policy sees or commands.
+    Raises `InputError` if it is not an environment of a policy, or a wrapper changes what the policy sees or commands.
     """
     inner = envs
     while not isinstance(inner, PolicyEnv | PolicyVectorEnv):
@@ -167,32 +161,22 @@ def _environment(envs: Any) -> PolicyEnv | PolicyVectorEnv:
     return inner
 
 
-def _training_run(scenario: Scenario, actor: Actor, seed: int) -> dict[str, npt.NDArray[Any]]:
+def _training_run(scenario: Scenario, actor: Actor) -> dict[str, npt.NDArray[Any]]:
     """Return the arrays of a trace, as `docs/golden-vectors.md` lists them, one row per policy step.
 
     The actions are the library's own, not those of the exported file. The run ends early where the robot is no longer
-    sound.
-
-    Raises:
-        InputError: the policy's first action would be refused on any robot.
+    sound. Raises `InputError` if the policy's first action would be refused on any robot.
     """
     actuation = "implicit" if scenario.actuation == "implicit" else "affine"
-    simulation = BatchSimulation(
-        scenario.description,
-        1,
-        **scenario.robot_options() | {"actuation": actuation, "terrain": None},
-        threads=1,
-    )
-    start = scenario.task.start(np.random.default_rng(seed).random((1, scenario.task.draws)))
+    options = scenario.robot_options() | {"actuation": actuation, "terrain": None}
+    simulation = BatchSimulation(scenario.description, 1, **options, threads=1)
+    start = scenario.task.start(np.random.default_rng(0).random((1, scenario.task.draws)))
     moving = np.linalg.norm(start.commands[0], axis=1)
     command = start.commands[:, int(np.argmax(moving))]  # of a policy that walks, one that is not to stand
     rows: list[dict[str, npt.NDArray[Any]]] = []
     with closing(simulation):
         simulation.reset(
-            [0],
-            joint_position=start.joint_position,
-            joint_velocity=start.joint_velocity,
-            base_yaw=start.base_yaw,
+            joint_position=start.joint_position, joint_velocity=start.joint_velocity, base_yaw=start.base_yaw
         )
         loop = ClosedLoop(simulation, scenario.wiring, command, scenario.live)
         for _ in range(min(_STEPS, scenario.task.episode_steps)):
@@ -200,13 +184,9 @@ def _training_run(scenario: Scenario, actor: Actor, seed: int) -> dict[str, npt.
             action = actor.answer(observation)
             if not (np.isfinite(observation).all() and loop.wiring.accepts(action).all()):
                 break
-            row: dict[str, Any] = {
-                "observation": observation,
-                "action": action,
-                **{name: getattr(state, name) for name in STATE_ARRAYS},
-                **{name: extern.value for name, extern in state.extern.items()},
-            }
-            row["target"] = loop.act(action).position
+            row: dict[str, Any] = {name: getattr(state, name) for name in STATE_ARRAYS}
+            row |= {name: extern.value for name, extern in state.extern.items()}
+            row |= {"observation": observation, "action": action, "target": loop.act(action).position}
             rows.append({name: np.array(value[0]) for name, value in row.items()})
             if simulation.fault.any():
                 break
@@ -214,6 +194,5 @@ def _training_run(scenario: Scenario, actor: Actor, seed: int) -> dict[str, npt.
         raise InputError(
             "the policy's first action is one that no controller accepts; train on, or with another --seed"
         )
-    return {name: np.stack([row[name] for row in rows]) for name in rows[0]} | {
-        "joint_names": np.array(scenario.description.joint_names)
-    }
+    names = np.array(scenario.description.joint_names)
+    return {name: np.stack([row[name] for row in rows]) for name in rows[0]} | {"joint_names": names}

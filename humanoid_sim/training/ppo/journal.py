@@ -18,7 +18,7 @@ from gymnasium.vector import VectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from humanoid_sim.envs.resets import term_means
-from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.errors import InputError, needing
 from humanoid_sim.files import is_file, output_file, whole_file
 from humanoid_sim.training.ppo.options import CurvesConfig
 
@@ -90,15 +90,12 @@ class Journal:
         limit: float = math.inf,
         tensorboard: bool = True,
     ) -> None:
-        """Begin, or go on.
+        """Begin, or go on. Raises `InputError` if a file cannot be read or written, or TensorBoard is not installed.
 
         Args:
             steps: at which the training will end.
             limit: s of training, earlier runs of the folder counted in, after which it will end sooner.
             done: steps of the checkpoint that the training goes on from; rows beyond it are dropped.
-
-        Raises:
-            InputError: a file cannot be read or written, or TensorBoard is not installed.
         """
         self._total, self._limit, self._meter, self._show = steps, limit, meter, show
         self._path = folder / PROGRESS
@@ -110,10 +107,8 @@ class Journal:
                 file.write(_line(row))
         self._writer: Any = None
         if tensorboard:
-            try:
+            with needing("tensorboard", "rl", "training train (or give --no-tensorboard)"):
                 from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - heavy, and can be done without
-            except ImportError:
-                raise MissingPackageError("tensorboard", "rl", "training train (or give --no-tensorboard)") from None
             self._writer = SummaryWriter(str(folder / "tensorboard"), purge_step=done + 1 if done else None)
         self._begin = self._shown = self._noted = time.monotonic()
         self._steps = done
@@ -124,11 +119,7 @@ class Journal:
         return self._before + time.monotonic() - self._begin
 
     def record(self, update: Update) -> None:
-        """Write down an update.
-
-        Raises:
-            InputError: it cannot be written.
-        """
+        """Write down an update. Raises `InputError` if it cannot be written."""
         now, meter = time.monotonic(), self._meter
         speed = (update.steps - self._steps) / max(now - self._noted, 1e-9)
         self._steps, self._noted = update.steps, now
@@ -152,11 +143,12 @@ class Journal:
     def line(self, row: Mapping[str, float]) -> str:
         """Return a row in words."""
         left = max(self._total - row["steps"], 0) / max(row["steps_per_second"], 1e-9)
-        left = max(min(left, self._limit - row["seconds"]), 0.0)
+        minutes = max(min(left, self._limit - row["seconds"]), 0.0) / 60.0
+        remaining = f"{minutes:.0f} min" if minutes < 120.0 else f"{minutes / 60.0:.1f} h"
         return (
             f"{_millions(row['steps'])} of {_millions(self._total)} M steps, {row['steps_per_second']:.0f}/s, "
             f"return {row['return']:.2f}, episodes of {row['episode_steps']:.0f} steps, {100 * row['failed']:.0f} % "
-            f"failed, {_duration(left)} left"
+            f"failed, {remaining} left"
         )
 
     def close(self) -> None:
@@ -168,8 +160,7 @@ class Journal:
 def read_progress(path: Path) -> list[dict[str, float]]:
     """Return the rows of a `progress.csv`; an unfinished last line is left out.
 
-    Raises:
-        InputError: the file is missing or is not one of these.
+    Raises `InputError` if the file is missing or is not one of these.
     """
     if not is_file(path):
         raise InputError(f"{path}: no such file, expected {PROGRESS} of a training")
@@ -193,11 +184,6 @@ def _millions(steps: float) -> str:
     return f"{steps / 1e6:.2f}" if steps >= 1e4 else f"{steps / 1e6:.4f}"
 
 
-def _duration(seconds: float) -> str:
-    minutes = seconds / 60.0
-    return f"{minutes:.0f} min" if minutes < 120.0 else f"{minutes / 60.0:.1f} h"
-
-
 class Curve(NamedTuple):
     """One curve."""
 
@@ -209,11 +195,7 @@ class Curve(NamedTuple):
 
 
 def read_curve(folder: Path) -> Curve:
-    """Read the folder of a run.
-
-    Raises:
-        InputError: it is not one, or no episode has ended in it yet.
-    """
+    """Read the folder of a run. Raises `InputError` if it is not one, or no episode has ended in it yet."""
     place = folder / "run.json"
     try:
         known = json.loads(place.read_text(encoding="utf-8"))
@@ -230,17 +212,14 @@ def read_curve(folder: Path) -> Curve:
 def curves(config: CurvesConfig) -> int:
     """Draw them; returns the exit status.
 
-    Raises:
-        InputError: a folder is not one of `train`, or the picture cannot be written.
+    Raises `InputError` if a folder is not one of `train`, or the picture cannot be written.
     """
     output = output_file(Path(config.output), "--output", ".png")
     runs = [read_curve(Path(name)) for name in config.runs]
     if not runs:
         raise InputError("RUNS: is empty, expected one or more folders of `train`")
-    try:
+    with needing("matplotlib", "report", "training curves"):
         from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise MissingPackageError("matplotlib", "report", "training curves") from None
     subjects = list(dict.fromkeys(run.subject for run in runs))
     figure: Any = Figure(figsize=(9.0, 3.2 * len(subjects)), layout="constrained")
     grid = figure.subplots(len(subjects), 2, squeeze=False, sharey="row")

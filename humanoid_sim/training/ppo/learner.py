@@ -88,13 +88,10 @@ class Learner(ABC):
 
     @abstractmethod
     def __init__(self, envs: VectorEnv[Any, Any, Any], spread: float, seed: int, start: Path | None) -> None:
-        """Begin, or go on.
+        """Begin, or go on from the checkpoint `start`.
 
-        Args:
-            envs: that start episodes in the step that ends the last ones.
-            spread: standard deviation of the raw actions of a new network.
-            seed: of networks, actions and environments.
-            start: a checkpoint to go on from.
+        The environments start episodes in the step that ends the last ones; `spread` is the standard deviation of the
+        raw actions of a new network; the seed is that of networks, actions and environments.
         """
 
     @abstractmethod
@@ -121,8 +118,7 @@ def reading(checkpoint: Path) -> Iterator[None]:
 def require_sound(optimiser: Any, *networks: Any) -> None:
     """Try one step of what was read, on a copy: what would fail in an update only is found here.
 
-    Raises:
-        Exception: whatever PyTorch makes of a state that does not fit; a ValueError for numbers that are not finite.
+    Raises whatever PyTorch makes of a state that does not fit, and a `ValueError` for numbers that are not finite.
     """
     trial = copy.deepcopy(optimiser)
     tried = [weights for group in trial.param_groups for weights in group["params"]]
@@ -135,11 +131,7 @@ def require_sound(optimiser: Any, *networks: Any) -> None:
 
 
 def learner_class(algorithm: str) -> type[Learner]:
-    """Return the learner of an algorithm's name.
-
-    Raises:
-        MissingPackageError: its library is not installed.
-    """
+    """Return the learner of an algorithm's name. Raises `MissingPackageError` if its library is not installed."""
     try:
         if algorithm == "ppo-sb3":
             from humanoid_sim.training.ppo.sb3 import StableBaselinesLearner  # noqa: PLC0415 - one of them is enough

@@ -21,8 +21,7 @@ from humanoid_sim.training.ppo.learner import SETTINGS, Actor, Float32Array, Lea
 def actor_of(runner: Any) -> Actor:
     """Return the actor of a runner with an `MLPModel` that sees what the policy does.
 
-    Raises:
-        InputError: it is not a runner, or its actor is of another kind.
+    Raises `InputError` if it is not a runner, or its actor is of another kind.
     """
     algorithm = getattr(runner, "alg", None)
     if algorithm is None:

@@ -39,6 +39,7 @@ _MAY_DIFFER = (
     *("steps", "minutes", "folder", "output", "resume", "checkpoint_seconds", "video_minutes", "tensorboard"),
     *("regress", "threads"),
 )
+"""Options that may change when a run is resumed."""
 _KEPT = ("curriculum_steps",)
 """Options that a run goes on with as they were, unless others are given, which are refused."""
 _PPO = "ppo"
@@ -54,8 +55,7 @@ _RUN = "run.json"
 def train(config: TrainConfig) -> int:
     """Run the whole training; returns the exit status.
 
-    Raises:
-        InputError: an option is out of range or does not fit the others, or an output cannot be written.
+    Raises `InputError` if an option is out of range or does not fit the others, or an output cannot be written.
     """
     _check(config)
     subject = subject_of(config)
@@ -158,7 +158,7 @@ def _learn(
                 if not interruption.is_set():
                     videos.show(learner.answer, update.steps)
     except BaseException:
-        videos.abandon()
+        videos.close(abandon=True)
         learner.envs.close()
         raise
     finally:
@@ -199,11 +199,8 @@ class RunFolder:
     def __init__(self, path: Path, config: TrainConfig, subject: Mapping[str, Any], suffix: str) -> None:
         """Begin a run in a folder that is there, or find the checkpoint of the one to resume.
 
-        Args:
-            subject: what options came to that name a file, a class or a default, by option, as plain values.
-
-        Raises:
-            InputError: it cannot be written, it has a run that is not to be resumed, or another one.
+        `subject` has plain values of the options that name a file, a class or a default. Raises `InputError` if the
+        folder cannot be written, or has a run that is not to be resumed, or another one.
         """
         self.path, self.checkpoint = path, path / f"checkpoint{suffix}"
         self._place = path / _RUN
@@ -271,11 +268,7 @@ class Videos:
     """A video now and then, when it is time for one."""
 
     def __init__(self, subject: Subject, folder: Path, minutes: float | None) -> None:
-        """Make none before so many minutes; None: none at all.
-
-        Raises:
-            InputError: their folder cannot be made.
-        """
+        """Make none before so many minutes; None: none at all. Raises `InputError` if their folder cannot be made."""
         self._subject, self._folder = subject, folder / "videos"
         self._period = float("inf") if minutes is None else 60.0 * minutes
         self._due = time.monotonic() + self._period
@@ -289,8 +282,7 @@ class Videos:
     def show(self, answer: Callable[[Float32Array], Float32Array], steps: int) -> None:
         """Run an episode and have it drawn, if it is time; waits for the last video, which is long ready as a rule.
 
-        Raises:
-            InputError: the last one could not be written.
+        Raises `InputError` if the last one could not be written.
         """
         if time.monotonic() < self._due:
             return
@@ -301,25 +293,17 @@ class Videos:
         try:
             self._run(answer, self._latest, f"{steps} steps of training")
         except BaseException:
-            self.abandon()
+            self.close(abandon=True)
             raise
         self._due = time.monotonic() + self._period
 
-    def close(self) -> None:
-        """Wait for the one that is being drawn.
-
-        Raises:
-            InputError: it could not be written.
-        """
+    def close(self, *, abandon: bool = False) -> None:
+        """Wait for the one that is being drawn, or give it up. Raises `InputError` if it could not be written."""
         latest, self._latest = self._latest, None
-        if latest is not None:
-            latest.finish()
-
-    def abandon(self) -> None:
-        """Give up the one that is being drawn: nobody waits for it."""
-        latest, self._latest = self._latest, None
-        if latest is not None:
+        if latest is not None and abandon:
             latest.abandon()
+        elif latest is not None:
+            latest.finish()
 
     def _run(self, answer: Callable[[Float32Array], Float32Array], sink: VideoSink, caption: str) -> None:
         contract = self._subject.contract

@@ -77,8 +77,7 @@ class _Clip(nn.Module):
 def actor_of(model: Any, envs: Any = None) -> Actor:
     """Return the actor of PPO or A2C with an `MlpPolicy`, normalised by this module, by `VecNormalize`, or not at all.
 
-    Raises:
-        InputError: its policy is of another kind.
+    Raises `InputError` if its policy is of another kind.
     """
     policy = getattr(model, "policy", None)
     kinds = (FlattenExtractor, NormalisedObservation)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.prepare.dataset_features import episode_motion, parse_roles
+from humanoid_sim.prepare.lerobot_dataset import episode_motion, parse_roles
 
 JOINTS = ("hip", "knee")
 STATE = np.arange(12.0).reshape(3, 4)
