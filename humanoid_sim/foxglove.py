@@ -121,9 +121,8 @@ class _Server:
     def run(self) -> None:
         """Publish until the session ends."""
         feed = self._attachment.feed
-        tick = event = 0
+        tick, event = self._attachment.before_present(), 0
         newest, looked = feed.latest(), time.monotonic()
-        tick = 0 if newest is None else newest.number - 1  # a session that is under way begins with its present
         while True:
             self._looks.look()
             for sample in feed.since(tick):

@@ -24,8 +24,7 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.client import Sample
 from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends import require_packages
-from humanoid_sim.frontends.attach import Attachment, RobotElsewhere, attached, behind, ready
+from humanoid_sim.frontends.attach import Attachment, RobotElsewhere, behind, ready
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.recording.body import BodyError, RecordedBody
@@ -79,28 +78,14 @@ def status_text(record: TickRecord | None, late: str, clock: str) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends or the viewer is closed; returns the exit status."""
     config = parse(RerunConfig, "rerun", arguments)
-    config.refuse_conflicts()
-    require_packages("rerun")
-    if not config.dds:
-        with attached(config.session, "rerun", niceness=10) as attachment:
-            _show(attachment, is_page=config.web)
-        return 0
-    require_packages("dds")
-    from humanoid_sim.frontends.dds.mirror import watched  # noqa: PLC0415
-
-    with watched(config) as found:
+    with config.shown("rerun", niceness=10) as found:
         if found is not None:
-            attachment, refresh, ended = found
-            _show(attachment, refresh, ended, is_page=config.web)
+            _show(*found, is_page=config.web)
     return 0
 
 
 def _show(
-    attachment: Attachment,
-    refresh: Callable[[], None] = lambda: None,
-    ended: Callable[[], bool] = lambda: False,
-    *,
-    is_page: bool,
+    attachment: Attachment, refresh: Callable[[], None] | None, ended: Callable[[], bool], *, is_page: bool
 ) -> None:
     """Show ticks until the session or the viewer has ended; `refresh` is called before each look at the feed."""
     try:
@@ -167,17 +152,18 @@ def _watch(
     viewer: _Viewer,
     log: RerunLog,
     teller: _Teller,
-    refresh: Callable[[], None],
+    refresh: Callable[[], None] | None,
     ended: Callable[[], bool],
 ) -> None:
     """Until the session or the viewer ends. Of ticks that come while the viewer is stopped, only the newest counts."""
     feed = attachment.feed
     newest: Sample | None = feed.latest()
     record: TickRecord | None = None
-    number = 0 if newest is None else newest.number - 1  # a session that is under way begins with its present
+    number = attachment.before_present()
     told = 0.0
     while viewer.process.poll() is None and not ended():
-        refresh()
+        if refresh is not None:
+            refresh()
         for sample in feed.since(number):
             number, newest, record = sample.number, sample, attachment.record(sample)
             if attachment.follow():

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator
+import signal
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +16,7 @@ import mujoco
 from humanoid_sim.client import Feed, Intake, Sample, SessionError, SessionInfo, find_session
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
+from humanoid_sim.frontends import require_packages
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import decode_event, decode_tick
 from humanoid_sim.recording.header import HeaderError, parse_header
@@ -94,6 +96,10 @@ class Attachment:
         except (ValueError, mujoco.FatalError) as error:
             raise InputError(f"{self.session}: its model cannot be loaded: {error}") from None
 
+    def before_present(self) -> int:
+        """Return the number of the tick before the newest: a front end that comes late begins with the present."""
+        return max(self.feed.newest() - 1, 0)
+
     def latest(self) -> tuple[Sample, TickRecord] | None:
         """Return the newest tick; None while there is none."""
         sample = self.feed.latest()
@@ -133,16 +139,42 @@ class RobotElsewhere:
     namespace: str = ""
     """With --dds: what all of the robot's topics are under, if it was given a namespace (--dds-namespace)."""
 
-    def refuse_conflicts(self) -> None:
-        """Raise `InputError` for options that exclude each other."""
-        if not self.dds:
-            if self.interface:
-                raise InputError(f"--interface: is {self.interface}, which means nothing without --dds")
-            return
-        if self.session is not None:
+    @contextmanager
+    def shown(
+        self, name: str, niceness: int = 5
+    ) -> Iterator[tuple[Attachment, Callable[[], None] | None, Callable[[], bool]] | None]:
+        """Attach the front end of that name to the session, or to the robot elsewhere, that the options name.
+
+        Yields the attachment; of a robot elsewhere what takes in its newest messages; and what says that a signal asks
+        this program to end. None if a signal came before that robot.
+
+        Raises:
+            InputError: options exclude each other, or there is no such session, robot or network interface.
+            MissingPackageError: the front end's packages are not installed, or Cyclone DDS is not.
+        """
+        if self.interface and not self.dds:
+            raise InputError(f"--interface: is {self.interface}, which means nothing without --dds")
+        if self.session is not None and self.dds:
             raise InputError(f"--session: is {self.session}, which means nothing with --dds, whose robot is elsewhere")
-        if not self.interface:
+        if self.dds and not self.interface:
             raise InputError("--interface: is needed with --dds: the one at which the robot is, such as eth1")
+        require_packages(name)
+        if not self.dds:
+            with attached(self.session, name, niceness=niceness) as attachment:
+                yield attachment, None, lambda: False
+            return
+        require_packages("dds")
+        from humanoid_sim.frontends.dds.mirror import mirrored  # noqa: PLC0415 - an extra
+
+        signals: list[int] = []
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda number, _: signals.append(number))
+
+        def ended() -> bool:
+            return bool(signals)
+
+        with mirrored(self.interface, self.prefix, self.namespace, told=ready, ended=ended) as found:
+            yield None if found is None else (found[0], found[1].look, ended)
 
 
 @contextmanager

@@ -10,10 +10,14 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
+from humanoid_sim.client import Decoder, SessionError
 from humanoid_sim.errors import InputError
 from humanoid_sim.ros2.dds.domain import Participant
-from humanoid_sim.ros2.definitions import message_fields
+from humanoid_sim.ros2.definitions import message_fields, schema_text
 from humanoid_sim.ros2.topics import Topic
+
+_DEPTH = 64
+"""Messages of a `Subscription` that wait for the next look."""
 
 
 def dds_topic(topic: str) -> str:
@@ -178,3 +182,34 @@ class Reader:
     def writers(self) -> int:
         """Return how many publish."""
         return _count(self._reader.get_matched_publications)
+
+
+class Subscription:
+    """A topic whose messages are decoded, and whose latest one is kept. For one thread."""
+
+    def __init__(self, participant: Participant, name: str, kind: Topic) -> None:
+        self.reader = Reader(participant, name, kind, depth=_DEPTH)
+        self.latest: dict[str, Any] | None = None
+        self.problem = ""
+        """Reason why a message was not understood, the latest one; empty for none."""
+        self._name, self._decoder = name, Decoder(schema_text(kind.schema))
+
+    def take(self) -> list[dict[str, Any]]:
+        """Return what has come, oldest first, without what is not such a message."""
+        found = []
+        for sample in self.reader.take():
+            try:
+                found.append(self._decoder(sample.data))
+            except SessionError as error:
+                self.refuse(str(error))
+        return found
+
+    def look(self) -> dict[str, Any] | None:
+        """Return the newest message, whenever it came; None while there is none."""
+        taken = self.take()
+        self.latest = taken[-1] if taken else self.latest
+        return self.latest
+
+    def refuse(self, problem: str) -> None:
+        """Keep why a message was not understood."""
+        self.problem = f"{self._name}: {problem}"
