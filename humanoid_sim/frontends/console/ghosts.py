@@ -109,7 +109,6 @@ class Figure:
     """A translucent copy of all bodies that can move."""
 
     def __init__(self, server: Any, model: mujoco.MjModel, name: str) -> None:
-        """Make its meshes in viser."""
         self._model, self._data = model, mujoco.MjData(model)
         self.root = server.scene.add_frame(f"/ghosts/{name}", show_axes=False)
         self.bodies: dict[int, Any] = {}

@@ -206,7 +206,6 @@ class Watch:
     """Charts that one page plots, and the rows it was sent so far. A slow page skips rows that are no longer there."""
 
     def __init__(self, plots: Plots) -> None:
-        """Begin with no chart."""
         self._plots = plots
         self._told: dict[int, int] = {}
 

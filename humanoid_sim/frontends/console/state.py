@@ -82,7 +82,6 @@ class LoopRate:
     """1/s; NaN while it is not known."""
 
     def __init__(self) -> None:
-        """Know of no tick."""
         self._number = self._stamp = 0
 
     def look(self, number: int, stamp: int) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from humanoid_sim.errors import FieldError
+from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.frontends.console.sliders import Goals, Sliders, SliderState
 from humanoid_sim.frontends.console.wishes import SEEN_WITHIN
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand
@@ -19,10 +19,13 @@ _HEARD_WITHIN = 0.5
 class SliderTurn:
     """At most one page moves a joint. A turn that is over does not go on by itself."""
 
+    _sliders: Sliders
+    """Arithmetic of the turn, with the gains of the STANDBY that it began in."""
+
     def __init__(self, robot: RobotDescription) -> None:
-        """Nobody moves anything."""
         self.why_none = ""
         """Reason why this robot has no sliders; empty if it has them."""
+        self._joint_names = robot.joint_names
         self._all: dict[str, Sliders] = {}
         try:
             self._all = {name: Sliders(robot, name) for name in "ab"}
@@ -34,16 +37,13 @@ class SliderTurn:
         self.since = 0
         """ns: commands have gone out without a pause since."""
         self._state: SliderState | None = None
-        self._sliders: Sliders | None = None
         self._number = 0
         self._heard = self._seen = self._stepped = self._newest = 0
 
     @property
     def joint(self) -> str:
         """Name of the joint that is moved; empty for none."""
-        if self._state is None or self._sliders is None:
-            return ""
-        return self._sliders.joint_names[self._state.joint]
+        return "" if self._state is None else self._joint_names[self._state.joint]
 
     def take(self, page: int, name: str, position: FloatArray, now: int) -> None:
         """Begin a turn, or choose another joint in one's own.
@@ -61,19 +61,21 @@ class SliderTurn:
             raise FieldError(self.why_none)
         if self.page is not None and self.page != page:
             raise FieldError(f"sliders: page {self.page} moves {self.joint}")
-        sliders = self._sliders or self._all[self.standby]
-        joint = sliders.joint(name)
+        if name not in self._joint_names:
+            raise FieldError(f"sliders: {known_names('joint', name[:40], self._joint_names)}")
+        joint = self._joint_names.index(name)
         if self._state is not None:
-            self._state = sliders.choose(self._state, joint, position)
+            self._state = self._sliders.choose(self._state, joint, position)
         else:
-            self._sliders, self._state = sliders, sliders.begin(joint, position)
+            self._sliders = self._all[self.standby]
+            self._state = self._sliders.begin(joint, position)
             self.page, self.since = page, now
             self._heard = self._seen = self._stepped = self._newest = now
         self._number += 1
 
     def snap(self, page: int, position: FloatArray) -> None:
         """Move the sliders to where the joint is, with gains 0. Raises `FieldError` for a page without the turn."""
-        if self._state is None or self._sliders is None or self.page != page:
+        if self._state is None or self.page != page:
             raise FieldError("sliders: this page does not move a joint")
         self._state = self._sliders.snap(self._state, position)
         self._number += 1
@@ -91,7 +93,7 @@ class SliderTurn:
         Raises:
             FieldError: a goal is not a finite number.
         """
-        if self._state is None or self._sliders is None or page != self.page:
+        if self._state is None or page != self.page:
             return
         self._heard, self._seen = now, max(self._seen, min(seen, now))
         if goals is not None and number == self._number:
@@ -99,7 +101,7 @@ class SliderTurn:
 
     def let_go(self) -> None:
         """End the turn."""
-        self.page = self._state = self._sliders = None
+        self.page = self._state = None
 
     def problem(self, now: int) -> str:
         """Return why the turn must end; empty while it may go on. `now` in ns."""
@@ -112,7 +114,7 @@ class SliderTurn:
         return ""
 
     def gap(self, now: int) -> float:
-        """S since the newest command that has left; `now` in ns."""
+        """Return s since the newest command that has left; `now` in ns."""
         return 1e-9 * (now - self._newest)
 
     def step(self, position: FloatArray, velocity: FloatArray, now: int, *, was_passive: bool) -> MITCommand:
@@ -125,7 +127,6 @@ class SliderTurn:
             was_passive: commands were missing, so that the joints were damped meanwhile.
         """
         assert self._state is not None
-        assert self._sliders is not None
         elapsed, self._stepped = 1e-9 * (now - self._stepped), now
         if was_passive:
             self._state, self.since = self._sliders.again(self._state, position), now
