@@ -48,11 +48,7 @@ class RobotError(HumanoidSimError):
 def known_names(what: str, name: str, known: Iterable[str], *, listed: bool = True) -> str:
     """Give the body of an "unknown name" message: `unknown joint 'elbw' (did you mean 'elbow'?); known: elbow, wrist`.
 
-    Args:
-        what: kind of name.
-        name: the unknown one.
-        known: those that exist.
-        listed: name them all; without, only one that is near.
+    Not `listed`, it names only one that is near.
     """
     names = list(known)
     near = meant(name, names)

@@ -36,7 +36,6 @@ def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = 
     """Return the path of a file that can be opened and read to its end.
 
     Args:
-        path: of the file.
         what: it should be, such as `a motion file (.mcap)`.
         largest: bytes that it may have, of `humanoid_sim.bounds`; None: a reader that takes no more memory for more.
 
@@ -72,7 +71,6 @@ def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwri
     """Return the path of a file to write, looked at before the work whose result it will hold.
 
     Args:
-        path: of the file.
         what: it is, for messages, such as the option that names it.
         suffixes: that its name may have, in lower case; none for any.
         overwrite: replace a file that is there.
@@ -104,12 +102,9 @@ def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwri
 def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> io.FileIO:
     """Open a file to be written over a long time, unbuffered and empty; nobody else here writes it meanwhile.
 
-    Args:
-        path: of the file.
-        overwrite: replace what is in a file that is there.
-
     Raises:
-        InputError: another process writes it, and it is left alone; it is there; or it cannot be written.
+        InputError: another process writes it, and it is left alone; it is there, without `overwrite`; or it cannot be
+            written.
     """
     path = Path(path)
     flags = os.O_WRONLY | os.O_CREAT | _CLOSE_IN_CHILDREN | (0 if overwrite else os.O_EXCL)
@@ -138,9 +133,7 @@ def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> i
 def exclusive_folder(path: Path, what: str) -> Iterator[None]:
     """Make a folder, unless it is there, that nobody else has from here until the block ends.
 
-    Args:
-        path: of the folder.
-        what: it is, for messages, such as the option that names it.
+    `what` it is, such as the option that names it, is for messages.
 
     Raises:
         InputError: it cannot be made or written, or another process has it.

@@ -72,8 +72,6 @@ class Driver:
         """Prepare.
 
         Args:
-            intake: of the session.
-            config: which pad, and what its buttons do.
             speeds: shape (3, 2), what full sticks command; None: the policy takes no velocity.
             is_hardware: the loss of the gamepad damps.
         """

@@ -38,7 +38,6 @@ def gravity_command(
         description: the robot's own gains.
         position: shape (n,), rad.
         gravity: shape (n,), N·m, the torque that holds `position`, within the effort limits.
-        form: which of the two.
     """
     zeros = np.zeros_like(position)
     if form == "effort":

@@ -58,7 +58,6 @@ class Teller:
     """
 
     def __init__(self, intake: Intake, keyboard: Keyboard) -> None:
-        """Tell nothing yet."""
         self._intake, self._keyboard = intake, keyboard
         self._was_known = True
 

@@ -99,14 +99,9 @@ def measured_cost(
     actuation: Actuation,
     timestep: float | None,
 ) -> str:
-    """One line for whoever chooses an approximate plant: its error over the first seconds of this motion.
+    """Say in a line, for whoever chooses an approximate plant, its error over the first seconds of this motion.
 
-    Args:
-        checkpoint: the policy.
-        description: of the robot.
-        motion: that the policy follows, if it follows one.
-        actuation: the plant.
-        timestep: s; None for the plant's own.
+    The physics step is in s; None for the plant's own.
     """
     try:
         scenario = make_scenario(checkpoint, description, motion)

@@ -64,9 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def replay(config: ReplayConfig, build: StackBuilder | None = None) -> int:
     """Repeat the recording and print what came of it; returns the exit status.
 
-    Args:
-        config: what to do.
-        build: makes the control stack of the recording's header; the real one by default.
+    `build` makes the control stack of the recording's header; the real one by default.
 
     Raises:
         InputError: if the recording, or the policy, cannot be used.

@@ -65,7 +65,6 @@ def status_text(record: TickRecord | None, late: str, clock: str) -> str:
     """Return what the viewer's text says of the present, as Markdown.
 
     Args:
-        record: the newest tick; None while there is none.
         late: what `behind` says of it.
         clock: the time of day, by which a picture that stands still gives itself away.
     """

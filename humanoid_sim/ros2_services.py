@@ -140,7 +140,6 @@ def loopback_environment(middleware: str, profiles: Path) -> Mapping[str, str | 
     """Get the environment variables with which a middleware stays on this machine; None for those that must not be set.
 
     Args:
-        middleware: its identifier, as `RMW_IMPLEMENTATION` has it.
         profiles: a file that is written here where the middleware reads one.
 
     Raises:
@@ -179,11 +178,7 @@ def _namespace_of(session: SessionInfo) -> str:
 
 
 def find_robot(process: int | None, namespace: str = "") -> SessionInfo:
-    """Return the session that is served.
-
-    Args:
-        process: its id; None: the only one that runs, of those under the namespace.
-        namespace: that it was started with; empty: any.
+    """Return the session that is served: of a process, or the only one that runs, under the namespace if one is given.
 
     Raises:
         SessionError: there is none, or several.
@@ -200,7 +195,6 @@ def answer(word: str, process: int | None, seen: int | None = None, namespace: s
     """Return what a session makes of an intent: whether it is granted, and the text that says so, or why not.
 
     Args:
-        word: the intent.
         process: id of the session; None for the only one that runs, and all of them for `damp`.
         seen: ns, since when it may have been asked for; None: now.
         namespace: of the sessions that count if there is no process id; empty: all.
@@ -315,10 +309,7 @@ def serve(
     """Run a node on this machine until a signal, or the end of the session that was asked for; returns the exit status.
 
     Args:
-        config: of `options_of`.
-        name: of the node.
         advertise: gives a node what it serves, and returns a line that says what, and what to do at each turn.
-        threads: of its executor.
     """
     try:
         if config.session is not None:

@@ -189,7 +189,6 @@ def schema_problem(error: msgspec.ValidationError, document: Any, struct: type[A
     """Return what msgspec has found wrong with a document, such as `joints[3].upper: is 'x', expected a number`.
 
     Args:
-        error: of `msgspec.convert`.
         document: that was to be converted.
         struct: to which, a struct or a dataclass.
         hidden: a field of it that no file has.

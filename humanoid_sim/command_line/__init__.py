@@ -57,7 +57,6 @@ def parse(
     Args:
         specification: a frozen dataclass, or subcommands.
         program: the verb; of a script, its path; outside the package, its module (`tools.bench`).
-        arguments: words; None for those that Python was started with.
         positional: required options are given by their place, not by name.
 
     Raises:

@@ -143,8 +143,6 @@ def describe(
     A dataclass may have `EXAMPLES`, pairs of words and what they do, and `GROUPS`, the names of fields by heading.
 
     Args:
-        specification: of its options.
-        words: that call it.
         positional: required options are given by their place.
         brief: only the first paragraph and group, which most people need.
     """

@@ -182,7 +182,6 @@ def attached(session: int | None, producer: str, *, niceness: int = 5) -> Iterat
     """Attach to a running session.
 
     Args:
-        session: process id; None for the only one that runs.
         producer: the front end's name, for operators to read.
         niceness: by how much the control loop's other threads and processes go before this one.
 
@@ -206,9 +205,7 @@ def ready(serves: str) -> None:
 def behind(age: float, control_period: float) -> str:
     """Return what a viewer must say of a tick that is not the present; empty for one that is.
 
-    Args:
-        age: s since the session wrote the tick.
-        control_period: s between two ticks.
+    `age` is in s since the session wrote the tick, `control_period` in s between two ticks.
     """
     is_late = age > max(_LATE, _LATE_TICKS * control_period)
     return f"BEHIND: this was {age:.1f} s ago" if is_late else ""

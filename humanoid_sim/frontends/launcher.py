@@ -73,12 +73,9 @@ class FrontEnds(Sink):
         """Start nothing yet.
 
         Args:
-            wanted: what `start` starts.
             feed: gets the status twice a second.
             show: shows operators a line that a child printed. It is not recorded: addresses may hold secrets.
-            note: records a line.
             status: what to tell in the feed beside ticks; JSON.
-            is_ending: whether the session need not begin any more.
             begin: gives the header of a run that begins now; called when the children have been waited for.
         """
         self._wanted = tuple(wanted)

@@ -78,11 +78,7 @@ class Proof:
 
 
 def parse_options(text: str, config: PlayConfig) -> PlayConfig:
-    """Read a request, which names files by absolute paths, into the session's options.
-
-    Args:
-        text: of the request, a JSON object of texts.
-    """
+    """Read a request, a JSON object of texts that names files by absolute paths, into the session's options."""
     try:
         options = parse_json(text)
     except ValueError as error:
@@ -112,10 +108,6 @@ class Prover:
 
     def prove(self, config: PlayConfig, header: SessionHeader) -> Proof:
         """Check a policy, run it for the first time, and compute its golden vectors again.
-
-        Args:
-            config: options of the session, with the policy's.
-            header: of the run so far.
 
         Raises:
             InputError: the session cannot take it, and why.
@@ -261,9 +253,6 @@ class PolicyLoader:
 
     def prepare(self, options: str) -> PreparedPolicy:
         """Check, prove and build a policy.
-
-        Args:
-            options: as `parse_options` takes them.
 
         Raises:
             InputError: the session cannot take it, and why.

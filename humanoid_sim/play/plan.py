@@ -54,12 +54,7 @@ class Plan:
     """A run that can be made."""
 
     def __init__(self, config: PlayConfig, left: ExitStack) -> None:
-        """Choose and check.
-
-        Args:
-            config: the options.
-            left: lets go of emulated motors, which run from here on if the options ask for them.
-        """
+        """Choose and check. `left` lets go of emulated motors, which run from here on if the options ask for them."""
         injections = parse_injections(config.inject)
         steps = None if config.script is None else parse_script(config.script)
         refuse_conflicts(config, injections)

@@ -185,9 +185,7 @@ class DataSocket(ExternSource, Sink):
 
         Args:
             path: where it will be, in a folder that only its user can enter.
-            inbox: gets the remote commands that count.
             stale_timeout: s after which a remote command is stale, and its producer's turn over.
-            clock: the robot's clock, s, as of the latest reading.
             velocity: gets velocity commands; None: nothing observes one.
             live: name and width of the live inputs that are observed.
             timeouts: of those that state one, s, also infinite; a producer may only shorten it.

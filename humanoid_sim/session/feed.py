@@ -93,7 +93,6 @@ class FeedWriter(Sink):
         """Make the memory, with what interprets the run.
 
         Args:
-            header: of the run, as recorded.
             blobs: files by name, beside the header's attachments.
             live_inputs: name and width of those that the session takes from outside.
             shadow_width: how many values a shadow policy observes and answers; 0 for none.

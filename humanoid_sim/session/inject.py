@@ -65,12 +65,7 @@ class Injector:
     """Applies injections to what the control loop reads. Without any it changes nothing."""
 
     def __init__(self, injections: Sequence[Injection], clock: Callable[[], float]) -> None:
-        """Prepare.
-
-        Args:
-            injections: the faults to apply.
-            clock: the robot's clock, s.
-        """
+        """Take the faults to apply; `clock` is the robot's, s."""
         self._start = dict.fromkeys(get_args(FaultKind), math.inf)
         for injection in injections:
             self._start[injection.kind] = min(self._start[injection.kind], injection.time)

@@ -129,9 +129,7 @@ class IntentSocket(IntentSource, Sink):
 
         Args:
             path: where it will be, in a folder that only its user can enter.
-            reactivation: what `reactivate` asks for.
             tell: records a line: who asked for what, marks, and safety statuses.
-            safety: takes the statuses of other programs.
             loading: what `load` asks for; None where no policy can be loaded.
             simulation: what only a simulation can be asked for; None for motors.
 

@@ -57,7 +57,6 @@ class KeyReader:
     """
 
     def __init__(self) -> None:
-        """Start with no sequence under way."""
         self._unfinished = ""
 
     def keys(self, text: str) -> list[str]:
@@ -124,8 +123,6 @@ class Keyboard(IntentSource):
         """Take over the terminal.
 
         Args:
-            velocity: the command that the velocity keys change, if the robot walks.
-            reactivation: what the key for it asks for.
             tell: shows the operator a line; called on the reading thread. Must not wait.
             record: records a line, and shows it; called on the loop's thread.
             is_paused: whether the robot's time stands still; then no key but DAMP, QUIT and a stop moves it later.

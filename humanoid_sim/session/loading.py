@@ -47,9 +47,8 @@ class Loading(Sink):
     def __init__(self, prepare: Callable[[str], PreparedPolicy], cancel: Callable[[], None] = lambda: None) -> None:
         """Start with nothing requested.
 
-        Args:
-            prepare: takes the request's options, JSON; may take long. Raises `InputError` to refuse it.
-            cancel: makes a `prepare` that is under way raise.
+        `prepare` takes the request's options, JSON; it may take long, and raises `InputError` to refuse it. `cancel`
+        makes one that is under way raise.
         """
         self._prepare, self._cancel = prepare, cancel
         self._options: str | None = None
@@ -66,12 +65,7 @@ class Loading(Sink):
         self._thread.start()
 
     def request(self, options: str, mode: Mode) -> str:
-        """Ask for a policy; gives the reason for a refusal, or '' if it is being prepared.
-
-        Args:
-            options: texts of the request, JSON.
-            mode: the session's.
-        """
+        """Ask for a policy, with options as JSON; gives the reason for a refusal, or '' if it is being prepared."""
         if refusal := load_refusal(mode):
             return refusal
         with self._lock:

@@ -39,7 +39,6 @@ class DeviceWatch(IntentSource):
         Only while the loop runs can a device be lost: one that stood still damps for that reason (`Interruption`).
 
         Args:
-            name: of the producer of the heartbeats.
             heartbeats: arrival of the latest one of each producer, s, robot's clock.
             tell: records a line: that the device is lost, or there again.
             timeout: s
@@ -83,7 +82,6 @@ class Interruption(IntentSource):
         """Begin at the first tick.
 
         Args:
-            period: s, of the control loop.
             longest: s between two signs of life of the loop; beyond that it stood still.
             clock: s; goes on while the process is stopped.
         """

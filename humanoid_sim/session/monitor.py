@@ -42,7 +42,6 @@ class RunMonitor(WorkerSink):
         """Start empty.
 
         Args:
-            joints: gets the state of every tick.
             tracker: gets the states of every policy step.
             base: sees the floating base of a simulated robot, which is free in LOCOMOTION and REMOTE; None for none.
             tell: is told of a fall when it happens, on this sink's thread.

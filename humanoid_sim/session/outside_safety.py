@@ -68,12 +68,7 @@ class OutsideSafety:
     def __init__(
         self, watchdogs: Mapping[str, float] | None = None, *, clock: Callable[[], int] = monotonic_ns
     ) -> None:
-        """Prepare.
-
-        Args:
-            watchdogs: timeout of each source that must report, s.
-            clock: ns of CLOCK_MONOTONIC.
-        """
+        """Take the timeout of each source that must report, s; `clock` gives ns of CLOCK_MONOTONIC."""
         self._clock = clock
         self._statuses: dict[str, SafetyStatus] = {}
         self._watched = {name: _Watched(timeout, 0) for name, timeout in (watchdogs or {}).items()}

@@ -36,9 +36,8 @@ class Reactivation:
     def __init__(self, warnings: Callable[[], Sequence[str]] = tuple) -> None:
         """Start with nothing requested.
 
-        Args:
-            warnings: what an operator should know about the robot once it is active, one line each: a joint whose
-                encoder slipped is read wrongly from here on, and no flag says so.
+        `warnings` are what an operator should know about the robot once it is active, one line each: a joint whose
+        encoder slipped is read wrongly from here on, and no flag says so.
         """
         self._warnings = warnings
         self._asked = threading.Event()

@@ -72,12 +72,6 @@ class Script:
     """
 
     def __init__(self, steps: Sequence[ScriptStep], motion_frames: int = 0) -> None:
-        """Prepare a script.
-
-        Args:
-            steps: from `parse_script`.
-            motion_frames: length of the policy's motion in policy steps; 0 for none.
-        """
         self._steps = list(steps)
         self.motion_frames = motion_frames
         """Frames of the present policy's motion."""
@@ -169,12 +163,9 @@ class OverriddenScript:
     def __init__(
         self, script: Planned, operators: Sequence[IntentSource], is_paused: Callable[[], bool] = lambda: False
     ) -> None:
-        """Prepare.
+        """Play the script until an operator acts, each of whom is asked every tick.
 
-        Args:
-            script: plays until an operator acts.
-            operators: a keyboard, a socket; each is asked every tick.
-            is_paused: whether the robot's time stands still, and with it the script.
+        `is_paused` says that the robot's time stands still, and with it the script.
         """
         self._script = script
         self._operators, self._is_paused = tuple(operators), is_paused

@@ -104,20 +104,12 @@ class Session:
         """Put the parts together; nothing moves before `run`.
 
         Args:
-            robot: what is driven.
-            supervisor: what decides.
-            settings: how the loop keeps time.
-            header: what the sinks are told about the run.
-            intents: asked for intents every tick, in order.
-            remote: the latest remote command.
             externs: live inputs beside those of the robot.
             live: likewise, made of each tick's state.
-            sinks: take the ticks.
             safety_filter: adds to what the robot reports.
             qpos: MuJoCo's generalised position, for viewers.
             mode_listener: told of each new mode before its first command is written; what it answers, if anything, is
                 recorded as an event.
-            reactivation: an operator's wish to begin afresh.
             loading: prepares policies that are loaded while the session runs.
             interruption: notices that the loop stood still; one of the sources of `intents` too.
             simulation: what operators may ask of a simulation alone; None for motors.
@@ -328,10 +320,9 @@ class Session:
         return tuple(intent for source in self._intents for intent in source.poll(time, output))
 
     def tick(self, intents: tuple[Intent, ...] | None = None) -> None:
-        """One turn of the loop; `run` calls it, and so does whoever wants to drive ticks by hand.
+        """Take one turn of the loop; `run` calls it, and so does whoever wants to drive ticks by hand.
 
-        Args:
-            intents: of this tick; None: those of the sources.
+        `intents` are those of this tick; None: those of the sources.
         """
         start = self._pace.begin()
         before, memory = self.mode, self._memory

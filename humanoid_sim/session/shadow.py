@@ -50,7 +50,6 @@ class ShadowSink(WorkerSink):
 
         Args:
             controller: of the policy. It is the sink's alone.
-            source: what to call the policy.
             effort_limit: shape (n,), N·m, of the joints.
             realtime: whether the run keeps real time, and so does not wait for a policy that is slow.
             publish: takes each step, on this sink's thread.

@@ -55,12 +55,7 @@ class SinkGroup:
     """Hands ticks and events to every sink that still works: a broken viewer must not stop a robot in mid-motion."""
 
     def __init__(self, sinks: Sequence[Sink], clock: Callable[[], float]) -> None:
-        """Prepare.
-
-        Args:
-            sinks: in the order in which they are handed each tick.
-            clock: s, the robot's clock, for the event that says that a sink is left out.
-        """
+        """Hand out in this order; `clock`, the robot's in s, is for the event that says that a sink is left out."""
         self._sinks = tuple(sinks)
         self._clock = clock
         self.failures: list[str] = []
@@ -122,12 +117,7 @@ class WorkerSink:
     """
 
     def __init__(self, name: str, period: float = 0.05) -> None:
-        """Prepare a sink.
-
-        Args:
-            name: of the thread.
-            period: s between two looks at the queue.
-        """
+        """Name the thread, which looks at the queue every `period` s."""
         self.error: BaseException | None = None
         self.lost = 0
         """Ticks and events left out because the worker could not keep up."""

@@ -22,11 +22,9 @@ class IntentSource(Protocol):
     """An operator, a script, a gamepad."""
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """Intents since the last call.
+        """Return the intents since the last call.
 
-        Args:
-            time: s, robot's clock.
-            output: of the previous tick; None in the first.
+        `time` is in s on the robot's clock; `output` of the previous tick, None in the first.
         """
 
     @property
@@ -77,8 +75,7 @@ class Freshness:
     def problem(self, seen: int) -> str:
         """Return why what was asked for does not count; empty if it does.
 
-        Args:
-            seen: ns, when what its sender had seen was so.
+        `seen`, ns, is when what its sender had seen was so.
         """
         age = 1e-9 * (self._clock() - seen)
         if age < 0.0:
@@ -103,9 +100,7 @@ class IntentQueue(IntentSource):
     def put(self, intent: Intent, seen: int | None = None) -> None:
         """Queue an intent; may be called from any thread.
 
-        Args:
-            intent: what is asked for.
-            seen: ns of CLOCK_MONOTONIC: see `Freshness`; None for what never grows old.
+        `seen`, ns of CLOCK_MONOTONIC, is as of `Freshness`; None for what never grows old.
         """
         self._pending.append((intent, seen))
 
@@ -129,13 +124,7 @@ class RemoteInbox:
     def __init__(
         self, joints: tuple[str, ...], clock: Callable[[], float], latest: RemoteCommand | None = None
     ) -> None:
-        """Prepare an inbox.
-
-        Args:
-            joints: the robot's joints; a command must name them in this order.
-            clock: the robot's clock, s.
-            latest: a command that was accepted before.
-        """
+        """Take commands that name the robot's joints in this order; `clock` is the robot's, s."""
         self._joints = joints
         self._clock = clock
         self._latest = latest
@@ -143,12 +132,7 @@ class RemoteInbox:
         self.rejected = 0
 
     def put(self, joint_names: Sequence[str], command: MITCommand, arrival_time: float | None = None) -> None:
-        """Accept a command.
-
-        Args:
-            joint_names: the robot's, in its order.
-            command: shape (n,).
-            arrival_time: s, robot's clock; None: now.
+        """Accept a command of shape (n,), which arrived at a time in s on the robot's clock; None: now.
 
         Raises:
             FieldError: if the joint names or their order differ, or the command is not one finite value per joint and
@@ -178,10 +162,7 @@ _LONGEST_NAMES = 400
 def remote_problem(joint_names: Sequence[str], command: MITCommand, joints: tuple[str, ...]) -> str:
     """Return what keeps a command from outside from being accepted; else ''.
 
-    Args:
-        joint_names: as it came with.
-        command: shape (n,).
-        joints: the robot's, in its order.
+    `joint_names` came with the command, whose shape is (n,); `joints` are the robot's, in its order.
     """
     if tuple(joint_names) != joints:
         given = ", ".join(joint_names)[: _LONGEST_NAMES + 1] or "missing"
@@ -221,11 +202,7 @@ def velocity_key_help() -> str:
 
 
 def parse_velocity(text: str, ranges: FloatArray | None) -> FloatArray:
-    """Read `vx,vy,wz`.
-
-    Args:
-        text: three numbers, m/s, m/s and rad/s.
-        ranges: shape (3, 2), what the policy knows; None: anything.
+    """Read `vx,vy,wz`, m/s, m/s and rad/s; `ranges`, shape (3, 2), are what the policy knows, None: anything.
 
     Raises:
         InputError: if there are not three finite numbers, or one is outside of its range.
@@ -329,7 +306,6 @@ class VelocityCommand:
         """Take the command of a producer, if the velocity is its own, or becomes so now; who owns it.
 
         Args:
-            owner: the producer.
             value: shape (3,), finite.
             arrival_time: s, robot's clock.
             timeout: s after which the command is zero.

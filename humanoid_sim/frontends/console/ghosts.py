@@ -31,9 +31,6 @@ class Ghosts:
         """Draw nothing yet.
 
         Args:
-            server: viser's.
-            model: of the robot.
-            addresses: of its joints.
             reference: the motion that the policy follows; None if it follows none that can be shown.
         """
         self._server, self._model, self._addresses, self._reference = server, model, addresses, reference
@@ -76,7 +73,6 @@ class Ghosts:
         """Draw the figures that are switched on.
 
         Args:
-            record: the tick to show.
             qpos: shape (nq,), the robot's own pose.
             offset: shape (3,), m, by which the view shows everything shifted.
         """

@@ -86,13 +86,7 @@ class Plots:
         channels: Sequence[str] = (),
         base: BaseObserver | None = None,
     ) -> None:
-        """Find out what there is.
-
-        Args:
-            header: of the session.
-            description: of the robot.
-            channels: the CAN buses; none in simulation.
-            base: sees a floating base; None for a fixed one.
+        """Find out what there is; `channels` are the CAN buses, none in simulation.
 
         Raises:
             InputError: the header is damaged.

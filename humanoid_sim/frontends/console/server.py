@@ -144,9 +144,7 @@ async def serving(host: str, port: int, viser_socket: Path, page: PageHandler) -
     """Serve until the end of the block; gives the `Gate`, whose addresses are to be printed.
 
     Args:
-        host: as `checked_host` gives it.
         port: 0 for one that is free.
-        viser_socket: where viser is.
         page: looks after the socket of one page.
 
     Raises:

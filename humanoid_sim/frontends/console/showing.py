@@ -135,13 +135,9 @@ class Showing:
 def motor_table(
     description: RobotDescription, robot: Mapping[str, Any] | None, loads: Mapping[str, float], record: TickRecord
 ) -> dict[str, Any] | None:
-    """Motors and buses, as JSON; None in simulation.
+    """Return motors and buses, as JSON; None in simulation.
 
-    Args:
-        description: of the robot.
-        robot: what the feed's status tells of it.
-        loads: of the buses, 0 to 1.
-        record: the newest tick.
+    `robot` is what the feed's status tells of it; loads of the buses are 0 to 1.
     """
     if robot is None:
         return None

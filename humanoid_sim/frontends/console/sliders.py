@@ -132,11 +132,9 @@ class Sliders:
         self._held_rates[_STIFFNESS:] = np.where(largest > 0.0, largest / _RAMP, self._rates[_STIFFNESS:])
 
     def bounds(self, joint: int, position: float) -> Bounds:
-        """Return what its sliders may ask for.
+        """Return what a joint's sliders may ask for.
 
-        Args:
-            joint: index.
-            position: rad, where it is: a joint without limits may go half a turn from there.
+        One without limits may go half a turn from `position`, rad, where it is.
         """
         described = self._robot.joints[joint]
         lower = described.lower if math.isfinite(described.lower) else position - _HALF_TURN
@@ -200,7 +198,6 @@ class Sliders:
         """Move towards the goals.
 
         Args:
-            state: of the step before.
             position: shape (n,), rad, measured, finite.
             velocity: shape (n,), rad/s, measured; what is not finite counts as 0.
             elapsed: s since the step before.

@@ -42,14 +42,7 @@ class Steering:
         """ns"""
 
     def press(self, page: int, key: str, present: FloatArray, mode: Mode, now: int) -> None:
-        """Take a velocity key: a step from the present command, or a stop.
-
-        Args:
-            page: that it was pressed in.
-            key: of `VELOCITY_KEYS`.
-            present: shape (3,), the command that counts, whoever's it is.
-            mode: the session's.
-            now: ns.
+        """Take a velocity key: a step from `present`, shape (3,), the command that counts, whoever's it is; or a stop.
 
         Raises:
             FieldError: no such key, or the robot does not walk; a stop is always taken.
@@ -90,10 +83,7 @@ class Steering:
     def problem(self, mode: Mode, owner: str | None, now: int) -> str:
         """Return why its page steers no longer; empty if it still does.
 
-        Args:
-            mode: the session's.
-            owner: whom else the velocity belongs to; None for nobody else.
-            now: ns.
+        `owner` is whom else the velocity belongs to, None for nobody else; `now` in ns.
         """
         if 1e-9 * (now - self._heard) > VELOCITY_TIMEOUT:
             return f"page {self.page} was not heard for {VELOCITY_TIMEOUT:g} s"

@@ -49,10 +49,7 @@ class SliderTurn:
         """Begin a turn, or choose another joint in one's own.
 
         Args:
-            page: that asks.
-            name: of the joint.
             position: shape (n,), rad, measured, finite.
-            now: ns.
 
         Raises:
             FieldError: no such joint, or another page has the turn.
@@ -84,10 +81,8 @@ class SliderTurn:
         """Note that the page was heard.
 
         Args:
-            page: that was.
             number: what `told` told it with the goals that its sliders began from; older goals do not count.
             goals: where its sliders stand; None: unchanged.
-            now: ns.
             seen: ns, when what it shows left the console.
 
         Raises:
@@ -123,7 +118,6 @@ class SliderTurn:
         Args:
             position: shape (n,), rad, measured, finite.
             velocity: shape (n,), rad/s, measured.
-            now: ns.
             was_passive: commands were missing, so that the joints were damped meanwhile.
         """
         assert self._state is not None

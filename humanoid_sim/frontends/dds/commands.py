@@ -61,9 +61,7 @@ class ArrivalClock:
     def stamp(self, writer: int, source: int) -> int:
         """Return when a sample that this look has found arrived, the latest that is certain.
 
-        Args:
-            writer: who wrote it.
-            source: ns, when, by the writer's own clock.
+        `source` is when it was written, ns by its writer's own clock.
         """
         first = self._looks.stamp
         if self._looks.is_settling:
@@ -78,10 +76,6 @@ class ArrivalClock:
 
 def read_command(message: bytes, joints: tuple[str, ...]) -> MITCommand:
     """Return the command in a message, shape (n,), one value per joint in each field.
-
-    Args:
-        message: a `humanoid_control_msgs/msg/MITCommand`, as it came.
-        joints: the robot's, in its order.
 
     Raises:
         FieldError: it is none, or not one for this robot; one line.
@@ -107,14 +101,9 @@ class CommandReader:
         commands: Reader,
         statuses: Sequence[Reader] = (),
     ) -> None:
-        """Start nothing yet.
+        """Prepare to read `/remote_policy_controller/command`, and the `statuses` by which other programs may damp.
 
-        Args:
-            session: that is told.
-            joints: the robot's.
-            participant: joins the domain.
-            commands: of `/remote_policy_controller/command`.
-            statuses: of `/safety_status`, where other programs may damp: latched, and of any quality of service.
+        Those are latched, and of any quality of service.
         """
         self._session, self._joints = session, joints
         self._participant, self._commands, self._statuses = participant, commands, statuses

@@ -39,13 +39,7 @@ class LiveForwarder:
     """Hands values on as they arrive. For one thread."""
 
     def __init__(self, participant: Participant, intake: Intake, refuse: Callable[[str, str], None]) -> None:
-        """Subscribe to nothing yet.
-
-        Args:
-            participant: joins the domain.
-            intake: of the session.
-            refuse: counts a message that is not accepted, by its topic and the reason.
-        """
+        """Subscribe to nothing yet; `refuse` counts a message that is not accepted, by its topic and the reason."""
         self._participant, self._intake, self._refuse = participant, intake, refuse
         self._readers: dict[str, tuple[Wanted, Sequence[Reader]]] = {}
 

@@ -33,12 +33,7 @@ class StatusForwarder:
     """Hands statuses on: a fault at once, everything else at most twenty times a second."""
 
     def __init__(self, intake: Intake, refuse: Callable[[str], None]) -> None:
-        """Prepare.
-
-        Args:
-            intake: of the session.
-            refuse: counts a message that is not a status.
-        """
+        """Know of no source yet; `refuse` counts a message that is not a status."""
         self._intake, self._refuse = intake, refuse
         self._sources: OrderedDict[str, _Source] = OrderedDict()
 

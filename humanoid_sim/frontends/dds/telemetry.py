@@ -79,9 +79,6 @@ class Telemetry:
         """Announce the topics.
 
         Args:
-            attachment: the session.
-            participant: joins the domain.
-            topics: those that are published, and what they are.
             live: whether live inputs that the session makes itself, such as a simulated piano's keys, are published as
                 well, each on its topic as of its first value. Those that it takes from outside are not: the bridge
                 subscribes to their topics.

@@ -45,7 +45,6 @@ def chosen_layout(file: Path | None, given: PadLayout, option: str) -> PadLayout
 
     Args:
         file: YAML with `joy:` and `sticks:`, or a ROS 2 parameter file of `mode_manager`; None for none.
-        given: by options.
         option: that names the file, for the message.
 
     Raises:

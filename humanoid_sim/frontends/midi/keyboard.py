@@ -102,7 +102,6 @@ class Keyboard:
         """Begin with no key down.
 
         Args:
-            source: the keyboard.
             again: finds it when it comes back; None while it has not. May raise `InputError`.
             transpose: semitones that are added to every note.
             clock: s

@@ -128,7 +128,6 @@ class Reader:
         """Announce that the topic is wanted.
 
         Args:
-            topic: its ROS 2 name.
             depth: messages that are kept between two calls of `take`; None: `kind.depth`.
             any_writer: match writers of whatever quality of service; else those that offer `kind`'s.
         """
