@@ -73,8 +73,10 @@ class Imu:
     def of(cls, message: Mapping[str, Any]) -> Imu:
         """Read a decoded `sensor_msgs/msg/Imu`."""
         vectors = (("orientation", "wxyz"), ("angular_velocity", "xyz"), ("linear_acceleration", "xyz"))
-        arrays = (frozen_array("Imu", name, [message[name][axis] for axis in axes]) for name, axes in vectors)
-        return cls(*arrays, time_ns=stamp_ns(message))
+        turn, gyro, acceleration = (
+            frozen_array("Imu", name, [message[name][axis] for axis in axes]) for name, axes in vectors
+        )
+        return cls(turn, gyro, acceleration, stamp_ns(message))
 
 
 def stamp_ns(message: Mapping[str, Any]) -> int:

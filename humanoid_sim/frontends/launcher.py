@@ -15,7 +15,7 @@ from time import monotonic
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted
-from humanoid_sim.messages import SessionHeader, TickRecord
+from humanoid_sim.messages import SessionHeader
 from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.sinks import Sink
 
@@ -135,9 +135,6 @@ class FrontEnds(Sink):
                 silent = ", ".join(child.name for child in self._children if not child.is_ready)
                 self._note(f"not ready after {_READY:g} s: {silent}")
                 return
-
-    def tick(self, record: TickRecord) -> None:
-        """Nothing: children read the feed."""
 
     def close(self) -> None:
         """End them: with SIGTERM, and after a while with SIGKILL."""

@@ -220,7 +220,7 @@ class Run:
         """Those of a run that was reset are several; the last one records."""
         self.monitor = RunMonitor(
             JointUse(description.joint_names, description.effort_limit, description.lower, description.upper),
-            judged,
+            judged.update,
             base=setup.base,
             tell=self._tell,
         )
@@ -252,7 +252,7 @@ class Run:
     def follow(self, policy: PolicyChoice, config: PlayConfig, judged: JudgedPolicy) -> None:
         """Have what watches the run watch another policy; between two ticks, on the control thread."""
         self.policy, self.config, self.judged = policy, config, judged
-        self.monitor.follow(judged)
+        self.monitor.follow(judged.update)
         self.console.follow(
             replace(
                 self.console.told,

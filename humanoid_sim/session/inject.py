@@ -30,7 +30,6 @@ class Injection:
     """s on the robot's clock."""
 
     def __str__(self) -> str:
-        """As it was asked for."""
         return f"{self.kind}@{self.time:g}"
 
 

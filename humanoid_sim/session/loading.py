@@ -9,10 +9,10 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from humanoid_sim.client import Answer
 from humanoid_sim.controllers.base import Controller
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Mode, SessionHeader, TickRecord
-from humanoid_sim.session.reactivation import Answer
+from humanoid_sim.messages import Mode, SessionHeader
 from humanoid_sim.session.sinks import Sink
 
 LOADABLE = (Mode.ZERO_TORQUE, Mode.DAMPING, Mode.STANDBY)
@@ -42,7 +42,10 @@ class PreparedPolicy:
 
 
 class Loading(Sink):
-    """Prepares one policy at a time while the loop goes on, and hands it to the session. Replaces nothing itself."""
+    """Prepares one policy at a time while the loop goes on, and hands it to the session. Replaces nothing itself.
+
+    It is a sink for its thread to live as long as the session.
+    """
 
     def __init__(self, prepare: Callable[[str], PreparedPolicy], cancel: Callable[[], None] = lambda: None) -> None:
         """Start with nothing requested.
@@ -74,9 +77,6 @@ class Loading(Sink):
             self._options, self.answer = options, None
         self._wake.set()
         return ""
-
-    def tick(self, record: TickRecord) -> None:
-        """Nothing: it is a sink for its thread to live as long as the session."""
 
     @property
     def is_ready(self) -> bool:

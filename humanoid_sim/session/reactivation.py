@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
+from humanoid_sim.client import Answer
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Mode
 from humanoid_sim.robots.robot import Robot
@@ -18,16 +18,6 @@ HOW_TO_REACTIVATE = "press e (or: mode reactivate)"
 
 REACTIVABLE = (Mode.ZERO_TORQUE, Mode.DAMPING)
 """Modes in which it is granted."""
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """Outcome of an operator's request."""
-
-    granted: bool
-    """True if it was neither refused nor failed."""
-    text: str
-    """One line."""
 
 
 class Reactivation:

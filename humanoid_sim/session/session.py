@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter, sleep
-from typing import Protocol
+from typing import TypeAlias
 
 from humanoid_sim.controllers.base import RL_POLICY, Controller
 from humanoid_sim.controllers.live_inputs import LiveInputs
@@ -66,15 +66,8 @@ class SessionResult:
     from then on, each with its exception."""
 
 
-class SafetyFilter(Protocol):
-    """Adds to what the robot reports."""
-
-    def __call__(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
-        """Return the statuses that the supervisor sees."""
-
-
-def _unfiltered(statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
-    return statuses
+SafetyFilter: TypeAlias = Callable[[tuple[SafetyStatus, ...]], tuple[SafetyStatus, ...]]
+"""From the statuses that the robot reports to those that the supervisor sees."""
 
 
 class Session:
@@ -92,7 +85,7 @@ class Session:
         externs: Sequence[ExternSource] = (),
         live: LiveInputs | None = None,
         sinks: Sequence[Sink] = (),
-        safety_filter: SafetyFilter = _unfiltered,
+        safety_filter: SafetyFilter = lambda statuses: statuses,
         qpos: Callable[[], FloatArray] | None = None,
         mode_listener: Callable[[Mode], str] | None = None,
         reactivation: Reactivation | None = None,
@@ -170,7 +163,7 @@ class Session:
 
     @property
     def is_ending(self) -> bool:
-        """Return whether something has asked for the end."""
+        """True if something has asked for the end."""
         return bool(self._stop_reason)
 
     def event(self, text: str, kind: EventKind = EventKind.NOTE) -> None:

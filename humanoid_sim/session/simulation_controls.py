@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from humanoid_sim.client import LOAD
+from humanoid_sim.client import LOAD, Answer
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent
-from humanoid_sim.session.reactivation import REACTIVATE, Answer
+from humanoid_sim.session.reactivation import REACTIVATE
 from humanoid_sim.session.sinks import SinkGroup
 
 PAUSE, RESUME, SPEED, PUSH, RESET = SIMULATION_WORDS = ("pause", "resume", "speed", "push", "reset")

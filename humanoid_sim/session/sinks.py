@@ -31,6 +31,7 @@ class Sink(Protocol):
 
     def tick(self, record: TickRecord) -> None:
         """Take in a tick, on the control thread."""
+        return
 
     def event(self, event: Event) -> None:
         """Something happened outside the ticks."""
@@ -109,7 +110,7 @@ class SinkGroup:
         self.event(f"left out from here on: {failure}", EventKind.FAILURE)
 
 
-class WorkerSink:
+class WorkerSink(Sink):
     """Base of sinks: the control thread appends to a queue, a worker thread deals with it in order.
 
     Subclasses override `handle_*`. If one raises, the sink stops working and keeps the exception in `error`; the loop
@@ -146,11 +147,6 @@ class WorkerSink:
         busy_since = self._busy_since
         is_stuck = busy_since is not None and monotonic() - busy_since > _STUCK_AFTER
         return 0 if is_stuck else len(self._queue)
-
-    @property
-    def backlog_limit(self) -> int:
-        """See `Sink`."""
-        return BACKLOG_LIMIT
 
     @property
     def is_alive(self) -> bool:

@@ -1,9 +1,10 @@
 from fakes import FakeRobot, FakeSink, FakeSource, session
 
+from humanoid_sim.client import Answer
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session.keyboard import REACTIVATE_KEY
-from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, REACTIVATE, Answer, Reactivation
+from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, REACTIVATE, Reactivation
 from humanoid_sim.session.script import OverriddenScript, Script, parse_script
 from humanoid_sim.session.sources import IntentQueue
 
