@@ -15,7 +15,7 @@ from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, ready
 from humanoid_sim.frontends.dds.commands import DEPTH, CommandReader
 from humanoid_sim.frontends.dds.live import wanted_inputs
-from humanoid_sim.frontends.dds.telemetry import Telemetry, local_topics, network_topics
+from humanoid_sim.frontends.dds.telemetry import Telemetry, served_topics
 from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant, is_wireless
 from humanoid_sim.ros2.dds.endpoints import Reader
 from humanoid_sim.ros2.topics import COMMAND_TOPIC, SAFETY_TOPIC, TOPICS
@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # On the machine itself nothing goes before commands for REMOTE; a network may be flooded by anybody.
         attachment = stack.enter_context(attached(config.session, "dds", niceness=0 if is_local else 5))
         participant = stack.enter_context(Participant(interface=config.interface, namespace=config.namespace))
-        topics = local_topics(attachment) if is_local else network_topics(attachment)
+        topics = served_topics(attachment, is_local=is_local)
         refusals = _Refusals(attachment)
         telemetry = Telemetry(attachment, participant, topics, live=is_local, news=refusals.news)
         commands = Reader(participant, COMMAND_TOPIC, TOPICS[COMMAND_TOPIC], depth=DEPTH)

@@ -137,11 +137,7 @@ def _check_session(attachment: Attachment) -> None:
 
 
 def _opened(config: MidiConfig) -> Source:
-    """Return the keyboard.
-
-    Raises:
-        InputError: it is not there.
-    """
+    """Return the keyboard. Raises `InputError` if it is not there."""
     try:
         return _open(config)
     except ConnectionError:

@@ -23,8 +23,6 @@ from humanoid_sim.session.sources import parse_velocity
 from humanoid_sim.simulation.plant import Actuation, timestep_of
 from humanoid_sim.strict_json import finite
 
-__all__ = ["main", "measured_cost"]
-
 _STEPS = (0.00125, 0.0025, 0.005)
 """s, of the implicit plant, unless others are given."""
 _BRIEF = 2.0

@@ -17,6 +17,7 @@ from rich.table import Table
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.command_line import Commands, parse
+from humanoid_sim.command_line.tables import titled_table
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.failure import DEFINITIONS, differing
 from humanoid_sim.evaluation.joint_use import JointUse, describe_effort
@@ -127,9 +128,7 @@ def _print_summary(console: Console, summary: Summary) -> None:
 
 def _overview(summary: Summary) -> Table:
     recording, header = summary.recording, summary.recording.header
-    table = Table(title=escape(str(recording.path)), show_header=False, title_justify="left")
-    table.add_column(style="bold")
-    table.add_column()
+    table = titled_table(escape(str(recording.path)))
     rows = {
         "robot": f"{header.robot}, {len(header.joint_names)} joints",
         "started": summary.started,
@@ -162,38 +161,21 @@ def _definitions(documents: Mapping[str, str]) -> str:
 
 
 def _timeline(summary: Summary) -> Table:
-    table = Table(title="modes", title_justify="left")
-    table.add_column("from", justify="right")
-    table.add_column("for", justify="right")
-    table.add_column("mode")
-    table.add_column("controller")
-    table.add_column("why")
+    table = titled_table("modes", "from", "for", "mode", "controller", "why", right=("from", "for"))
     for span in summary.timeline:
         seconds = span.ticks * summary.recording.header.control_period
-        table.add_row(
-            f"{span.start:.2f} s",
-            f"{seconds:.2f} s",
-            span.mode.name,
-            escape(span.controller),
-            escape(span.reason),
-        )
+        texts = (span.mode.name, escape(span.controller), escape(span.reason))
+        table.add_row(f"{span.start:.2f} s", f"{seconds:.2f} s", *texts)
     return table
 
 
 def _joints(joints: JointUse) -> Table:
     """From the joint that used most of its limit on; where no limit is known, in the robot's order."""
-    caption = describe_effort(joints.effort())
-    table = Table(
-        title="joints, the greatest of each",
-        title_justify="left",
-        caption=escape(caption),
-        caption_justify="left",
-        box=box.SIMPLE_HEAD,  # all columns within 80 characters
-        padding=(0, 1, 0, 0),
-    )
-    table.add_column("joint", no_wrap=True)
-    for heading in ("speed\nrad/s", "effort\nN·m", "of its\nlimit", "reached\nrad", "of its\nrange"):
-        table.add_column(heading, justify="right")
+    figures = ("speed\nrad/s", "effort\nN·m", "of its\nlimit", "reached\nrad", "of its\nrange")
+    table = titled_table("joints, the greatest of each", "joint", *figures, right=figures)
+    table.columns[0].no_wrap = True
+    table.box, table.padding = box.SIMPLE_HEAD, (0, 1, 0, 0)  # all columns within 80 characters
+    table.caption, table.caption_justify = escape(describe_effort(joints.effort())), "left"
     rows = joints.rows()
     for row in sorted(rows, key=lambda row: -(row["effort"] / row["effort_limit"] if row["effort_limit"] else 0.0)):
         limit, share = row["effort_limit"], row["range_share"]
@@ -209,10 +191,7 @@ def _joints(joints: JointUse) -> Table:
 
 
 def _remarks(summary: Summary) -> Table:
-    table = Table(title="events, faults, refusals", title_justify="left")
-    table.add_column("at", justify="right")
-    table.add_column("what")
-    table.add_column("")
+    table = titled_table("events, faults, refusals", "at", "what", "", right=("at",))
     for remark in summary.remarks[:_MAX_REMARKS]:
         table.add_row(f"{remark.time:.2f} s", remark.kind, escape(remark.text))
     left = len(summary.remarks) - _MAX_REMARKS
@@ -222,10 +201,7 @@ def _remarks(summary: Summary) -> Table:
 
 
 def _topics(summary: Summary) -> Table:
-    table = Table(title="topics", title_justify="left")
-    table.add_column("topic", overflow="fold")
-    table.add_column("messages", justify="right")
-    table.add_column("type", overflow="fold")
+    table = titled_table("topics", "topic", "messages", "type", right=("messages",))
     for name, topic in sorted(summary.topics.items()):
         table.add_row(escape(name), str(topic.messages), escape(topic.schema))
     return table

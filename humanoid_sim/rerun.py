@@ -205,11 +205,7 @@ def _blueprint(*, has_keys: bool) -> Any:
 
 @contextlib.contextmanager
 def _viewer(*, is_page: bool) -> Iterator[_Viewer]:
-    """Start the viewer, on this machine's own address alone, and end it.
-
-    Raises:
-        InputError: it does not come.
-    """
+    """Start the viewer, on this machine's own address alone, and end it. Raises `InputError` if it does not come."""
     import rerun_cli  # noqa: PLC0415 - an extra
 
     program = Path(rerun_cli.__file__).with_name("rerun")

@@ -36,24 +36,8 @@ if TYPE_CHECKING or __package__:
 else:
     from client import Feed, Looks, SessionError, ask_sessions, find_session, network_on, running_sessions
 
-__all__ = [
-    "LOOPBACK",
-    "MODES",
-    "SERVICES",
-    "Diagnosis",
-    "Finding",
-    "ServiceError",
-    "answer",
-    "find_robot",
-    "loopback_environment",
-    "main",
-    "mode_name",
-    "options_of",
-    "serve",
-]
-
-WORDS = ("damp", "load_a", "load_b", "start_remote", "start_locomotion", "quit")
-SERVICES = {f"/humanoid_control/mode/{word}": word for word in WORDS}
+_WORDS = ("damp", "load_a", "load_b", "start_remote", "start_locomotion", "quit")
+SERVICES = {f"/humanoid_control/mode/{word}": word for word in _WORDS}
 """Names, and what each asks the session for."""
 LOOPBACK = "lo"
 MODES = ("ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "REMOTE")

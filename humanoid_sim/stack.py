@@ -250,11 +250,7 @@ def with_policy(
 
 
 def recorded_contract(header: SessionHeader) -> PolicyContract | None:
-    """Return the contract of a recorded run's policy; None if it had none.
-
-    Raises:
-        InputError: if it is damaged.
-    """
+    """Return the contract of a recorded run's policy; None if it had none. Raises `InputError` if it is damaged."""
     text = header.documents.get("contract")
     return None if text is None else decode(text, "recording")
 

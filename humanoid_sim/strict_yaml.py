@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+from collections.abc import Callable
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -127,26 +128,7 @@ def read_yaml(path: Path) -> Any:
     Raises:
         InputError: one line with the file, the place and what is wrong.
     """
-    try:
-        return yaml.load(regular_file(path, "a YAML file", YAML_BYTES).read_text(encoding="utf-8"), _Loader)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not text (UTF-8), expected a YAML file") from None
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: is not YAML that can be read{_place(error)}: {_problem(error)}") from None
-    except UNREADABLE as error:
-        raise InputError(f"{path}: is not YAML that can be read: {type(error).__name__}: {error}") from None
-
-
-def _place(error: yaml.YAMLError) -> str:
-    mark = getattr(error, "problem_mark", None)
-    return "" if mark is None else f" (line {mark.line + 1})"
-
-
-def _problem(error: yaml.YAMLError) -> str:
-    text = getattr(error, "problem", None) or str(error)
-    return one_line(text)
+    return _read(path, str(path), "a YAML file", lambda text: yaml.load(text, _Loader))
 
 
 def read_strictly(path: Path, label: str, what: str = "a YAML file") -> Any:
@@ -155,8 +137,12 @@ def read_strictly(path: Path, label: str, what: str = "a YAML file") -> Any:
     Raises:
         InputError: one line with the label, the place and what is wrong.
     """
+    return _read(path, label, what, load_strictly)
+
+
+def _read(path: Path, label: str, what: str, load: Callable[[str], Any]) -> Any:
     try:
-        return load_strictly(regular_file(path, what, YAML_BYTES).read_text(encoding="utf-8"))
+        return load(regular_file(path, what, YAML_BYTES).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{label}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -164,7 +150,7 @@ def read_strictly(path: Path, label: str, what: str = "a YAML file") -> Any:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        problem = getattr(error, "problem", None) or str(error).partition("\n")[0]
+        problem = one_line(getattr(error, "problem", None) or str(error))
         raise InputError(f"{label}: {where}not valid YAML: {problem}") from None
     except UNREADABLE as error:
         raise InputError(f"{label}: not YAML that can be read: {type(error).__name__}: {error}") from None

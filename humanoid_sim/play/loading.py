@@ -252,11 +252,7 @@ class PolicyLoader:
         has_onnxruntime()  # imported now: later the import would stop the loop for 30 ms
 
     def prepare(self, options: str) -> PreparedPolicy:
-        """Check, prove and build a policy.
-
-        Raises:
-            InputError: the session cannot take it, and why.
-        """
+        """Check, prove and build a policy. Raises `InputError` if the session cannot take it, and why."""
         run, plan = self._run, self._run.plan
         proof = self._prover.prove(parse_options(options, plan.config), self.header)
         with considerate():

@@ -63,11 +63,7 @@ class SinkGroup:
         """Sinks that were left out, each with its exception."""
 
     def start(self, header: SessionHeader, stack: contextlib.ExitStack) -> None:
-        """Start the sinks in order, and have `stack` close those that did.
-
-        Raises:
-            InputError: if one cannot start.
-        """
+        """Start the sinks in order, and have `stack` close those that did. Raises `InputError` if one cannot start."""
         self._stack = stack
         for sink in self._sinks:
             header = sink.start(header) or header

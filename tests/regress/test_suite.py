@@ -63,7 +63,7 @@ def test_a_suite_of_ones_own(tmp_path):
         ("cases: [wave]", "cases: [reach]", "margins.cases: unknown case 'reach'; known: wave, drum"),
         ("limits: {body_position_error: 0.02}", "limits: {tilt: 1}", "margins.limits: unknown tracking metric"),
         ("command_delay: [0.0, 0.004]", "command_jitter: 2", "randomisation: command_jitter is 2, expected at"),
-        ("", "seeds: [1\n", "is not YAML that can be read"),
+        ("", "seeds: [1\n", "not valid YAML"),
         ("", "seeds: 1\nseeds: 2\n", "'seeds' is given twice"),
     ],
 )

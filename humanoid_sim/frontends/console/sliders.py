@@ -71,11 +71,7 @@ class Bounds:
     damping: tuple[float, float]
 
     def clipped(self, goals: Goals) -> Goals:
-        """Return the goals within the bounds.
-
-        Raises:
-            FieldError: one is not a finite number.
-        """
+        """Return the goals within the bounds. Raises `FieldError` if one is not a finite number."""
         values = {}
         for name in COMMAND_FIELDS:
             value = getattr(goals, name)

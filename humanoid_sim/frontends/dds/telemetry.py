@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from humanoid_sim.client import Sample
@@ -31,35 +31,19 @@ from humanoid_sim.ros2.topics import (
 )
 
 _ACROSS = (IMU_TOPIC, CONTROL_MODE_TOPIC, DESCRIPTION_TOPIC, TF_TOPIC, TF_STATIC_TOPIC)
-"""The topics that may leave the machine, beside the joint states."""
+"""The topics that may leave the machine, beside the joint states: what shows the robot, nothing that safety needs."""
 
 
-def local_topics(attachment: Attachment) -> dict[str, Topic]:
-    """Return the topics that a session has on its own machine, by name.
+def served_topics(attachment: Attachment, *, is_local: bool) -> dict[str, Topic]:
+    """Return the topics of a session for its own machine, or for others, by name.
 
     The clock is a simulation's. Topics of live inputs are not among them: see `Telemetry`.
     """
-    names = [
-        IMU_TOPIC,
-        CONTROL_MODE_TOPIC,
-        SAFETY_TOPIC,
-        DESCRIPTION_TOPIC,
-        TF_TOPIC,
-        TF_STATIC_TOPIC,
-        STANDBY_TOPIC,
-        *STANDBY_TOPICS,
-    ]
-    if not attachment.session.hardware:
+    names = [*_ACROSS]
+    if is_local:
+        names += [SAFETY_TOPIC, STANDBY_TOPIC, *STANDBY_TOPICS]
+    if is_local and not attachment.session.hardware:
         names.append(CLOCK_TOPIC)
-    return _with_joint_states(attachment, names)
-
-
-def network_topics(attachment: Attachment) -> dict[str, Topic]:
-    """Return the topics that another machine may see, by name: what shows the robot, nothing that safety needs."""
-    return _with_joint_states(attachment, _ACROSS)
-
-
-def _with_joint_states(attachment: Attachment, names: Iterable[str]) -> dict[str, Topic]:
     joint_states = joint_states_topic(topic_prefix(attachment.header))
     return {joint_states: Topic(JOINT_STATE), **{name: TOPICS[name] for name in names}}
 
