@@ -20,8 +20,6 @@ from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant, is_wireless
 from humanoid_sim.ros2.dds.endpoints import Reader
 from humanoid_sim.ros2.topics import COMMAND_TOPIC, SAFETY_TOPIC, TOPICS
 
-_LOOK_PERIOD = 0.5
-"""s between two looks whether the session is still there."""
 _NEWS_PERIOD = 1.0
 """s between two looks at what the session has refused."""
 
@@ -106,23 +104,14 @@ class _Refusals:
 
 def _serve(attachment: Attachment, telemetry: Telemetry, reader: CommandReader, number: int, *, is_local: bool) -> None:
     """Publish the ticks after that number until the session ends."""
-    feed = attachment.feed
-    looked = time.monotonic()
-    pause = min(max(0.1 * feed.control_period, 0.001), 0.005)
-    while True:
-        for sample in feed.since(number):
-            number = sample.number
+    for samples in attachment.looks(number, min(max(0.1 * attachment.feed.control_period, 0.001), 0.005)):
+        for sample in samples:
             if attachment.follow():
                 telemetry.follow()
                 reader.wanted = wanted_inputs(attachment) if is_local else {}
             telemetry.publish(sample)
-        if time.monotonic() - looked > _LOOK_PERIOD:
-            looked = time.monotonic()
-            if reader.error is not None:
-                raise reader.error
-            if not feed.is_running():
-                return
-        time.sleep(pause)
+        if reader.error is not None:
+            raise reader.error
 
 
 if __name__ == "__main__":

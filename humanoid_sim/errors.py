@@ -6,6 +6,7 @@ one line and exit with status 2. Everything else that escapes a program is a bug
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 _LONGEST_LINE = 10_000
@@ -63,6 +64,15 @@ def meant(name: str, known: Iterable[str]) -> str:
 
     near = near_miss(name, known)
     return f" (did you mean '{near}'?)" if near else ""
+
+
+def number_in(text: str) -> float:
+    """Return the number that a user's text is; NaN if it is none, and for infinity."""
+    try:
+        number = float(text)
+    except ValueError:
+        return math.nan
+    return number if math.isfinite(number) else math.nan
 
 
 def one_line(text: str) -> str:

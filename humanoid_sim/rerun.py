@@ -38,7 +38,7 @@ _PERIOD = 0.04
 _PAUSE = 0.01
 """s between two looks at the feed."""
 _TOLD_EVERY = 0.5
-"""s between two looks whether the session is still there, the viewer keeps up, and the status is true."""
+"""s between two looks whether the viewer keeps up, and the status is true."""
 _STARTING = 25.0
 """s that the viewer may take to be there."""
 _MEMORY = "1GB"
@@ -158,24 +158,22 @@ def _watch(
     feed = attachment.feed
     newest: Sample | None = feed.latest()
     record: TickRecord | None = None
-    number = attachment.before_present()
     told = 0.0
-    while viewer.process.poll() is None and not ended():
+    for samples in attachment.looks(attachment.before_present(), _PAUSE):
+        if viewer.process.poll() is not None or ended():
+            return
         if refresh is not None:
             refresh()
-        for sample in feed.since(number):
-            number, newest, record = sample.number, sample, attachment.record(sample)
+        for sample in samples:
+            newest, record = sample, attachment.record(sample)
             if attachment.follow():
                 log.follow(_action_names(attachment))
             if teller.keeps_up:
                 log.tick(record)
         if time.monotonic() - told > _TOLD_EVERY:
-            if not feed.is_running():
-                return
             late = "" if newest is None else behind(newest.age(), feed.control_period)
             teller.tell(status_text(record, late, time.strftime("%H:%M:%S")))
             told = time.monotonic()
-        time.sleep(_PAUSE)
 
 
 def _action_names(attachment: Attachment) -> tuple[str, ...]:

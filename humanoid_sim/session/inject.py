@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.policy_step import Policy
-from humanoid_sim.errors import InputError, meant
+from humanoid_sim.errors import InputError, meant, number_in
 from humanoid_sim.messages import RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session.sources import RemoteSource
 
@@ -45,18 +45,11 @@ def parse_injections(texts: Sequence[str]) -> tuple[Injection, ...]:
     injections = []
     for text in texts:
         kind, _, seconds = text.partition("@")
-        try:
-            time = float(seconds)
-        except ValueError:
-            time = math.nan
-        for known in get_args(FaultKind):
-            if kind == known and math.isfinite(time) and time >= 0.0:
-                injections.append(Injection(known, time))
-                break
-        else:
-            kinds = get_args(FaultKind)
+        time, kinds = number_in(seconds), get_args(FaultKind)
+        if kind not in kinds or not time >= 0.0:
             wrong = f"--inject: is '{text}'{'' if kind in kinds else meant(kind, kinds)}"
             raise InputError(f"{wrong}, expected FAULT@SECONDS with FAULT one of {', '.join(kinds)}")
+        injections.append(Injection(kinds[kinds.index(kind)], time))
     return tuple(injections)
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-from humanoid_sim.errors import InputError, meant
+from humanoid_sim.errors import InputError, meant, number_in
 from humanoid_sim.messages import Intent, Mode, SafetyStatus, TickOutput
 from humanoid_sim.session.sources import IntentSource
 
@@ -43,7 +42,10 @@ def parse_script(text: str) -> tuple[ScriptStep, ...]:
         elif word in ("wait", "motion") and not arguments:
             steps.append(ScriptStep("wait" if word == "wait" else "motion"))
         elif word == "hold" and len(arguments) == 1:
-            steps.append(ScriptStep("hold", seconds=_seconds(number, part, arguments[0])))
+            seconds = number_in(arguments[0])
+            if not seconds >= 0.0:
+                raise InputError(f"--script: step {number} is '{part}', expected hold with a number of seconds >= 0")
+            steps.append(ScriptStep("hold", seconds=seconds))
         else:
             words = (*_INTENTS, "wait", "motion", "hold")
             near = "" if word in words else meant(word, words)
@@ -51,16 +53,6 @@ def parse_script(text: str) -> tuple[ScriptStep, ...]:
     if not steps:
         raise InputError(f"--script: is empty, expected steps separated by ';', each one of {_GRAMMAR}")
     return tuple(steps)
-
-
-def _seconds(number: int, part: str, text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not (math.isfinite(seconds) and seconds >= 0.0):
-        raise InputError(f"--script: step {number} is '{part}', expected hold with a number of seconds >= 0")
-    return seconds
 
 
 class Script:

@@ -5,13 +5,12 @@ For motors, emulated ones too, there are those of the default, which refuse ever
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from humanoid_sim.client import LOAD, Answer
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, number_in
 from humanoid_sim.messages import Intent
 from humanoid_sim.session.reactivation import REACTIVATE
 from humanoid_sim.session.sinks import SinkGroup
@@ -67,10 +66,7 @@ class SimulationControls:
 
     def _done(self, word: str, rest: str, push: Callable[[float, float, str], None]) -> str:
         first, _, body = rest.partition(" ")
-        try:
-            numbers = [float(number) for number in first.split(",")]
-        except ValueError:
-            numbers = [math.nan]
+        numbers = [number_in(number) for number in first.split(",")]
         if word == SPEED:
             if len(numbers) != 1 or not _SLOWEST <= numbers[0] <= _FASTEST:
                 raise InputError(f"is '{rest[:40]}', expected {_SLOWEST:g} to {_FASTEST:g} times real time")

@@ -13,7 +13,7 @@ import numpy as np
 
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.controllers.parameters import command_problem
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, number_in
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, TickOutput
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand
 
@@ -223,11 +223,8 @@ def velocity_numbers(text: str) -> list[float]:
     Raises:
         InputError: if there are not three finite numbers.
     """
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != 3 or not all(math.isfinite(value) for value in values):
+    values = [number_in(part) for part in text.split(",")]
+    if len(values) != 3 or any(map(math.isnan, values)):
         raise InputError(f"--command: is '{text}', expected vx,vy,wz: three numbers in m/s, m/s and rad/s")
     return values
 
