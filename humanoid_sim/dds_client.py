@@ -21,21 +21,11 @@ from humanoid_sim.client import Answer, Intake, find_session
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import ControlMode, Mode, SafetyFlag, SafetyLevel, SafetyStatus, StandbyState
 from humanoid_sim.mit import FloatArray, MITCommand, frozen_array
+from humanoid_sim.ros2 import topics as ros
 from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant
 from humanoid_sim.ros2.dds.endpoints import Subscription, Writer
 from humanoid_sim.ros2.definitions import JOINT_STATE
 from humanoid_sim.ros2.messages import encode_mit_command
-from humanoid_sim.ros2.topics import (
-    COMMAND_TOPIC,
-    CONTROL_MODE_TOPIC,
-    DESCRIPTION_TOPIC,
-    IMU_TOPIC,
-    SAFETY_TOPIC,
-    STANDBY_TOPIC,
-    TOPICS,
-    Topic,
-    joint_states_topic,
-)
 
 JOINT_ARRAYS = ("position", "velocity", "effort")
 """Arrays of `sensor_msgs/msg/JointState`."""
@@ -104,11 +94,11 @@ class RobotClient:
             MissingPackageError: Cyclone DDS is not installed.
         """
         self._participant = Participant(domain, interface, namespace)
-        self._states = Subscription(self._participant, joint_states_topic(prefix), Topic(JOINT_STATE))
-        names = (IMU_TOPIC, CONTROL_MODE_TOPIC, SAFETY_TOPIC, STANDBY_TOPIC, DESCRIPTION_TOPIC)
-        self._topics = {name: Subscription(self._participant, name, TOPICS[name]) for name in names}
+        self._states = Subscription(self._participant, ros.joint_states_topic(prefix), ros.Topic(JOINT_STATE))
+        names = (ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.SAFETY_TOPIC, ros.STANDBY_TOPIC, ros.DESCRIPTION_TOPIC)
+        self._topics = {name: Subscription(self._participant, name, ros.TOPICS[name]) for name in names}
         self._safety: dict[str, SafetyStatus] = {}
-        self._writer = Writer(self._participant, COMMAND_TOPIC, TOPICS[COMMAND_TOPIC])
+        self._writer = Writer(self._participant, ros.COMMAND_TOPIC, ros.TOPICS[ros.COMMAND_TOPIC])
         self._joints: tuple[str, ...] = ()
 
     def __enter__(self) -> Self:
@@ -175,28 +165,30 @@ class RobotClient:
 
         None while nothing was heard, and while the robot is in a mode that is not known here: `problems` says so.
         """
-        told = self._topics[CONTROL_MODE_TOPIC].look()
+        told = self._topics[ros.CONTROL_MODE_TOPIC].look()
         if told is None:
             return None
         if told["mode"] not in list(Mode):
-            self._topics[CONTROL_MODE_TOPIC].refuse(f"mode {told['mode']} is not known here, expected 0 to {max(Mode)}")
+            self._topics[ros.CONTROL_MODE_TOPIC].refuse(
+                f"mode {told['mode']} is not known here, expected 0 to {max(Mode)}"
+            )
             return None
         return ControlMode(Mode(told["mode"]), told["controller_name"], told["status_message"])
 
     def imu(self) -> Imu | None:
         """Return the newest IMU sample; None while nothing was heard."""
-        told = self._topics[IMU_TOPIC].look()
+        told = self._topics[ros.IMU_TOPIC].look()
         return None if told is None else Imu.of(told)
 
     def standby(self) -> StandbyState | None:
         """Return how far the latest standby pose has come; None while nothing was heard."""
-        told = self._topics[STANDBY_TOPIC].look()
+        told = self._topics[ros.STANDBY_TOPIC].look()
         fields = ("current_segment", "total_segments", "progress", "is_finished")
         return None if told is None else StandbyState(*(told[name] for name in fields))
 
     def safety(self) -> Mapping[str, SafetyStatus]:
         """Return the latest status of each source, such as a CAN bus. A level that is not known here is CRITICAL."""
-        topic = self._topics[SAFETY_TOPIC]
+        topic = self._topics[ros.SAFETY_TOPIC]
         for told in topic.take():
             level = min(told["level"], SafetyLevel.CRITICAL)
             if level != told["level"]:
@@ -208,7 +200,7 @@ class RobotClient:
 
     def description(self) -> str | None:
         """Return the robot as URDF; None while nothing was heard."""
-        told = self._topics[DESCRIPTION_TOPIC].look()
+        told = self._topics[ros.DESCRIPTION_TOPIC].look()
         return None if told is None else str(told["data"])
 
     def ask(self, word: str, timeout: float = 2.0) -> Answer:

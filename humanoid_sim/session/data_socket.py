@@ -16,18 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from humanoid_sim.client import (
-    DATA_HEAD,
-    DATA_MAGIC,
-    HEARTBEAT,
-    LIVE,
-    LIVE_TIMEOUT,
-    REFUSED,
-    REMOTE,
-    VELOCITY,
-    VELOCITY_TIMEOUT,
-    monotonic_ns,
-)
+from humanoid_sim import client as wire
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITCommand
@@ -284,7 +273,7 @@ class DataSocket(ExternSource, Sink):
         for name, turn in self._live_turns.items():
             heard = self._live.get(name)
             # A value may count for ever; its producer owns the input only while it may still be there.
-            turn.timeout = LIVE_TIMEOUT if heard is None or math.isinf(heard.timeout) else heard.timeout
+            turn.timeout = wire.LIVE_TIMEOUT if heard is None or math.isinf(heard.timeout) else heard.timeout
             turn.expire(time)
         if self._velocity is not None:
             self._velocity.expire(time)
@@ -295,7 +284,7 @@ class DataSocket(ExternSource, Sink):
 
     def _drain(self, time: float) -> list[_Sample]:
         """Return the newest sample of each producer and topic, in the order in which their producers came first."""
-        begun = monotonic_ns()
+        begun = wire.monotonic_ns()
         newest: dict[bytes, tuple[bytes, int]] = {}
         count = 0
         for _ in range(self._most):
@@ -305,11 +294,11 @@ class DataSocket(ExternSource, Sink):
                 break
             count += 1
             # The stamp is the head's last field; what is before it and behind the values' own name tells senders apart.
-            head = DATA_HEAD.size
-            if len(datagram) < head or not datagram.startswith(DATA_MAGIC):
+            head = wire.DATA_HEAD.size
+            if len(datagram) < head or not datagram.startswith(wire.DATA_MAGIC):
                 continue
             name_end = head + int.from_bytes(datagram[8:10], "little") + int.from_bytes(datagram[10:12], "little")
-            newest[datagram[: head - 8] + datagram[head:name_end]] = (datagram, monotonic_ns())
+            newest[datagram[: head - 8] + datagram[head:name_end]] = (datagram, wire.monotonic_ns())
         self.discarded += count - len(newest)
         samples = []
         for datagram, received in list(newest.values())[:_MOST_SAMPLES]:
@@ -319,8 +308,8 @@ class DataSocket(ExternSource, Sink):
         return samples
 
     def _read(self, datagram: bytes, received: int, begun: int, time: float) -> _Sample | None:
-        _, kind, _, name_size, topic_size, process, stamp = DATA_HEAD.unpack_from(datagram)
-        start = DATA_HEAD.size
+        _, kind, _, name_size, topic_size, process, stamp = wire.DATA_HEAD.unpack_from(datagram)
+        start = wire.DATA_HEAD.size
         name = datagram[start : start + name_size].decode(errors="replace")
         start += name_size
         topic = datagram[start : start + topic_size].decode(errors="replace")
@@ -344,18 +333,18 @@ class DataSocket(ExternSource, Sink):
         return _Sample(kind, producer, topic, np.frombuffer(body, dtype="<f8"), arrival)
 
     def _accept(self, sample: _Sample) -> None:
-        if sample.kind == REMOTE:
+        if sample.kind == wire.REMOTE:
             self._accept_remote(sample)
-        elif sample.kind == VELOCITY:
+        elif sample.kind == wire.VELOCITY:
             self._accept_velocity(sample)
-        elif sample.kind == LIVE:
+        elif sample.kind == wire.LIVE:
             self._accept_live(sample)
-        elif sample.kind == HEARTBEAT:
+        elif sample.kind == wire.HEARTBEAT:
             self.heartbeats[sample.producer.name] = sample.arrival_time
-        elif sample.kind == REFUSED:
+        elif sample.kind == wire.REFUSED:
             self._accept_report(sample)
         else:
-            raise _RefusedError(f"kind {sample.kind}, expected 0 to {REFUSED}")
+            raise _RefusedError(f"kind {sample.kind}, expected 0 to {wire.REFUSED}")
 
     def _accept_remote(self, sample: _Sample) -> None:
         age = self._clock() - sample.arrival_time
@@ -389,7 +378,7 @@ class DataSocket(ExternSource, Sink):
             sample.producer,
             sample.values[:3],
             sample.arrival_time,
-            timeout=VELOCITY_TIMEOUT,
+            timeout=wire.VELOCITY_TIMEOUT,
             deliberate=bool(sample.values[3]),
         )
         if owner != sample.producer and sample.values[:3].any():
@@ -404,7 +393,7 @@ class DataSocket(ExternSource, Sink):
         given, values = sample.values[:1], sample.values[1:]
         if len(values) != width or not np.isfinite(values).all():
             raise _RefusedError(f"live input '{sample.topic}': has {len(values)} values, expected {width}, all finite")
-        timeout = self._timeouts.get(sample.topic, LIVE_TIMEOUT)
+        timeout = self._timeouts.get(sample.topic, wire.LIVE_TIMEOUT)
         if not np.isnan(given).all():  # its producer says
             if not 0.0 < given <= _LONGEST_TIMEOUT:
                 raise _RefusedError(

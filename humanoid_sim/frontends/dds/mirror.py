@@ -39,18 +39,10 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.from_urdf import convert_urdf
 from humanoid_sim.robots.mjcf import bare_model, describe_mjcf
 from humanoid_sim.robots.urdf import qpos_addresses
+from humanoid_sim.ros2 import topics as ros
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.dds.endpoints import Subscription
 from humanoid_sim.ros2.definitions import JOINT_STATE
-from humanoid_sim.ros2.topics import (
-    CONTROL_MODE_TOPIC,
-    DESCRIPTION_TOPIC,
-    IMU_TOPIC,
-    TF_TOPIC,
-    TOPICS,
-    Topic,
-    joint_states_topic,
-)
 from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
 
 _PERIOD = 0.02
@@ -68,10 +60,10 @@ class Mirror:
 
     def __init__(self, participant: Participant, prefix: str) -> None:
         """Subscribe; `prefix` is what the joint states are under."""
-        self._states = Subscription(participant, joint_states_topic(prefix), Topic(JOINT_STATE))
-        names = (CONTROL_MODE_TOPIC, DESCRIPTION_TOPIC, IMU_TOPIC, TF_TOPIC)
+        self._states = Subscription(participant, ros.joint_states_topic(prefix), ros.Topic(JOINT_STATE))
+        names = (ros.CONTROL_MODE_TOPIC, ros.DESCRIPTION_TOPIC, ros.IMU_TOPIC, ros.TF_TOPIC)
         self._mode, self._described, self._imu, self._frames = (
-            Subscription(participant, name, TOPICS[name]) for name in names
+            Subscription(participant, name, ros.TOPICS[name]) for name in names
         )
         self._writer: FeedWriter | None = None
         self._shown = Mode.ZERO_TORQUE
@@ -94,7 +86,7 @@ class Mirror:
         names = tuple(self._states.latest["name"])
         if set(names) != set(description.joint_names):
             raise InputError(
-                f"{DESCRIPTION_TOPIC}: has the joints {', '.join(description.joint_names)}, expected those of the "
+                f"{ros.DESCRIPTION_TOPIC}: has the joints {', '.join(description.joint_names)}, expected those of the "
                 f"joint states: {', '.join(names)}"
             )
         self._names = description.joint_names
@@ -175,7 +167,7 @@ def _described(urdf: str) -> tuple[RobotDescription, mujoco.MjModel]:
     try:
         root = ElementTree.fromstring(urdf)
     except ElementTree.ParseError as error:
-        raise InputError(f"{DESCRIPTION_TOPIC}: is not a URDF: {error}") from None
+        raise InputError(f"{ros.DESCRIPTION_TOPIC}: is not a URDF: {error}") from None
     moves = any(joint.get("type") == "floating" for joint in root.iter("joint"))
     root.insert(0, ElementTree.fromstring(_KEEP_SHAPES))
     for link in root.iter("link"):
@@ -209,7 +201,7 @@ def mirrored(
     with ExitStack() as stack:
         participant = stack.enter_context(Participant(interface=interface, namespace=namespace))
         mirror = Mirror(participant, prefix)
-        states = f"{participant.namespace}{joint_states_topic(prefix)}"
+        states = f"{participant.namespace}{ros.joint_states_topic(prefix)}"
         told(f"waiting for a robot with {states} on {interface}, domain {participant.domain}")
         while not mirror.is_there():
             if ended():
