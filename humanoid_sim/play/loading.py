@@ -61,14 +61,12 @@ class Proof:
     """A policy that the session can take."""
 
     header: SessionHeader
-    """Header of the run with it."""
     config: PlayConfig
     source: str
     sha256: str
     """Digest of the file; empty where no network runs."""
     motion_file: str | None
     live: Mapping[str, int]
-    """Name and width of all live inputs."""
     taken: Mapping[str, int]
     """Live inputs that come from other programs."""
     command: FloatArray

@@ -126,7 +126,6 @@ class RobotSetup:
     notices: tuple[str, ...] = ()
     """Notices for an operator, one line each."""
     bring_up: BringUp | None = None
-    """Bring-up of a real robot."""
     keyboard: str = ""
     """Path of the byte stream of an emulated MIDI keyboard; empty without one."""
     figures: Callable[[], Mapping[str, Any] | None] = lambda: None

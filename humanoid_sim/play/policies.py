@@ -47,7 +47,6 @@ class PolicyChoice:
     motion_file: Path | None = None
     warning: str = ""
     notices: tuple[str, ...] = ()
-    """Notices about its motion."""
 
     @property
     def contract(self) -> PolicyContract | None:

@@ -89,7 +89,6 @@ class Refusals:
         self.counts: dict[str, int] = {}
         """Samples refused since the session began, by producer; those beyond the first so many count under `others`."""
         self.latest = ""
-        """Latest refusal, as one line."""
 
     @property
     def count(self) -> int:
@@ -198,7 +197,6 @@ class DataSocket(ExternSource, Sink):
         self._entered = 0.0
         self._newest_stamp: dict[tuple[int, Producer, str], int] = {}
         self.refusals = Refusals(self._say)
-        """Refusals of samples."""
         self._reported: dict[Producer, int] = {}
         """Samples that a producer has refused itself, in all."""
         self._shown: dict[str, str] = {}

@@ -28,7 +28,6 @@ class PreparedPolicy:
     """A policy that was checked and can be put in place."""
 
     controller: Controller
-    """Controller for LOCOMOTION."""
     header: SessionHeader
     """Header of the run, from the replacement on."""
     text: str

@@ -66,7 +66,6 @@ class Script:
     def __init__(self, steps: Sequence[ScriptStep], motion_frames: int = 0) -> None:
         self._steps = list(steps)
         self.motion_frames = motion_frames
-        """Frames of the present policy's motion."""
         self._hold_until: float | None = None
         self._motion_over = False
         self._was_moving = False

@@ -77,7 +77,6 @@ class ShadowSink(WorkerSink):
         self.largest_offset = 0.0
         """rad, between what it would have commanded and where the joint was."""
         self.largest_joint = ""
-        """Joint with that offset."""
 
     def tick(self, record: TickRecord) -> None:
         """Queue a tick. Never waits; where the run keeps real time, a tick that would wait too long is left out."""

@@ -29,7 +29,6 @@ class SimulationControls:
     record_push: Callable[[str], None] = lambda _: None
     """Records a line about a push."""
     bodies: Sequence[str] = ()
-    """Bodies that can be pushed."""
     stand: Callable[[float], None] = lambda _: None
     """Tells others that the robot stands still, again, after s of wall time."""
     start_over: Callable[[SinkGroup], None] = lambda _: None

@@ -89,7 +89,6 @@ class SliderState:
     joint: int
     """Index of the chosen joint."""
     bounds: Bounds
-    """Bounds of its sliders."""
     goals: Goals
     """Goals within the bounds."""
     held: FloatArray
@@ -97,7 +96,6 @@ class SliderState:
     fields: FloatArray
     """Shape (5, n), rows as in `COMMAND_FIELDS`: latest command, before it was restrained."""
     command: MITCommand
-    """Command to send."""
 
     def __post_init__(self) -> None:
         for name in ("held", "fields"):

@@ -31,7 +31,6 @@ FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
         SafetyFlag.INVALID_FRAME: "a frame or a value arrived that cannot be right",
     }
 )
-"""Meanings of the flags, for operators."""
 
 
 _ELSEWHERE = '{"remote": false, "action_limit": 100.0, "guards": null, "loads": false}'
