@@ -144,7 +144,7 @@ class Run:
         # front ends wait in `start` until they work, and then set the header's time: those behind them get that header.
         shows = (self.feed, shown, self.front_ends, *self.recorders, self.video, self.monitor, self.shadow)
         sinks = (*shows, intents, self.data, loading)
-        self.session = plan.clock.session = Session(
+        self.session = plan.session = Session(
             setup.robot,
             plan.supervisor,
             LoopSettings(

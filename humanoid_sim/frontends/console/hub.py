@@ -141,7 +141,7 @@ class Hub:
             self._tell(event.time, event.text)
         for sample in feed.since(self._shadow_number, "shadow"):
             self._shadow_number = sample.number
-            self._showing.shadow(decode_shadow_step(sample.data))
+            self._showing.plots.shadow(decode_shadow_step(sample.data))
         for sample in feed.since(self._number):
             self._number, self._stamp = sample.number, sample.stamp
             newest, before = self._attachment.record(sample), newest or self._record
@@ -170,7 +170,7 @@ class Hub:
     async def page(self, connection: ServerConnection, access: Access) -> None:
         """Look after a page until it closes. Reading never waits for sending, nor for an answer: a DAMP may come."""
         self._pages.add(connection)
-        page = _Page(connection, access, next(self._page_numbers), self._showing.watch())
+        page = _Page(connection, access, next(self._page_numbers), Watch(self._showing.plots))
         page.start(self._tell_page(page))
         try:
             async for message in connection:
