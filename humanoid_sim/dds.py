@@ -13,8 +13,7 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.command_line import parse
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, ready
-from humanoid_sim.frontends.dds.commands import DEPTH, CommandReader
-from humanoid_sim.frontends.dds.live import wanted_inputs
+from humanoid_sim.frontends.dds.commands import DEPTH, CommandReader, wanted_inputs
 from humanoid_sim.frontends.dds.telemetry import Telemetry, served_topics
 from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant, is_wireless
 from humanoid_sim.ros2.dds.endpoints import Reader

@@ -19,8 +19,7 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import attached, ready, steps
 from humanoid_sim.frontends.gamepad.device import Pad, Pads
-from humanoid_sim.frontends.gamepad.layout import PadLayout, chosen_layout
-from humanoid_sim.frontends.gamepad.sticks import SpeedRange, Sticks, policy_speeds
+from humanoid_sim.frontends.gamepad.layout import PadLayout, SpeedRange, Sticks, chosen_layout, policy_speeds
 from humanoid_sim.messages import Intent
 
 _PERIOD = 0.01

@@ -17,10 +17,9 @@ import numpy as np
 from humanoid_sim.client import Intake, Sample, SessionError, monotonic_ns
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.attach import Attachment
-from humanoid_sim.frontends.console.steering import Due, Steering
-from humanoid_sim.frontends.console.turn import SliderTurn
+from humanoid_sim.frontends.console.turn import Due, SliderTurn, Steering
 from humanoid_sim.frontends.console.wishes import Beat, LetGo, Press, Snap, Steer, Take, Wish
-from humanoid_sim.frontends.gamepad.sticks import policy_speeds
+from humanoid_sim.frontends.gamepad.layout import policy_speeds
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, VELOCITY_COMMAND, FloatArray, MITCommand
 from humanoid_sim.session.intent_socket import MARK

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from humanoid_sim.client import Sample
 from humanoid_sim.frontends.attach import Attachment
-from humanoid_sim.frontends.dds.live import wanted_inputs
+from humanoid_sim.frontends.dds.commands import wanted_inputs
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.recording.topics import TopicMessage, ViewerTopics, topic_prefix
 from humanoid_sim.ros2 import topics as ros
