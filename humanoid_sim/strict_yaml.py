@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Callable
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -23,7 +22,10 @@ _SAFE_NESTING = 2000
 
 
 class _Strictness(yaml.constructor.SafeConstructor):
-    """Refuses a key given twice, of which YAML would silently keep the last, and text that no file or name can hold."""
+    """Refuses a key given twice, of which YAML would silently keep the last, and text that no file or name can hold.
+
+    It reads `1e-3` as the number that it is, and knows one Python tag: `slice`.
+    """
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Return a mapping whose keys differ."""
@@ -51,6 +53,20 @@ class _Strictness(yaml.constructor.SafeConstructor):
             message = "a text holds a null character or half of a surrogate pair"
             raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
         return value
+
+    def construct_slice(self, node: yaml.Node) -> slice:
+        """`[start, stop, step]`, each an integer or null: made here, never by calling what the file names."""
+        bounds = self.construct_sequence(node, deep=True) if isinstance(node, yaml.SequenceNode) else []
+        if len(bounds) != 3 or not all(bound is None or type(bound) is int for bound in bounds):
+            message = "a slice is [start, stop, step], each an integer or null"
+            raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
+        return slice(*bounds)
+
+    def refuse(self, node: yaml.Node) -> None:
+        """Refuse a tag."""
+        tag = node.tag.replace("tag:yaml.org,2002:", "!!")
+        message = f"the tag {tag} is not read; the only one of Python that is: !!python/object/apply:builtins.slice"
+        raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
 
 
 def _count_values(node: yaml.Node, known: dict[int, int], above: set[int]) -> int:
@@ -92,57 +108,25 @@ def load_strictly(text: str) -> Any:
     return yaml.load(text, StrictLoader)  # what fails there fails here, and tells more
 
 
-_PYTHON = "tag:yaml.org,2002:python/"
-_SLICE = _PYTHON + "object/apply:builtins.slice"
+_SLICE = "tag:yaml.org,2002:python/object/apply:builtins.slice"
+_EXPONENT = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
+for _loader in (StrictLoader, _FastLoader):
+    _loader.add_constructor(_SLICE, _Strictness.construct_slice)
+    _loader.add_constructor(None, _Strictness.refuse)  # None: any tag that has no constructor
+    _loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
 
 
-class _Loader(StrictLoader):
-    """Reads `1e-3` as the number that it is, and knows one Python tag: `slice`."""
-
-    def construct_slice(self, node: yaml.Node) -> slice:
-        """`[start, stop, step]`, each an integer or null: made here, never by calling what the file names."""
-        bounds = self.construct_sequence(node, deep=True) if isinstance(node, yaml.SequenceNode) else []
-        if len(bounds) != 3 or not all(bound is None or type(bound) is int for bound in bounds):
-            message = "a slice is [start, stop, step], each an integer or null"
-            raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
-        return slice(*bounds)
-
-    def refuse(self, node: yaml.Node) -> None:
-        tag = node.tag.replace("tag:yaml.org,2002:", "!!")
-        message = f"the tag {tag} is not read; the only one of Python that is: !!python/object/apply:builtins.slice"
-        raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
-
-
-_Loader.add_constructor(_SLICE, _Loader.construct_slice)
-_Loader.add_constructor(None, _Loader.refuse)  # None: any tag that has no constructor
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
-    list("-+.0123456789"),
-)
-
-
-def read_yaml(path: Path) -> Any:
+def read_yaml(path: Path, label: str = "", what: str = "a YAML file") -> Any:
     """Return the document in a YAML file; None if it is empty.
 
-    Raises:
-        InputError: one line with the file, the place and what is wrong.
-    """
-    return _read(path, str(path), "a YAML file", lambda text: yaml.load(text, _Loader))
-
-
-def read_strictly(path: Path, label: str, what: str = "a YAML file") -> Any:
-    """Return the document in a file; `label` is what to call the file in messages, `what` it should be.
+    `label` is what to call the file in messages, its path by default; `what` it should be.
 
     Raises:
         InputError: one line with the label, the place and what is wrong.
     """
-    return _read(path, label, what, load_strictly)
-
-
-def _read(path: Path, label: str, what: str, load: Callable[[str], Any]) -> Any:
+    label = label or str(path)
     try:
-        return load(regular_file(path, what, YAML_BYTES).read_text(encoding="utf-8"))
+        return load_strictly(regular_file(path, what, YAML_BYTES).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{label}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:

@@ -331,18 +331,14 @@ class DataSocket(ExternSource, Sink):
         return _Sample(kind, producer, topic, np.frombuffer(body, dtype="<f8"), arrival)
 
     def _accept(self, sample: _Sample) -> None:
-        if sample.kind == wire.REMOTE:
-            self._accept_remote(sample)
-        elif sample.kind == wire.VELOCITY:
-            self._accept_velocity(sample)
-        elif sample.kind == wire.LIVE:
-            self._accept_live(sample)
-        elif sample.kind == wire.HEARTBEAT:
-            self.heartbeats[sample.producer.name] = sample.arrival_time
-        elif sample.kind == wire.REFUSED:
-            self._accept_report(sample)
-        else:
+        # In the order of their numbers.
+        kinds = (self._accept_remote, self._accept_velocity, self._accept_live, self._accept_beat, self._accept_report)
+        if sample.kind >= len(kinds):
             raise _RefusedError(f"kind {sample.kind}, expected 0 to {wire.REFUSED}")
+        kinds[sample.kind](sample)
+
+    def _accept_beat(self, sample: _Sample) -> None:
+        self.heartbeats[sample.producer.name] = sample.arrival_time
 
     def _accept_remote(self, sample: _Sample) -> None:
         age = self._clock() - sample.arrival_time

@@ -81,7 +81,7 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path):
 def test_python_tags_are_refused(tmp_path):
     message = read(tmp_path / "contract.yaml", "body_names: !!python/object/apply:os.system [ls]")
     assert message == (
-        "is not YAML that can be read (line 1): the tag !!python/object/apply:os.system is not read; "
+        "line 1, column 13: not valid YAML: the tag !!python/object/apply:os.system is not read; "
         "the only one of Python that is: !!python/object/apply:builtins.slice"
     )
 
