@@ -98,7 +98,8 @@ class RobotClient:
         self._topics = {name: Subscription(self._participant, name, ros.TOPICS[name]) for name in names}
         self._safety: dict[str, SafetyStatus] = {}
         self._writer = Writer(self._participant, ros.COMMAND_TOPIC, ros.TOPICS[ros.COMMAND_TOPIC])
-        self._joints: tuple[str, ...] = ()
+        self.joint_names: tuple[str, ...] = ()
+        """The robot's joints in its order; empty before the first state."""
 
     def __enter__(self) -> Self:
         return self
@@ -109,11 +110,6 @@ class RobotClient:
     def close(self) -> None:
         """Leave the domain. May be called twice."""
         self._participant.close()
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """The robot's joints in its order; empty before the first state."""
-        return self._joints
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -133,9 +129,9 @@ class RobotClient:
                 return None
             self._states.reader.wait(left)
         told = taken[-1]
-        self._joints = tuple(told["name"])
+        self.joint_names = tuple(told["name"])
         position, velocity, effort = (frozen_array("JointStates", name, told[name]) for name in JOINT_ARRAYS)
-        return JointStates(self._joints, position, velocity, effort, stamp_ns(told))
+        return JointStates(self.joint_names, position, velocity, effort, stamp_ns(told))
 
     def command(self, command: MITCommand) -> bool:
         """Send a command for REMOTE, one value per joint in each field; whether it left.
@@ -145,12 +141,12 @@ class RobotClient:
         Raises:
             FieldError: before the first state, or if its shape is not that of the robot's joints.
         """
-        if command.position.shape != (len(self._joints),) or not self._joints:
+        if command.position.shape != (len(self.joint_names),) or not self.joint_names:
             raise FieldError(
-                f"MITCommand: has shape {command.position.shape}, expected ({len(self._joints)},), one value per joint "
-                "of the robot's state, which must have come before"
+                f"MITCommand: has shape {command.position.shape}, expected ({len(self.joint_names)},), one value per "
+                "joint of the robot's state, which must have come before"
             )
-        return self._writer.write(encode_mit_command(time.time_ns(), self._joints, command))
+        return self._writer.write(encode_mit_command(time.time_ns(), self.joint_names, command))
 
     @property
     def is_heard(self) -> bool:

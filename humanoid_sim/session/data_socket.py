@@ -199,7 +199,8 @@ class DataSocket(ExternSource, Sink):
         self.refusals = Refusals(self._say)
         self._reported: dict[Producer, int] = {}
         """Samples that a producer has refused itself, in all."""
-        self._shown: dict[str, str] = {}
+        self.owners: dict[str, str] = {}
+        """Name and process id of who commands `REMOTE`, `velocity`, and each live input at present; '' for nobody."""
         self._lost: dict[str, str] = {}
         """Producers that fell silent while they commanded REMOTE or a velocity, until somebody commands it anew."""
         self.heartbeats: dict[str, float] = {}
@@ -219,11 +220,6 @@ class DataSocket(ExternSource, Sink):
             for name, value in self._live.items()
             if self._widths.get(name) == len(value.value) and self._timeouts.get(name) == before.get(name)
         }
-
-    @property
-    def owners(self) -> Mapping[str, str]:
-        """Say who commands at present: `REMOTE`, `velocity`, live inputs, by name and process id; '' for nobody."""
-        return self._shown
 
     def latest(self) -> Mapping[str, Extern]:
         """Take in what has come since the last call; the live inputs that were ever heard."""
@@ -266,7 +262,7 @@ class DataSocket(ExternSource, Sink):
         self._path.unlink(missing_ok=True)
 
     def _expire(self, time: float) -> None:
-        before, moved = self._shown, self._velocity is not None and self._velocity.command.any()
+        before, moved = self.owners, self._velocity is not None and self._velocity.command.any()
         self._turn.expire(time)
         for name, turn in self._live_turns.items():
             heard = self._live.get(name)
@@ -412,7 +408,7 @@ class DataSocket(ExternSource, Sink):
     def status(self) -> dict[str, object]:
         """Return what to tell beside ticks: owners, refusals since they last changed, and in all."""
         return {
-            "owners": dict(self._shown),
+            "owners": dict(self.owners),
             "lost": dict(self._lost),
             "refused": list(self.refusals.lines),
             "refused_samples": dict(self.refusals.counts),
@@ -425,12 +421,12 @@ class DataSocket(ExternSource, Sink):
         if self._velocity is not None:
             owners["velocity"] = str(self._velocity.owner or "")
         owners |= {name: str(turn.owner or "") for name, turn in self._live_turns.items()}
-        if owners == self._shown:
+        if owners == self.owners:
             return
         for name, owner in owners.items():
-            before = self._shown.get(name, "")
+            before = self.owners.get(name, "")
             if owner != before:
                 self._say(f"{name}: belongs to {owner}" if owner else f"{name}: no longer controlled by {before}")
-        self._shown = owners
+        self.owners = owners
         self._lost = {name: before for name, before in self._lost.items() if not owners.get(name)}
         self.refusals.forget()

@@ -79,11 +79,6 @@ class Script:
         """All steps are done."""
         return not self._steps
 
-    @property
-    def remaining(self) -> int:
-        """Steps still to do."""
-        return len(self._steps)
-
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """Get the intent that is due, if any: one per tick, so that each is decided on the result of the one before."""
         if output is not None and output.policy_step is not None:

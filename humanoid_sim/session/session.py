@@ -128,9 +128,11 @@ class Session:
         self._stop_reason = ""
         self._hurry = threading.Event()
         self._goes_on = memory is not None
-        self._memory: SupervisorMemory = supervisor.initial() if memory is None else memory
+        self.memory: SupervisorMemory = supervisor.initial() if memory is None else memory
+        """The control stack's memory after the last tick."""
         self._output: TickOutput | None = None
-        self._state = MITState.unknown(len(robot.joints))
+        self.state = MITState.unknown(len(robot.joints))
+        """The robot's state as last read."""
         self._index = 0
         self._ticks = 0
         self._pace = Pace(settings.control_period, realtime=settings.realtime)
@@ -139,17 +141,7 @@ class Session:
     @property
     def time(self) -> float:
         """s, the robot's clock as of the last reading; other threads may ask."""
-        return float(self._state.time)
-
-    @property
-    def state(self) -> MITState:
-        """As last read."""
-        return self._state
-
-    @property
-    def memory(self) -> SupervisorMemory:
-        """The control stack's memory after the last tick."""
-        return self._memory
+        return float(self.state.time)
 
     @property
     def mode(self) -> Mode:
@@ -261,7 +253,7 @@ class Session:
             self._failures.append(f"recording: {error}")
             self._sinks.event(f"nothing is recorded from here on: {error}", EventKind.FAILURE)
         self._robot.activate()
-        self._memory, self._output, self._index = self._supervisor.initial(), None, 0
+        self.memory, self._output, self._index = self._supervisor.initial(), None, 0
         self._pace.restart()
         self._sinks.event("reset: the simulated robot is at its start")
 
@@ -272,7 +264,7 @@ class Session:
             self._interruption.restart()
         if kind is EventKind.FRESH_START:
             has_failed = reactivation.answer is not None and not reactivation.answer.granted
-            self._memory = self._supervisor.initial(NOT_DRIVEN if has_failed else STARTED)
+            self.memory = self._supervisor.initial(NOT_DRIVEN if has_failed else STARTED)
             self._output = None
             self._pace.restart()
         self._sinks.event(told, kind)
@@ -302,7 +294,7 @@ class Session:
             rest = RestDetector(self._settings.control_period)
             left = round(self._settings.damping_time / self._settings.control_period)
             self.tick((Intent.DAMP,))
-            while left > 0 and not self._hurry.is_set() and not rest.update(self._state):
+            while left > 0 and not self._hurry.is_set() and not rest.update(self.state):
                 self._collect()  # nothing is granted any more, but whoever asks is answered
                 self.tick(())
                 left -= 1
@@ -318,11 +310,11 @@ class Session:
         `intents` are those of this tick; None: those of the sources.
         """
         start = self._pace.begin()
-        before, memory = self.mode, self._memory
+        before, memory = self.mode, self.memory
         tick_input, output = self._decide(intents)
         if self._interruption is not None:
             if intents is None and self._interruption.beat():
-                self._memory = memory  # decided before the process stood still, and not yet sent: never to be sent
+                self.memory = memory  # decided before the process stood still, and not yet sent: never to be sent
                 tick_input, output = self._decide(intents)
             while told := self._interruption.news():
                 self._sinks.event(told)
@@ -345,17 +337,17 @@ class Session:
     def _decide(self, intents: tuple[Intent, ...] | None) -> tuple[TickInput, TickOutput]:
         """Read, collect and step: what the tick takes in, and what the control stack makes of it."""
         state, safety = self._robot.read()
-        self._state = state
+        self.state = state
         chosen = self._collect() if intents is None else intents  # before any data: no flood keeps a DAMP waiting
         if self._externs:
             live = {name: value for source in self._externs for name, value in source.latest().items()}
             state = replace(state, extern={**state.extern, **live})
         if self._live is not None:
             state = self._live.heard(state)
-        self._state = state
+        self.state = state
         remote: RemoteCommand | None = self._remote.latest() if self._remote else None
         tick_input = TickInput(state, self._safety_filter(safety), chosen, remote)
-        self._memory, self._output = self._supervisor.step(self._memory, tick_input)
+        self.memory, self._output = self._supervisor.step(self.memory, tick_input)
         return tick_input, self._output
 
     def _wait(self) -> None:
@@ -377,10 +369,10 @@ class Session:
     def _damp_now(self) -> None:
         """Last resort after an exception; sources and sinks are left out, because one of them may be what broke."""
         settings = self._settings
-        self._state = damp_without_supervisor(
+        self.state = damp_without_supervisor(
             self._robot,
             self._supervisor.controllers,
-            self._state,
+            self.state,
             period=settings.control_period,
             longest=0.0 if self.mode is Mode.ZERO_TORQUE else settings.damping_time,
             pause=sleep if settings.realtime else None,

@@ -39,7 +39,7 @@ def test_what_was_planned_before_does_not_move_the_robot_after():
     sink, options = asked_at(5, reactivation, intents=[OverriddenScript(script, [FakeSource()])])
     result = session(robot, **options).run()
     assert result.reason == "duration of 0.4 s reached"
-    assert script.remaining == 0
+    assert script.finished
     assert {record.output.control_mode.mode for record in sink.records[6:]} == {Mode.ZERO_TORQUE}
 
 
