@@ -94,11 +94,9 @@ class Injector:
 
     def remote(self, source: RemoteSource) -> RemoteSource:
         """Return the source, silent from the injected time on."""
-        return _SilencedRemote(source, self) if math.isfinite(self._start["silent_remote"]) else source
-
-    def silences(self) -> bool:
-        """Return whether remote commands are silent from now on."""
-        return self._takes_effect("silent_remote")
+        if math.isinf(self._start["silent_remote"]):
+            return source
+        return _SilencedRemote(source, lambda: self._takes_effect("silent_remote"))
 
     def _takes_effect(self, kind: FaultKind) -> bool:
         """Return whether a fault has begun; it is no longer pending then."""
@@ -113,12 +111,11 @@ class Injector:
 class _SilencedRemote:
     """Repeats the last command from before the silence, as a source whose sender has died would."""
 
-    def __init__(self, source: RemoteSource, injector: Injector) -> None:
-        self._source = source
-        self._injector = injector
+    def __init__(self, source: RemoteSource, is_silent: Callable[[], bool]) -> None:
+        self._source, self._is_silent = source, is_silent
         self._last: RemoteCommand | None = None
 
     def latest(self) -> RemoteCommand | None:
-        if not self._injector.silences():
+        if not self._is_silent():
             self._last = self._source.latest()
         return self._last

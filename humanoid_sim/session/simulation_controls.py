@@ -5,6 +5,7 @@ For motors, emulated ones too, there are those of the default, which refuse ever
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -72,7 +73,7 @@ class SimulationControls:
             (self.speed,) = numbers
             return f"the robot's time goes on at {self.speed:g} times real time"
         if word == PUSH:
-            if len(numbers) != 2:
+            if len(numbers) != 2 or any(map(math.isnan, numbers)):
                 raise InputError(f"is '{rest[:40]}', expected VX,VY in m/s, and a body")
             push(numbers[0], numbers[1], body)
             return f"pushed{body and f' at {body}'} by {first} m/s"

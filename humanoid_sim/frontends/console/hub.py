@@ -12,7 +12,6 @@ from collections import deque
 from collections.abc import Awaitable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
-from functools import partial
 from itertools import count
 from typing import Any
 
@@ -171,7 +170,7 @@ class Hub:
         """Look after a page until it closes. Reading never waits for sending, nor for an answer: a DAMP may come."""
         self._pages.add(connection)
         page = _Page(connection, access, next(self._page_numbers), Watch(self._showing.plots))
-        page.start(self._tell_page(page))
+        page.tasks.add(asyncio.create_task(self._tell_page(page)))
         try:
             async for message in connection:
                 asked = _asked(message)
@@ -292,8 +291,8 @@ class Hub:
             word = f"{MARK} moment {self._marks}"
         elif seen is None:
             return _blind(word)
-        asking = partial(self._wait, word, self._damps, seen)
-        page.start(self._answer(page, asyncio.get_running_loop().run_in_executor(self._asking, asking)))
+        asked_for = self._asking, self._wait, word, self._damps, seen
+        page.start(self._answer(page, asyncio.get_running_loop().run_in_executor(*asked_for)))
         return ""
 
     def _damp(self, page: _Page) -> str:
@@ -328,11 +327,12 @@ class Hub:
             return f"load not understood, expected texts of {', '.join(LOAD_OPTIONS)}"
         if seen is None:
             return _blind(LOAD)
-        page.start(self._answer(page, asyncio.to_thread(self._wait_for_load, options, seen)))
+        # On a thread of its own: nothing else waits behind it.
+        answer = asyncio.get_running_loop().run_in_executor(None, self._wait_for_load, options, seen)
+        page.start(self._answer(page, answer))
         return ""
 
     def _wait_for_load(self, options: dict[str, str], seen: int) -> Answer:
-        """Ask for a policy, on a thread of its own: nothing else waits behind it."""
         folder = self._attachment.session.folder
         given = {name: text.strip() for name, text in options.items() if text.strip()}
         files = {

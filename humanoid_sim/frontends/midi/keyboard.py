@@ -92,11 +92,6 @@ class PressedKeys:
         values[[key for _, key in self._held]] = 1.0
         return values
 
-    @property
-    def count(self) -> int:
-        """Number of keys that are down."""
-        return len({key for _, key in self._held})
-
     def release(self) -> None:
         """Release all."""
         self._held.clear()
