@@ -57,16 +57,14 @@ class Freshness:
     OLDEST = 0.5
     """s"""
 
-    def __init__(self, clock: Callable[[], int] = monotonic_ns) -> None:
-        """Know of no mode yet; `clock` gives ns."""
-        self._clock = clock
+    def __init__(self) -> None:
         self._polled = self._entered = 0
         self.mode = Mode.ZERO_TORQUE
         """Mode of the previous tick."""
 
     def follow(self, output: TickOutput | None) -> None:
         """Take the mode of the previous tick into account: to be called in every poll, before anything is judged."""
-        mode, now = Mode.ZERO_TORQUE if output is None else output.control_mode.mode, self._clock()
+        mode, now = Mode.ZERO_TORQUE if output is None else output.control_mode.mode, monotonic_ns()
         if mode is not self.mode and mode in (Mode.DAMPING, Mode.ZERO_TORQUE):
             # The tick that entered it polled before it was published; a fresh start happens between two ticks.
             self._entered = now if output is None else self._polled
@@ -77,7 +75,7 @@ class Freshness:
 
         `seen`, ns, is when what its sender had seen was so.
         """
-        age = 1e-9 * (self._clock() - seen)
+        age = 1e-9 * (monotonic_ns() - seen)
         if age < 0.0:
             return "what its sender had seen is in the future; expected ns of CLOCK_MONOTONIC, as of a tick's stamp"
         if age > self.OLDEST:

@@ -36,17 +36,8 @@ def idl_type(schema: str) -> Any:
     """Return a message type as Cyclone DDS's `IdlStruct`."""
     from cyclonedds.idl import make_idl_struct, types  # noqa: PLC0415 - an extra
 
-    primitives = {
-        "bool": bool,
-        "string": str,
-        "uint8": types.uint8,
-        "int32": types.int32,
-        "uint32": types.uint32,
-        "int64": types.int64,
-        "uint64": types.uint64,
-        "float32": types.float32,
-        "float64": types.float64,
-    }
+    numbers = ("uint8", "int32", "uint32", "int64", "uint64", "float32", "float64")
+    primitives = {"bool": bool, "string": str, **{name: getattr(types, name) for name in numbers}}
     fields = {}
     for field in message_fields(schema):
         kind = primitives[field.kind] if field.kind in primitives else idl_type(field.kind)
