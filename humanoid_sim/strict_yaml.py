@@ -22,10 +22,7 @@ _SAFE_NESTING = 2000
 
 
 class _Strictness(yaml.constructor.SafeConstructor):
-    """Refuses a key given twice, of which YAML would silently keep the last, and text that no file or name can hold.
-
-    It reads `1e-3` as the number that it is, and knows one Python tag: `slice`.
-    """
+    """Refuses a key given twice, of which YAML would silently keep the last, and text that no file or name can hold."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Return a mapping whose keys differ."""
@@ -53,20 +50,6 @@ class _Strictness(yaml.constructor.SafeConstructor):
             message = "a text holds a null character or half of a surrogate pair"
             raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
         return value
-
-    def construct_slice(self, node: yaml.Node) -> slice:
-        """`[start, stop, step]`, each an integer or null: made here, never by calling what the file names."""
-        bounds = self.construct_sequence(node, deep=True) if isinstance(node, yaml.SequenceNode) else []
-        if len(bounds) != 3 or not all(bound is None or type(bound) is int for bound in bounds):
-            message = "a slice is [start, stop, step], each an integer or null"
-            raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
-        return slice(*bounds)
-
-    def refuse(self, node: yaml.Node) -> None:
-        """Refuse a tag."""
-        tag = node.tag.replace("tag:yaml.org,2002:", "!!")
-        message = f"the tag {tag} is not read; the only one of Python that is: !!python/object/apply:builtins.slice"
-        raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
 
 
 def _count_values(node: yaml.Node, known: dict[int, int], above: set[int]) -> int:
@@ -110,9 +93,27 @@ def load_strictly(text: str) -> Any:
 
 _SLICE = "tag:yaml.org,2002:python/object/apply:builtins.slice"
 _EXPONENT = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
+"""A number such as `1e-3`, which is none to YAML 1.1."""
+
+
+def _construct_slice(loader: Any, node: yaml.Node) -> slice:
+    """`[start, stop, step]`, each an integer or null: made here, never by calling what the file names."""
+    bounds = loader.construct_sequence(node, deep=True) if isinstance(node, yaml.SequenceNode) else []
+    if len(bounds) != 3 or not all(bound is None or type(bound) is int for bound in bounds):
+        message = "a slice is [start, stop, step], each an integer or null"
+        raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
+    return slice(*bounds)
+
+
+def _refuse_tag(loader: Any, node: yaml.Node) -> None:  # noqa: ARG001 - the signature of a constructor
+    tag = node.tag.replace("tag:yaml.org,2002:", "!!")
+    message = f"the tag {tag} is not read; the only one of Python that is: !!python/object/apply:builtins.slice"
+    raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
+
+
 for _loader in (StrictLoader, _FastLoader):
-    _loader.add_constructor(_SLICE, _Strictness.construct_slice)
-    _loader.add_constructor(None, _Strictness.refuse)  # None: any tag that has no constructor
+    _loader.add_constructor(_SLICE, _construct_slice)
+    _loader.add_constructor(None, _refuse_tag)  # None: any tag that has no constructor
     _loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
 
 
