@@ -13,8 +13,9 @@ from typing import ClassVar
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.command_line import parse
-from humanoid_sim.frontends.attach import Attachment, RobotElsewhere, ready
+from humanoid_sim.frontends.attach import Attachment, ready
 from humanoid_sim.frontends.console.access import Access, checked_host
+from humanoid_sim.frontends.dds.mirror import RobotElsewhere
 
 _LOCAL = "127.0.0.1"
 _LOOK = 0.04

@@ -24,7 +24,8 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.client import Sample
 from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends.attach import Attachment, RobotElsewhere, behind, ready
+from humanoid_sim.frontends.attach import Attachment, behind, ready
+from humanoid_sim.frontends.dds.mirror import RobotElsewhere
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.recording.body import BodyError, RecordedBody

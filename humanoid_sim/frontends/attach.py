@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
@@ -17,7 +16,6 @@ import mujoco
 from humanoid_sim.client import Feed, Intake, Sample, SessionError, SessionInfo, find_session
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends import require_packages
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.recording.codec import decode_event, decode_tick
@@ -147,59 +145,6 @@ class Attachment:
         """Numbers and events of the ring `event` after that number, oldest first; 0 for all that are still there."""
         for sample in self.feed.since(number, "event"):
             yield sample.number, decode_event(sample.data)
-
-
-@dataclass(frozen=True)
-class RobotElsewhere:
-    """Options of a front end that can also show a robot on another machine, for watching only."""
-
-    session: int | None = None
-    """Process id of the session. Default: the only one that runs."""
-    dds: bool = False
-    """Show a robot on another machine, from its DDS topics alone, for watching only."""
-    interface: str = ""
-    """With --dds: the network interface at which the robot is, such as eth1."""
-    prefix: str = "lite"
-    """With --dds: what the robot's joint states are under."""
-    namespace: str = ""
-    """With --dds: what all of the robot's topics are under, if it was given a namespace (--dds-namespace)."""
-
-    @contextmanager
-    def shown(
-        self, name: str, niceness: int = 5
-    ) -> Iterator[tuple[Attachment, Callable[[], None] | None, Callable[[], bool]] | None]:
-        """Attach the front end of that name to the session, or to the robot elsewhere, that the options name.
-
-        Yields the attachment; of a robot elsewhere what takes in its newest messages; and what says that a signal asks
-        this program to end. None if a signal came before that robot.
-
-        Raises:
-            InputError: options exclude each other, or there is no such session, robot or network interface.
-            MissingPackageError: the front end's packages are not installed, or Cyclone DDS is not.
-        """
-        if self.interface and not self.dds:
-            raise InputError(f"--interface: is {self.interface}, which means nothing without --dds")
-        if self.session is not None and self.dds:
-            raise InputError(f"--session: is {self.session}, which means nothing with --dds, whose robot is elsewhere")
-        if self.dds and not self.interface:
-            raise InputError("--interface: is needed with --dds: the one at which the robot is, such as eth1")
-        require_packages(name)
-        if not self.dds:
-            with attached(self.session, name, niceness=niceness) as attachment:
-                yield attachment, None, lambda: False
-            return
-        require_packages("dds")
-        from humanoid_sim.frontends.dds.mirror import mirrored  # noqa: PLC0415 - an extra
-
-        signals: list[int] = []
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, lambda number, _: signals.append(number))
-
-        def ended() -> bool:
-            return bool(signals)
-
-        with mirrored(self.interface, self.prefix, self.namespace, told=ready, ended=ended) as found:
-            yield None if found is None else (found[0], found[1].look, ended)
 
 
 @contextmanager
