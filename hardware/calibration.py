@@ -20,7 +20,7 @@ import yaml
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import whole_file
 from humanoid_sim.robots.schema import JointDescription, RobotDescription
-from humanoid_sim.strict_yaml import read_strictly
+from humanoid_sim.strict_yaml import read_yaml
 
 _FIELDS = ("id", "direction", "homing_offset")
 _LARGEST_OFFSET = 8.0 * math.pi
@@ -70,7 +70,7 @@ def load_calibration(path: str | os.PathLike[str], description: RobotDescription
         InputError: the file cannot be read, is not a calibration, or names another motor for a joint: it is another
             robot's. One line with joint, field, value and what is accepted.
     """
-    document = read_strictly(Path(path), str(path), "a calibration (YAML)")
+    document = read_yaml(Path(path), str(path), "a calibration (YAML)")
     if not isinstance(document, dict) or not all(isinstance(name, str) for name in document):
         raise InputError(f"{path}: expected a mapping from joint names to {', '.join(_FIELDS)}")
     entries = {name: _entry(f"{path}: {name}", value) for name, value in document.items()}

@@ -11,21 +11,19 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
+from rich.console import Console
+from rich.table import Table
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.command_line import parse
+from humanoid_sim.command_line.tables import titled_table
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.recording.reader import open_recording
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-__all__ = ["Distance", "PolicyRun", "compare_runs", "main", "read_policy_run"]
 
 
 @dataclass(frozen=True)
@@ -111,11 +109,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def read_policy_run(path: Path) -> PolicyRun:
-    """Return the policy's steps of a recording.
-
-    Raises:
-        InputError: if it cannot be read, or no policy ran.
-    """
+    """Return the policy's steps of a recording. Raises `InputError` if it cannot be read, or no policy ran."""
     recording = open_recording(path).of_last_policy()
     frames: dict[int, int] = {}
     rows: list[tuple[npt.NDArray[Any], ...]] = []
@@ -173,14 +167,10 @@ def _rms(values: FloatArray) -> float:
 
 
 def _print(reference: PolicyRun, distances: Sequence[Distance]) -> None:
-    from rich.table import Table  # noqa: PLC0415 - not needed for `--help`
-
     age = 1e3 * float(reference.joint_age.mean())
     title = f"Compared with {reference.name}, whose joints' state is {age:.1f} ms old on average"
-    table = Table(title=title, title_justify="left", title_style="bold")
-    table.add_column("run")
-    for heading in ("frames", "state age", "position RMS", "max", "velocity RMS", "action RMS", "explained"):
-        table.add_column(heading, justify="right")
+    figures = ("frames", "state age", "position RMS", "max", "velocity RMS", "action RMS", "explained")
+    table = titled_table(title, "run", *figures, right=figures)
     for item in distances:
         table.add_row(
             item.name,
@@ -196,23 +186,16 @@ def _print(reference: PolicyRun, distances: Sequence[Distance]) -> None:
 
 
 def _print_joints(distances: Sequence[Distance]) -> None:
-    from rich.table import Table  # noqa: PLC0415 - not needed for `--help`
-
-    table = Table(title="Position RMS of each joint, mrad", title_justify="left", title_style="bold")
-    table.add_column("joint")
-    for item in distances:
-        table.add_column(item.name, justify="right", overflow="fold")
+    names = [item.name for item in distances]
+    table = titled_table("Position RMS of each joint, mrad", "joint", *names, right=names)
     for joint in sorted(distances[0].by_joint, key=lambda joint: -max(item.by_joint[joint] for item in distances)):
         table.add_row(joint, *(f"{1e3 * item.by_joint[joint]:.2f}" for item in distances))
     _show(table)
 
 
 def _show(table: Table) -> None:
-    from rich.console import Console  # noqa: PLC0415 - not needed for `--help`
-
-    Console(
-        highlight=False, emoji=False, soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 200
-    ).print(table)
+    wide = None if sys.stdout.isatty() else 200
+    Console(highlight=False, emoji=False, soft_wrap=wide is not None, width=wide).print(table)
 
 
 if __name__ == "__main__":

@@ -14,32 +14,20 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, Self
 
-from humanoid_sim.client import Answer, Decoder, Intake, SessionError, find_session
+from humanoid_sim.client import Answer, Intake, find_session
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import ControlMode, Mode, SafetyFlag, SafetyLevel, SafetyStatus, StandbyState
 from humanoid_sim.mit import FloatArray, MITCommand, frozen_array
+from humanoid_sim.ros2 import topics as ros
 from humanoid_sim.ros2.dds.domain import LOOPBACK, Participant
-from humanoid_sim.ros2.dds.endpoints import Reader, Writer
-from humanoid_sim.ros2.definitions import JOINT_STATE, schema_text
+from humanoid_sim.ros2.dds.endpoints import Subscription, Writer
+from humanoid_sim.ros2.definitions import JOINT_STATE
 from humanoid_sim.ros2.messages import encode_mit_command
-from humanoid_sim.ros2.topics import (
-    COMMAND_TOPIC,
-    CONTROL_MODE_TOPIC,
-    DESCRIPTION_TOPIC,
-    IMU_TOPIC,
-    SAFETY_TOPIC,
-    STANDBY_TOPIC,
-    TOPICS,
-    Topic,
-    joint_states_topic,
-)
 
-_ARRAYS = ("position", "velocity", "effort")
-_DEPTH = 64
-"""Messages of a topic that wait for the next look."""
+JOINT_ARRAYS = ("position", "velocity", "effort")
+"""Arrays of `sensor_msgs/msg/JointState`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,28 +58,20 @@ class Imu:
     time_ns: int
     """ns, the robot's stamp."""
 
+    @classmethod
+    def of(cls, message: Mapping[str, Any]) -> Imu:
+        """Read a decoded `sensor_msgs/msg/Imu`."""
+        vectors = (("orientation", "wxyz"), ("angular_velocity", "xyz"), ("linear_acceleration", "xyz"))
+        turn, gyro, acceleration = (
+            frozen_array("Imu", name, [message[name][axis] for axis in axes]) for name, axes in vectors
+        )
+        return cls(turn, gyro, acceleration, stamp_ns(message))
 
-class _Topic:
-    """A subscription, and the decoder of its messages."""
 
-    def __init__(self, participant: Participant, name: str, kind: Topic) -> None:
-        self.reader = Reader(participant, name, kind, depth=_DEPTH)
-        self.problem = ""
-        self._name, self._decoder = name, Decoder(schema_text(kind.schema))
-
-    def take(self) -> list[dict[str, Any]]:
-        """Return what has come, oldest first, without what is no such message."""
-        found = []
-        for sample in self.reader.take():
-            try:
-                found.append(self._decoder(sample.data))
-            except SessionError as error:
-                self.refuse(str(error))
-        return found
-
-    def refuse(self, problem: str) -> None:
-        """Keep why a message was not understood."""
-        self.problem = f"{self._name}: {problem}"
+def stamp_ns(message: Mapping[str, Any]) -> int:
+    """Return the time in the header of a decoded message, ns."""
+    stamp = message["header"]["stamp"]
+    return int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"])
 
 
 class RobotClient:
@@ -113,30 +93,23 @@ class RobotClient:
             MissingPackageError: Cyclone DDS is not installed.
         """
         self._participant = Participant(domain, interface, namespace)
-        self._states = _Topic(self._participant, joint_states_topic(prefix), Topic(JOINT_STATE))
-        names = (IMU_TOPIC, CONTROL_MODE_TOPIC, SAFETY_TOPIC, STANDBY_TOPIC, DESCRIPTION_TOPIC)
-        self._topics = {name: _Topic(self._participant, name, TOPICS[name]) for name in names}
-        self._newest: dict[str, dict[str, Any]] = {}
+        self._states = Subscription(self._participant, ros.joint_states_topic(prefix), ros.Topic(JOINT_STATE))
+        names = (ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.SAFETY_TOPIC, ros.STANDBY_TOPIC, ros.DESCRIPTION_TOPIC)
+        self._topics = {name: Subscription(self._participant, name, ros.TOPICS[name]) for name in names}
         self._safety: dict[str, SafetyStatus] = {}
-        self._writer = Writer(self._participant, COMMAND_TOPIC, TOPICS[COMMAND_TOPIC])
-        self._joints: tuple[str, ...] = ()
+        self._writer = Writer(self._participant, ros.COMMAND_TOPIC, ros.TOPICS[ros.COMMAND_TOPIC])
+        self.joint_names: tuple[str, ...] = ()
+        """The robot's joints in its order; empty before the first state."""
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
         """Leave the domain. May be called twice."""
         self._participant.close()
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """The robot's joints in its order; empty before the first state."""
-        return self._joints
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -156,9 +129,9 @@ class RobotClient:
                 return None
             self._states.reader.wait(left)
         told = taken[-1]
-        self._joints = tuple(told["name"])
-        position, velocity, effort = (frozen_array("JointStates", name, told[name]) for name in _ARRAYS)
-        return JointStates(self._joints, position, velocity, effort, _stamp(told))
+        self.joint_names = tuple(told["name"])
+        position, velocity, effort = (frozen_array("JointStates", name, told[name]) for name in JOINT_ARRAYS)
+        return JointStates(self.joint_names, position, velocity, effort, stamp_ns(told))
 
     def command(self, command: MITCommand) -> bool:
         """Send a command for REMOTE, one value per joint in each field; whether it left.
@@ -168,12 +141,12 @@ class RobotClient:
         Raises:
             FieldError: before the first state, or if its shape is not that of the robot's joints.
         """
-        if command.position.shape != (len(self._joints),) or not self._joints:
+        if command.position.shape != (len(self.joint_names),) or not self.joint_names:
             raise FieldError(
-                f"MITCommand: has shape {command.position.shape}, expected ({len(self._joints)},), one value per joint "
-                "of the robot's state, which must have come before"
+                f"MITCommand: has shape {command.position.shape}, expected ({len(self.joint_names)},), one value per "
+                "joint of the robot's state, which must have come before"
             )
-        return self._writer.write(encode_mit_command(time.time_ns(), self._joints, command))
+        return self._writer.write(encode_mit_command(time.time_ns(), self.joint_names, command))
 
     @property
     def is_heard(self) -> bool:
@@ -185,34 +158,30 @@ class RobotClient:
 
         None while nothing was heard, and while the robot is in a mode that is not known here: `problems` says so.
         """
-        told = self._look(CONTROL_MODE_TOPIC)
-        if told is not None and told["mode"] not in list(Mode):
-            self._topics[CONTROL_MODE_TOPIC].refuse(f"mode {told['mode']} is not known here, expected 0 to {max(Mode)}")
+        told = self._topics[ros.CONTROL_MODE_TOPIC].look()
+        if told is None:
             return None
-        return told and ControlMode(Mode(told["mode"]), told["controller_name"], told["status_message"])
+        if told["mode"] not in list(Mode):
+            self._topics[ros.CONTROL_MODE_TOPIC].refuse(
+                f"mode {told['mode']} is not known here, expected 0 to {max(Mode)}"
+            )
+            return None
+        return ControlMode(Mode(told["mode"]), told["controller_name"], told["status_message"])
 
     def imu(self) -> Imu | None:
         """Return the newest IMU sample; None while nothing was heard."""
-        told = self._look(IMU_TOPIC)
-        if told is None:
-            return None
-        turn, gyro, acceleration = told["orientation"], told["angular_velocity"], told["linear_acceleration"]
-        return Imu(
-            frozen_array("Imu", "quaternion", [turn[axis] for axis in "wxyz"]),
-            frozen_array("Imu", "angular_velocity", [gyro[axis] for axis in "xyz"]),
-            frozen_array("Imu", "linear_acceleration", [acceleration[axis] for axis in "xyz"]),
-            _stamp(told),
-        )
+        told = self._topics[ros.IMU_TOPIC].look()
+        return None if told is None else Imu.of(told)
 
     def standby(self) -> StandbyState | None:
         """Return how far the latest standby pose has come; None while nothing was heard."""
-        told = self._look(STANDBY_TOPIC)
+        told = self._topics[ros.STANDBY_TOPIC].look()
         fields = ("current_segment", "total_segments", "progress", "is_finished")
-        return told and StandbyState(*(told[name] for name in fields))
+        return None if told is None else StandbyState(*(told[name] for name in fields))
 
     def safety(self) -> Mapping[str, SafetyStatus]:
         """Return the latest status of each source, such as a CAN bus. A level that is not known here is CRITICAL."""
-        topic = self._topics[SAFETY_TOPIC]
+        topic = self._topics[ros.SAFETY_TOPIC]
         for told in topic.take():
             level = min(told["level"], SafetyLevel.CRITICAL)
             if level != told["level"]:
@@ -224,8 +193,8 @@ class RobotClient:
 
     def description(self) -> str | None:
         """Return the robot as URDF; None while nothing was heard."""
-        told = self._look(DESCRIPTION_TOPIC)
-        return told and str(told["data"])
+        told = self._topics[ros.DESCRIPTION_TOPIC].look()
+        return None if told is None else str(told["data"])
 
     def ask(self, word: str, timeout: float = 2.0) -> Answer:
         """Ask the session that runs on this machine for a mode: `damp`, `load_a`, `start_remote`, ...
@@ -237,15 +206,3 @@ class RobotClient:
         """
         with Intake(find_session(), "dds client") as intake:
             return intake.ask(word, timeout)
-
-    def _look(self, topic: str) -> Any:
-        """Return the newest message of a topic; None while there is none."""
-        for told in self._topics[topic].take():
-            self._newest[topic] = told
-        return self._newest.get(topic)
-
-
-def _stamp(told: Mapping[str, Any]) -> int:
-    """Ns of a message's header."""
-    stamp = told["header"]["stamp"]
-    return int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"])

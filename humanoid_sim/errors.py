@@ -6,6 +6,7 @@ one line and exit with status 2. Everything else that escapes a program is a bug
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 
@@ -67,8 +68,7 @@ class RobotError(HumanoidSimError):
 def known_names(what: str, name: str, known: Iterable[str], *, listed: bool = True) -> str:
     """Give the body of an "unknown name" message: `unknown joint 'elbw' (did you mean 'elbow'?); known: elbow, wrist`.
 
-    Args:
-        listed: name them all; without, only one that is near.
+    Not `listed`, it names only one that is near.
     """
     names = list(known)
     near = meant(name, names)
@@ -90,6 +90,15 @@ def meant(name: str, known: Iterable[str]) -> str:
 
     near = near_miss(name, known)
     return f" (did you mean '{near}'?)" if near else ""
+
+
+def number_in(text: str) -> float:
+    """Return the number that a user's text is; NaN if it is none, and for infinity."""
+    try:
+        number = float(text)
+    except ValueError:
+        return math.nan
+    return number if math.isfinite(number) else math.nan
 
 
 def one_line(text: str) -> str:

@@ -100,10 +100,9 @@ def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwri
 def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> io.FileIO:
     """Open a file to be written over a long time, unbuffered and empty; nobody else here writes it meanwhile.
 
-    Raises `InputError` if another process writes it, and it is left alone; it is there; or it cannot be written.
-
-    Args:
-        overwrite: replace what is in a file that is there.
+    Raises:
+        InputError: another process writes it, and it is left alone; it is there, without `overwrite`; or it cannot be
+            written.
     """
     path = Path(path)
     flags = os.O_WRONLY | os.O_CREAT | _CLOSE_IN_CHILDREN | (0 if overwrite else os.O_EXCL)
@@ -132,10 +131,9 @@ def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> i
 def exclusive_folder(path: Path, what: str) -> Iterator[None]:
     """Make a folder, unless it is there, that nobody else has from here until the block ends.
 
-    Raises `InputError` if it cannot be made or written, or another process has it.
+    `what` it is, such as the option that names it, is for messages.
 
-    Args:
-        what: it is, for messages, such as the option that names it.
+    Raises `InputError` if it cannot be made or written, or another process has it.
     """
     lock = path / ".lock"
     try:

@@ -30,7 +30,7 @@ _HOST = "127.0.0.1"
 _PAUSE = 0.01
 """s between two looks at the feed, which holds many more ticks than come meanwhile."""
 _LOOK_PERIOD = 0.5
-"""s between two looks whether the session is still there, and whether it stands still."""
+"""s between two looks whether the session stands still."""
 _BACKLOG = 256
 """Messages that wait for one client; of a slow one the oldest are dropped."""
 _CONTROL = ("load_a", "load_b", "start_locomotion", "start_remote", "quit")
@@ -121,13 +121,11 @@ class _Server:
     def run(self) -> None:
         """Publish until the session ends."""
         feed = self._attachment.feed
-        tick = event = 0
-        newest, looked = feed.latest(), time.monotonic()
-        tick = 0 if newest is None else newest.number - 1  # a session that is under way begins with its present
-        while True:
+        newest, event, looked = feed.latest(), 0, time.monotonic()
+        for samples in self._attachment.looks(self._attachment.before_present(), _PAUSE):
             self._looks.look()
-            for sample in feed.since(tick):
-                tick, newest = sample.number, sample
+            for sample in samples:
+                newest = sample
                 if self._attachment.follow():
                     self._topics.follow(self._attachment.header)
                 record = self._attachment.record(sample)
@@ -142,10 +140,7 @@ class _Server:
             self._repeat_latched()
             if time.monotonic() - looked > _LOOK_PERIOD:
                 looked = time.monotonic()
-                if not feed.is_running():
-                    return
                 self._say("" if newest is None else behind(newest.age(), feed.control_period))
-            time.sleep(_PAUSE)
 
     def _publish(self, message: TopicMessage, time_ns: int) -> None:
         channel = self._channels.get(message.topic)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import sleep
@@ -18,12 +17,10 @@ from humanoid_sim.command_line import parse
 from humanoid_sim.controllers.joy import JoyBindings, pressed_intents
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends import require_packages
-from humanoid_sim.frontends.attach import attached, ready
+from humanoid_sim.frontends.attach import attached, ready, steps
 from humanoid_sim.frontends.gamepad.device import Pad, Pads
-from humanoid_sim.frontends.gamepad.layout import PadLayout, chosen_layout
-from humanoid_sim.frontends.gamepad.sticks import SpeedRange, Sticks, policy_speeds
+from humanoid_sim.frontends.gamepad.layout import PadLayout, SpeedRange, Sticks, chosen_layout, policy_speeds
 from humanoid_sim.messages import Intent
-from humanoid_sim.session.realtime import punctual_threads
 
 _PERIOD = 0.01
 """s between two looks at the buttons."""
@@ -31,8 +28,6 @@ _HEARTBEAT_EVERY = 2
 """Looks."""
 _ANSWER_WITHIN = 0.05
 """s for which an answer of the session is waited for; on a session's own machine it comes within a tick."""
-_BEHIND = 30
-"""Priorities behind the control loop, and behind all its threads."""
 _UNKNOWN = "its buttons have their driver's numbers: see them with gamepad --list, bind them by --joy.*"
 _MOVED = 0.02
 """m/s or rad/s by which a stick must move to say that somebody moved it."""
@@ -72,8 +67,6 @@ class Driver:
         """Prepare.
 
         Args:
-            intake: of the session.
-            config: which pad, and what its buttons do.
             speeds: shape (3, 2), what full sticks command; None: the policy takes no velocity.
             is_hardware: the loss of the gamepad damps.
         """
@@ -193,17 +186,10 @@ def _drive(pads: Pads, config: GamepadConfig) -> int:
         driver = Driver(attachment.intake, config, speeds=policy_speeds(attachment.contract), is_hardware=is_hardware)
         found = pads.look()
         ready(f"{found[0] if found else 'waits for a gamepad to be plugged in'}")
-        # No other program may keep a DAMP waiting, or let the device look lost.
-        with punctual_threads(behind=_BEHIND) if is_hardware else nullcontext():
-            while attachment.feed.is_running():
-                if attachment.follow():
-                    driver.speeds = policy_speeds(attachment.contract)
-                try:
-                    for line in driver.step(pads.look()):
-                        print(line, flush=True)
-                except SessionError:
-                    break
-                sleep(_PERIOD)
+        for _ in steps(attachment, lambda: driver.step(pads.look())):
+            if attachment.follow():
+                driver.speeds = policy_speeds(attachment.contract)
+            sleep(_PERIOD)
     return 0
 
 

@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.client import Sample, SessionError
+from humanoid_sim.client import SessionError
 from humanoid_sim.command_line import parse
 from humanoid_sim.frontends.attach import Attachment, attached, ready
 from humanoid_sim.messages import Mode, TickRecord
@@ -38,7 +38,6 @@ def gravity_command(
         description: the robot's own gains.
         position: shape (n,), rad.
         gravity: shape (n,), N·m, the torque that holds `position`, within the effort limits.
-        form: which of the two.
     """
     zeros = np.zeros_like(position)
     if form == "effort":
@@ -96,20 +95,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sample = attachment.feed.wait(number, _SILENCE)
             if sample is None:
                 continue
-            number = sample.number
-            try:
-                _send(attachment, producer, sample)
-            except SessionError:
-                break
+            number, command = sample.number, producer.command(attachment.record(sample))
+            if command is not None:
+                try:
+                    attachment.send(command, sample.stamp)
+                except SessionError:
+                    break
     return 0
-
-
-def _send(attachment: Attachment, producer: GravityProducer, sample: Sample) -> None:
-    command = producer.command(attachment.record(sample))
-    if command is not None:
-        fields = (command.position, command.velocity, command.effort, command.stiffness, command.damping)
-        # As old as the state that it is made of.
-        attachment.intake.remote(attachment.description.joint_names, *map(list, fields), stamp=sample.stamp)
 
 
 if __name__ == "__main__":

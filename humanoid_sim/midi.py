@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
 
 from humanoid_sim.cli import run_program
-from humanoid_sim.client import LIVE_TIMEOUT, Intake, SessionError
+from humanoid_sim.client import LIVE_TIMEOUT, Intake
 from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import require_packages
-from humanoid_sim.frontends.attach import Attachment, attached, ready
+from humanoid_sim.frontends.attach import Attachment, attached, ready, steps
 from humanoid_sim.frontends.midi.device import STANDARD_INPUT, ByteDevice, Port, Source, port_names
 from humanoid_sim.frontends.midi.keyboard import Keyboard
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.robots.piano import KEY_COUNT
-from humanoid_sim.session.realtime import punctual_threads
 
 _LEAST_PERIOD = 0.005
 """s between two samples; else half a control period."""
-_BEHIND = 30
-"""Priorities behind the control loop, and behind all its threads."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,6 @@ class Teller:
     """
 
     def __init__(self, intake: Intake, keyboard: Keyboard) -> None:
-        """Tell nothing yet."""
         self._intake, self._keyboard = intake, keyboard
         self._was_known = True
 
@@ -94,25 +90,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         attachment = stack.enter_context(attached(config.session, "midi"))
         _check_session(attachment)
         ready(f"the keys of {source.name}, for {attachment.session}")
-        # No other program may let the keyboard look lost.
-        is_hardware = bool(attachment.session.hardware)
-        stack.enter_context(punctual_threads(behind=_BEHIND) if is_hardware else nullcontext())
-        return _run(attachment, keyboard, is_single=config.device == STANDARD_INPUT)
-
-
-def _run(attachment: Attachment, keyboard: Keyboard, *, is_single: bool) -> int:
-    """Until the session ends; `is_single`: also when the keyboard is gone, which cannot come back."""
-    teller = Teller(attachment.intake, keyboard)
-    period = max(0.5 * attachment.feed.control_period, _LEAST_PERIOD)
-    while attachment.feed.is_running():
-        try:
-            lines = teller.step(period)
-        except SessionError:
-            break
-        for line in lines:
-            print(line, flush=True)
-        if is_single and not keyboard.is_known and lines:
-            return 1
+        teller = Teller(attachment.intake, keyboard)
+        period = max(0.5 * attachment.feed.control_period, _LEAST_PERIOD)
+        for lines in steps(attachment, lambda: teller.step(period)):
+            if config.device == STANDARD_INPUT and lines and not keyboard.is_known:
+                return 1  # it cannot come back
     return 0
 
 
@@ -138,11 +120,7 @@ def _check_session(attachment: Attachment) -> None:
 
 
 def _opened(config: MidiConfig) -> Source:
-    """Return the keyboard.
-
-    Raises:
-        InputError: it is not there.
-    """
+    """Return the keyboard. Raises `InputError` if it is not there."""
     try:
         return _open(config)
     except ConnectionError:

@@ -12,8 +12,6 @@ from humanoid_sim.cli import ExitStatus, complain, run_program
 from humanoid_sim.client import LOAD, LOAD_OPTIONS, LOAD_TIMEOUT, SessionError, ask_sessions, load_request
 from humanoid_sim.errors import InputError
 
-__all__ = ["main"]
-
 Intent: TypeAlias = Literal["damp", "load_a", "load_b", "start_locomotion", "start_remote", "quit", "reactivate"]
 WORDS: tuple[Intent, ...] = get_args(Intent)
 

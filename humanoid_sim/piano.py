@@ -245,7 +245,6 @@ def read_performance(recording: Path, song: Path | None = None) -> PlayedKeys:
     """Return the keys of a recording, and those that its song asks for.
 
     Args:
-        recording: in which a piano policy ran.
         song: the goals, in place of those in the recording.
 
     Raises:

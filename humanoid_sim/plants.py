@@ -23,8 +23,6 @@ from humanoid_sim.session.sources import parse_velocity
 from humanoid_sim.simulation.plant import Actuation, timestep_of
 from humanoid_sim.strict_json import finite
 
-__all__ = ["main", "measured_cost"]
-
 _STEPS = (0.00125, 0.0025, 0.005)
 """s, of the implicit plant, unless others are given."""
 _BRIEF = 2.0
@@ -99,14 +97,9 @@ def measured_cost(
     actuation: Actuation,
     timestep: float | None,
 ) -> str:
-    """One line for whoever chooses an approximate plant: its error over the first seconds of this motion.
+    """Say in a line, for whoever chooses an approximate plant, its error over the first seconds of this motion.
 
-    Args:
-        checkpoint: the policy.
-        description: of the robot.
-        motion: that the policy follows, if it follows one.
-        actuation: the plant.
-        timestep: s; None for the plant's own.
+    The physics step is in s; None for the plant's own.
     """
     try:
         scenario = make_scenario(checkpoint, description, motion)

@@ -257,7 +257,6 @@ def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) 
     """Find out what is wired wrongly in a policy that does not behave; takes minutes, and shows how far it is.
 
     Args:
-        policy: which.
         robot: a shipped robot, `robot_descriptions:NAME`, a YAML file or an MJCF.
         quiet: do not show how far it is.
         options: those of `policy doctor`, such as `motion`, `command`, `budget=60`.
@@ -328,7 +327,6 @@ def run_suite(policies: Given | Iterable[Given], baseline: Given | None = None, 
     """Run policies over a suite and compare them with a baseline; shows how far it is.
 
     Args:
-        policies: one or several.
         baseline: what to compare with: a policy, or a file of figures that `regress --write-baseline` wrote.
         options: those of `regress`, such as `suite="lite_biped"`, `seeds=8`, `report="report.html"`.
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
+import math
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, ClassVar, assert_never
+from typing import TYPE_CHECKING, Annotated, ClassVar, assert_never
 
 import tyro
 from rich import box
@@ -17,14 +20,175 @@ from rich.table import Table
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.command_line import Commands, parse
+from humanoid_sim.command_line.tables import titled_table
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.failure import DEFINITIONS, differing
 from humanoid_sim.evaluation.joint_use import JointUse, describe_effort
-from humanoid_sim.record_export import Export, export
-from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.files import output_file, whole_file
+from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.recording.recover import default_output, recover
 from humanoid_sim.recording.summary import Summary, summarize
 from humanoid_sim.strict_json import parse_json
+
+if TYPE_CHECKING:
+    from humanoid_sim.recording.body import RecordedBody
+    from humanoid_sim.robots.description import RobotDescription
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write what a recording holds for other programs; any of the options, each with the file to write."""
+
+    file: Path
+    """Recording (.mcap), finished or cut off."""
+    urdf: Path | None = None
+    """The robot, with primitive geometry (.urdf)."""
+    csv: Path | None = None
+    """A row per tick: time, mode, joint states, commands, IMU, the policy's frame and action (.csv)."""
+    mp4: Path | None = None
+    """A video (.mp4)."""
+    rerun: Path | None = None
+    """For the rerun viewer (.rrd): the robot and its plots. Needs the extra 'rerun'."""
+    robot: Annotated[str | None, tyro.conf.arg(name="robot")] = None
+    """The robot's YAML file or MJCF, where the recording's own MJCF is not among the shipped robots'."""
+    overwrite: bool = False
+    """Replace files that exist."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
+        ("runs/run.mcap --csv run.csv --mp4 run.mp4", "a table and a video"),
+    )
+
+
+def export(options: Export) -> int:
+    """Write the files; returns the exit status.
+
+    Raises:
+        InputError: nothing is asked for, a file cannot be written, or the recording lacks what it takes.
+    """
+    writers: dict[str, Callable[[Recording, Path, Export], str]] = {
+        "urdf": _urdf,
+        "csv": _csv,
+        "mp4": _mp4,
+        "rerun": _rerun,
+    }
+    suffixes = {"rerun": ".rrd"}
+    chosen = {name: path for name in writers if (path := getattr(options, name)) is not None}
+    if not chosen:
+        raise InputError("record export: expected --urdf, --csv, --mp4 or --rerun, each with a file to write")
+    for name, path in chosen.items():
+        output_file(path, f"--{name}", suffixes.get(name, f".{name}"), overwrite=options.overwrite)
+    recording = open_recording(options.file).of_last_policy()
+    for name, path in chosen.items():
+        print(f"{path}: {writers[name](recording, path, options)}")
+    return 0
+
+
+def _urdf(recording: Recording, path: Path, options: Export) -> str:
+    body = _body(recording, options)
+    with whole_file(path) as file:
+        file.write(body.urdf.encode())
+    return f"{len(body.joints)} joints"
+
+
+def _csv(recording: Recording, path: Path, options: Export) -> str:
+    from humanoid_sim.recording.columns import column_names, rows  # noqa: PLC0415 - heavy imports stay out of `--help`
+
+    del options
+    count = 0
+    with whole_file(path) as file:
+        text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(column_names(recording))
+        for row in rows(recording):
+            table.writerow(row)
+            count += 1
+        text.flush()
+        text.detach()
+    return f"{count} ticks"
+
+
+def _mp4(recording: Recording, path: Path, options: Export) -> str:
+    from humanoid_sim.rendering.video import VideoSink, finish_video  # noqa: PLC0415
+    from humanoid_sim.simulation.model import build_model, joint_addresses  # noqa: PLC0415
+
+    description = _description(recording, options)
+    model = build_model(description)
+    addresses = joint_addresses(model, description.joint_names).qpos
+    body = _body(recording, options)
+    base = [joint for joint in body.floating if joint.parent == "world"]
+    video = VideoSink(path, lambda: model)
+    try:
+        for tick in recording.ticks():
+            if tick.qpos is not None and len(tick.qpos) == model.nq:
+                video.tick(tick)
+                continue
+            qpos = model.qpos0.copy()  # on hardware: the joints, and how the base is turned
+            measured = tick.input.state.joint_position
+            qpos[addresses] = [value if math.isfinite(value) else 0.0 for value in measured]
+            for joint, pose in zip(body.floating, body.floating_poses(tick), strict=True):
+                if joint in base:
+                    qpos[joint.qpos : joint.qpos + 7] = pose
+            video.tick(replace(tick, qpos=qpos))
+        report = finish_video(video, Console(stderr=True, highlight=False), "Ctrl-C leaves no file")
+    except BaseException:
+        video.abandon()
+        raise
+    return f"{report.frame_count} frames, {report.duration:.1f} s"
+
+
+def _rerun(recording: Recording, path: Path, options: Export) -> str:
+    import tempfile  # noqa: PLC0415
+
+    from humanoid_sim.recording.columns import action_names  # noqa: PLC0415
+    from humanoid_sim.rendering.rerun_log import RerunLog, rerun_module  # noqa: PLC0415
+
+    library = rerun_module("record export --rerun")
+    body = _body(recording, options)
+    with tempfile.TemporaryDirectory(dir=path.absolute().parent, prefix=".rerun-") as folder:
+        made = Path(folder, "run.rrd")
+        stream = library.RecordingStream("humanoid_sim")
+        stream.save(str(made))
+        log = RerunLog(library, stream, recording.header, body, action_names(recording))
+        for tick in recording.ticks():
+            log.tick(tick)
+        stream.flush()
+        stream.disconnect()
+        made.replace(path)
+    return f"{log.count} poses"
+
+
+def _body(recording: Recording, options: Export) -> RecordedBody:
+    from humanoid_sim.recording.body import BodyError, RecordedBody  # noqa: PLC0415
+    from humanoid_sim.robots.urdf import body_documents  # noqa: PLC0415
+
+    documents = dict(recording.header.documents)
+    if options.robot is not None:
+        documents |= body_documents(_description(recording, options))
+    try:
+        body = RecordedBody.of(recording.header, documents)
+    except BodyError as error:
+        raise InputError(f"{recording.path}: its robot's body cannot be used: {error}") from None
+    if body is None:
+        raise InputError(f"{recording.path}: does not describe its robot's body; name the robot with --robot")
+    return body
+
+
+def _description(recording: Recording, options: Export) -> RobotDescription:
+    """Return the recorded robot, with an MJCF that is there."""
+    from humanoid_sim.robots.description import RobotDescription, load_robot  # noqa: PLC0415
+
+    if options.robot is not None:
+        robot = load_robot(options.robot)
+    elif "robot" in recording.header.documents:
+        robot = RobotDescription.from_json(recording.header.documents["robot"])
+    else:
+        raise InputError(f"{recording.path}: does not describe its robot; name it with --robot")
+    if robot.joint_names != recording.header.joint_names:
+        raise InputError(f"--robot: '{robot.name}' has other joints than the robot of {recording.path}")
+    if not robot.mjcf_path.is_file():
+        raise InputError(f"{recording.path}: its robot's MJCF '{robot.mjcf}' is not here; name the robot with --robot")
+    return robot
+
 
 _MAX_REMARKS = 40
 """Lines of a summary's list before it is cut; --json has them all."""
@@ -127,9 +291,7 @@ def _print_summary(console: Console, summary: Summary) -> None:
 
 def _overview(summary: Summary) -> Table:
     recording, header = summary.recording, summary.recording.header
-    table = Table(title=escape(str(recording.path)), show_header=False, title_justify="left")
-    table.add_column(style="bold")
-    table.add_column()
+    table = titled_table(escape(str(recording.path)))
     rows = {
         "robot": f"{header.robot}, {len(header.joint_names)} joints",
         "started": summary.started,
@@ -162,38 +324,21 @@ def _definitions(documents: Mapping[str, str]) -> str:
 
 
 def _timeline(summary: Summary) -> Table:
-    table = Table(title="modes", title_justify="left")
-    table.add_column("from", justify="right")
-    table.add_column("for", justify="right")
-    table.add_column("mode")
-    table.add_column("controller")
-    table.add_column("why")
+    table = titled_table("modes", "from", "for", "mode", "controller", "why", right=("from", "for"))
     for span in summary.timeline:
         seconds = span.ticks * summary.recording.header.control_period
-        table.add_row(
-            f"{span.start:.2f} s",
-            f"{seconds:.2f} s",
-            span.mode.name,
-            escape(span.controller),
-            escape(span.reason),
-        )
+        texts = (span.mode.name, escape(span.controller), escape(span.reason))
+        table.add_row(f"{span.start:.2f} s", f"{seconds:.2f} s", *texts)
     return table
 
 
 def _joints(joints: JointUse) -> Table:
     """From the joint that used most of its limit on; where no limit is known, in the robot's order."""
-    caption = describe_effort(joints.effort())
-    table = Table(
-        title="joints, the greatest of each",
-        title_justify="left",
-        caption=escape(caption),
-        caption_justify="left",
-        box=box.SIMPLE_HEAD,  # all columns within 80 characters
-        padding=(0, 1, 0, 0),
-    )
-    table.add_column("joint", no_wrap=True)
-    for heading in ("speed\nrad/s", "effort\nN·m", "of its\nlimit", "reached\nrad", "of its\nrange"):
-        table.add_column(heading, justify="right")
+    figures = ("speed\nrad/s", "effort\nN·m", "of its\nlimit", "reached\nrad", "of its\nrange")
+    table = titled_table("joints, the greatest of each", "joint", *figures, right=figures)
+    table.columns[0].no_wrap = True
+    table.box, table.padding = box.SIMPLE_HEAD, (0, 1, 0, 0)  # all columns within 80 characters
+    table.caption, table.caption_justify = escape(describe_effort(joints.effort())), "left"
     rows = joints.rows()
     for row in sorted(rows, key=lambda row: -(row["effort"] / row["effort_limit"] if row["effort_limit"] else 0.0)):
         limit, share = row["effort_limit"], row["range_share"]
@@ -209,10 +354,7 @@ def _joints(joints: JointUse) -> Table:
 
 
 def _remarks(summary: Summary) -> Table:
-    table = Table(title="events, faults, refusals", title_justify="left")
-    table.add_column("at", justify="right")
-    table.add_column("what")
-    table.add_column("")
+    table = titled_table("events, faults, refusals", "at", "what", "", right=("at",))
     for remark in summary.remarks[:_MAX_REMARKS]:
         table.add_row(f"{remark.time:.2f} s", remark.kind, escape(remark.text))
     left = len(summary.remarks) - _MAX_REMARKS
@@ -222,10 +364,7 @@ def _remarks(summary: Summary) -> Table:
 
 
 def _topics(summary: Summary) -> Table:
-    table = Table(title="topics", title_justify="left")
-    table.add_column("topic", overflow="fold")
-    table.add_column("messages", justify="right")
-    table.add_column("type", overflow="fold")
+    table = titled_table("topics", "topic", "messages", "type", right=("messages",))
     for name, topic in sorted(summary.topics.items()):
         table.add_row(escape(name), str(topic.messages), escape(topic.schema))
     return table

@@ -20,7 +20,7 @@ from humanoid_sim.files import is_file
 from humanoid_sim.messages import Event, PolicyStep, SessionHeader, TickRecord
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
 from humanoid_sim.recording.reader import Entry, Recording, open_recording, recorded_settings
-from humanoid_sim.recording.repeat import InferenceReport, RepeatReport, StackBuilder, repeat_run
+from humanoid_sim.recording.repeat import InferenceReport, RepeatReport, repeat_run
 
 _PLACEHOLDER = "placeholder"
 _TOLERANCE = 1e-4
@@ -61,12 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return replay(config)
 
 
-def replay(config: ReplayConfig, build: StackBuilder | None = None) -> int:
+def replay(config: ReplayConfig) -> int:
     """Repeat the recording and print what came of it; returns the exit status.
-
-    Args:
-        config: what to do.
-        build: makes the control stack of the recording's header; the real one by default.
 
     Raises:
         InputError: if the recording, or the policy, cannot be used.
@@ -74,12 +70,10 @@ def replay(config: ReplayConfig, build: StackBuilder | None = None) -> int:
     infers = config.infer or config.policy is not None
     tolerance = _tolerance(config.tolerance, infers)
     recording = open_recording(config.file)
-    if build is None:
-        from humanoid_sim.stack import rebuild_supervisor  # noqa: PLC0415 - heavy; not needed for `--help`
+    from humanoid_sim.stack import rebuild_supervisor  # noqa: PLC0415 - heavy; not needed for `--help`
 
-        build = rebuild_supervisor
     inference = _Inference(recording, config.policy, tolerance) if infers else None
-    report = repeat_run(recording, build, inference, _with_progress(recording, inference))
+    report = repeat_run(recording, rebuild_supervisor, inference, _with_progress(recording, inference))
     if config.json:
         print(json.dumps(_as_json(recording, report, inference), indent=2))
     else:

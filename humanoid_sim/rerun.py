@@ -24,8 +24,8 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.client import Sample
 from humanoid_sim.command_line import parse
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends import require_packages
-from humanoid_sim.frontends.attach import Attachment, RobotElsewhere, attached, behind, ready
+from humanoid_sim.frontends.attach import Attachment, behind, ready
+from humanoid_sim.frontends.dds.mirror import RobotElsewhere
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.recording.body import BodyError, RecordedBody
@@ -39,7 +39,7 @@ _PERIOD = 0.04
 _PAUSE = 0.01
 """s between two looks at the feed."""
 _TOLD_EVERY = 0.5
-"""s between two looks whether the session is still there, the viewer keeps up, and the status is true."""
+"""s between two looks whether the viewer keeps up, and the status is true."""
 _STARTING = 25.0
 """s that the viewer may take to be there."""
 _MEMORY = "1GB"
@@ -66,7 +66,6 @@ def status_text(record: TickRecord | None, late: str, clock: str) -> str:
     """Return what the viewer's text says of the present, as Markdown.
 
     Args:
-        record: the newest tick; None while there is none.
         late: what `behind` says of it.
         clock: the time of day, by which a picture that stands still gives itself away.
     """
@@ -79,28 +78,14 @@ def status_text(record: TickRecord | None, late: str, clock: str) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until the session ends or the viewer is closed; returns the exit status."""
     config = parse(RerunConfig, "rerun", arguments)
-    config.refuse_conflicts()
-    require_packages("rerun")
-    if not config.dds:
-        with attached(config.session, "rerun", niceness=10) as attachment:
-            _show(attachment, is_page=config.web)
-        return 0
-    require_packages("dds")
-    from humanoid_sim.frontends.dds.mirror import watched  # noqa: PLC0415
-
-    with watched(config) as found:
+    with config.shown("rerun", niceness=10) as found:
         if found is not None:
-            attachment, refresh, ended = found
-            _show(attachment, refresh, ended, is_page=config.web)
+            _show(*found, is_page=config.web)
     return 0
 
 
 def _show(
-    attachment: Attachment,
-    refresh: Callable[[], None] = lambda: None,
-    ended: Callable[[], bool] = lambda: False,
-    *,
-    is_page: bool,
+    attachment: Attachment, refresh: Callable[[], None] | None, ended: Callable[[], bool], *, is_page: bool
 ) -> None:
     """Show ticks until the session or the viewer has ended; `refresh` is called before each look at the feed."""
     try:
@@ -167,30 +152,29 @@ def _watch(
     viewer: _Viewer,
     log: RerunLog,
     teller: _Teller,
-    refresh: Callable[[], None],
+    refresh: Callable[[], None] | None,
     ended: Callable[[], bool],
 ) -> None:
     """Until the session or the viewer ends. Of ticks that come while the viewer is stopped, only the newest counts."""
     feed = attachment.feed
     newest: Sample | None = feed.latest()
     record: TickRecord | None = None
-    number = 0 if newest is None else newest.number - 1  # a session that is under way begins with its present
     told = 0.0
-    while viewer.process.poll() is None and not ended():
-        refresh()
-        for sample in feed.since(number):
-            number, newest, record = sample.number, sample, attachment.record(sample)
+    for samples in attachment.looks(attachment.before_present(), _PAUSE):
+        if viewer.process.poll() is not None or ended():
+            return
+        if refresh is not None:
+            refresh()
+        for sample in samples:
+            newest, record = sample, attachment.record(sample)
             if attachment.follow():
                 log.follow(_action_names(attachment))
             if teller.keeps_up:
                 log.tick(record)
         if time.monotonic() - told > _TOLD_EVERY:
-            if not feed.is_running():
-                return
             late = "" if newest is None else behind(newest.age(), feed.control_period)
             teller.tell(status_text(record, late, time.strftime("%H:%M:%S")))
             told = time.monotonic()
-        time.sleep(_PAUSE)
 
 
 def _action_names(attachment: Attachment) -> tuple[str, ...]:
@@ -220,11 +204,7 @@ def _blueprint(*, has_keys: bool) -> Any:
 
 @contextlib.contextmanager
 def _viewer(*, is_page: bool) -> Iterator[_Viewer]:
-    """Start the viewer, on this machine's own address alone, and end it.
-
-    Raises:
-        InputError: it does not come.
-    """
+    """Start the viewer, on this machine's own address alone, and end it. Raises `InputError` if it does not come."""
     import rerun_cli  # noqa: PLC0415 - an extra
 
     program = Path(rerun_cli.__file__).with_name("rerun")

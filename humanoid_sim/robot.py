@@ -153,19 +153,14 @@ def _describe(options: Describe) -> int:
 def _print(robot: RobotDescription, model: mujoco.MjModel) -> None:
     import mujoco  # noqa: PLC0415 - heavy, as are those below
     from rich.markup import escape  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
 
+    from humanoid_sim.command_line.tables import titled_table  # noqa: PLC0415
     from humanoid_sim.policy_tools.show import make_console  # noqa: PLC0415
-    from humanoid_sim.robots.mjcf import (  # noqa: PLC0415
-        imu_line,
-        own_joint_damping,
-        prefix_line,
-    )
+    from humanoid_sim.robots.mjcf import imu_line, own_joint_damping, prefix_line  # noqa: PLC0415
 
     console, settings = make_console(), robot.simulation
-    table = Table(title=f"joints of '{escape(robot.name)}'", title_justify="left")
-    for heading in ("", "joint", "range rad", "effort limit N·m", "K_p", "K_d", "model's damping", "start rad"):
-        table.add_column(heading, justify="left" if heading in ("joint", "range rad") else "right", overflow="fold")
+    figures = ("effort limit N·m", "K_p", "K_d", "model's damping", "start rad")
+    table = titled_table(f"joints of '{escape(robot.name)}'", "", "joint", "range rad", *figures, right=("", *figures))
     own = own_joint_damping(model, robot)
     for i, joint in enumerate(robot.joints):
         limits = "any" if math.isinf(joint.lower) and math.isinf(joint.upper) else f"{joint.lower:g} to {joint.upper:g}"

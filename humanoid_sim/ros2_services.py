@@ -36,24 +36,8 @@ if TYPE_CHECKING or __package__:
 else:
     from client import Feed, Looks, SessionError, ask_sessions, find_session, network_on, running_sessions
 
-__all__ = [
-    "LOOPBACK",
-    "MODES",
-    "SERVICES",
-    "Diagnosis",
-    "Finding",
-    "ServiceError",
-    "answer",
-    "find_robot",
-    "loopback_environment",
-    "main",
-    "mode_name",
-    "options_of",
-    "serve",
-]
-
-WORDS = ("damp", "load_a", "load_b", "start_remote", "start_locomotion", "quit")
-SERVICES = {f"/humanoid_control/mode/{word}": word for word in WORDS}
+_WORDS = ("damp", "load_a", "load_b", "start_remote", "start_locomotion", "quit")
+SERVICES = {f"/humanoid_control/mode/{word}": word for word in _WORDS}
 """Names, and what each asks the session for."""
 LOOPBACK = "lo"
 MODES = ("ZERO_TORQUE", "DAMPING", "STANDBY", "LOCOMOTION", "REMOTE")
@@ -140,7 +124,6 @@ def loopback_environment(middleware: str, profiles: Path) -> Mapping[str, str | 
     """Get the environment variables with which a middleware stays on this machine; None for those that must not be set.
 
     Args:
-        middleware: its identifier, as `RMW_IMPLEMENTATION` has it.
         profiles: a file that is written here where the middleware reads one.
 
     Raises:
@@ -179,11 +162,7 @@ def _namespace_of(session: SessionInfo) -> str:
 
 
 def find_robot(process: int | None, namespace: str = "") -> SessionInfo:
-    """Return the session that is served.
-
-    Args:
-        process: its id; None: the only one that runs, of those under the namespace.
-        namespace: that it was started with; empty: any.
+    """Return the session that is served: of a process, or the only one that runs, under the namespace if one is given.
 
     Raises:
         SessionError: there is none, or several.
@@ -200,7 +179,6 @@ def answer(word: str, process: int | None, seen: int | None = None, namespace: s
     """Return what a session makes of an intent: whether it is granted, and the text that says so, or why not.
 
     Args:
-        word: the intent.
         process: id of the session; None for the only one that runs, and all of them for `damp`.
         seen: ns, since when it may have been asked for; None: now.
         namespace: of the sessions that count if there is no process id; empty: all.
@@ -315,10 +293,7 @@ def serve(
     """Run a node on this machine until a signal, or the end of the session that was asked for; returns the exit status.
 
     Args:
-        config: of `options_of`.
-        name: of the node.
         advertise: gives a node what it serves, and returns a line that says what, and what to do at each turn.
-        threads: of its executor.
     """
     try:
         if config.session is not None:

@@ -86,14 +86,10 @@ def build_supervisor(
 
     Args:
         description: the robot; it holds the parameters of all controllers but the policy's.
-        control_period: s
-        loaded: makes LOCOMOTION available.
-        remote: makes REMOTE available.
         live: names and widths of the live inputs that this robot and its operator provide; a policy that needs another
             (an estimate of the base's velocity, on a robot without one) is refused. None: every one that is known.
         action_limit: largest magnitude of a raw action, beyond which the policy has failed; None: the contract's,
             or 100.
-        guards: that watch the joints.
         signs: joints whose sign may contradict gravity; None: signs are not judged.
         loads: the session loads policies while it runs: a refusal of START_LOCOMOTION says how.
         needs_producer: START_REMOTE requires commands that already arrive.
@@ -185,20 +181,12 @@ def run_header(
 ) -> SessionHeader:
     """Return what a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
 
+    Arguments are as of `build_supervisor`, and:
+
     Args:
-        description: of the robot.
-        control_period: s
-        loaded: as given to `build_supervisor`.
-        motion: that the policy follows.
         settings: anything else that a reader may want to know; must be JSON. Versions, platform and what figures mean
             are added.
         start_time_ns: Unix nanoseconds at the robot clock's zero.
-        remote: as given to `build_supervisor`.
-        action_limit: likewise.
-        guards: likewise.
-        signs: likewise.
-        loads: likewise.
-        needs_producer: likewise.
         start: the control stack's memory to begin with; None for its own.
     """
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
@@ -238,15 +226,7 @@ def with_policy(
     settings: Mapping[str, object] | None = None,
     action_limit: float | None = None,
 ) -> SessionHeader:
-    """Make the header of the same run with another policy.
-
-    Args:
-        header: of the run, with or without a policy.
-        loaded: the policy.
-        motion: that it follows.
-        settings: what changes in the header's.
-        action_limit: as given to `build_supervisor`.
-    """
+    """Make the header of the same run with another policy; `settings` are what changes in the header's."""
     controllers = {
         **parse_json(header.documents["controllers"]),
         "action_limit": action_limit_of(loaded.contract, action_limit),
@@ -270,11 +250,7 @@ def with_policy(
 
 
 def recorded_contract(header: SessionHeader) -> PolicyContract | None:
-    """Return the contract of a recorded run's policy; None if it had none.
-
-    Raises:
-        InputError: if it is damaged.
-    """
+    """Return the contract of a recorded run's policy; None if it had none. Raises `InputError` if it is damaged."""
     text = header.documents.get("contract")
     return None if text is None else decode(text, "recording")
 

@@ -10,11 +10,7 @@ from humanoid_sim.errors import reason_of
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Return the document that a text holds.
-
-    Raises:
-        ValueError: it is none; one line.
-    """
+    """Return the document that a text holds. Raises `ValueError`, of one line, if it holds none."""
     try:
         return json.loads(text)
     except RecursionError:

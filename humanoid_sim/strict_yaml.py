@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Callable
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -92,55 +91,42 @@ def load_strictly(text: str) -> Any:
     return yaml.load(text, StrictLoader)  # what fails there fails here, and tells more
 
 
-_PYTHON = "tag:yaml.org,2002:python/"
-_SLICE = _PYTHON + "object/apply:builtins.slice"
+_SLICE = "tag:yaml.org,2002:python/object/apply:builtins.slice"
+_EXPONENT = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
+"""A number such as `1e-3`, which is none to YAML 1.1."""
 
 
-class _Loader(StrictLoader):
-    """Reads `1e-3` as the number that it is, and knows one Python tag: `slice`."""
-
-    def construct_slice(self, node: yaml.Node) -> slice:
-        """`[start, stop, step]`, each an integer or null: made here, never by calling what the file names."""
-        bounds = self.construct_sequence(node, deep=True) if isinstance(node, yaml.SequenceNode) else []
-        if len(bounds) != 3 or not all(bound is None or type(bound) is int for bound in bounds):
-            message = "a slice is [start, stop, step], each an integer or null"
-            raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
-        return slice(*bounds)
-
-    def refuse(self, node: yaml.Node) -> None:
-        tag = node.tag.replace("tag:yaml.org,2002:", "!!")
-        message = f"the tag {tag} is not read; the only one of Python that is: !!python/object/apply:builtins.slice"
+def _construct_slice(loader: Any, node: yaml.Node) -> slice:
+    """`[start, stop, step]`, each an integer or null: made here, never by calling what the file names."""
+    bounds = loader.construct_sequence(node, deep=True) if isinstance(node, yaml.SequenceNode) else []
+    if len(bounds) != 3 or not all(bound is None or type(bound) is int for bound in bounds):
+        message = "a slice is [start, stop, step], each an integer or null"
         raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
+    return slice(*bounds)
 
 
-_Loader.add_constructor(_SLICE, _Loader.construct_slice)
-_Loader.add_constructor(None, _Loader.refuse)  # None: any tag that has no constructor
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"),
-    list("-+.0123456789"),
-)
+def _refuse_tag(loader: Any, node: yaml.Node) -> None:  # noqa: ARG001 - the signature of a constructor
+    tag = node.tag.replace("tag:yaml.org,2002:", "!!")
+    message = f"the tag {tag} is not read; the only one of Python that is: !!python/object/apply:builtins.slice"
+    raise yaml.constructor.ConstructorError(None, None, message, node.start_mark)
 
 
-def read_yaml(path: Path) -> Any:
-    """Return the document in a trainer's or a user's YAML file, with numbers and a tag as `_Loader` reads them.
-
-    None if it is empty. Raises `InputError` as `read_strictly`.
-    """
-    return _read(path, str(path), "a YAML file", lambda text: yaml.load(text, _Loader))
+for _loader in (StrictLoader, _FastLoader):
+    _loader.add_constructor(_SLICE, _construct_slice)
+    _loader.add_constructor(None, _refuse_tag)  # None: any tag that has no constructor
+    _loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
 
 
-def read_strictly(path: Path, label: str, what: str = "a YAML file") -> Any:
-    """Return the document in a file; `label` is what to call the file in messages, `what` it should be.
+def read_yaml(path: Path, label: str = "", what: str = "a YAML file") -> Any:
+    """Return the document in a YAML file; None if it is empty.
+
+    `label` is what to call the file in messages, its path by default; `what` it should be.
 
     Raises `InputError` with the label, the place and what is wrong.
     """
-    return _read(path, label, what, load_strictly)
-
-
-def _read(path: Path, label: str, what: str, load: Callable[[str], Any]) -> Any:
+    label = label or str(path)
     try:
-        return load(regular_file(path, what, YAML_BYTES).read_text(encoding="utf-8"))
+        return load_strictly(regular_file(path, what, YAML_BYTES).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{label}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -148,8 +134,8 @@ def _read(path: Path, label: str, what: str, load: Callable[[str], Any]) -> Any:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        problem = getattr(error, "problem", None) or str(error).partition("\n")[0]
-        raise InputError(f"{label}: {where}not valid YAML: {one_line(problem)}") from None
+        problem = one_line(getattr(error, "problem", None) or str(error).partition("\n")[0])
+        raise InputError(f"{label}: {where}not valid YAML: {problem}") from None
     except UNREADABLE as error:
         raise InputError(f"{label}: not YAML that can be read: {type(error).__name__}: {error}") from None
 
@@ -173,6 +159,7 @@ def schema_problem(error: msgspec.ValidationError, document: Any, struct: type[A
     """Return what msgspec has found wrong with a document, such as `joints[3].upper: is 'x', expected a number`.
 
     Args:
+        document: that was to be converted.
         struct: to which, a struct or a dataclass.
         hidden: a field of it that no file has.
     """

@@ -43,7 +43,6 @@ def window_texts(record: TickRecord | None, late: str, clock: str) -> list[tuple
     """Return the texts over a picture, as `set_texts` of MuJoCo's window takes them.
 
     Args:
-        record: the tick that is shown; None while there is none.
         late: what `behind` says of it.
         clock: the time of day, by which a picture that stands still gives itself away.
     """

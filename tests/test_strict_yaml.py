@@ -78,7 +78,7 @@ def test_the_type_at_a_place():
 def test_a_file_that_cannot_be_read_is_one_line_with_its_place(tmp_path, data, problem):
     (tmp_path / "x.yaml").write_bytes(data)
     with pytest.raises(InputError) as caught:
-        strict_yaml.read_strictly(tmp_path / "x.yaml", "x")
+        strict_yaml.read_yaml(tmp_path / "x.yaml", "x")
     assert str(caught.value).startswith(problem)
 
 
@@ -110,7 +110,6 @@ def test_a_small_file_stays_small(text, problem):
 def test_a_large_file_is_not_read(tmp_path):
     path = tmp_path / "large.yaml"
     path.write_text("#" * (1 << 20) + "\n")
-    for read in (strict_yaml.read_yaml, lambda path: strict_yaml.read_strictly(path, str(path))):
-        with pytest.raises(InputError) as refused:
-            read(path)
-        assert str(refused.value) == f"{path}: has 1048577 bytes, expected a YAML file of at most 1048576"
+    with pytest.raises(InputError) as refused:
+        strict_yaml.read_yaml(path)
+    assert str(refused.value) == f"{path}: has 1048577 bytes, expected a YAML file of at most 1048576"

@@ -57,7 +57,6 @@ def parse(
     Args:
         specification: a frozen dataclass, or subcommands.
         program: the verb; of a script, its path; outside the package, its module (`tools.bench`).
-        arguments: words; None for those that Python was started with.
         positional: required options are given by their place, not by name.
 
     Raises:
@@ -136,7 +135,8 @@ def _read(specification: type[Any], command: Program, words: Sequence[str], posi
     os.environ["COLUMNS"] = "10000"  # of its box, so that no word is cut
     try:
         # What tyro draws with depends on the encoding of stdout, to which it prints nothing.
-        with contextlib.redirect_stderr(complaint), contextlib.redirect_stdout(_utf_8()):
+        stdout = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
+        with contextlib.redirect_stderr(complaint), contextlib.redirect_stdout(stdout):
             return tyro.cli(specification, prog=command.invocation, args=words, config=tuple(markers))
     except SystemExit as stop:
         if not stop.code:
@@ -147,10 +147,6 @@ def _read(specification: type[Any], command: Program, words: Sequence[str], posi
             del os.environ["COLUMNS"]
         else:
             os.environ["COLUMNS"] = columns
-
-
-def _utf_8() -> io.TextIOWrapper:
-    return io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
 
 
 def _told(box: str, command: Program) -> str:

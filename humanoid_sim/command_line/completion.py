@@ -16,12 +16,7 @@ SHELLS = ("bash", "zsh")
 
 
 def completion(shell: str, programs: Mapping[str, Callable[[Sequence[str] | None], int]]) -> str:
-    """Write a script for a shell: verbs, their subcommands and options, and the values of options.
-
-    Args:
-        shell: one of `SHELLS`.
-        programs: by verb.
-    """
+    """Write a script for one of `SHELLS`: verbs, their subcommands and options, and the values of options."""
     root = argparse.ArgumentParser("humanoid-sim")
     root.add_argument("--version", action="store_true")
     root.add_argument("--completion", choices=SHELLS)

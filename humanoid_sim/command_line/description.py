@@ -43,7 +43,6 @@ class Commands:
     """Subcommands of a program."""
 
     purpose: str
-    """Purpose of all of them together."""
     by_name: Mapping[str, Specification]
     for_file: str = ""
     """Subcommand that is meant where a file stands in its place; '' for none."""
@@ -105,7 +104,6 @@ class Program(argparse.ArgumentParser):
         self.kinds: dict[str, list[str]] = {}
         """Kinds of what ships with the package that an option accepts, by field."""
         self.commands: dict[str, Program] = {}
-        """Subcommands by their names."""
         self.examples = ""
         """Two lines each: what it does, and the command."""
 
@@ -143,8 +141,6 @@ def describe(
     A dataclass may have `EXAMPLES`, pairs of words and what they do, and `GROUPS`, the names of fields by heading.
 
     Args:
-        specification: of its options.
-        words: that call it.
         positional: required options are given by their place.
         brief: only the first paragraph and group, which most people need.
     """

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,18 +17,24 @@ from humanoid_sim.client import Feed, Intake, Sample, SessionError, SessionInfo,
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
+from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.recording.codec import decode_event, decode_tick
 from humanoid_sim.recording.header import HeaderError, parse_header
 from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.session.feed import MODEL_BLOB
+from humanoid_sim.session.realtime import punctual_threads
 from humanoid_sim.simulation.floating_base import BaseObserver
 from humanoid_sim.stack import no_policy, recorded_contract, recorded_policy
 
 _LATE = 0.2
 """s after which a tick is the past; at least `_LATE_TICKS` control periods."""
 _LATE_TICKS = 3
+_BEHIND = 30
+"""Priorities behind the control loop, and behind all its threads."""
+_LOOK_PERIOD = 0.5
+"""s between two looks whether the session is still there."""
 
 
 @dataclass
@@ -94,10 +101,32 @@ class Attachment:
         except (ValueError, mujoco.FatalError) as error:
             raise InputError(f"{self.session}: its model cannot be loaded: {error}") from None
 
+    def before_present(self) -> int:
+        """Return the number of the tick before the newest: a front end that comes late begins with the present."""
+        return max(self.feed.newest() - 1, 0)
+
+    def looks(self, number: int, pause: float) -> Iterator[list[Sample]]:
+        """Look at the feed until the session ends, every `pause` s; yields the ticks after that number that are new."""
+        looked = time.monotonic()
+        while True:
+            new = list(self.feed.since(number))
+            number = new[-1].number if new else number
+            yield new
+            if time.monotonic() - looked > _LOOK_PERIOD:
+                looked = time.monotonic()
+                if not self.feed.is_running():
+                    return
+            time.sleep(pause)
+
     def latest(self) -> tuple[Sample, TickRecord] | None:
         """Return the newest tick; None while there is none."""
         sample = self.feed.latest()
         return None if sample is None else (sample, self.record(sample))
+
+    def send(self, command: MITCommand, stamp: int) -> bool:
+        """Send a command for REMOTE, as old as what it is made of, ns; whether it left."""
+        fields = (getattr(command, name).tolist() for name in COMMAND_FIELDS)
+        return self.intake.remote(self.description.joint_names, *fields, stamp=stamp)
 
     def record(self, sample: Sample) -> TickRecord:
         """Return a sample of the ring `tick`."""
@@ -107,7 +136,7 @@ class Attachment:
             raise InputError(f"{self.session}: a tick of another version: {error}") from None
 
     def time_ns(self, time: float) -> int:
-        """Nanoseconds since the Unix epoch of a time in s on the robot's clock; of no number, those of its zero."""
+        """Return ns since the Unix epoch of a time in s on the robot's clock; of no number, those of its zero."""
         self._start_time_ns = self._start_time_ns or int(self.feed.status().get("start_time_ns", 0))
         start = self._start_time_ns or self.header.start_time_ns
         return max(0, start + round(1e9 * time)) if math.isfinite(time) and abs(time) < 1e9 else start
@@ -118,39 +147,11 @@ class Attachment:
             yield sample.number, decode_event(sample.data)
 
 
-@dataclass(frozen=True)
-class RobotElsewhere:
-    """Options of a front end that can also show a robot on another machine, for watching only."""
-
-    session: int | None = None
-    """Process id of the session. Default: the only one that runs."""
-    dds: bool = False
-    """Show a robot on another machine, from its DDS topics alone, for watching only."""
-    interface: str = ""
-    """With --dds: the network interface at which the robot is, such as eth1."""
-    prefix: str = "lite"
-    """With --dds: what the robot's joint states are under."""
-    namespace: str = ""
-    """With --dds: what all of the robot's topics are under, if it was given a namespace (--dds-namespace)."""
-
-    def refuse_conflicts(self) -> None:
-        """Raise `InputError` for options that exclude each other."""
-        if not self.dds:
-            if self.interface:
-                raise InputError(f"--interface: is {self.interface}, which means nothing without --dds")
-            return
-        if self.session is not None:
-            raise InputError(f"--session: is {self.session}, which means nothing with --dds, whose robot is elsewhere")
-        if not self.interface:
-            raise InputError("--interface: is needed with --dds: the one at which the robot is, such as eth1")
-
-
 @contextmanager
 def attached(session: int | None, producer: str, *, niceness: int = 5) -> Iterator[Attachment]:
     """Attach to a running session.
 
     Args:
-        session: process id; None for the only one that runs.
         producer: the front end's name, for operators to read.
         niceness: by how much the control loop's other threads and processes go before this one.
 
@@ -166,6 +167,22 @@ def attached(session: int | None, producer: str, *, niceness: int = 5) -> Iterat
         raise InputError(str(error)) from None
 
 
+def steps(attachment: Attachment, step: Callable[[], list[str]]) -> Iterator[list[str]]:
+    """Take steps until the session ends, and print their lines for an operator; yields the lines of each step.
+
+    On hardware no other program keeps them waiting: the device would look lost, and a DAMP come late.
+    """
+    with punctual_threads(behind=_BEHIND) if attachment.session.hardware else nullcontext():
+        while attachment.feed.is_running():
+            try:
+                lines = step()
+            except SessionError:  # it has ended
+                return
+            for line in lines:
+                print(line, flush=True)
+            yield lines
+
+
 def ready(serves: str) -> None:
     """Say that the front end works, and what it serves, such as an address: one line, which `play` shows too."""
     print(serves, flush=True)
@@ -174,9 +191,7 @@ def ready(serves: str) -> None:
 def behind(age: float, control_period: float) -> str:
     """Return what a viewer must say of a tick that is not the present; empty for one that is.
 
-    Args:
-        age: s since the session wrote the tick.
-        control_period: s between two ticks.
+    `age` is in s since the session wrote the tick, `control_period` in s between two ticks.
     """
     is_late = age > max(_LATE, _LATE_TICKS * control_period)
     return f"BEHIND: this was {age:.1f} s ago" if is_late else ""

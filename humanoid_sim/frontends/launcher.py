@@ -15,7 +15,7 @@ from time import monotonic
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends import Wanted
-from humanoid_sim.messages import SessionHeader, TickRecord
+from humanoid_sim.messages import SessionHeader
 from humanoid_sim.session.feed import FeedWriter
 from humanoid_sim.session.sinks import Sink
 
@@ -73,12 +73,9 @@ class FrontEnds(Sink):
         """Start nothing yet.
 
         Args:
-            wanted: what `start` starts.
             feed: gets the status twice a second.
             show: shows operators a line that a child printed. It is not recorded: addresses may hold secrets.
-            note: records a line.
             status: what to tell in the feed beside ticks; JSON.
-            is_ending: whether the session need not begin any more.
             begin: gives the header of a run that begins now; called when the children have been waited for.
         """
         self._wanted = tuple(wanted)
@@ -138,9 +135,6 @@ class FrontEnds(Sink):
                 silent = ", ".join(child.name for child in self._children if not child.is_ready)
                 self._note(f"not ready after {_READY:g} s: {silent}")
                 return
-
-    def tick(self, record: TickRecord) -> None:
-        """Nothing: children read the feed."""
 
     def close(self) -> None:
         """End them: with SIGTERM, and after a while with SIGKILL."""

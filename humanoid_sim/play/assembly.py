@@ -144,7 +144,7 @@ class Run:
         # front ends wait in `start` until they work, and then set the header's time: those behind them get that header.
         shows = (self.feed, shown, self.front_ends, *self.recorders, self.video, self.monitor, self.shadow)
         sinks = (*shows, intents, self.data, loading)
-        self.session = plan.clock.session = Session(
+        self.session = plan.session = Session(
             setup.robot,
             plan.supervisor,
             LoopSettings(
@@ -220,7 +220,7 @@ class Run:
         """Those of a run that was reset are several; the last one records."""
         self.monitor = RunMonitor(
             JointUse(description.joint_names, description.effort_limit, description.lower, description.upper),
-            judged,
+            judged.update,
             base=setup.base,
             tell=self._tell,
         )
@@ -252,7 +252,7 @@ class Run:
     def follow(self, policy: PolicyChoice, config: PlayConfig, judged: JudgedPolicy) -> None:
         """Have what watches the run watch another policy; between two ticks, on the control thread."""
         self.policy, self.config, self.judged = policy, config, judged
-        self.monitor.follow(judged)
+        self.monitor.follow(judged.update)
         self.console.follow(
             replace(
                 self.console.told,

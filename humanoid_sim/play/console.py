@@ -61,8 +61,6 @@ def status_parts(record: TickRecord, frame: int | None, overruns: int, told: Tol
 
     Args:
         frame: of the motion, as of the latest policy step; None for none.
-        overruns: deadlines missed so far.
-        told: what does not change.
     """
     mode = record.output.control_mode.mode
     progress = _progress(record.output.standby, frame if mode is Mode.LOCOMOTION else None, told.motion_frames)
@@ -112,7 +110,6 @@ class StatusLine:
     """Draws it in place, after whatever else was printed; on a terminal that takes nothing it is left out."""
 
     def __init__(self, console: Console) -> None:
-        """Draw on the console's terminal; on no terminal nothing is drawn."""
         self._console = console
         self._is_dumb = console.is_dumb_terminal
         self._shown = ""

@@ -167,7 +167,6 @@ class MeasuredPose:
     """From a state to MuJoCo's generalised position. A joint that was never heard stands in its initial position."""
 
     def __init__(self, description: RobotDescription) -> None:
-        """Find the joints in the robot's model."""
         model = build_model(description, scene=False)
         self._initial = np.array(description.initial_position)
         self._qpos: FloatArray = model.qpos0.copy()

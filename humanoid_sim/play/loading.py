@@ -61,14 +61,12 @@ class Proof:
     """A policy that the session can take."""
 
     header: SessionHeader
-    """Header of the run with it."""
     config: PlayConfig
     source: str
     sha256: str
     """Digest of the file; empty where no network runs."""
     motion_file: str | None
     live: Mapping[str, int]
-    """Name and width of all live inputs."""
     taken: Mapping[str, int]
     """Live inputs that come from other programs."""
     command: FloatArray
@@ -78,11 +76,7 @@ class Proof:
 
 
 def parse_options(text: str, config: PlayConfig) -> PlayConfig:
-    """Read a request, which names files by absolute paths, into the session's options.
-
-    Args:
-        text: of the request, a JSON object of texts.
-    """
+    """Read a request, a JSON object of texts that names files by absolute paths, into the session's options."""
     try:
         options = parse_json(text)
     except ValueError as error:
@@ -112,10 +106,6 @@ class Prover:
 
     def prove(self, config: PlayConfig, header: SessionHeader) -> Proof:
         """Check a policy, run it for the first time, and compute its golden vectors again.
-
-        Args:
-            config: options of the session, with the policy's.
-            header: of the run so far.
 
         Raises:
             InputError: the session cannot take it, and why.
@@ -260,14 +250,7 @@ class PolicyLoader:
         has_onnxruntime()  # imported now: later the import would stop the loop for 30 ms
 
     def prepare(self, options: str) -> PreparedPolicy:
-        """Check, prove and build a policy.
-
-        Args:
-            options: as `parse_options` takes them.
-
-        Raises:
-            InputError: the session cannot take it, and why.
-        """
+        """Check, prove and build a policy. Raises `InputError` if the session cannot take it, and why."""
         run, plan = self._run, self._run.plan
         proof = self._prover.prove(parse_options(options, plan.config), self.header)
         with considerate():

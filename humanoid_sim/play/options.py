@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 import tyro
 
 from humanoid_sim.controllers.joy import JoyBindings
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, number_in
 from humanoid_sim.simulation import DROP
 
 DEFAULT_ROBOT = "lite"
@@ -233,10 +233,7 @@ SIMULATED = tuple(
 def parse_branch(text: str) -> tuple[str, float]:
     """Return the file, and s on the robot's clock, of FILE@SECONDS."""
     path, _, seconds = text.rpartition("@")
-    try:
-        time = float(seconds)
-    except ValueError:
-        time = math.nan
-    if not path or not math.isfinite(time):
+    time = number_in(seconds)
+    if not path or math.isnan(time):
         raise InputError(f"--branch: is '{text}', expected FILE@SECONDS, such as run.mcap@12.5")
     return path, time

@@ -40,33 +40,21 @@ if TYPE_CHECKING:
     from humanoid_sim.session.session import Session
 
 
-class RobotClock:
-    """The robot's clock, once there is a session to ask; parts that the session is made of need it before."""
-
-    session: Session | None = None
-
-    def __call__(self) -> float:
-        """Return the time of the latest reading, s; 0 before there is one."""
-        return self.session.time if self.session is not None else 0.0
-
-
 class Plan:
     """A run that can be made."""
 
-    def __init__(self, config: PlayConfig, left: ExitStack) -> None:
-        """Choose and check.
+    session: Session | None = None
+    """The session that is made of it; None before there is one."""
 
-        Args:
-            config: the options.
-            left: lets go of emulated motors, which run from here on if the options ask for them.
-        """
+    def __init__(self, config: PlayConfig, left: ExitStack) -> None:
+        """Choose and check. `left` lets go of emulated motors, which run from here on if the options ask for them."""
         injections = parse_injections(config.inject)
         steps = None if config.script is None else parse_script(config.script)
         refuse_conflicts(config, injections)
         front_ends = wanted_front_ends(config)
         point = None if config.branch is None else open_branch(config)
         description = with_imu(load_robot(config.robot), config.imu_site) if point is None else point.description
-        self.config, self.clock = config, RobotClock()
+        self.config = config
         self.realtime = is_realtime(config, front_ends)
         self.injector = Injector(injections, self.clock)
         self.policy, suited = choose_for_robot(config, description, self.injector.policy)
@@ -130,6 +118,10 @@ class Plan:
         """Notices for an operator, one line each."""
         self.outputs = Outputs() if config.dry_run else choose_outputs(config, self.policy.motion_file)
         self.front_ends = () if config.dry_run else with_keyboard(front_ends, setup.keyboard)
+
+    def clock(self) -> float:
+        """Return the robot's time as of the latest reading, s; 0 before there is one."""
+        return self.session.time if self.session is not None else 0.0
 
     def _robot(self, left: ExitStack) -> RobotSetup:
         if self.config.hardware is None:

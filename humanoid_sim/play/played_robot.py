@@ -125,7 +125,6 @@ class RobotSetup:
     notices: tuple[str, ...] = ()
     """Notices for an operator, one line each."""
     bring_up: BringUp | None = None
-    """Bring-up of a real robot."""
     keyboard: str = ""
     """Path of the byte stream of an emulated MIDI keyboard; empty without one."""
     figures: Callable[[], Mapping[str, Any] | None] = lambda: None
@@ -139,12 +138,7 @@ class RobotSetup:
 def simulated_robot(
     config: PlayConfig, description: RobotDescription, control_period: float, contract: PolicyContract | None
 ) -> RobotSetup:
-    """Return a robot in MuJoCo.
-
-    Args:
-        control_period: s
-        contract: of the policy, which says what is observed of the robot; None without one.
-    """
+    """Return a robot in MuJoCo that measures what the policy of a contract observes; the control period is in s."""
     timestep = timestep_of(description, config.actuation, config.physics_timestep)
     for option, delay in (("--command-delay", config.command_delay), ("--state-delay", config.state_delay)):
         delay_steps(option, delay, timestep)

@@ -47,7 +47,6 @@ class PolicyChoice:
     motion_file: Path | None = None
     warning: str = ""
     notices: tuple[str, ...] = ()
-    """Notices about its motion."""
 
     @property
     def contract(self) -> PolicyContract | None:
@@ -93,9 +92,7 @@ def choose_policy(
 ) -> PolicyChoice:
     """Load the checkpoint and the motion that the options name.
 
-    Args:
-        description: of the robot; the placeholder is made for it.
-        wrap: put around the policy's callable, for faults that are injected deliberately.
+    `wrap` is put around the policy's callable, for faults that are injected deliberately.
     """
     if not config.has_policy:
         return PolicyChoice()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Container
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from humanoid_sim.command_line.tables import titled_table
 from humanoid_sim.evaluation.base_motion import BaseMotion
 from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.evaluation.joint_use import describe_effort
@@ -48,9 +48,10 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
             {"mode": span.mode.name, **{name: getattr(span, name) for name in ("controller", "start", "end", "reason")}}
             for span in monitor.spans
         ],
-        "faults": [{"time": time, "message": message} for time, message in monitor.faults],
-        "refusals": [{"time": time, "message": message} for time, message in monitor.refusals],
-        "safety": [{"time": time, "message": message} for time, message in monitor.safety],
+        **{
+            name: [{"time": time, "message": message} for time, message in getattr(monitor, name)]
+            for name in ("faults", "refusals", "safety")
+        },
         "not_kept": monitor.dropped,
         "loop": loop_figures(result, monitor, plan.control_period, realtime=plan.realtime),
         "effort": monitor.joints.effort(),
@@ -113,16 +114,8 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
         console.print(f"[yellow]--inject {injection}: never came about[/yellow], the run was over or in another mode")
 
 
-def _table(title: str, *headings: str, right: Container[str] = ()) -> Table:
-    """Return an empty table; without headings one of figures and their values."""
-    table = Table(title=title, title_justify="left", title_style="bold", show_header=bool(headings))
-    for heading in headings or ("figure", "value"):
-        table.add_column(heading, justify="right" if heading in right else "left")
-    return table
-
-
 def _modes(summary: dict[str, Any]) -> Table:
-    table = _table("Modes", "mode", "from", "to", "reason", right=("from", "to"))
+    table = titled_table("Modes", "mode", "from", "to", "reason", right=("from", "to"))
     styles = {mode.name: style for mode, style in MODE_STYLES.items()}
     for span in summary["modes"]:
         name = f"[{styles[span['mode']]}]{span['mode']}[/]"
@@ -139,7 +132,7 @@ def _tracking(tracking: dict[str, Any]) -> Table:
     speed = tracking["peak_speed"]
     title = f"Tracking, {tracking['samples']} policy steps while the motion ran, hands up to {speed:.2f} m/s"
     errors_of = ("position RMS", "max", "orientation RMS", "max")
-    table = _table(title, "body", *errors_of, right=errors_of)
+    table = titled_table(title, "body", *errors_of, right=errors_of)
     for errors in tracking["bodies"]:
         table.add_row(errors["name"], *_error_cells(errors))
     table.add_section()
@@ -157,7 +150,7 @@ def _error_cells(errors: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _anchor(anchor: dict[str, Any]) -> Table:
-    table = _table(f"Reference, {anchor['samples']} policy steps", "error", "mean", "max", right=("mean", "max"))
+    table = titled_table(f"Reference, {anchor['samples']} policy steps", "error", "mean", "max", right=("mean", "max"))
     for name, key, unit in (
         ("joints, mean of all", "joint_error", "rad"),
         ("anchor position", "anchor_position", "m"),
@@ -168,15 +161,15 @@ def _anchor(anchor: dict[str, Any]) -> Table:
 
 
 def _hardware(figures: dict[str, Any]) -> Table:
-    table = Table(title="Buses and motors", title_justify="left", title_style="bold", show_header=False)
-    table.add_column("figure")
+    table = titled_table("Buses and motors", "figure")
+    table.show_header = False
     for line in figures["lines"]:
         table.add_row(escape(line))
     return table
 
 
 def _base(base: dict[str, Any]) -> Table:
-    table = _table("Base, from its release on")
+    table = titled_table("Base, from its release on")
     if base["velocity"] is not None:
         forward, left = base["velocity"]
         table.add_row("mean velocity after 2 s", f"{forward:.3f} m/s forward, {left:.3f} m/s to the left")
@@ -192,7 +185,7 @@ def _base(base: dict[str, Any]) -> Table:
 
 def _piano(piano: dict[str, Any]) -> Table:
     ratios = ("precision", "recall", "F1")
-    table = _table("Song", "keys", *ratios, right=ratios)
+    table = titled_table("Song", "keys", *ratios, right=ratios)
     for name, part in (("per time step", "steps"), ("per note", "notes")):
         table.add_row(name, *(f"{piano[part][ratio.lower()]:.3f}" for ratio in ratios))
     table.caption = (
@@ -202,7 +195,7 @@ def _piano(piano: dict[str, Any]) -> Table:
 
 
 def _shadow(shadow: dict[str, Any]) -> Table:
-    table = _table("Shadow policy, of which nothing reached a motor")
+    table = titled_table("Shadow policy, of which nothing reached a motor")
     table.add_row("steps", str(shadow["steps"]))
     if shadow["faults"]:
         first = shadow["first_fault"]
@@ -260,7 +253,7 @@ def _jitter(late: DurationHistogram) -> dict[str, Any]:
 
 def loop_table(loop: dict[str, Any], effort: dict[str, Any]) -> Table:
     """Return the table of a run's loop."""
-    table = _table("Loop")
+    table = titled_table("Loop")
     pace = "in real time" if loop["realtime"] else f"{loop['real_time_factor']:.1f} times real time"
     table.add_row("ticks", f"{loop['ticks']} at {1.0 / loop['control_period']:g} Hz, {pace}")
     overruns = f"{loop['overruns']} missed deadlines, {loop['skipped_deadlines']} skipped"

@@ -35,7 +35,6 @@ class Outcome:
     """A run that has ended, as `play` reports it."""
 
     status: int
-    """Exit status of `play`."""
     summary: dict[str, Any]
     """The final table, as `--summary` writes it; empty after a dry run."""
     problems: tuple[str, ...]

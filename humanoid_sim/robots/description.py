@@ -25,7 +25,7 @@ from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.names import near_miss
 from humanoid_sim.robots.checks import description_problems
 from humanoid_sim.robots.schema import DampingSettings, RobotDescription, StandbySettings
-from humanoid_sim.strict_yaml import read_strictly, schema_problem
+from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
 __all__ = [
     "RobotDescription",
@@ -65,7 +65,7 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         from humanoid_sim.robots.mjcf import describe_mjcf  # noqa: PLC0415 - MuJoCo only where there is an MJCF
 
         return describe_mjcf(path)
-    return robot_of(read_strictly(path, label), label, path.resolve().parent)
+    return robot_of(read_yaml(path, label), label, path.resolve().parent)
 
 
 def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:

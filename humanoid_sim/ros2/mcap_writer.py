@@ -12,24 +12,9 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
 import lz4.frame  # type: ignore[import-untyped]
+from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 from mcap.writer import MCAP0_MAGIC
 
 _MESSAGE = struct.Struct("<BQHIQQ")
@@ -66,20 +51,20 @@ class ChunkedWriter:
         """By channel, the log time of each message and its place in the chunk, in turn."""
         self._start = self._end = 0
         """ns, log times of the chunk."""
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
-        self._attachments: list[AttachmentIndex] = []
-        self._metadata: list[MetadataIndex] = []
-        self._chunks: list[ChunkIndex] = []
+        self._schemas: list[records.Schema] = []
+        self._channels: list[records.Channel] = []
+        self._attachments: list[records.AttachmentIndex] = []
+        self._metadata: list[records.MetadataIndex] = []
+        self._chunks: list[records.ChunkIndex] = []
         self._counts: dict[int, int] = {}
 
     def start(self, profile: str, library: str) -> None:
         """Begin the file."""
-        self._file.write(MCAP0_MAGIC + _encoded(Header(profile, library)))
+        self._file.write(MCAP0_MAGIC + _encoded(records.Header(profile, library)))
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Define a schema; its number."""
-        schema = Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
+        schema = records.Schema(id=len(self._schemas) + 1, data=data, encoding=encoding, name=name)
         self._schemas.append(schema)
         self._add(_encoded(schema))
         return len(self._schemas)
@@ -88,7 +73,7 @@ class ChunkedWriter:
         self, topic: str, message_encoding: str, schema_id: int, metadata: Mapping[str, str] | None = None
     ) -> int:
         """Define a channel; its number."""
-        channel = Channel(
+        channel = records.Channel(
             id=len(self._channels) + 1,
             topic=topic,
             message_encoding=message_encoding,
@@ -120,10 +105,12 @@ class ChunkedWriter:
 
     def add_attachment(self, create_time: int, log_time: int, name: str, media_type: str, data: bytes) -> None:
         """Add a file."""
-        attachment = Attachment(create_time=create_time, log_time=log_time, name=name, media_type=media_type, data=data)
+        attachment = records.Attachment(
+            create_time=create_time, log_time=log_time, name=name, media_type=media_type, data=data
+        )
         offset, encoded = self._file.tell(), _encoded(attachment)
         self._attachments.append(
-            AttachmentIndex(
+            records.AttachmentIndex(
                 offset=offset,
                 length=len(encoded),
                 log_time=log_time,
@@ -137,8 +124,8 @@ class ChunkedWriter:
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
         """Add texts by name."""
-        offset, encoded = self._file.tell(), _encoded(Metadata(name=name, metadata=data))
-        self._metadata.append(MetadataIndex(offset, len(encoded), name))
+        offset, encoded = self._file.tell(), _encoded(records.Metadata(name=name, metadata=data))
+        self._metadata.append(records.MetadataIndex(offset, len(encoded), name))
         self._file.write(encoded)
 
     def flush(self) -> None:
@@ -149,9 +136,9 @@ class ChunkedWriter:
     def finish(self) -> None:
         """Write the index. The file stays open."""
         self._end_chunk()
-        self._file.write(_encoded(DataEnd(0)))
+        self._file.write(_encoded(records.DataEnd(0)))
         begin = self._file.tell()
-        groups: list[tuple[Opcode, Iterable[McapRecord]]] = [
+        groups: list[tuple[Opcode, Iterable[records.McapRecord]]] = [
             (Opcode.SCHEMA, self._schemas),
             (Opcode.CHANNEL, self._channels),
             (Opcode.STATISTICS, [self._statistics()]),
@@ -160,15 +147,15 @@ class ChunkedWriter:
             (Opcode.METADATA_INDEX, self._metadata),
         ]
         summary, offsets = b"", b""
-        for opcode, records in groups:
-            group = b"".join(map(_encoded, records))
-            offsets += _encoded(SummaryOffset(opcode, begin + len(summary), len(group)))
+        for opcode, group_records in groups:
+            group = b"".join(map(_encoded, group_records))
+            offsets += _encoded(records.SummaryOffset(opcode, begin + len(summary), len(group)))
             summary += group
         offset_begin = begin + len(summary)
         summary += offsets
         crc = zlib.crc32(summary)
         crc = zlib.crc32(struct.pack("<BQQQ", Opcode.FOOTER, 8 + 8 + 4, begin, offset_begin), crc)
-        self._file.write(summary + _encoded(Footer(begin, offset_begin, crc)) + MCAP0_MAGIC)
+        self._file.write(summary + _encoded(records.Footer(begin, offset_begin, crc)) + MCAP0_MAGIC)
 
     def _add(self, record: bytes) -> None:
         """Add a definition: it goes into the chunk of the first message that needs it."""
@@ -184,7 +171,7 @@ class ChunkedWriter:
         packed: bytes = lz4.frame.compress(data)
         offset = self._file.tell()
         chunk = _encoded(
-            Chunk(
+            records.Chunk(
                 compression="lz4",
                 data=packed,
                 message_end_time=self._end,
@@ -204,7 +191,7 @@ class ChunkedWriter:
             self._counts[channel] = self._counts.get(channel, 0) + len(entries) // 2
         self._file.write(indices)
         self._chunks.append(
-            ChunkIndex(
+            records.ChunkIndex(
                 chunk_length=len(chunk),
                 chunk_start_offset=offset,
                 compression="lz4",
@@ -218,8 +205,8 @@ class ChunkedWriter:
         )
         self._parts, self._size, self._indices = [], 0, {}
 
-    def _statistics(self) -> Statistics:
-        return Statistics(
+    def _statistics(self) -> records.Statistics:
+        return records.Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
@@ -232,7 +219,7 @@ class ChunkedWriter:
         )
 
 
-def _encoded(record: McapRecord) -> bytes:
+def _encoded(record: records.McapRecord) -> bytes:
     builder = RecordBuilder()
     write: Callable[[RecordBuilder], Any] = record.write
     write(builder)

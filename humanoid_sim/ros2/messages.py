@@ -97,11 +97,7 @@ class TransformEncoder:
     """`tf2_msgs/msg/TFMessage` of always the same frames: all but the numbers is laid out once."""
 
     def __init__(self, frames: Sequence[tuple[str, str]]) -> None:
-        """Lay the message out.
-
-        Args:
-            frames: parent and child of each transform.
-        """
+        """Lay the message out, for the parent and child of each transform."""
         writer = CdrWriter()
         writer.pack("I", len(frames))
         stamps: list[int] = []

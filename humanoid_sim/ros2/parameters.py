@@ -11,13 +11,9 @@ _ANY = ("*", "**", "")
 
 
 def node_parameters(document: Any, node: str) -> dict[str, Any]:
-    """Return the parameters of a node as nested mappings; empty if the document has none for it.
+    """Return the parameters of a node, named without a namespace, as nested mappings; empty if there are none for it.
 
     Those under `/**` belong to every node; its own override them. `joy.damp_button: 2` is `joy: {damp_button: 2}`.
-
-    Args:
-        document: of a YAML file.
-        node: its name, without a namespace.
     """
     found: dict[str, Any] = {}
     sections = [(path, values) for path, values in _sections(document, ()) if path[-1:] in ((), (node,))]

@@ -16,18 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from humanoid_sim.client import (
-    DATA_HEAD,
-    DATA_MAGIC,
-    HEARTBEAT,
-    LIVE,
-    LIVE_TIMEOUT,
-    REFUSED,
-    REMOTE,
-    VELOCITY,
-    VELOCITY_TIMEOUT,
-    monotonic_ns,
-)
+from humanoid_sim import client as wire
 from humanoid_sim.errors import FieldError
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import Extern, FloatArray, MITCommand
@@ -100,7 +89,6 @@ class Refusals:
         self.counts: dict[str, int] = {}
         """Samples refused since the session began, by producer; those beyond the first so many count under `others`."""
         self.latest = ""
-        """Latest refusal, as one line."""
 
     @property
     def count(self) -> int:
@@ -185,9 +173,7 @@ class DataSocket(ExternSource, Sink):
 
         Args:
             path: where it will be, in a folder that only its user can enter.
-            inbox: gets the remote commands that count.
             stale_timeout: s after which a remote command is stale, and its producer's turn over.
-            clock: the robot's clock, s, as of the latest reading.
             velocity: gets velocity commands; None: nothing observes one.
             live: name and width of the live inputs that are observed.
             timeouts: of those that state one, s, also infinite; a producer may only shorten it.
@@ -211,10 +197,10 @@ class DataSocket(ExternSource, Sink):
         self._entered = 0.0
         self._newest_stamp: dict[tuple[int, Producer, str], int] = {}
         self.refusals = Refusals(self._say)
-        """Refusals of samples."""
         self._reported: dict[Producer, int] = {}
         """Samples that a producer has refused itself, in all."""
-        self._shown: dict[str, str] = {}
+        self.owners: dict[str, str] = {}
+        """Name and process id of who commands `REMOTE`, `velocity`, and each live input at present; '' for nobody."""
         self._lost: dict[str, str] = {}
         """Producers that fell silent while they commanded REMOTE or a velocity, until somebody commands it anew."""
         self.heartbeats: dict[str, float] = {}
@@ -234,11 +220,6 @@ class DataSocket(ExternSource, Sink):
             for name, value in self._live.items()
             if self._widths.get(name) == len(value.value) and self._timeouts.get(name) == before.get(name)
         }
-
-    @property
-    def owners(self) -> Mapping[str, str]:
-        """Say who commands at present: `REMOTE`, `velocity`, live inputs, by name and process id; '' for nobody."""
-        return self._shown
 
     def latest(self) -> Mapping[str, Extern]:
         """Take in what has come since the last call; the live inputs that were ever heard."""
@@ -281,12 +262,12 @@ class DataSocket(ExternSource, Sink):
         self._path.unlink(missing_ok=True)
 
     def _expire(self, time: float) -> None:
-        before, moved = self._shown, self._velocity is not None and self._velocity.command.any()
+        before, moved = self.owners, self._velocity is not None and self._velocity.command.any()
         self._turn.expire(time)
         for name, turn in self._live_turns.items():
             heard = self._live.get(name)
             # A value may count for ever; its producer owns the input only while it may still be there.
-            turn.timeout = LIVE_TIMEOUT if heard is None or math.isinf(heard.timeout) else heard.timeout
+            turn.timeout = wire.LIVE_TIMEOUT if heard is None or math.isinf(heard.timeout) else heard.timeout
             turn.expire(time)
         if self._velocity is not None:
             self._velocity.expire(time)
@@ -297,7 +278,7 @@ class DataSocket(ExternSource, Sink):
 
     def _drain(self, time: float) -> list[_Sample]:
         """Return the newest sample of each producer and topic, in the order in which their producers came first."""
-        begun = monotonic_ns()
+        begun = wire.monotonic_ns()
         newest: dict[bytes, tuple[bytes, int]] = {}
         count = 0
         for _ in range(self._most):
@@ -307,11 +288,11 @@ class DataSocket(ExternSource, Sink):
                 break
             count += 1
             # The stamp is the head's last field; what is before it and behind the values' own name tells senders apart.
-            head = DATA_HEAD.size
-            if len(datagram) < head or not datagram.startswith(DATA_MAGIC):
+            head = wire.DATA_HEAD.size
+            if len(datagram) < head or not datagram.startswith(wire.DATA_MAGIC):
                 continue
             name_end = head + int.from_bytes(datagram[8:10], "little") + int.from_bytes(datagram[10:12], "little")
-            newest[datagram[: head - 8] + datagram[head:name_end]] = (datagram, monotonic_ns())
+            newest[datagram[: head - 8] + datagram[head:name_end]] = (datagram, wire.monotonic_ns())
         self.discarded += count - len(newest)
         samples = []
         for datagram, received in list(newest.values())[:_MOST_SAMPLES]:
@@ -321,8 +302,8 @@ class DataSocket(ExternSource, Sink):
         return samples
 
     def _read(self, datagram: bytes, received: int, begun: int, time: float) -> _Sample | None:
-        _, kind, _, name_size, topic_size, process, stamp = DATA_HEAD.unpack_from(datagram)
-        start = DATA_HEAD.size
+        _, kind, _, name_size, topic_size, process, stamp = wire.DATA_HEAD.unpack_from(datagram)
+        start = wire.DATA_HEAD.size
         name = datagram[start : start + name_size].decode(errors="replace")
         start += name_size
         topic = datagram[start : start + topic_size].decode(errors="replace")
@@ -346,18 +327,14 @@ class DataSocket(ExternSource, Sink):
         return _Sample(kind, producer, topic, np.frombuffer(body, dtype="<f8"), arrival)
 
     def _accept(self, sample: _Sample) -> None:
-        if sample.kind == REMOTE:
-            self._accept_remote(sample)
-        elif sample.kind == VELOCITY:
-            self._accept_velocity(sample)
-        elif sample.kind == LIVE:
-            self._accept_live(sample)
-        elif sample.kind == HEARTBEAT:
-            self.heartbeats[sample.producer.name] = sample.arrival_time
-        elif sample.kind == REFUSED:
-            self._accept_report(sample)
-        else:
-            raise _RefusedError(f"kind {sample.kind}, expected 0 to {REFUSED}")
+        # In the order of their numbers.
+        kinds = (self._accept_remote, self._accept_velocity, self._accept_live, self._accept_beat, self._accept_report)
+        if sample.kind >= len(kinds):
+            raise _RefusedError(f"kind {sample.kind}, expected 0 to {wire.REFUSED}")
+        kinds[sample.kind](sample)
+
+    def _accept_beat(self, sample: _Sample) -> None:
+        self.heartbeats[sample.producer.name] = sample.arrival_time
 
     def _accept_remote(self, sample: _Sample) -> None:
         age = self._clock() - sample.arrival_time
@@ -391,7 +368,7 @@ class DataSocket(ExternSource, Sink):
             sample.producer,
             sample.values[:3],
             sample.arrival_time,
-            timeout=VELOCITY_TIMEOUT,
+            timeout=wire.VELOCITY_TIMEOUT,
             deliberate=bool(sample.values[3]),
         )
         if owner != sample.producer and sample.values[:3].any():
@@ -406,7 +383,7 @@ class DataSocket(ExternSource, Sink):
         given, values = sample.values[:1], sample.values[1:]
         if len(values) != width or not np.isfinite(values).all():
             raise _RefusedError(f"live input '{sample.topic}': has {len(values)} values, expected {width}, all finite")
-        timeout = self._timeouts.get(sample.topic, LIVE_TIMEOUT)
+        timeout = self._timeouts.get(sample.topic, wire.LIVE_TIMEOUT)
         if not np.isnan(given).all():  # its producer says
             if not 0.0 < given <= _LONGEST_TIMEOUT:
                 raise _RefusedError(
@@ -431,7 +408,7 @@ class DataSocket(ExternSource, Sink):
     def status(self) -> dict[str, object]:
         """Return what to tell beside ticks: owners, refusals since they last changed, and in all."""
         return {
-            "owners": dict(self._shown),
+            "owners": dict(self.owners),
             "lost": dict(self._lost),
             "refused": list(self.refusals.lines),
             "refused_samples": dict(self.refusals.counts),
@@ -444,12 +421,12 @@ class DataSocket(ExternSource, Sink):
         if self._velocity is not None:
             owners["velocity"] = str(self._velocity.owner or "")
         owners |= {name: str(turn.owner or "") for name, turn in self._live_turns.items()}
-        if owners == self._shown:
+        if owners == self.owners:
             return
         for name, owner in owners.items():
-            before = self._shown.get(name, "")
+            before = self.owners.get(name, "")
             if owner != before:
                 self._say(f"{name}: belongs to {owner}" if owner else f"{name}: no longer controlled by {before}")
-        self._shown = owners
+        self.owners = owners
         self._lost = {name: before for name, before in self._lost.items() if not owners.get(name)}
         self.refusals.forget()

@@ -18,15 +18,7 @@ from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
 
-from humanoid_sim.client import (
-    ENDED_OFFSET,
-    FEED_HEAD,
-    FEED_MAGIC,
-    RING_HEAD,
-    SLOT_HEAD,
-    SLOT_SUM,
-    monotonic_ns,
-)
+from humanoid_sim import client as wire
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import TickEncoder, encode_event
@@ -64,18 +56,23 @@ class _Ring:
     def put(self, data: bytes) -> bool:
         """Make these bytes the newest sample; whether they fit."""
         length = len(data)
-        if length > self._size - SLOT_HEAD.size:
+        if length > self._size - wire.SLOT_HEAD.size:
             return False
         memory = self._memory
         self._number = number = self._number + 1
-        stamp = monotonic_ns()
+        stamp = wire.monotonic_ns()
         start = self._offset + 64 + (number % self._slots) * self._size
-        SLOT_HEAD.pack_into(
-            memory, start, number, stamp, length, zlib.crc32(data, zlib.crc32(SLOT_SUM.pack(number, stamp, length)))
+        wire.SLOT_HEAD.pack_into(
+            memory,
+            start,
+            number,
+            stamp,
+            length,
+            zlib.crc32(data, zlib.crc32(wire.SLOT_SUM.pack(number, stamp, length))),
         )
-        start += SLOT_HEAD.size
+        start += wire.SLOT_HEAD.size
         memory[start : start + length] = data
-        RING_HEAD.pack_into(memory, self._offset, number)
+        wire.RING_HEAD.pack_into(memory, self._offset, number)
         return True
 
 
@@ -93,7 +90,6 @@ class FeedWriter(Sink):
         """Make the memory, with what interprets the run.
 
         Args:
-            header: of the run, as recorded.
             blobs: files by name, beside the header's attachments.
             live_inputs: name and width of those that the session takes from outside.
             shadow_width: how many values a shadow policy observes and answers; 0 for none.
@@ -192,7 +188,7 @@ class FeedWriter(Sink):
         if self._memory.closed:
             return
         self._publish_events()
-        self._memory[ENDED_OFFSET] = 1
+        self._memory[wire.ENDED_OFFSET] = 1
         self._memory.close()
         os.close(self._handle)
         if self._loaded is not None:
@@ -237,7 +233,7 @@ def _filled(
     for name, (place, length) in places.items():
         memory[place : place + length] = files[name]
     memory[offset : offset + len(text)] = text
-    FEED_HEAD.pack_into(memory, 0, FEED_MAGIC, offset, len(text), zlib.crc32(text), 0)
+    wire.FEED_HEAD.pack_into(memory, 0, wire.FEED_MAGIC, offset, len(text), zlib.crc32(text), 0)
     return handle, memory
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.controllers.policy_step import Policy
-from humanoid_sim.errors import InputError, meant
+from humanoid_sim.errors import InputError, meant, number_in
 from humanoid_sim.messages import RemoteCommand, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session.sources import RemoteSource
 
@@ -30,7 +30,6 @@ class Injection:
     """s on the robot's clock."""
 
     def __str__(self) -> str:
-        """As it was asked for."""
         return f"{self.kind}@{self.time:g}"
 
 
@@ -46,18 +45,11 @@ def parse_injections(texts: Sequence[str]) -> tuple[Injection, ...]:
     injections = []
     for text in texts:
         kind, _, seconds = text.partition("@")
-        try:
-            time = float(seconds)
-        except ValueError:
-            time = math.nan
-        for known in get_args(FaultKind):
-            if kind == known and math.isfinite(time) and time >= 0.0:
-                injections.append(Injection(known, time))
-                break
-        else:
-            kinds = get_args(FaultKind)
+        time, kinds = number_in(seconds), get_args(FaultKind)
+        if kind not in kinds or not time >= 0.0:
             wrong = f"--inject: is '{text}'{'' if kind in kinds else meant(kind, kinds)}"
             raise InputError(f"{wrong}, expected FAULT@SECONDS with FAULT one of {', '.join(kinds)}")
+        injections.append(Injection(kinds[kinds.index(kind)], time))
     return tuple(injections)
 
 
@@ -65,12 +57,7 @@ class Injector:
     """Applies injections to what the control loop reads. Without any it changes nothing."""
 
     def __init__(self, injections: Sequence[Injection], clock: Callable[[], float]) -> None:
-        """Prepare.
-
-        Args:
-            injections: the faults to apply.
-            clock: the robot's clock, s.
-        """
+        """Take the faults to apply; `clock` is the robot's, s."""
         self._start = dict.fromkeys(get_args(FaultKind), math.inf)
         for injection in injections:
             self._start[injection.kind] = min(self._start[injection.kind], injection.time)
@@ -107,11 +94,9 @@ class Injector:
 
     def remote(self, source: RemoteSource) -> RemoteSource:
         """Return the source, silent from the injected time on."""
-        return _SilencedRemote(source, self) if math.isfinite(self._start["silent_remote"]) else source
-
-    def silences(self) -> bool:
-        """Return whether remote commands are silent from now on."""
-        return self._takes_effect("silent_remote")
+        if math.isinf(self._start["silent_remote"]):
+            return source
+        return _SilencedRemote(source, lambda: self._takes_effect("silent_remote"))
 
     def _takes_effect(self, kind: FaultKind) -> bool:
         """Return whether a fault has begun; it is no longer pending then."""
@@ -126,12 +111,11 @@ class Injector:
 class _SilencedRemote:
     """Repeats the last command from before the silence, as a source whose sender has died would."""
 
-    def __init__(self, source: RemoteSource, injector: Injector) -> None:
-        self._source = source
-        self._injector = injector
+    def __init__(self, source: RemoteSource, is_silent: Callable[[], bool]) -> None:
+        self._source, self._is_silent = source, is_silent
         self._last: RemoteCommand | None = None
 
     def latest(self) -> RemoteCommand | None:
-        if not self._injector.silences():
+        if not self._is_silent():
             self._last = self._source.latest()
         return self._last

@@ -14,22 +14,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from humanoid_sim.client import LOAD
+from humanoid_sim.client import LOAD, Answer
 from humanoid_sim.controllers.fsm import granted_intent
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import Intent, Mode, TickOutput, TickRecord
 from humanoid_sim.session.loading import Loading
 from humanoid_sim.session.outside_safety import OutsideSafety
-from humanoid_sim.session.reactivation import REACTIVATE, Answer, Reactivation
+from humanoid_sim.session.reactivation import REACTIVATE, Reactivation
 from humanoid_sim.session.simulation_controls import PAUSE, PUSH, SIMULATION_WORDS, SimulationControls
 from humanoid_sim.session.sinks import Sink
 from humanoid_sim.session.sources import Freshness, IntentSource
 
-__all__ = ["MARK", "BoundedTelling", "IntentSocket", "RateLimit", "listening", "queue_length"]
-
 MARK = "mark"
 """Followed by a text, puts that text into the recording."""
-SAFETY = "safety"
+_SAFETY = "safety"
 """Followed by a status as JSON, says how another program is."""
 _FRESH = frozenset({*(one.value for one in Intent), REACTIVATE, LOAD, *SIMULATION_WORDS}) - {Intent.DAMP.value, PAUSE}
 """Words that count only if they were meant for the robot as it is."""
@@ -129,9 +127,7 @@ class IntentSocket(IntentSource, Sink):
 
         Args:
             path: where it will be, in a folder that only its user can enter.
-            reactivation: what `reactivate` asks for.
             tell: records a line: who asked for what, marks, and safety statuses.
-            safety: takes the statuses of other programs.
             loading: what `load` asks for; None where no policy can be loaded.
             simulation: what only a simulation can be asked for; None for motors.
 
@@ -163,17 +159,17 @@ class IntentSocket(IntentSource, Sink):
                 message, sender = self._socket.recvfrom(_LONGEST)
             except OSError:  # nothing more
                 break
-            word, _, rest = message.decode(errors="replace").partition("\n")
-            who, token, seen = (*rest.split("\n"), "", "", "")[:3]
+            said, who, token, seen = (*message.decode(errors="replace").split("\n"), "", "", "")[:4]
+            who = who[:80] or "somebody"
             asked = _Asked(None, token, sender if isinstance(sender, str) else "")
-            if problem := self._staleness(word, seen):
+            if problem := self._staleness(said.partition(" ")[0], seen):
                 refused.append((asked, Answer(False, problem)))
-                asking[f"{problem}; requested by {who[:80] or 'somebody'}"] = None
+                asking[f"{problem}; requested by {who}"] = None
                 continue
-            intent = self._understood(word, who, asked)
+            intent = self._understood(said, who, asked)
             if intent is not None:
                 intents.append(intent)
-                asking[f"{intent.name} requested by {who[:80] or 'somebody'}"] = None
+                asking[f"{intent.name} requested by {who}"] = None
         for text in list(asking)[:4]:
             self._tell(text)
         self._send(refused)
@@ -181,37 +177,37 @@ class IntentSocket(IntentSource, Sink):
 
     def _staleness(self, word: str, seen: str) -> str:
         """Refuse what its sender meant for a robot that is not like that any more: all that could move it."""
-        name = word.partition(" ")[0]
-        refusal = self._simulation.refusal(name)
-        if refusal or name not in _FRESH:
+        refusal = self._simulation.refusal(word)
+        if refusal or word not in _FRESH:
             return refusal
         if seen.isascii() and seen.isdecimal():
             problem = self._freshness.problem(int(seen))
         else:
             problem = "it does not say what its sender had seen; update the sender's client.py to this session's"
-        return f"{name.upper()} refused: {problem}" if problem else ""
+        return f"{word.upper()} refused: {problem}" if problem else ""
 
-    def _understood(self, word: str, who: str, asked: _Asked) -> Intent | None:
+    def _understood(self, said: str, who: str, asked: _Asked) -> Intent | None:
         """Return the intent in a message; what is none is dealt with."""
-        if word == REACTIVATE and self._reactivation is not None:
+        word, _, rest = said.partition(" ")
+        if said == REACTIVATE and self._reactivation is not None:
             self._reactivation.request()
             self._reactivating.append(asked)
-        elif word.partition(" ")[0] == SAFETY and self._safety is not None:
-            self._answer([asked], self._reported(self._safety, word.partition(" ")[2], who))
-        elif word.partition(" ")[0] == LOAD:
-            self._load(word.partition(" ")[2], who, asked)
-        elif word.partition(" ")[0] in SIMULATION_WORDS:
-            self._control(*word.partition(" ")[::2], who, asked)
-        elif word.partition(" ")[0] == MARK:
-            is_told = self._tell(f"mark of {who[:80] or 'somebody'}: {word.partition(' ')[2]}".rstrip(": "))
+        elif word == _SAFETY and self._safety is not None:
+            self._answer([asked], self._reported(self._safety, rest, who))
+        elif word == LOAD:
+            self._load(rest, who, asked)
+        elif word in SIMULATION_WORDS:
+            self._control(word, rest, who, asked)
+        elif word == MARK:
+            is_told = self._tell(f"mark of {who}: {rest}".rstrip(": "))
             self._answer([asked], Answer(is_told, "marked" if is_told else "not marked: too many lines in a second"))
         else:
             try:
-                intent = Intent(word)
+                intent = Intent(said)
             except ValueError:
                 others = () if self._simulation.push is None else SIMULATION_WORDS
-                known = ", ".join([*(intent.value for intent in Intent), REACTIVATE, LOAD, SAFETY, MARK, *others])
-                self._answer([asked], Answer(False, f"'{word[:40]}' means nothing, expected one of {known}"))
+                known = ", ".join([*(intent.value for intent in Intent), REACTIVATE, LOAD, _SAFETY, MARK, *others])
+                self._answer([asked], Answer(False, f"'{said[:40]}' means nothing, expected one of {known}"))
             else:
                 self._waiting.append(replace(asked, intent=intent))
                 return intent
@@ -222,7 +218,7 @@ class IntentSocket(IntentSource, Sink):
         try:
             told = safety.report(text)
         except FieldError as error:
-            self._tell(f"{who[:80] or 'somebody'}: {error}")
+            self._tell(f"{who}: {error}")
             return Answer(False, str(error))
         return Answer(True, told)
 
@@ -232,10 +228,10 @@ class IntentSocket(IntentSource, Sink):
         if self._loading is not None:
             refusal = self._loading.request(options, self._freshness.mode)
         if refusal:
-            self._tell(f"{refusal}; requested by {who[:80] or 'somebody'}")
+            self._tell(f"{refusal}; requested by {who}")
             self._answer([asked], Answer(False, refusal))
         else:
-            self._tell(f"load requested by {who[:80] or 'somebody'}: {options[:200]}")
+            self._tell(f"load requested by {who}: {options[:200]}")
             self._awaiting_load.append(asked)
 
     def _control(self, word: str, rest: str, who: str, asked: _Asked) -> None:
@@ -243,7 +239,7 @@ class IntentSocket(IntentSource, Sink):
         answer = self._simulation.request(word, rest)
         is_push = word == PUSH and answer.granted
         tell = self._simulation.record_push if is_push else self._tell
-        tell(f"{answer.text}; requested by {who[:80] or 'somebody'}")
+        tell(f"{answer.text}; requested by {who}")
         self._answer([asked], answer)
 
     def tick(self, record: TickRecord) -> None:
@@ -256,8 +252,7 @@ class IntentSocket(IntentSource, Sink):
             damped = [asked for asked in self._waiting if asked.intent is Intent.DAMP]
             others = [asked for asked in self._waiting if asked.intent is not Intent.DAMP]
             self._answer(damped, Answer(control.mode in (Mode.DAMPING, Mode.ZERO_TORQUE), text))
-            self._answer([asked for asked in others if asked.intent is granted], Answer(True, text))
-            self._answer([asked for asked in others if asked.intent is not granted], Answer(False, text))
+            self._send([(asked, Answer(asked.intent is granted, text)) for asked in others])
             self._waiting.clear()
         if self._reactivating and self._reactivation is not None and self._reactivation.answer:
             self._answer(self._reactivating, self._reactivation.answer)

@@ -9,16 +9,16 @@ import select
 import sys
 import termios
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from time import monotonic
 from types import MappingProxyType
 from typing import Any
 
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Intent, TickOutput
+from humanoid_sim.messages import Intent
 from humanoid_sim.session.reactivation import Reactivation
-from humanoid_sim.session.sources import VELOCITY_KEYS, IntentQueue, IntentSource, VelocityCommand, velocity_key_help
+from humanoid_sim.session.sources import VELOCITY_KEYS, IntentQueue, VelocityCommand, velocity_key_help
 
 KEYS = MappingProxyType(
     {
@@ -57,7 +57,6 @@ class KeyReader:
     """
 
     def __init__(self) -> None:
-        """Start with no sequence under way."""
         self._unfinished = ""
 
     def keys(self, text: str) -> list[str]:
@@ -109,7 +108,7 @@ def _by_key(attributes: list[Any]) -> list[Any]:
     return [iflag & ~termios.IXON, oflag, cflag, lflag, ispeed, ospeed, characters]
 
 
-class Keyboard(IntentSource):
+class Keyboard(IntentQueue):
     """Reads keys on a thread of its own and queues their intents. Restores the terminal on `close`."""
 
     def __init__(
@@ -124,8 +123,6 @@ class Keyboard(IntentSource):
         """Take over the terminal.
 
         Args:
-            velocity: the command that the velocity keys change, if the robot walks.
-            reactivation: what the key for it asks for.
             tell: shows the operator a line; called on the reading thread. Must not wait.
             record: records a line, and shows it; called on the loop's thread.
             is_paused: whether the robot's time stands still; then no key but DAMP, QUIT and a stop moves it later.
@@ -133,12 +130,12 @@ class Keyboard(IntentSource):
         Raises:
             InputError: if standard input is not a terminal.
         """
-        self._queue = IntentQueue(tell=record)
+        super().__init__(tell=record)
         self._reader = KeyReader()
         self.velocity = velocity
         """Command that the velocity keys change; None where the robot does not walk."""
         self._reactivation = reactivation
-        self._tell, self._is_paused = tell, is_paused
+        self._show, self._is_paused = tell, is_paused
         self._stop = threading.Event()
         try:
             self._fd = sys.stdin.fileno()
@@ -158,10 +155,6 @@ class Keyboard(IntentSource):
         """Give the terminal back as it was, unless another program has it. May be called from a signal handler."""
         if self._is_in_foreground():
             self._set(self._before)
-
-    def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """Intents of the keys pressed since the last call."""
-        return self._queue.poll(time, output)
 
     def close(self) -> None:
         """Stop reading and give the terminal back as it was."""
@@ -188,7 +181,7 @@ class Keyboard(IntentSource):
             ready, _, _ = select.select([self._fd], [], [], _POLL)
             is_in_foreground = self._is_in_foreground()
             if was_in_foreground and not is_in_foreground:
-                self._queue.put(Intent.DAMP)  # nobody at these keys can be heard
+                self.put(Intent.DAMP)  # nobody at these keys can be heard
             if is_in_foreground and not was_in_foreground:
                 self.take_terminal()
             was_in_foreground = is_in_foreground
@@ -204,7 +197,7 @@ class Keyboard(IntentSource):
             if not keys and not self._is_in_foreground():
                 continue
             if not keys:  # the terminal went away: an operator who cannot be heard must not be moved on
-                self._queue.put(Intent.DAMP)
+                self.put(Intent.DAMP)
                 return
             self._heard(keys.decode(errors="replace"), is_late=monotonic() - begin > _POLL + _LATE)
 
@@ -212,28 +205,28 @@ class Keyboard(IntentSource):
         keys = self._reader.keys(text)
         if is_late:  # the process stood still: what was typed meanwhile was meant for something else
             termios.tcflush(self._fd, termios.TCIFLUSH)
-            self._tell("keys that were pressed while the process stood still are left out, but for DAMP")
+            self._show("keys that were pressed while the process stood still are left out, but for DAMP")
             keys = [key for key in keys if key in _DAMP_KEYS]
         unknown = [key for key in keys if not self._press(key)]
         if unknown:
             named, verb = ", ".join(map(repr, unknown)), "means" if len(unknown) == 1 else "mean"
-            self._tell(f"the key{'s' * (len(unknown) > 1)} {named} {verb} nothing; h or ? shows those that do")
+            self._show(f"the key{'s' * (len(unknown) > 1)} {named} {verb} nothing; h or ? shows those that do")
 
     def _press(self, key: str) -> bool:
         """Do what a key means; whether it means anything."""
         moves = KEYS.get(key) not in (Intent.DAMP, Intent.QUIT) and key not in ("0", *HELP_KEYS)
         if moves and self._is_paused():
-            self._tell(f"the key {key!r} is left out: the robot's time is paused")
+            self._show(f"the key {key!r} is left out: the robot's time is paused")
         elif key in KEYS:
-            self._queue.put(KEYS[key], monotonic_ns())
+            self.put(KEYS[key], monotonic_ns())
         elif key in HELP_KEYS:
             for line in self._help():
-                self._tell(line)
+                self._show(line)
         elif self.velocity is not None and key in VELOCITY_KEYS:
             before = self.velocity.command
             self.velocity.press(key)
             if any(VELOCITY_KEYS[key]) and (self.velocity.command == before).all():
-                self._tell("the velocity command is at its limit: {:g} m/s, {:g} m/s, {:g} rad/s".format(*before))
+                self._show("the velocity command is at its limit: {:g} m/s, {:g} m/s, {:g} rad/s".format(*before))
         elif self._reactivation is not None and key == REACTIVATE_KEY:
             self._reactivation.request()
         else:

@@ -9,10 +9,10 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from humanoid_sim.client import Answer
 from humanoid_sim.controllers.base import Controller
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Mode, SessionHeader, TickRecord
-from humanoid_sim.session.reactivation import Answer
+from humanoid_sim.messages import Mode, SessionHeader
 from humanoid_sim.session.sinks import Sink
 
 LOADABLE = (Mode.ZERO_TORQUE, Mode.DAMPING, Mode.STANDBY)
@@ -28,7 +28,6 @@ class PreparedPolicy:
     """A policy that was checked and can be put in place."""
 
     controller: Controller
-    """Controller for LOCOMOTION."""
     header: SessionHeader
     """Header of the run, from the replacement on."""
     text: str
@@ -42,14 +41,16 @@ class PreparedPolicy:
 
 
 class Loading(Sink):
-    """Prepares one policy at a time while the loop goes on, and hands it to the session. Replaces nothing itself."""
+    """Prepares one policy at a time while the loop goes on, and hands it to the session. Replaces nothing itself.
+
+    It is a sink for its thread to live as long as the session.
+    """
 
     def __init__(self, prepare: Callable[[str], PreparedPolicy], cancel: Callable[[], None] = lambda: None) -> None:
         """Start with nothing requested.
 
-        Args:
-            prepare: takes the request's options, JSON; may take long. Raises `InputError` to refuse it.
-            cancel: makes a `prepare` that is under way raise.
+        `prepare` takes the request's options, JSON; it may take long, and raises `InputError` to refuse it. `cancel`
+        makes one that is under way raise.
         """
         self._prepare, self._cancel = prepare, cancel
         self._options: str | None = None
@@ -66,12 +67,7 @@ class Loading(Sink):
         self._thread.start()
 
     def request(self, options: str, mode: Mode) -> str:
-        """Ask for a policy; gives the reason for a refusal, or '' if it is being prepared.
-
-        Args:
-            options: texts of the request, JSON.
-            mode: the session's.
-        """
+        """Ask for a policy, with options as JSON; gives the reason for a refusal, or '' if it is being prepared."""
         if refusal := load_refusal(mode):
             return refusal
         with self._lock:
@@ -80,9 +76,6 @@ class Loading(Sink):
             self._options, self.answer = options, None
         self._wake.set()
         return ""
-
-    def tick(self, record: TickRecord) -> None:
-        """Nothing: it is a sink for its thread to live as long as the session."""
 
     @property
     def is_ready(self) -> bool:

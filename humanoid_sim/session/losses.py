@@ -27,30 +27,22 @@ class DeviceWatch(IntentSource):
     was killed or the radio is silent makes no difference here.
     """
 
-    def __init__(
-        self,
-        name: str,
-        heartbeats: Callable[[], Mapping[str, float]],
-        tell: Callable[[str], None],
-        timeout: float = DEVICE_TIMEOUT,
-    ) -> None:
+    def __init__(self, name: str, heartbeats: Callable[[], Mapping[str, float]], tell: Callable[[str], None]) -> None:
         """Watch. Before the first heartbeat the device is missing, but not lost: only driven joints are damped.
 
         Only while the loop runs can a device be lost: one that stood still damps for that reason (`Interruption`).
 
         Args:
-            name: of the producer of the heartbeats.
             heartbeats: arrival of the latest one of each producer, s, robot's clock.
             tell: records a line: that the device is lost, or there again.
-            timeout: s
         """
-        self._name, self._heartbeats, self._tell, self._timeout = name, heartbeats, tell, timeout
+        self._name, self._heartbeats, self._tell = name, heartbeats, tell
         self._is_lost = False
         self._polled = self._resumed = -math.inf
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """DAMP while the device is lost and the robot is not damped."""
-        if time - self._polled > self._timeout:  # motors were being enabled: heartbeats waited, and are as old as that
+        if time - self._polled > DEVICE_TIMEOUT:  # motors were being enabled: heartbeats waited, and are as old as that
             self._resumed = time
         self._polled = time
         heard = self._heartbeats().get(self._name)
@@ -59,10 +51,10 @@ class DeviceWatch(IntentSource):
         if heard is None:
             is_lost = drives
         else:  # one that is lost already is there again with a heartbeat only
-            is_lost = not time - (heard if self._is_lost else max(heard, self._resumed)) <= self._timeout
+            is_lost = not time - (heard if self._is_lost else max(heard, self._resumed)) <= DEVICE_TIMEOUT
         if is_lost != self._is_lost:
             self._is_lost = is_lost
-            silence = "never heard" if heard is None else f"nothing heard for {self._timeout:g} s"
+            silence = "never heard" if heard is None else f"nothing heard for {DEVICE_TIMEOUT:g} s"
             if is_lost:
                 self._tell(f"{self._name}: lost, {silence}: DAMP")
             elif heard is not None:
@@ -83,7 +75,6 @@ class Interruption(IntentSource):
         """Begin at the first tick.
 
         Args:
-            period: s, of the control loop.
             longest: s between two signs of life of the loop; beyond that it stood still.
             clock: s; goes on while the process is stopped.
         """

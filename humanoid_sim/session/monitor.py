@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 from humanoid_sim.controllers.fsm import describe_safety, merge_safety
 from humanoid_sim.evaluation.base_motion import BaseMotion
@@ -21,11 +21,8 @@ _KEPT = 1000
 """Mode spans, faults, refusals and safety statuses beyond this many are counted but not kept."""
 
 
-class Tracker(Protocol):
-    """Accumulates errors of a policy."""
-
-    def update(self, frame: int, state: MITState) -> None:
-        """Compare a state with the frame that the policy was shown."""
+Tracker: TypeAlias = Callable[[int, MITState], None]
+"""Compares the state of a policy step with the frame that the policy was shown."""
 
 
 class RunMonitor(WorkerSink):
@@ -42,7 +39,6 @@ class RunMonitor(WorkerSink):
         """Start empty.
 
         Args:
-            joints: gets the state of every tick.
             tracker: gets the states of every policy step.
             base: sees the floating base of a simulated robot, which is free in LOCOMOTION and REMOTE; None for none.
             tell: is told of a fall when it happens, on this sink's thread.
@@ -61,8 +57,6 @@ class RunMonitor(WorkerSink):
         self.refusals: list[tuple[float, str]] = []
         self.dropped = 0
         """Spans, faults, refusals and safety statuses that were not kept."""
-        self.ticks = 0
-        self.overruns = 0
         self.inferences = 0
         self.tick_time = DurationHistogram()
         self._span: ModeSpan | None = None
@@ -84,8 +78,6 @@ class RunMonitor(WorkerSink):
         """Take one tick into account."""
         state, output = record.input.state, record.output
         time = float(state.time)
-        self.ticks += 1
-        self.overruns += record.overrun
         self.tick_time.add(record.duration)
         self.joints.update(state)
         control = output.control_mode
@@ -106,7 +98,7 @@ class RunMonitor(WorkerSink):
         if output.policy_step is not None:
             self.inferences += 1
             if self._tracker is not None:
-                self._tracker.update(output.policy_step.frame, state)
+                self._tracker(output.policy_step.frame, state)
         if record.qpos is not None and control.mode.is_free:
             self._watch_base(state, record.qpos)
 

@@ -6,14 +6,13 @@ source's. What one program says never takes anything away from what the robot it
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
 from humanoid_sim.client import monotonic_ns
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, number_in
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.strict_json import parse_json
 
@@ -39,10 +38,7 @@ def parse_watchdogs(texts: Sequence[str]) -> Mapping[str, float]:
     found: dict[str, float] = {}
     for text in texts:
         name, _, seconds = text.rpartition(":")
-        try:
-            timeout = float(seconds)
-        except ValueError:
-            timeout = math.nan
+        timeout = number_in(seconds)
         if not name.strip() or len(name) > _LONGEST_NAME or not _SHORTEST <= timeout <= _LONGEST:
             accepted = f"NAME:SECONDS with {_SHORTEST:g} to {_LONGEST:g} s, such as lidar:0.5"
             raise InputError(f"--watchdog: is '{text}', expected {accepted}")
@@ -68,12 +64,7 @@ class OutsideSafety:
     def __init__(
         self, watchdogs: Mapping[str, float] | None = None, *, clock: Callable[[], int] = monotonic_ns
     ) -> None:
-        """Prepare.
-
-        Args:
-            watchdogs: timeout of each source that must report, s.
-            clock: ns of CLOCK_MONOTONIC.
-        """
+        """Take the timeout of each source that must report, s; `clock` gives ns of CLOCK_MONOTONIC."""
         self._clock = clock
         self._statuses: dict[str, SafetyStatus] = {}
         self._watched = {name: _Watched(timeout, 0) for name, timeout in (watchdogs or {}).items()}

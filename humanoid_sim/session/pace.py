@@ -39,7 +39,6 @@ class DurationHistogram:
     """Logarithmic bins from 0.1 µs to 100 s; count, mean and maximum are exact, percentiles to within 5 %."""
 
     def __init__(self) -> None:
-        """Start empty."""
         self._bins = np.zeros(_PER_DECADE * _DECADES, dtype=np.int64)
         self._sum = 0.0
         self.count = 0
@@ -69,8 +68,7 @@ class DurationHistogram:
     def counts(self, edges: Sequence[float]) -> tuple[int, ...]:
         """Return how many durations lie up to the first edge, between that and the second, …, and beyond the last.
 
-        Args:
-            edges: s, ascending; each is moved by less than 5 % to where two bins meet.
+        Edges are in s, ascending; each is moved by less than 5 % to where two bins meet.
         """
         cuts = [round(_PER_DECADE * math.log10(max(edge, _LOWEST) / _LOWEST)) for edge in edges]
         return tuple(int(part.sum()) for part in np.split(self._bins, cuts))
@@ -87,12 +85,7 @@ class Pace:
     """
 
     def __init__(self, period: float, *, realtime: bool) -> None:
-        """Start; the first tick sets the first deadline.
-
-        Args:
-            period: s
-            realtime: whether there are deadlines at all.
-        """
+        """Begin with no deadline, which the first tick sets; `period` in s."""
         self.period = period
         self.realtime = realtime
         self.overruns = 0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
+from humanoid_sim.client import Answer
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Mode
 from humanoid_sim.robots.robot import Robot
@@ -20,25 +20,14 @@ REACTIVABLE = (Mode.ZERO_TORQUE, Mode.DAMPING)
 """Modes in which it is granted."""
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """Outcome of an operator's request."""
-
-    granted: bool
-    """True if it was neither refused nor failed."""
-    text: str
-    """One line."""
-
-
 class Reactivation:
     """Requested on any thread, served by the session between two ticks."""
 
     def __init__(self, warnings: Callable[[], Sequence[str]] = tuple) -> None:
         """Start with nothing requested.
 
-        Args:
-            warnings: what an operator should know about the robot once it is active, one line each: a joint whose
-                encoder slipped is read wrongly from here on, and no flag says so.
+        `warnings` are what an operator should know about the robot once it is active, one line each: a joint whose
+        encoder slipped is read wrongly from here on, and no flag says so.
         """
         self._warnings = warnings
         self._asked = threading.Event()

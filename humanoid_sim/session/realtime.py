@@ -41,8 +41,7 @@ _STATUS = Path("/proc/self/status")
 def real_time(ahead: int = 0) -> Iterator[tuple[str, ...]]:
     """Take the measures for as long as the context lasts, on the calling thread; gives one line on each of them.
 
-    Args:
-        ahead: priority before a control loop's, of a process that must run when a loop does not let others run.
+    `ahead` is the priority before a control loop's, of a process that must run when a loop does not let others run.
     """
     with contextlib.ExitStack() as undo:
         yield (

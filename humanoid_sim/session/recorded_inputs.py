@@ -31,8 +31,6 @@ class RecordedInputs:
 
         Args:
             entries: of the recording, from the tick on with which the run begins.
-            control_period: s
-            clock: the robot's clock, s.
             measured: names of live inputs that the robot reports itself.
             repeats_safety: whether safety statuses of sources that the robot does not have are repeated too.
         """

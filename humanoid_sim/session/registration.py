@@ -49,11 +49,7 @@ class Registration:
             raise InputError(f"{self.path}: another session has this process id")
 
     def register(self, *, robot: str, policy: str, hardware: str, feed: Path) -> None:
-        """Let others find the session.
-
-        Raises:
-            InputError: the file cannot be written.
-        """
+        """Let others find the session. Raises `InputError` if the file cannot be written."""
         self._told = {
             "process": os.getpid(),
             "robot": robot,

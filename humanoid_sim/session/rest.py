@@ -59,7 +59,6 @@ def damp_without_supervisor(
     brought the run here is the one that is reported.
 
     Args:
-        robot: active.
         controllers: by name; without a damping controller, or where it fails, the command is zero torque.
         state: the last one that was read; stands in for those that cannot be.
         period: s between two commands.

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-from humanoid_sim.errors import InputError, meant
+from humanoid_sim.errors import InputError, meant, number_in
 from humanoid_sim.messages import Intent, Mode, SafetyStatus, TickOutput
 from humanoid_sim.session.sources import IntentSource
 
@@ -43,7 +42,10 @@ def parse_script(text: str) -> tuple[ScriptStep, ...]:
         elif word in ("wait", "motion") and not arguments:
             steps.append(ScriptStep("wait" if word == "wait" else "motion"))
         elif word == "hold" and len(arguments) == 1:
-            steps.append(ScriptStep("hold", seconds=_seconds(number, part, arguments[0])))
+            seconds = number_in(arguments[0])
+            if not seconds >= 0.0:
+                raise InputError(f"--script: step {number} is '{part}', expected hold with a number of seconds >= 0")
+            steps.append(ScriptStep("hold", seconds=seconds))
         else:
             words = (*_INTENTS, "wait", "motion", "hold")
             near = "" if word in words else meant(word, words)
@@ -51,16 +53,6 @@ def parse_script(text: str) -> tuple[ScriptStep, ...]:
     if not steps:
         raise InputError(f"--script: is empty, expected steps separated by ';', each one of {_GRAMMAR}")
     return tuple(steps)
-
-
-def _seconds(number: int, part: str, text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not (math.isfinite(seconds) and seconds >= 0.0):
-        raise InputError(f"--script: step {number} is '{part}', expected hold with a number of seconds >= 0")
-    return seconds
 
 
 class Script:
@@ -72,15 +64,8 @@ class Script:
     """
 
     def __init__(self, steps: Sequence[ScriptStep], motion_frames: int = 0) -> None:
-        """Prepare a script.
-
-        Args:
-            steps: from `parse_script`.
-            motion_frames: length of the policy's motion in policy steps; 0 for none.
-        """
         self._steps = list(steps)
         self.motion_frames = motion_frames
-        """Frames of the present policy's motion."""
         self._hold_until: float | None = None
         self._motion_over = False
         self._was_moving = False
@@ -93,11 +78,6 @@ class Script:
     def finished(self) -> bool:
         """All steps are done."""
         return not self._steps
-
-    @property
-    def remaining(self) -> int:
-        """Steps still to do."""
-        return len(self._steps)
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
         """Get the intent that is due, if any: one per tick, so that each is decided on the result of the one before."""
@@ -169,12 +149,9 @@ class OverriddenScript:
     def __init__(
         self, script: Planned, operators: Sequence[IntentSource], is_paused: Callable[[], bool] = lambda: False
     ) -> None:
-        """Prepare.
+        """Play the script until an operator acts, each of whom is asked every tick.
 
-        Args:
-            script: plays until an operator acts.
-            operators: a keyboard, a socket; each is asked every tick.
-            is_paused: whether the robot's time stands still, and with it the script.
+        `is_paused` says that the robot's time stands still, and with it the script.
         """
         self._script = script
         self._operators, self._is_paused = tuple(operators), is_paused

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter, sleep
-from typing import Protocol
+from typing import TypeAlias
 
 from humanoid_sim.controllers.base import RL_POLICY, Controller
 from humanoid_sim.controllers.live_inputs import LiveInputs
@@ -66,15 +66,8 @@ class SessionResult:
     from then on, each with its exception."""
 
 
-class SafetyFilter(Protocol):
-    """Adds to what the robot reports."""
-
-    def __call__(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
-        """Return the statuses that the supervisor sees."""
-
-
-def _unfiltered(statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
-    return statuses
+SafetyFilter: TypeAlias = Callable[[tuple[SafetyStatus, ...]], tuple[SafetyStatus, ...]]
+"""From the statuses that the robot reports to those that the supervisor sees."""
 
 
 class Session:
@@ -92,7 +85,7 @@ class Session:
         externs: Sequence[ExternSource] = (),
         live: LiveInputs | None = None,
         sinks: Sequence[Sink] = (),
-        safety_filter: SafetyFilter = _unfiltered,
+        safety_filter: SafetyFilter = lambda statuses: statuses,
         qpos: Callable[[], FloatArray] | None = None,
         mode_listener: Callable[[Mode], str] | None = None,
         reactivation: Reactivation | None = None,
@@ -104,20 +97,12 @@ class Session:
         """Put the parts together; nothing moves before `run`.
 
         Args:
-            robot: what is driven.
-            supervisor: what decides.
-            settings: how the loop keeps time.
-            header: what the sinks are told about the run.
-            intents: asked for intents every tick, in order.
-            remote: the latest remote command.
             externs: live inputs beside those of the robot.
             live: likewise, made of each tick's state.
-            sinks: take the ticks.
             safety_filter: adds to what the robot reports.
             qpos: MuJoCo's generalised position, for viewers.
             mode_listener: told of each new mode before its first command is written; what it answers, if anything, is
                 recorded as an event.
-            reactivation: an operator's wish to begin afresh.
             loading: prepares policies that are loaded while the session runs.
             interruption: notices that the loop stood still; one of the sources of `intents` too.
             simulation: what operators may ask of a simulation alone; None for motors.
@@ -143,9 +128,11 @@ class Session:
         self._stop_reason = ""
         self._hurry = threading.Event()
         self._goes_on = memory is not None
-        self._memory: SupervisorMemory = supervisor.initial() if memory is None else memory
+        self.memory: SupervisorMemory = supervisor.initial() if memory is None else memory
+        """The control stack's memory after the last tick."""
         self._output: TickOutput | None = None
-        self._state = MITState.unknown(len(robot.joints))
+        self.state = MITState.unknown(len(robot.joints))
+        """The robot's state as last read."""
         self._index = 0
         self._ticks = 0
         self._pace = Pace(settings.control_period, realtime=settings.realtime)
@@ -154,17 +141,7 @@ class Session:
     @property
     def time(self) -> float:
         """s, the robot's clock as of the last reading; other threads may ask."""
-        return float(self._state.time)
-
-    @property
-    def state(self) -> MITState:
-        """As last read."""
-        return self._state
-
-    @property
-    def memory(self) -> SupervisorMemory:
-        """The control stack's memory after the last tick."""
-        return self._memory
+        return float(self.state.time)
 
     @property
     def mode(self) -> Mode:
@@ -178,7 +155,7 @@ class Session:
 
     @property
     def is_ending(self) -> bool:
-        """Return whether something has asked for the end."""
+        """True if something has asked for the end."""
         return bool(self._stop_reason)
 
     def event(self, text: str, kind: EventKind = EventKind.NOTE) -> None:
@@ -276,7 +253,7 @@ class Session:
             self._failures.append(f"recording: {error}")
             self._sinks.event(f"nothing is recorded from here on: {error}", EventKind.FAILURE)
         self._robot.activate()
-        self._memory, self._output, self._index = self._supervisor.initial(), None, 0
+        self.memory, self._output, self._index = self._supervisor.initial(), None, 0
         self._pace.restart()
         self._sinks.event("reset: the simulated robot is at its start")
 
@@ -287,7 +264,7 @@ class Session:
             self._interruption.restart()
         if kind is EventKind.FRESH_START:
             has_failed = reactivation.answer is not None and not reactivation.answer.granted
-            self._memory = self._supervisor.initial(NOT_DRIVEN if has_failed else STARTED)
+            self.memory = self._supervisor.initial(NOT_DRIVEN if has_failed else STARTED)
             self._output = None
             self._pace.restart()
         self._sinks.event(told, kind)
@@ -317,7 +294,7 @@ class Session:
             rest = RestDetector(self._settings.control_period)
             left = round(self._settings.damping_time / self._settings.control_period)
             self.tick((Intent.DAMP,))
-            while left > 0 and not self._hurry.is_set() and not rest.update(self._state):
+            while left > 0 and not self._hurry.is_set() and not rest.update(self.state):
                 self._collect()  # nothing is granted any more, but whoever asks is answered
                 self.tick(())
                 left -= 1
@@ -328,17 +305,16 @@ class Session:
         return tuple(intent for source in self._intents for intent in source.poll(time, output))
 
     def tick(self, intents: tuple[Intent, ...] | None = None) -> None:
-        """One turn of the loop; `run` calls it, and so does whoever wants to drive ticks by hand.
+        """Take one turn of the loop; `run` calls it, and so does whoever wants to drive ticks by hand.
 
-        Args:
-            intents: of this tick; None: those of the sources.
+        `intents` are those of this tick; None: those of the sources.
         """
         start = self._pace.begin()
-        before, memory = self.mode, self._memory
+        before, memory = self.mode, self.memory
         tick_input, output = self._decide(intents)
         if self._interruption is not None:
             if intents is None and self._interruption.beat():
-                self._memory = memory  # decided before the process stood still, and not yet sent: never to be sent
+                self.memory = memory  # decided before the process stood still, and not yet sent: never to be sent
                 tick_input, output = self._decide(intents)
             while told := self._interruption.news():
                 self._sinks.event(told)
@@ -361,17 +337,17 @@ class Session:
     def _decide(self, intents: tuple[Intent, ...] | None) -> tuple[TickInput, TickOutput]:
         """Read, collect and step: what the tick takes in, and what the control stack makes of it."""
         state, safety = self._robot.read()
-        self._state = state
+        self.state = state
         chosen = self._collect() if intents is None else intents  # before any data: no flood keeps a DAMP waiting
         if self._externs:
             live = {name: value for source in self._externs for name, value in source.latest().items()}
             state = replace(state, extern={**state.extern, **live})
         if self._live is not None:
             state = self._live.heard(state)
-        self._state = state
+        self.state = state
         remote: RemoteCommand | None = self._remote.latest() if self._remote else None
         tick_input = TickInput(state, self._safety_filter(safety), chosen, remote)
-        self._memory, self._output = self._supervisor.step(self._memory, tick_input)
+        self.memory, self._output = self._supervisor.step(self.memory, tick_input)
         return tick_input, self._output
 
     def _wait(self) -> None:
@@ -393,10 +369,10 @@ class Session:
     def _damp_now(self) -> None:
         """Last resort after an exception; sources and sinks are left out, because one of them may be what broke."""
         settings = self._settings
-        self._state = damp_without_supervisor(
+        self.state = damp_without_supervisor(
             self._robot,
             self._supervisor.controllers,
-            self._state,
+            self.state,
             period=settings.control_period,
             longest=0.0 if self.mode is Mode.ZERO_TORQUE else settings.damping_time,
             pause=sleep if settings.realtime else None,

@@ -50,7 +50,6 @@ class ShadowSink(WorkerSink):
 
         Args:
             controller: of the policy. It is the sink's alone.
-            source: what to call the policy.
             effort_limit: shape (n,), N·m, of the joints.
             realtime: whether the run keeps real time, and so does not wait for a policy that is slow.
             publish: takes each step, on this sink's thread.
@@ -78,7 +77,6 @@ class ShadowSink(WorkerSink):
         self.largest_offset = 0.0
         """rad, between what it would have commanded and where the joint was."""
         self.largest_joint = ""
-        """Joint with that offset."""
 
     def tick(self, record: TickRecord) -> None:
         """Queue a tick. Never waits; where the run keeps real time, a tick that would wait too long is left out."""

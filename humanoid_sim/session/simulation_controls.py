@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from humanoid_sim.client import LOAD
-from humanoid_sim.errors import InputError
+from humanoid_sim.client import LOAD, Answer
+from humanoid_sim.errors import InputError, number_in
 from humanoid_sim.messages import Intent
-from humanoid_sim.session.reactivation import REACTIVATE, Answer
+from humanoid_sim.session.reactivation import REACTIVATE
 from humanoid_sim.session.sinks import SinkGroup
 
 PAUSE, RESUME, SPEED, PUSH, RESET = SIMULATION_WORDS = ("pause", "resume", "speed", "push", "reset")
@@ -30,7 +30,6 @@ class SimulationControls:
     record_push: Callable[[str], None] = lambda _: None
     """Records a line about a push."""
     bodies: Sequence[str] = ()
-    """Bodies that can be pushed."""
     stand: Callable[[float], None] = lambda _: None
     """Tells others that the robot stands still, again, after s of wall time."""
     start_over: Callable[[SinkGroup], None] = lambda _: None
@@ -67,17 +66,14 @@ class SimulationControls:
 
     def _done(self, word: str, rest: str, push: Callable[[float, float, str], None]) -> str:
         first, _, body = rest.partition(" ")
-        try:
-            numbers = [float(number) for number in first.split(",")]
-        except ValueError:
-            numbers = [math.nan]
+        numbers = [number_in(number) for number in first.split(",")]
         if word == SPEED:
             if len(numbers) != 1 or not _SLOWEST <= numbers[0] <= _FASTEST:
                 raise InputError(f"is '{rest[:40]}', expected {_SLOWEST:g} to {_FASTEST:g} times real time")
             (self.speed,) = numbers
             return f"the robot's time goes on at {self.speed:g} times real time"
         if word == PUSH:
-            if len(numbers) != 2:
+            if len(numbers) != 2 or any(map(math.isnan, numbers)):
                 raise InputError(f"is '{rest[:40]}', expected VX,VY in m/s, and a body")
             push(numbers[0], numbers[1], body)
             return f"pushed{body and f' at {body}'} by {first} m/s"

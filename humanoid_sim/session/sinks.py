@@ -31,6 +31,7 @@ class Sink(Protocol):
 
     def tick(self, record: TickRecord) -> None:
         """Take in a tick, on the control thread."""
+        return
 
     def event(self, event: Event) -> None:
         """Something happened outside the ticks."""
@@ -55,23 +56,14 @@ class SinkGroup:
     """Hands ticks and events to every sink that still works: a broken viewer must not stop a robot in mid-motion."""
 
     def __init__(self, sinks: Sequence[Sink], clock: Callable[[], float]) -> None:
-        """Prepare.
-
-        Args:
-            sinks: in the order in which they are handed each tick.
-            clock: s, the robot's clock, for the event that says that a sink is left out.
-        """
+        """Hand out in this order; `clock`, the robot's in s, is for the event that says that a sink is left out."""
         self._sinks = tuple(sinks)
         self._clock = clock
         self.failures: list[str] = []
         """Sinks that were left out, each with its exception."""
 
     def start(self, header: SessionHeader, stack: contextlib.ExitStack) -> None:
-        """Start the sinks in order, and have `stack` close those that did.
-
-        Raises:
-            InputError: if one cannot start.
-        """
+        """Start the sinks in order, and have `stack` close those that did. Raises `InputError` if one cannot start."""
         self._stack = stack
         for sink in self._sinks:
             header = sink.start(header) or header
@@ -114,7 +106,7 @@ class SinkGroup:
         self.event(f"left out from here on: {failure}", EventKind.FAILURE)
 
 
-class WorkerSink:
+class WorkerSink(Sink):
     """Base of sinks: the control thread appends to a queue, a worker thread deals with it in order.
 
     Subclasses override `handle_*`. If one raises, the sink stops working and keeps the exception in `error`; the loop
@@ -122,12 +114,7 @@ class WorkerSink:
     """
 
     def __init__(self, name: str, period: float = 0.05) -> None:
-        """Prepare a sink.
-
-        Args:
-            name: of the thread.
-            period: s between two looks at the queue.
-        """
+        """Name the thread, which looks at the queue every `period` s."""
         self.error: BaseException | None = None
         self.lost = 0
         """Ticks and events left out because the worker could not keep up."""
@@ -156,11 +143,6 @@ class WorkerSink:
         busy_since = self._busy_since
         is_stuck = busy_since is not None and monotonic() - busy_since > _STUCK_AFTER
         return 0 if is_stuck else len(self._queue)
-
-    @property
-    def backlog_limit(self) -> int:
-        """See `Sink`."""
-        return BACKLOG_LIMIT
 
     @property
     def is_alive(self) -> bool:

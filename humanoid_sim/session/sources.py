@@ -13,7 +13,7 @@ import numpy as np
 
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.controllers.parameters import command_problem
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, number_in
 from humanoid_sim.messages import Intent, Mode, RemoteCommand, TickOutput
 from humanoid_sim.mit import VELOCITY_COMMAND, Extern, FloatArray, MITCommand
 
@@ -22,11 +22,9 @@ class IntentSource(Protocol):
     """An operator, a script, a gamepad."""
 
     def poll(self, time: float, output: TickOutput | None) -> Sequence[Intent]:
-        """Intents since the last call.
+        """Return the intents since the last call.
 
-        Args:
-            time: s, robot's clock.
-            output: of the previous tick; None in the first.
+        `time` is in s on the robot's clock; `output` of the previous tick, None in the first.
         """
 
     @property
@@ -59,16 +57,14 @@ class Freshness:
     OLDEST = 0.5
     """s"""
 
-    def __init__(self, clock: Callable[[], int] = monotonic_ns) -> None:
-        """Know of no mode yet; `clock` gives ns."""
-        self._clock = clock
+    def __init__(self) -> None:
         self._polled = self._entered = 0
         self.mode = Mode.ZERO_TORQUE
         """Mode of the previous tick."""
 
     def follow(self, output: TickOutput | None) -> None:
         """Take the mode of the previous tick into account: to be called in every poll, before anything is judged."""
-        mode, now = Mode.ZERO_TORQUE if output is None else output.control_mode.mode, self._clock()
+        mode, now = Mode.ZERO_TORQUE if output is None else output.control_mode.mode, monotonic_ns()
         if mode is not self.mode and mode in (Mode.DAMPING, Mode.ZERO_TORQUE):
             # The tick that entered it polled before it was published; a fresh start happens between two ticks.
             self._entered = now if output is None else self._polled
@@ -77,10 +73,9 @@ class Freshness:
     def problem(self, seen: int) -> str:
         """Return why what was asked for does not count; empty if it does.
 
-        Args:
-            seen: ns, when what its sender had seen was so.
+        `seen`, ns, is when what its sender had seen was so.
         """
-        age = 1e-9 * (self._clock() - seen)
+        age = 1e-9 * (monotonic_ns() - seen)
         if age < 0.0:
             return "what its sender had seen is in the future; expected ns of CLOCK_MONOTONIC, as of a tick's stamp"
         if age > self.OLDEST:
@@ -103,9 +98,7 @@ class IntentQueue(IntentSource):
     def put(self, intent: Intent, seen: int | None = None) -> None:
         """Queue an intent; may be called from any thread.
 
-        Args:
-            intent: what is asked for.
-            seen: ns of CLOCK_MONOTONIC: see `Freshness`; None for what never grows old.
+        `seen`, ns of CLOCK_MONOTONIC, is as of `Freshness`; None for what never grows old.
         """
         self._pending.append((intent, seen))
 
@@ -129,13 +122,7 @@ class RemoteInbox:
     def __init__(
         self, joints: tuple[str, ...], clock: Callable[[], float], latest: RemoteCommand | None = None
     ) -> None:
-        """Prepare an inbox.
-
-        Args:
-            joints: the robot's joints; a command must name them in this order.
-            clock: the robot's clock, s.
-            latest: a command that was accepted before.
-        """
+        """Take commands that name the robot's joints in this order; `clock` is the robot's, s."""
         self._joints = joints
         self._clock = clock
         self._latest = latest
@@ -143,12 +130,7 @@ class RemoteInbox:
         self.rejected = 0
 
     def put(self, joint_names: Sequence[str], command: MITCommand, arrival_time: float | None = None) -> None:
-        """Accept a command.
-
-        Args:
-            joint_names: the robot's, in its order.
-            command: shape (n,).
-            arrival_time: s, robot's clock; None: now.
+        """Accept a command of shape (n,), which arrived at a time in s on the robot's clock; None: now.
 
         Raises:
             FieldError: if the joint names or their order differ, or the command is not one finite value per joint and
@@ -178,10 +160,7 @@ _LONGEST_NAMES = 400
 def remote_problem(joint_names: Sequence[str], command: MITCommand, joints: tuple[str, ...]) -> str:
     """Return what keeps a command from outside from being accepted; else ''.
 
-    Args:
-        joint_names: as it came with.
-        command: shape (n,).
-        joints: the robot's, in its order.
+    `joint_names` came with the command, whose shape is (n,); `joints` are the robot's, in its order.
     """
     if tuple(joint_names) != joints:
         given = ", ".join(joint_names)[: _LONGEST_NAMES + 1] or "missing"
@@ -221,11 +200,7 @@ def velocity_key_help() -> str:
 
 
 def parse_velocity(text: str, ranges: FloatArray | None) -> FloatArray:
-    """Read `vx,vy,wz`.
-
-    Args:
-        text: three numbers, m/s, m/s and rad/s.
-        ranges: shape (3, 2), what the policy knows; None: anything.
+    """Read `vx,vy,wz`, m/s, m/s and rad/s; `ranges`, shape (3, 2), are what the policy knows, None: anything.
 
     Raises:
         InputError: if there are not three finite numbers, or one is outside of its range.
@@ -246,11 +221,8 @@ def velocity_numbers(text: str) -> list[float]:
     Raises:
         InputError: if there are not three finite numbers.
     """
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) != 3 or not all(math.isfinite(value) for value in values):
+    values = [number_in(part) for part in text.split(",")]
+    if len(values) != 3 or any(map(math.isnan, values)):
         raise InputError(f"--command: is '{text}', expected vx,vy,wz: three numbers in m/s, m/s and rad/s")
     return values
 
@@ -329,7 +301,6 @@ class VelocityCommand:
         """Take the command of a producer, if the velocity is its own, or becomes so now; who owns it.
 
         Args:
-            owner: the producer.
             value: shape (3,), finite.
             arrival_time: s, robot's clock.
             timeout: s after which the command is zero.

@@ -13,8 +13,7 @@ from virtual_pads import VirtualPad
 from humanoid_sim.controllers.joy import JoyBindings
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.gamepad.device import Pads
-from humanoid_sim.frontends.gamepad.layout import PadLayout, chosen_layout
-from humanoid_sim.frontends.gamepad.sticks import Sticks, speed_range
+from humanoid_sim.frontends.gamepad.layout import PadLayout, Sticks, chosen_layout, speed_range
 from humanoid_sim.gamepad import Driver, GamepadConfig
 from humanoid_sim.gamepad import _list as listed
 from humanoid_sim.messages import Intent, Mode

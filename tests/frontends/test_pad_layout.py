@@ -4,8 +4,7 @@ import pytest
 
 from humanoid_sim.controllers.joy import JoyBindings
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends.gamepad.layout import PadLayout, chosen_layout
-from humanoid_sim.frontends.gamepad.sticks import Sticks
+from humanoid_sim.frontends.gamepad.layout import PadLayout, Sticks, chosen_layout
 
 SWAPPED = JoyBindings(damp_button=3, load_combo_a=(4, 1), load_combo_b=(4, 0))
 

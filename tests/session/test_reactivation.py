@@ -1,9 +1,10 @@
 from fakes import FakeRobot, FakeSink, FakeSource, session
 
+from humanoid_sim.client import Answer
 from humanoid_sim.errors import RobotError
 from humanoid_sim.messages import EventKind, Intent, Mode, SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.session.keyboard import REACTIVATE_KEY
-from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, REACTIVATE, Answer, Reactivation
+from humanoid_sim.session.reactivation import HOW_TO_REACTIVATE, REACTIVATE, Reactivation
 from humanoid_sim.session.script import OverriddenScript, Script, parse_script
 from humanoid_sim.session.sources import IntentQueue
 
@@ -38,7 +39,7 @@ def test_what_was_planned_before_does_not_move_the_robot_after():
     sink, options = asked_at(5, reactivation, intents=[OverriddenScript(script, [FakeSource()])])
     result = session(robot, **options).run()
     assert result.reason == "duration of 0.4 s reached"
-    assert script.remaining == 0
+    assert script.finished
     assert {record.output.control_mode.mode for record in sink.records[6:]} == {Mode.ZERO_TORQUE}
 
 

@@ -126,7 +126,7 @@ def test_nothing_that_was_planned_before_a_fault_moves_the_robot_after_it(text, 
     script, records = play(text, frames=1000, faults=(0.5,))
     assert [name for name, _ in starts(records)][-2:] == [mode, "DAMPING"]
     assert starts(records)[-1][1] == 0.5
-    assert script.remaining == 0
+    assert script.finished
     assert not any(record.input.intents for record in records[-20:-1])
 
 
@@ -142,7 +142,7 @@ def test_an_operator_takes_the_scripts_place_for_good():
     result = session(FakeRobot(), duration=1.0, intents=[overridden], sinks=[sink]).run()
     assert result.reason == "duration of 1 s reached"  # whoever took over also ends the run
     assert [name for name, _ in starts(sink.records)] == ["DAMPING", "STANDBY", "DAMPING"]
-    assert script.remaining == 0
+    assert script.finished
 
 
 def test_an_overridden_script_that_nobody_overrides_plays_and_finishes():
@@ -153,7 +153,7 @@ def test_an_overridden_script_that_nobody_overrides_plays_and_finishes():
 def test_a_safety_status_drops_the_rest():
     script = Script(parse_script("damp; hold 1; load_a"))
     script.note_safety((SafetyStatus(),))
-    assert script.remaining == 3
+    assert len(script._steps) == 3
     script.note_safety((SafetyStatus(), SafetyStatus(SafetyLevel.WARNING)))
     assert script.finished
     assert script.poll(0.0, None) == ()

@@ -74,10 +74,7 @@ class Gate:
         """Return what a request may do, and the path behind its token, such as `page.js`.
 
         Args:
-            path: as requested.
-            hosts: all headers `Host`.
             origins: all headers `Origin`; browsers leave them out of some requests for pages, never of sockets.
-            is_socket: whether it asks for a WebSocket.
 
         Raises:
             RefusedError: it is not served.

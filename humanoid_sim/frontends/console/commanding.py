@@ -17,10 +17,9 @@ import numpy as np
 from humanoid_sim.client import Intake, Sample, SessionError, monotonic_ns
 from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.attach import Attachment
-from humanoid_sim.frontends.console.steering import Due, Steering
-from humanoid_sim.frontends.console.turn import SliderTurn
+from humanoid_sim.frontends.console.turn import Due, SliderTurn, Steering
 from humanoid_sim.frontends.console.wishes import Beat, LetGo, Press, Snap, Steer, Take, Wish
-from humanoid_sim.frontends.gamepad.sticks import policy_speeds
+from humanoid_sim.frontends.gamepad.layout import policy_speeds
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, VELOCITY_COMMAND, FloatArray, MITCommand
 from humanoid_sim.session.intent_socket import MARK
@@ -196,7 +195,7 @@ class Commanding:
                 command = None if found is None else self._command(*found, now)
                 velocity = None if found is None else self._velocity(found[1], now)
                 notes, self._notes = self._notes, []
-            if command is not None and found is not None and self._send(found[0], command):
+            if command is not None and found is not None and self._send(command, found[0].stamp):
                 self._turn.sent(found[0].stamp)
             if velocity is not None:
                 self._intake.velocity(*velocity.velocity, deliberate=velocity.deliberate, stamp=velocity.heard)
@@ -236,10 +235,9 @@ class Commanding:
             return Due((0.0, 0.0, 0.0), deliberate=False, heard=now)  # at once, and only if it is still this console's
         return steering.due(now)
 
-    def _send(self, sample: Sample, command: MITCommand) -> bool:
+    def _send(self, command: MITCommand, stamp: int) -> bool:
         fields = (getattr(command, name).tolist() for name in COMMAND_FIELDS)
-        # As old as the state that it is made of.
-        return self._intake.remote(self._joint_names, *fields, stamp=sample.stamp)
+        return self._intake.remote(self._joint_names, *fields, stamp=stamp)
 
     def _session_problem(self, sample: Sample, record: TickRecord) -> str:
         mode = record.output.control_mode.mode

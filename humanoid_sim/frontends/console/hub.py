@@ -9,9 +9,9 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Coroutine
+from collections.abc import Awaitable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from dataclasses import asdict, dataclass, field
 from itertools import count
 from typing import Any
 
@@ -64,11 +64,31 @@ _WATCHING = "this address is for watching only"
 _WORDS = frozenset({*(intent.value for intent in Intent), MARK, REACTIVATE, *SIMULATION_WORDS})
 
 
+@dataclass
+class _Page:
+    """A page that is open."""
+
+    connection: ServerConnection
+    access: Access
+    number: int
+    watch: Watch
+    answers: deque[Answer] = field(default_factory=lambda: deque(maxlen=_ASKS_AT_ONCE))
+    asks: RateLimit = field(default_factory=lambda: RateLimit(_ASKS_PER_SECOND, _ASKS_AT_ONCE))
+    choices: RateLimit = field(default_factory=lambda: RateLimit(_CHOICES_PER_SECOND, _CHOICES_AT_ONCE))
+    wishes: RateLimit = field(default_factory=lambda: RateLimit(_WISHES_PER_SECOND, _WISHES_AT_ONCE))
+    tasks: set[asyncio.Task[None]] = field(default_factory=set)
+
+    def start(self, task: Coroutine[Any, Any, None]) -> None:
+        """Run it beside the page's other tasks."""
+        started = asyncio.create_task(task)
+        self.tasks.add(started)
+        started.add_done_callback(self.tasks.discard)
+
+
 class Hub:
     """All pages of one session. Everything but waiting for answers happens on the event loop's thread."""
 
     def __init__(self, attachment: Attachment, showing: Showing) -> None:
-        """Know the session, and no page yet."""
         self._attachment = attachment
         self._showing = showing
         self._status: dict[str, Any] = {}
@@ -120,7 +140,7 @@ class Hub:
             self._tell(event.time, event.text)
         for sample in feed.since(self._shadow_number, "shadow"):
             self._shadow_number = sample.number
-            self._showing.shadow(decode_shadow_step(sample.data))
+            self._showing.plots.shadow(decode_shadow_step(sample.data))
         for sample in feed.since(self._number):
             self._number, self._stamp = sample.number, sample.stamp
             newest, before = self._attachment.record(sample), newest or self._record
@@ -149,47 +169,32 @@ class Hub:
     async def page(self, connection: ServerConnection, access: Access) -> None:
         """Look after a page until it closes. Reading never waits for sending, nor for an answer: a DAMP may come."""
         self._pages.add(connection)
-        answers: deque[dict[str, Any]] = deque(maxlen=_ASKS_AT_ONCE)
-        limit = RateLimit(_ASKS_PER_SECOND, _ASKS_AT_ONCE)
-        watch, choices = self._showing.watch(), RateLimit(_CHOICES_PER_SECOND, _CHOICES_AT_ONCE)
-        number, wishes = next(self._page_numbers), RateLimit(_WISHES_PER_SECOND, _WISHES_AT_ONCE)
-        tasks = {asyncio.create_task(self._tell_page(connection, access, answers, watch, number))}
+        page = _Page(connection, access, next(self._page_numbers), Watch(self._showing.plots))
+        page.tasks.add(asyncio.create_task(self._tell_page(page)))
         try:
             async for message in connection:
                 asked = _asked(message)
                 if "plot" in asked or "show" in asked:
-                    refusal = self._choose(asked, access, watch, choices)
-                    answers += [_answer(False, refusal)] if refusal else []
-                    continue
-                if "ping" in asked:
-                    if isinstance(asked["ping"], int) and choices.admits(time.monotonic()):
-                        self._start(tasks, self._pong(connection, asked["ping"]))
-                    continue
-                if "do" in asked:
-                    refusal = self._wish(number, message, access, limit, wishes)
-                    answers += [_answer(False, refusal)] if refusal else []
-                    continue
-                if "load" in asked:
-                    self._start(tasks, self._load(asked, access, limit, answers))
-                    continue
-                word = _word(asked)
-                answer = self._at_once(word, access, limit) or _blind(asked, word)
-                if answer is not None:
-                    answers.append(answer)
-                    continue
-                self._start(tasks, self._ask(word, _seen(asked), answers))
+                    refusal = self._choose(page, asked)
+                elif "ping" in asked:
+                    refusal = ""
+                    if isinstance(asked["ping"], int) and page.choices.admits(time.monotonic()):
+                        page.start(self._pong(connection, asked["ping"]))
+                elif "do" in asked:
+                    refusal = self._wish(page, message)
+                elif "load" in asked:
+                    refusal = self._load(page, asked)
+                else:
+                    refusal = self._request(page, asked)
+                if refusal:
+                    page.answers.append(Answer(False, refusal))
         finally:
-            self._commanding.leave(number)
+            self._commanding.leave(page.number)
             self._pages.discard(connection)
+            tasks = list(page.tasks)
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-
-    @staticmethod
-    def _start(tasks: set[asyncio.Task[None]], asking: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.create_task(asking)
-        tasks.add(task)
-        task.add_done_callback(tasks.discard)
 
     async def say_goodbye(self) -> None:
         """Tell all pages that the session has ended."""
@@ -197,18 +202,16 @@ class Hub:
             with contextlib.suppress(Exception):  # a page that is gone, too
                 await asyncio.wait_for(page.send(encoded({"ended": True})), 0.2)
 
-    async def _tell_page(
-        self, connection: ServerConnection, access: Access, answers: deque[dict[str, Any]], watch: Watch, number: int
-    ) -> None:
+    async def _tell_page(self, page: _Page) -> None:
         """Tell a page how things are, ten times a second; one that is slow is told less often, never what is past."""
-        session = self._attachment.session
-        hello = {"session": str(session), "access": access.value, "joint_names": self._attachment.feed.joint_names}
+        session, connection = self._attachment.session, page.connection
+        hello = {"session": str(session), "access": page.access.value, "joint_names": self._attachment.feed.joint_names}
         loads, shown = -1, 0
         while True:
             if loads != self._loads:  # so that it begins anew with a policy that was loaded
                 loads, shown = self._loads, 0
-                watch.begin(self._showing.plots)
-                await connection.send(encoded(hello | self._showing.hello() | self._commanding.known(number)))
+                page.watch.begin(self._showing.plots)
+                await connection.send(encoded(hello | self._showing.hello() | self._commanding.known(page.number)))
             told: dict[str, Any] = {}
             if self._record is not None:
                 told = state(self._record, self._supervisor, is_simulated=not session.hardware)
@@ -221,10 +224,10 @@ class Hub:
                     told["simulation"] = simulation | {"paused": self._is_paused}
                 told |= self._showing.told(self._record) | self._commanding.told(self._record)
                 told["events"] = [event for event in self._events if event[0] > shown]
-                told["answers"] = [answers.popleft() for _ in range(len(answers))]
+                told["answers"] = [asdict(page.answers.popleft()) for _ in range(len(page.answers))]
                 shown = self._told
             await connection.send(encoded(told))
-            for data in watch.due():
+            for data in page.watch.due():
                 await connection.send(data)
             await asyncio.sleep(_PERIOD)
 
@@ -247,85 +250,89 @@ class Hub:
             with contextlib.suppress(Exception):  # a page that is gone
                 await connection.send(encoded({"pong": ping}))
 
-    def _wish(self, page: int, message: str | bytes, access: Access, limit: RateLimit, wishes: RateLimit) -> str:
+    def _wish(self, page: _Page, message: str | bytes) -> str:
         """Do what a page wants that commands; why not, if it is refused. One that lets go is always heard."""
-        if access is not Access.CONTROL:
+        if page.access is not Access.CONTROL:
             return _WATCHING
         try:
             wish = parse_wish(message)
-            admitting = limit if isinstance(wish, Take | Snap) else wishes
+            admitting = page.asks if isinstance(wish, Take | Snap) else page.wishes
             if isinstance(wish, LetGo) or admitting.admits(time.monotonic()):
-                self._commanding.hear(page, wish)
+                self._commanding.hear(page.number, wish)
                 return ""
         except FieldError as error:
             return str(error)
         return "" if isinstance(wish, Beat) else "left out: more requests than are taken in a second"
 
-    def _choose(self, asked: dict[str, Any], access: Access, watch: Watch, limit: RateLimit) -> str:
+    def _choose(self, page: _Page, asked: dict[str, Any]) -> str:
         """Take what a page wants to be shown; say why not, if refused. All pages share the view's figures."""
-        if not limit.admits(time.monotonic()):
+        if not page.choices.admits(time.monotonic()):
             return f"left out: more than {_CHOICES_PER_SECOND:g} choices a second"
         if "plot" in asked:
-            return watch.choose(asked["plot"])
-        if access is not Access.CONTROL:
+            return page.watch.choose(asked["plot"])
+        if page.access is not Access.CONTROL:
             return _WATCHING
         return self._showing.switch(asked["show"], on=asked.get("on"))
 
-    def _at_once(self, word: str, access: Access, limit: RateLimit) -> dict[str, Any] | None:
-        """Return the answer to what needs no waiting for; None for what is to be asked."""
-        if access is not Access.CONTROL:
-            return _answer(False, _WATCHING)
+    def _request(self, page: _Page, asked: dict[str, Any]) -> str:
+        """Ask the session for an intent, a mark and the like; why not, if it is refused here."""
+        word = str(asked.get("ask", ""))
+        if page.access is not Access.CONTROL:
+            return _WATCHING
         if word == Intent.DAMP.value:
-            # Posted at once, whatever else is asked for; what became of it is seen in the state.
-            try:
-                with self._posting:
-                    self._damps += 1
-                    self._damping.post(word)
-            except SessionError as error:
-                return _answer(False, str(error))
-            return _answer(True, "DAMP requested")
+            return self._damp(page)
         if word.partition(" ")[0] not in _WORDS:
-            return _answer(False, f"not understood, expected one of {', '.join(sorted(_WORDS))}")
-        if not limit.admits(time.monotonic()):
-            return _answer(False, f"{word} left out: more than {_ASKS_PER_SECOND:g} requests a second")
-        return None
-
-    async def _ask(self, word: str, seen: int | None, answers: deque[dict[str, Any]]) -> None:
+            return f"not understood, expected one of {', '.join(sorted(_WORDS))}"
+        if not page.asks.admits(time.monotonic()):
+            return f"{word} left out: more than {_ASKS_PER_SECOND:g} requests a second"
+        seen = _seen(asked)
         if word == MARK:
             self._marks += 1
             word = f"{MARK} moment {self._marks}"
-        try:
-            asking = partial(self._wait, word, self._damps, seen)
-            answer = await asyncio.get_running_loop().run_in_executor(self._asking, asking)
-        except SessionError as error:
-            answers.append(_answer(False, str(error)))
-        else:
-            answers.append(_answer(answer.granted, answer.text))
+        elif seen is None:
+            return _blind(word)
+        asked_for = self._asking, self._wait, word, self._damps, seen
+        page.start(self._answer(page, asyncio.get_running_loop().run_in_executor(*asked_for)))
+        return ""
 
-    async def _load(
-        self, asked: dict[str, Any], access: Access, limit: RateLimit, answers: deque[dict[str, Any]]
-    ) -> None:
-        options, blind = asked["load"], _blind(asked, LOAD)
-        if access is not Access.CONTROL:
-            answers.append(_answer(False, _WATCHING))
-        elif not limit.admits(time.monotonic()):
-            answers.append(_answer(False, f"load left out: more than {_ASKS_PER_SECOND:g} requests a second"))
-        elif not isinstance(options, dict) or not all(
+    def _damp(self, page: _Page) -> str:
+        """Post DAMP at once, whatever else is asked for; what became of it is seen in the state."""
+        try:
+            with self._posting:
+                self._damps += 1
+                self._damping.post(Intent.DAMP.value)
+        except SessionError as error:
+            return str(error)
+        page.answers.append(Answer(True, "DAMP requested"))
+        return ""
+
+    @staticmethod
+    async def _answer(page: _Page, asking: Awaitable[Answer]) -> None:
+        """Give a page the answer to what was asked, or say why there is none."""
+        try:
+            page.answers.append(await asking)
+        except SessionError as error:
+            page.answers.append(Answer(False, str(error)))
+
+    def _load(self, page: _Page, asked: dict[str, Any]) -> str:
+        """Ask for another policy; why not, if it is refused here."""
+        options, seen = asked["load"], _seen(asked)
+        if page.access is not Access.CONTROL:
+            return _WATCHING
+        if not page.asks.admits(time.monotonic()):
+            return f"load left out: more than {_ASKS_PER_SECOND:g} requests a second"
+        if not isinstance(options, dict) or not all(
             name in LOAD_OPTIONS and isinstance(text, str) for name, text in options.items()
         ):
-            answers.append(_answer(False, f"load not understood, expected texts of {', '.join(LOAD_OPTIONS)}"))
-        elif blind is not None:
-            answers.append(blind)
-        else:
-            try:
-                answer = await asyncio.to_thread(self._wait_for_load, options, _seen(asked))
-            except SessionError as error:
-                answers.append(_answer(False, str(error)))
-            else:
-                answers.append(_answer(answer.granted, answer.text))
+            return f"load not understood, expected texts of {', '.join(LOAD_OPTIONS)}"
+        if seen is None:
+            return _blind(LOAD)
+        # On a thread of its own: nothing else waits behind it.
+        answer = asyncio.get_running_loop().run_in_executor(None, self._wait_for_load, options, seen)
+        page.start(self._answer(page, answer))
+        return ""
 
-    def _wait_for_load(self, options: dict[str, str], seen: int | None) -> Answer:
-        """Ask for a policy, on a thread of its own: nothing else waits behind it."""
+    def _wait_for_load(self, options: dict[str, str], seen: int) -> Answer:
         folder = self._attachment.session.folder
         given = {name: text.strip() for name, text in options.items() if text.strip()}
         files = {
@@ -353,10 +360,6 @@ class Hub:
         return intake.answer(token, _REACTIVATING if word == REACTIVATE else _PATIENCE)
 
 
-def _answer(granted: bool, text: str) -> dict[str, Any]:
-    return {"granted": granted, "text": text}
-
-
 def _asked(message: object) -> dict[str, Any]:
     """Return a page's message; empty if it is not understood."""
     try:
@@ -374,14 +377,5 @@ def _seen(asked: dict[str, Any]) -> int | None:
     return round(1e9 * seen) if 0.0 <= seen < 1e9 else None
 
 
-def _blind(asked: dict[str, Any], word: str) -> dict[str, Any] | None:
-    """Return the refusal of a page that does not say what it had seen, and asks for more than a mark."""
-    if word == MARK or _seen(asked) is not None:
-        return None
-    return _answer(False, f"{word} refused: the page does not say what it had seen; reload it")
-
-
-def _word(asked: dict[str, Any]) -> str:
-    """Return what a page asks for; empty if it is not understood."""
-    word = asked.get("ask")
-    return word if isinstance(word, str) else ""
+def _blind(word: str) -> str:
+    return f"{word} refused: the page does not say what it had seen; reload it"

@@ -86,13 +86,7 @@ class Plots:
         channels: Sequence[str] = (),
         base: BaseObserver | None = None,
     ) -> None:
-        """Find out what there is.
-
-        Args:
-            header: of the session.
-            description: of the robot.
-            channels: the CAN buses; none in simulation.
-            base: sees a floating base; None for a fixed one.
+        """Find out what there is; `channels` are the CAN buses, none in simulation.
 
         Raises:
             InputError: the header is damaged.
@@ -206,7 +200,6 @@ class Watch:
     """Charts that one page plots, and the rows it was sent so far. A slow page skips rows that are no longer there."""
 
     def __init__(self, plots: Plots) -> None:
-        """Begin with no chart."""
         self._plots = plots
         self._told: dict[int, int] = {}
 

@@ -24,8 +24,6 @@ from humanoid_sim.frontends.console.access import Access, Gate, RefusedError
 from humanoid_sim.frontends.console.scene import VISER_PAGE, may_pass
 from humanoid_sim.strict_json import finite
 
-__all__ = ["PageHandler", "serving"]
-
 PageHandler = Callable[[ServerConnection, Access], Awaitable[None]]
 _MOST_SOCKETS = 32
 """Largest number of open sockets, two of each page: its own and its view's."""
@@ -34,21 +32,7 @@ _MOST_WATCHING = 24
 _LONGEST = 1 << 16
 """Bytes of a page's message."""
 _TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css"}
-_FILES = {
-    "": "page.html",
-    "commands.css": "commands.css",
-    "commands.js": "commands.js",
-    "keys.css": "keys.css",
-    "keys.js": "keys.js",
-    "link.js": "link.js",
-    "page.css": "page.css",
-    "page.js": "page.js",
-    "plots.js": "plots.js",
-    "showing.js": "showing.js",
-    "simulation.css": "simulation.css",
-    "simulation.js": "simulation.js",
-}
-"""Files by path."""
+"""Types of the files in this package that are served, by their suffixes."""
 _PLOTLY = "plotly.js"
 """Script that draws the plots, from the package plotly: nothing is loaded from elsewhere."""
 _OWN_POLICY = (
@@ -64,13 +48,15 @@ _VISER_POLICY = (
 
 
 class _Door:
-    def __init__(self, gate: Gate, viser_socket: Path, page: PageHandler) -> None:
-        self.gate = gate
+    gate: Gate
+    """Gate that is known once the port is."""
+
+    def __init__(self, viser_socket: Path, page: PageHandler) -> None:
         self._viser_socket, self._page = viser_socket, page
         self._admitted: dict[Any, tuple[Access, str]] = {}
         self._open: Counter[Access] = Counter()
         package = resources.files("humanoid_sim.frontends.console")
-        self._files = {path: (package / name).read_bytes() for path, name in _FILES.items()}
+        self._files = {file.name: file.read_bytes() for file in package.iterdir() if Path(file.name).suffix in _TYPES}
         self._files[_PLOTLY] = (resources.files("plotly") / "package_data" / "plotly.min.js").read_bytes()
         self._viser_page = VISER_PAGE.read_bytes()
 
@@ -97,18 +83,17 @@ class _Door:
             path = request.path.partition("?")[0]
             if not rest and not path.endswith("/"):  # a page's own files are found from its folder alone
                 return _response(307, "text/plain", b"", "default-src 'none'", Location=f"{path}/")
-            return self._file(rest)
+            return self._file(rest or "page.html")
         except RefusedError as refused:
             return _response(refused.status, "text/plain", str(refused).encode(), "default-src 'none'")
 
-    def _file(self, rest: str) -> Response:
+    def _file(self, name: str) -> Response:
         socket = f"ws://{self.gate.authority}"
-        if rest == "viser/":
+        if name == "viser/":
             return _response(200, _TYPES[".html"], self._viser_page, _VISER_POLICY.format(socket=socket))
-        if rest not in self._files:
+        if name not in self._files:
             raise RefusedError(404, "not found")
-        kind = _TYPES[Path(_FILES.get(rest, rest)).suffix]
-        return _response(200, kind, self._files[rest], _OWN_POLICY.format(socket=socket))
+        return _response(200, _TYPES[Path(name).suffix], self._files[name], _OWN_POLICY.format(socket=socket))
 
     async def handle(self, connection: ServerConnection) -> None:
         """Serve a socket that was let in."""
@@ -159,32 +144,24 @@ async def serving(host: str, port: int, viser_socket: Path, page: PageHandler) -
     """Serve until the end of the block; gives the `Gate`, whose addresses are to be printed.
 
     Args:
-        host: as `checked_host` gives it.
         port: 0 for one that is free.
-        viser_socket: where viser is.
         page: looks after the socket of one page.
 
     Raises:
         InputError: the address cannot be served on.
     """
-    doors: list[_Door] = []
+    door = _Door(viser_socket, page)
     quiet = logging.Logger("console", logging.CRITICAL)  # strangers' requests are no news for an operator
-
-    def check(connection: ServerConnection, request: Request) -> Response | None:
-        return doors[0].check(connection, request)
-
-    async def handle(connection: ServerConnection) -> None:
-        await doors[0].handle(connection)
 
     def viser_protocol(_: ServerConnection, offered: list[str]) -> str | None:
         return next((name for name in offered if name.startswith("viser-v")), None)
 
     try:
         server = await serve(
-            handle,
+            door.handle,
             host,
             port,
-            process_request=check,
+            process_request=door.check,
             select_subprotocol=viser_protocol,
             compression=None,
             max_size=_LONGEST,
@@ -195,10 +172,9 @@ async def serving(host: str, port: int, viser_socket: Path, page: PageHandler) -
     except (OSError, OverflowError) as error:
         raise InputError(f"--host {host} --port {port}: cannot be served on: {error}") from None
     async with server:
-        gate = Gate(host, next(iter(server.sockets)).getsockname()[1])
-        doors.append(_Door(gate, viser_socket, page))
+        door.gate = Gate(host, next(iter(server.sockets)).getsockname()[1])
         await server.start_serving()
-        yield gate
+        yield door.gate
 
 
 def encoded(value: object) -> str:

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from humanoid_sim.frontends.attach import Attachment
-from humanoid_sim.frontends.console.plots import Plots, Watch, bus_loads
+from humanoid_sim.frontends.console.plots import Plots, bus_loads
 from humanoid_sim.messages import SessionHeader, TickRecord
 from humanoid_sim.mit import KEY_PRESSED, FloatArray
 from humanoid_sim.recording.reader import recorded_settings
-from humanoid_sim.recording.shadow import ShadowStep
 from humanoid_sim.rendering.ghost import ShownReference
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import MOTORS
@@ -100,10 +99,6 @@ class Showing:
         self._keys.look(record)
         self.plots.add(record, self._loads)
 
-    def shadow(self, step: ShadowStep) -> None:
-        """Take a step of a shadow policy."""
-        self.plots.shadow(step)
-
     def hello(self) -> dict[str, Any]:
         """For a page that is opened."""
         charts = self.plots.charts
@@ -121,10 +116,6 @@ class Showing:
             "keys": self._keys.told(record),
         }
 
-    def watch(self) -> Watch:
-        """For a page: what it plots."""
-        return Watch(self.plots)
-
     def switch(self, name: object, *, on: object) -> str:
         """Switch a figure in the 3D view; why not, if it is refused."""
         if not isinstance(name, str) or not isinstance(on, bool):
@@ -135,13 +126,9 @@ class Showing:
 def motor_table(
     description: RobotDescription, robot: Mapping[str, Any] | None, loads: Mapping[str, float], record: TickRecord
 ) -> dict[str, Any] | None:
-    """Motors and buses, as JSON; None in simulation.
+    """Return motors and buses, as JSON; None in simulation.
 
-    Args:
-        description: of the robot.
-        robot: what the feed's status tells of it.
-        loads: of the buses, 0 to 1.
-        record: the newest tick.
+    `robot` is what the feed's status tells of it; loads of the buses are 0 to 1.
     """
     if robot is None:
         return None

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from humanoid_sim.controllers.damping import damped_command
-from humanoid_sim.errors import FieldError, known_names
+from humanoid_sim.errors import FieldError
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray, MITCommand, frozen_array
 from humanoid_sim.robots.guards import speed_limit
 from humanoid_sim.robots.motors import MOTORS
@@ -71,11 +71,7 @@ class Bounds:
     damping: tuple[float, float]
 
     def clipped(self, goals: Goals) -> Goals:
-        """Return the goals within the bounds.
-
-        Raises:
-            FieldError: one is not a finite number.
-        """
+        """Return the goals within the bounds. Raises `FieldError` if one is not a finite number."""
         values = {}
         for name in COMMAND_FIELDS:
             value = getattr(goals, name)
@@ -93,7 +89,6 @@ class SliderState:
     joint: int
     """Index of the chosen joint."""
     bounds: Bounds
-    """Bounds of its sliders."""
     goals: Goals
     """Goals within the bounds."""
     held: FloatArray
@@ -101,7 +96,6 @@ class SliderState:
     fields: FloatArray
     """Shape (5, n), rows as in `COMMAND_FIELDS`: latest command, before it was restrained."""
     command: MITCommand
-    """Command to send."""
 
     def __post_init__(self) -> None:
         for name in ("held", "fields"):
@@ -118,7 +112,6 @@ class Sliders:
             FieldError: STANDBY has no K_p, so that nothing would hold the other joints.
         """
         settings = robot.standby_controller_b if standby == "b" else robot.standby_controller_a
-        self.joint_names = robot.joint_names
         self._robot = robot
         self._held_gains = np.array([settings.target_stiffness, settings.target_damping])
         if not self._held_gains[0].any():
@@ -126,18 +119,16 @@ class Sliders:
         self._passive_damping = robot.passive_damping
         # Velocity and effort of a joint that was let go return to 0 as its sliders would.
         bounds = [self.bounds(joint, 0.0) for joint in range(robot.joint_count)]
-        self._rates = np.array([[_rate(getattr(each, name)) for each in bounds] for name in COMMAND_FIELDS])
+        self._rates = np.array([[getattr(each, name)[1] / _RAMP for each in bounds] for name in COMMAND_FIELDS])
         self._rates[_POSITION] = _POSITION_RATE
         self._held_rates = self._rates.copy()
         largest = np.maximum(self._held_gains, [np.zeros(robot.joint_count), self._passive_damping])
         self._held_rates[_STIFFNESS:] = np.where(largest > 0.0, largest / _RAMP, self._rates[_STIFFNESS:])
 
     def bounds(self, joint: int, position: float) -> Bounds:
-        """Return what its sliders may ask for.
+        """Return what a joint's sliders may ask for.
 
-        Args:
-            joint: index.
-            position: rad, where it is: a joint without limits may go half a turn from there.
+        One without limits may go half a turn from `position`, rad, where it is.
         """
         described = self._robot.joints[joint]
         lower = described.lower if math.isfinite(described.lower) else position - _HALF_TURN
@@ -158,16 +149,6 @@ class Sliders:
         if model is None:
             return stiffness, float(damping)
         return min(stiffness, model.stiffness), min(float(damping), model.damping)
-
-    def joint(self, name: str) -> int:
-        """Index of a joint.
-
-        Raises:
-            FieldError: the robot has none of that name.
-        """
-        if name not in self.joint_names:
-            raise FieldError(f"sliders: {known_names('joint', name[:40], self.joint_names)}")
-        return self.joint_names.index(name)
 
     def passive(self, position: FloatArray) -> MITCommand:
         """Return what REMOTE does without commands; `position` has shape (n,), rad."""
@@ -211,7 +192,6 @@ class Sliders:
         """Move towards the goals.
 
         Args:
-            state: of the step before.
             position: shape (n,), rad, measured, finite.
             velocity: shape (n,), rad/s, measured; what is not finite counts as 0.
             elapsed: s since the step before.
@@ -237,10 +217,6 @@ def _at_rest(bounds: Bounds, position: float) -> Goals:
     return bounds.clipped(Goals(float(position)))
 
 
-def _rate(bound: tuple[float, float]) -> float:
-    return bound[1] / _RAMP
-
-
 def _restrained(fields: FloatArray, bounds: Bounds, position: float, velocity: float) -> Sequence[float]:
     """Return the fields of one joint, shape (5,), that do not drive it into its limits, nor ever faster.
 
@@ -252,10 +228,5 @@ def _restrained(fields: FloatArray, bounds: Bounds, position: float, velocity: f
     effort, fastest = float(fields[_EFFORT]), bounds.velocity[1]
     if effort * velocity > 0.0:
         effort *= min(max(2.0 - abs(velocity) / fastest, 0.0), 1.0)
-    return (
-        float(fields[_POSITION]),
-        min(max(float(fields[_VELOCITY]), low), high),
-        effort,
-        float(fields[_STIFFNESS]),
-        float(fields[_DAMPING]),
-    )
+    slowed = min(max(float(fields[_VELOCITY]), low), high)
+    return fields[_POSITION], slowed, effort, fields[_STIFFNESS], fields[_DAMPING]

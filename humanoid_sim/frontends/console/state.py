@@ -31,7 +31,6 @@ FLAG_MEANINGS: Mapping[SafetyFlag, str] = MappingProxyType(
         SafetyFlag.INVALID_FRAME: "a frame or a value arrived that cannot be right",
     }
 )
-"""Meanings of the flags, for operators."""
 
 
 _ELSEWHERE = '{"remote": false, "action_limit": 100.0, "guards": null, "loads": false}'
@@ -81,7 +80,6 @@ class LoopRate:
     """1/s; NaN while it is not known."""
 
     def __init__(self) -> None:
-        """Know of no tick."""
         self._number = self._stamp = 0
 
     def look(self, number: int, stamp: int) -> None:

@@ -41,7 +41,6 @@ class Beat(_Wish, frozen=True, tag="beat"):
     number: int = 0
     """Number of the turn that the goals belong to."""
     goals: Goals | None = None
-    """Positions of its sliders."""
 
 
 class Steer(_Wish, frozen=True, tag="steer"):

@@ -10,20 +10,152 @@ import math
 import threading
 import time
 from collections import Counter, OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from humanoid_sim.client import Intake, Looks, SessionError, SessionInfo, monotonic_ns
+from humanoid_sim.controllers.contract import live_topic
 from humanoid_sim.errors import FieldError
-from humanoid_sim.frontends.dds.live import LiveForwarder, Wanted
-from humanoid_sim.frontends.dds.safety import StatusForwarder
+from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.dds.endpoints import Reader, Received
-from humanoid_sim.ros2.messages import decode_mit_command
-from humanoid_sim.ros2.topics import COMMAND_TOPIC, SAFETY_TOPIC
+from humanoid_sim.ros2.messages import (
+    SESSION_FRAME,
+    ForeignStatus,
+    decode_float32_array,
+    decode_mit_command,
+    decode_safety_status,
+)
+from humanoid_sim.ros2.topics import COMMAND_TOPIC, LIVE_INPUT, SAFETY_TOPIC
 from humanoid_sim.session.sources import remote_problem
+
+
+class Wanted(NamedTuple):
+    """A live input that the session takes from outside."""
+
+    topic: str
+    width: int
+    latched: bool
+    """True where a value counts until the next one, so that one from before the bridge does too."""
+
+
+def wanted_inputs(attachment: Attachment) -> dict[str, Wanted]:
+    """Return the live inputs that a session takes from outside, by name."""
+    topics = {name: live_topic(attachment.contract, name) for name in attachment.feed.live_inputs}
+    return {
+        name: Wanted(topic.name, attachment.feed.live_inputs[name], topic.timeout == math.inf)
+        for name, topic in topics.items()
+        if topic is not None
+    }
+
+
+class LiveForwarder:
+    """Hands values on as they arrive. For one thread."""
+
+    def __init__(self, participant: Participant, intake: Intake, refuse: Callable[[str, str], None]) -> None:
+        """Subscribe to nothing yet; `refuse` counts a message that is not accepted, by its topic and the reason."""
+        self._participant, self._intake, self._refuse = participant, intake, refuse
+        self._readers: dict[str, tuple[Wanted, Sequence[Reader]]] = {}
+
+    def follow(self, wanted: Mapping[str, Wanted]) -> None:
+        """Subscribe to what the session takes, and to nothing else."""
+        kept = {name: found for name, found in self._readers.items() if wanted.get(name) == found[0]}
+        self._readers = {name: kept.get(name) or (one, self._subscribed(one)) for name, one in wanted.items()}
+
+    def take(self, stamp: Callable[[Received], int]) -> None:
+        """Hand on the newest value of each; `stamp` gives a sample's arrival, ns."""
+        for name, (wanted, readers) in self._readers.items():
+            for sample in [one for reader in readers for one in reader.take()[-1:]]:
+                try:
+                    values = decode_float32_array(sample.data)
+                except CdrError as error:
+                    self._refuse(wanted.topic, str(error))
+                    continue
+                if len(values) != wanted.width:
+                    problem = f"has {len(values)} values, expected {wanted.width} for the live input '{name}'"
+                    self._refuse(wanted.topic, problem)
+                    continue
+                self._intake.live(name, values.tolist(), stamp=stamp(sample))
+
+    def _subscribed(self, wanted: Wanted) -> Sequence[Reader]:
+        """Subscribe reliably, and to writers of any other quality of service as well."""
+        kind = LIVE_INPUT._replace(latched=wanted.latched)
+        return [Reader(self._participant, wanted.topic, kind, any_writer=any_writer) for any_writer in (True, False)]
+
+
+_REPEAT = 0.05
+"""s between two reports of a source, unless it has just ceased to be OK: a flood costs the session no more."""
+_MOST_SOURCES = 64
+"""Sources that are told apart; of more the one that reported longest ago is forgotten, and its status stands."""
+
+
+@dataclass(slots=True)
+class _Source:
+    pending: ForeignStatus | None = None
+    """Latest status that the session does not have yet."""
+    stamp: int = 0
+    """ns of CLOCK_MONOTONIC, its arrival."""
+    is_ok: bool = True
+    """True where the session has it as OK, or not at all."""
+    reported: float = float("-inf")
+    """s, when the session got the latest one."""
+
+
+class StatusForwarder:
+    """Hands statuses on: a fault at once, everything else at most twenty times a second."""
+
+    def __init__(self, intake: Intake, refuse: Callable[[str], None]) -> None:
+        """Know of no source yet; `refuse` counts a message that is not a status."""
+        self._intake, self._refuse = intake, refuse
+        self._sources: OrderedDict[str, _Source] = OrderedDict()
+
+    def take(self, samples: Sequence[Received], stamp: Callable[[Received], int], now: float) -> None:
+        """Take in what has come; `stamp` gives a sample's arrival, ns, and `now` is in s."""
+        for sample in samples:
+            try:
+                status = decode_safety_status(sample.data)
+            except CdrError as error:
+                self._refuse(str(error))
+                continue
+            if status.frame == SESSION_FRAME:  # published by a session, this one or another robot's
+                continue
+            source = self._source(status.source)
+            if source.pending is not None and source.pending.level > 0 and source.is_ok:
+                self._report(source, now)  # a fault that ends within one look still damps
+                if source.pending is not None and status.level == 0:
+                    continue  # the session took nothing: the fault stays to be reported
+            source.pending, source.stamp = status, stamp(sample)
+        for source in self._sources.values():
+            if source.pending is None:
+                continue
+            is_news = source.pending.level != 0 and source.is_ok
+            if is_news or now - source.reported >= _REPEAT:
+                self._report(source, now)
+
+    def _source(self, name: str) -> _Source:
+        source = self._sources.get(name)
+        if source is None:
+            source = self._sources[name] = _Source()
+            if len(self._sources) > _MOST_SOURCES:
+                self._sources.popitem(last=False)
+        self._sources.move_to_end(name)
+        return source
+
+    def _report(self, source: _Source, now: float) -> None:
+        status = source.pending
+        assert status is not None
+        try:
+            self._intake.post_safety(
+                status.source or "unnamed", status.level, status.message, flags=status.flags, stamp=source.stamp
+            )
+        except SessionError:  # it takes nothing at present: again with the next look
+            return
+        source.pending, source.is_ok, source.reported = None, status.level == 0, now
+
 
 _WAIT = 0.005
 """s between two looks at most: by so much a sample may be younger than it is said to be."""
@@ -61,9 +193,7 @@ class ArrivalClock:
     def stamp(self, writer: int, source: int) -> int:
         """Return when a sample that this look has found arrived, the latest that is certain.
 
-        Args:
-            writer: who wrote it.
-            source: ns, when, by the writer's own clock.
+        `source` is when it was written, ns by its writer's own clock.
         """
         first = self._looks.stamp
         if self._looks.is_settling:
@@ -78,10 +208,6 @@ class ArrivalClock:
 
 def read_command(message: bytes, joints: tuple[str, ...]) -> MITCommand:
     """Return the command in a message, shape (n,), one value per joint in each field.
-
-    Args:
-        message: a `humanoid_control_msgs/msg/MITCommand`, as it came.
-        joints: the robot's, in its order.
 
     Raises:
         FieldError: it is none, or not one for this robot; one line.
@@ -107,14 +233,9 @@ class CommandReader:
         commands: Reader,
         statuses: Sequence[Reader] = (),
     ) -> None:
-        """Start nothing yet.
+        """Prepare to read `/remote_policy_controller/command`, and the `statuses` by which other programs may damp.
 
-        Args:
-            session: that is told.
-            joints: the robot's.
-            participant: joins the domain.
-            commands: of `/remote_policy_controller/command`.
-            statuses: of `/safety_status`, where other programs may damp: latched, and of any quality of service.
+        Those are latched, and of any quality of service.
         """
         self._session, self._joints = session, joints
         self._participant, self._commands, self._statuses = participant, commands, statuses

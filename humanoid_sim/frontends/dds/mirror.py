@@ -13,16 +13,18 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
-from humanoid_sim.client import Decoder, Feed, Intake, SessionError, SessionInfo
+from humanoid_sim.client import Feed, Intake, SessionInfo
+from humanoid_sim.dds_client import JOINT_ARRAYS, Imu, stamp_ns
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends.attach import Attachment, RobotElsewhere, ready
+from humanoid_sim.frontends import require_packages
+from humanoid_sim.frontends.attach import Attachment, attached, ready
 from humanoid_sim.messages import (
     QPOS_DOCUMENT,
     URDF_DOCUMENT,
@@ -40,24 +42,14 @@ from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.from_urdf import convert_urdf
 from humanoid_sim.robots.mjcf import bare_model, describe_mjcf
 from humanoid_sim.robots.urdf import qpos_addresses
+from humanoid_sim.ros2 import topics as ros
 from humanoid_sim.ros2.dds.domain import Participant
-from humanoid_sim.ros2.dds.endpoints import Reader
-from humanoid_sim.ros2.definitions import JOINT_STATE, schema_text
-from humanoid_sim.ros2.topics import (
-    CONTROL_MODE_TOPIC,
-    DESCRIPTION_TOPIC,
-    IMU_TOPIC,
-    TF_TOPIC,
-    TOPICS,
-    Topic,
-    joint_states_topic,
-)
+from humanoid_sim.ros2.dds.endpoints import Subscription
+from humanoid_sim.ros2.definitions import JOINT_STATE
 from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
 
 _PERIOD = 0.02
 """s between two messages of a robot's topics on hardware."""
-_DEPTH = 64
-"""Messages of a topic that wait for the next look."""
 _LOOK = 0.05
 """s between two looks for a robot."""
 _SAFETY = SafetyStatus(SafetyLevel.WARNING, source="network", message="not known here: it stays on the robot's machine")
@@ -66,38 +58,15 @@ _KEEP_SHAPES = '<mujoco><compiler discardvisual="false"/></mujoco>'
 """MuJoCo drops what a URDF only shows."""
 
 
-_ARRAYS = ("position", "velocity", "effort")
-
-
-class _Topic:
-    """A subscription whose latest message is kept."""
-
-    def __init__(self, participant: Participant, name: str, kind: Topic) -> None:
-        self._reader = Reader(participant, name, kind, depth=_DEPTH)
-        self._decoder = Decoder(schema_text(kind.schema))
-        self.latest: dict[str, Any] | None = None
-
-    def look(self) -> bool:
-        """Take what has come; whether anything has."""
-        taken = self._reader.take()
-        for sample in taken[::-1]:
-            try:
-                self.latest = self._decoder(sample.data)
-            except SessionError:  # no such message
-                continue
-            return True
-        return False
-
-
 class Mirror:
     """Ticks from topics. For one thread."""
 
     def __init__(self, participant: Participant, prefix: str) -> None:
         """Subscribe; `prefix` is what the joint states are under."""
-        self._states = _Topic(participant, joint_states_topic(prefix), Topic(JOINT_STATE))
-        names = (CONTROL_MODE_TOPIC, DESCRIPTION_TOPIC, IMU_TOPIC, TF_TOPIC)
+        self._states = Subscription(participant, ros.joint_states_topic(prefix), ros.Topic(JOINT_STATE))
+        names = (ros.CONTROL_MODE_TOPIC, ros.DESCRIPTION_TOPIC, ros.IMU_TOPIC, ros.TF_TOPIC)
         self._mode, self._described, self._imu, self._frames = (
-            _Topic(participant, name, TOPICS[name]) for name in names
+            Subscription(participant, name, ros.TOPICS[name]) for name in names
         )
         self._writer: FeedWriter | None = None
         self._shown = Mode.ZERO_TORQUE
@@ -105,10 +74,8 @@ class Mirror:
 
     def is_there(self) -> bool:
         """Return whether a robot has said what it is, in which mode, and where its joints are."""
-        topics = (self._states, self._mode, self._described)
-        for topic in topics:
-            topic.look()
-        return all(topic.latest is not None for topic in topics)
+        latest = [topic.look() for topic in (self._states, self._mode, self._described)]
+        return None not in latest
 
     def begin(self) -> tuple[FeedWriter, RobotDescription]:
         """Make a feed for the robot that is there.
@@ -122,11 +89,11 @@ class Mirror:
         names = tuple(self._states.latest["name"])
         if set(names) != set(description.joint_names):
             raise InputError(
-                f"{DESCRIPTION_TOPIC}: has the joints {', '.join(description.joint_names)}, expected those of the "
+                f"{ros.DESCRIPTION_TOPIC}: has the joints {', '.join(description.joint_names)}, expected those of the "
                 f"joint states: {', '.join(names)}"
             )
         self._names = description.joint_names
-        self._start = _time_ns(self._states.latest)
+        self._start = stamp_ns(self._states.latest)
         documents = {
             "robot": description.to_json(),
             "settings": "{}",
@@ -144,7 +111,8 @@ class Mirror:
         """Make a tick of what is new, if anything is."""
         for topic in (self._mode, self._imu, self._frames):
             topic.look()
-        if self._states.look():
+        before = self._states.latest
+        if self._states.look() is not before:
             self._publish()
 
     def _publish(self) -> None:
@@ -159,10 +127,10 @@ class Mirror:
         assert told is not None
         assert mode is not None
         places = {name: place for place, name in enumerate(told["name"])}
-        if set(places) != set(self._names) or any(len(told[name]) != len(places) for name in _ARRAYS):
+        if set(places) != set(self._names) or any(len(told[name]) != len(places) for name in JOINT_ARRAYS):
             return None
         order = [places[name] for name in self._names]
-        position, velocity, effort = (np.asarray(told[name], np.float64)[order] for name in _ARRAYS)
+        position, velocity, effort = (np.asarray(told[name], np.float64)[order] for name in JOINT_ARRAYS)
         unknown = np.full(len(order), np.nan)  # commands are not on the network
         is_known = mode["mode"] in list(Mode)
         if is_known:
@@ -170,11 +138,12 @@ class Mirror:
         warning = f"mode {mode['mode']} is not known here, the last known one is shown; update this program"
         words = [word for word in ("" if is_known else warning, mode["status_message"]) if word]
         shown = ControlMode(self._shown, mode["controller_name"], "; ".join(words))
-        turn, gyro, acceleration = _imu(self._imu.latest)
-        time_ns = _time_ns(told)
-        state = MITState(
-            1e-9 * (time_ns - self._start), position, velocity, effort, np.zeros(len(order)), turn, gyro, acceleration
-        )
+        imu = (np.full(4, np.nan), np.full(3, np.nan), np.full(3, np.nan))
+        if self._imu.latest is not None:
+            sample = Imu.of(self._imu.latest)
+            imu = (sample.quaternion, sample.angular_velocity, sample.linear_acceleration)
+        time = 1e-9 * (stamp_ns(told) - self._start)
+        state = MITState(time, position, velocity, effort, np.zeros(len(order)), *imu)
         command = MITCommand(unknown, unknown, unknown, unknown, unknown)
         return TickRecord(
             self._count, TickInput(state, (_SAFETY,)), TickOutput(command, shown), 0.0, False, self._qpos(position)
@@ -196,29 +165,12 @@ class Mirror:
         return qpos
 
 
-def _time_ns(told: dict[str, Any]) -> int:
-    stamp = told["header"]["stamp"]
-    return int(stamp["sec"]) * 1_000_000_000 + int(stamp["nanosec"])
-
-
-def _imu(told: dict[str, Any] | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Quaternion (4,) w x y z, angular velocity (3,) rad/s and acceleration (3,) m/s²; NaN while there is no IMU."""
-    if told is None:
-        return np.full(4, np.nan), np.full(3, np.nan), np.full(3, np.nan)
-    turn, gyro, acceleration = told["orientation"], told["angular_velocity"], told["linear_acceleration"]
-    return (
-        np.array([turn[axis] for axis in "wxyz"]),
-        np.array([gyro[axis] for axis in "xyz"]),
-        np.array([acceleration[axis] for axis in "xyz"]),
-    )
-
-
 def _described(urdf: str) -> tuple[RobotDescription, mujoco.MjModel]:
     """Give the robot of a URDF with shapes and no files, as the bridge sends it. Raises `InputError` if it is none."""
     try:
         root = ElementTree.fromstring(urdf)
     except ElementTree.ParseError as error:
-        raise InputError(f"{DESCRIPTION_TOPIC}: is not a URDF: {error}") from None
+        raise InputError(f"{ros.DESCRIPTION_TOPIC}: is not a URDF: {error}") from None
     moves = any(joint.get("type") == "floating" for joint in root.iter("joint"))
     root.insert(0, ElementTree.fromstring(_KEEP_SHAPES))
     for link in root.iter("link"):
@@ -252,7 +204,7 @@ def mirrored(
     with ExitStack() as stack:
         participant = stack.enter_context(Participant(interface=interface, namespace=namespace))
         mirror = Mirror(participant, prefix)
-        states = f"{participant.namespace}{joint_states_topic(prefix)}"
+        states = f"{participant.namespace}{ros.joint_states_topic(prefix)}"
         told(f"waiting for a robot with {states} on {interface}, domain {participant.domain}")
         while not mirror.is_there():
             if ended():
@@ -269,27 +221,55 @@ def mirrored(
         yield Attachment(session, feed, intake), mirror
 
 
-@contextmanager
-def watched(
-    config: RobotElsewhere,
-) -> Iterator[tuple[Attachment, Callable[[], None], Callable[[], bool]] | None]:
-    """Attach to the robot that the options name, until a signal ends this program; None if one came before the robot.
+@dataclass(frozen=True)
+class RobotElsewhere:
+    """Options of a front end that can also show a robot on another machine, for watching only."""
 
-    Yields its image, what takes in the newest messages, and what says that a signal has come.
+    session: int | None = None
+    """Process id of the session. Default: the only one that runs."""
+    dds: bool = False
+    """Show a robot on another machine, from its DDS topics alone, for watching only."""
+    interface: str = ""
+    """With --dds: the network interface at which the robot is, such as eth1."""
+    prefix: str = "lite"
+    """With --dds: what the robot's joint states are under."""
+    namespace: str = ""
+    """With --dds: what all of the robot's topics are under, if it was given a namespace (--dds-namespace)."""
 
-    Raises:
-        InputError: as `mirrored`.
-        MissingPackageError: as `mirrored`.
-    """
-    signals: list[int] = []
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda number, _: signals.append(number))
+    @contextmanager
+    def shown(
+        self, name: str, niceness: int = 5
+    ) -> Iterator[tuple[Attachment, Callable[[], None] | None, Callable[[], bool]] | None]:
+        """Attach the front end of that name to the session, or to the robot elsewhere, that the options name.
 
-    def ended() -> bool:
-        return bool(signals)
+        Yields the attachment; of a robot elsewhere what takes in its newest messages; and what says that a signal asks
+        this program to end. None if a signal came before that robot.
 
-    with mirrored(config.interface, config.prefix, config.namespace, told=ready, ended=ended) as found:
-        yield None if found is None else (found[0], found[1].look, ended)
+        Raises:
+            InputError: options exclude each other, or there is no such session, robot or network interface.
+            MissingPackageError: the front end's packages are not installed, or Cyclone DDS is not.
+        """
+        if self.interface and not self.dds:
+            raise InputError(f"--interface: is {self.interface}, which means nothing without --dds")
+        if self.session is not None and self.dds:
+            raise InputError(f"--session: is {self.session}, which means nothing with --dds, whose robot is elsewhere")
+        if self.dds and not self.interface:
+            raise InputError("--interface: is needed with --dds: the one at which the robot is, such as eth1")
+        require_packages(name)
+        if not self.dds:
+            with attached(self.session, name, niceness=niceness) as attachment:
+                yield attachment, None, lambda: False
+            return
+        require_packages("dds")
+        signals: list[int] = []
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda number, _: signals.append(number))
+
+        def ended() -> bool:
+            return bool(signals)
+
+        with mirrored(self.interface, self.prefix, self.namespace, told=ready, ended=ended) as found:
+            yield None if found is None else (found[0], found[1].look, ended)
 
 
 def _session(stack: ExitStack, folder: Path, robot: str, where: str, writer: FeedWriter) -> SessionInfo:

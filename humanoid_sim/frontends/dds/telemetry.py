@@ -2,66 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from humanoid_sim.client import Sample
 from humanoid_sim.frontends.attach import Attachment
-from humanoid_sim.frontends.dds.live import wanted_inputs
+from humanoid_sim.frontends.dds.commands import wanted_inputs
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.recording.topics import TopicMessage, ViewerTopics, topic_prefix
+from humanoid_sim.ros2 import topics as ros
 from humanoid_sim.ros2.dds.domain import Participant
 from humanoid_sim.ros2.dds.endpoints import Writer
 from humanoid_sim.ros2.definitions import CLOCK, JOINT_STATE
 from humanoid_sim.ros2.messages import encode_clock, encode_control_mode
-from humanoid_sim.ros2.topics import (
-    CLOCK_TOPIC,
-    CONTROL_MODE_TOPIC,
-    DESCRIPTION_TOPIC,
-    IMU_TOPIC,
-    LIVE_INPUT,
-    SAFETY_TOPIC,
-    STANDBY_TOPIC,
-    STANDBY_TOPICS,
-    TF_STATIC_TOPIC,
-    TF_TOPIC,
-    TOPICS,
-    Topic,
-    joint_states_topic,
-)
 
-_ACROSS = (IMU_TOPIC, CONTROL_MODE_TOPIC, DESCRIPTION_TOPIC, TF_TOPIC, TF_STATIC_TOPIC)
-"""The topics that may leave the machine, beside the joint states."""
+_ACROSS = (ros.IMU_TOPIC, ros.CONTROL_MODE_TOPIC, ros.DESCRIPTION_TOPIC, ros.TF_TOPIC, ros.TF_STATIC_TOPIC)
+"""The topics that may leave the machine, beside the joint states: what shows the robot, nothing that safety needs."""
 
 
-def local_topics(attachment: Attachment) -> dict[str, Topic]:
-    """Return the topics that a session has on its own machine, by name.
+def served_topics(attachment: Attachment, *, is_local: bool) -> dict[str, ros.Topic]:
+    """Return the topics of a session for its own machine, or for others, by name.
 
     The clock is a simulation's. Topics of live inputs are not among them: see `Telemetry`.
     """
-    names = [
-        IMU_TOPIC,
-        CONTROL_MODE_TOPIC,
-        SAFETY_TOPIC,
-        DESCRIPTION_TOPIC,
-        TF_TOPIC,
-        TF_STATIC_TOPIC,
-        STANDBY_TOPIC,
-        *STANDBY_TOPICS,
-    ]
-    if not attachment.session.hardware:
-        names.append(CLOCK_TOPIC)
-    return _with_joint_states(attachment, names)
-
-
-def network_topics(attachment: Attachment) -> dict[str, Topic]:
-    """Return the topics that another machine may see, by name: what shows the robot, nothing that safety needs."""
-    return _with_joint_states(attachment, _ACROSS)
-
-
-def _with_joint_states(attachment: Attachment, names: Iterable[str]) -> dict[str, Topic]:
-    joint_states = joint_states_topic(topic_prefix(attachment.header))
-    return {joint_states: Topic(JOINT_STATE), **{name: TOPICS[name] for name in names}}
+    names = [*_ACROSS]
+    if is_local:
+        names += [ros.SAFETY_TOPIC, ros.STANDBY_TOPIC, *ros.STANDBY_TOPICS]
+    if is_local and not attachment.session.hardware:
+        names.append(ros.CLOCK_TOPIC)
+    joint_states = ros.joint_states_topic(topic_prefix(attachment.header))
+    return {joint_states: ros.Topic(JOINT_STATE), **{name: ros.TOPICS[name] for name in names}}
 
 
 class Telemetry:
@@ -71,7 +41,7 @@ class Telemetry:
         self,
         attachment: Attachment,
         participant: Participant,
-        topics: Mapping[str, Topic],
+        topics: Mapping[str, ros.Topic],
         *,
         live: bool = False,
         news: Callable[[], str] = lambda: "",
@@ -79,9 +49,6 @@ class Telemetry:
         """Announce the topics.
 
         Args:
-            attachment: the session.
-            participant: joins the domain.
-            topics: those that are published, and what they are.
             live: whether live inputs that the session makes itself, such as a simulated piano's keys, are published as
                 well, each on its topic as of its first value. Those that it takes from outside are not: the bridge
                 subscribes to their topics.
@@ -91,11 +58,11 @@ class Telemetry:
         self._fixed, self._has_live = dict(topics), live
         self._messages = ViewerTopics(attachment.header, every_state=True)
         self._writers: dict[tuple[str, str], Writer] = {}
-        self._topics: dict[str, Topic] = {}
+        self._topics: dict[str, ros.Topic] = {}
         self._time_ns = -1
         self.follow()
         for topic in self._fixed:
-            if topic != SAFETY_TOPIC:  # announced by its sources
+            if topic != ros.SAFETY_TOPIC:  # announced by its sources
                 self._writer(topic, "")
 
     def follow(self) -> None:
@@ -103,24 +70,24 @@ class Telemetry:
         self._messages.follow(self._attachment.header)
         taken = {one.topic for one in wanted_inputs(self._attachment).values()}
         made = set(self._messages.live.values()) - taken if self._has_live else ()
-        self._topics = {**self._fixed, **dict.fromkeys(made, LIVE_INPUT)}
+        self._topics = {**self._fixed, **dict.fromkeys(made, ros.LIVE_INPUT)}
 
     def publish(self, sample: Sample) -> None:
         """Publish a tick."""
         record = self._attachment.record(sample)
         time_ns = self._attachment.time_ns(float(record.input.state.time))
         is_again, self._time_ns = time_ns == self._time_ns, time_ns  # while a simulation is paused
-        if CLOCK_TOPIC in self._topics:
-            self._put(TopicMessage(CLOCK_TOPIC, CLOCK, encode_clock(time_ns)))
+        if ros.CLOCK_TOPIC in self._topics:
+            self._put(TopicMessage(ros.CLOCK_TOPIC, CLOCK, encode_clock(time_ns)))
         for message in self._messages.messages(record, time_ns):
-            if message.topic == TF_TOPIC and is_again:
+            if message.topic == ros.TF_TOPIC and is_again:
                 continue  # tf2 warns of every transform whose stamp it has
-            if message.topic == CONTROL_MODE_TOPIC:
+            if message.topic == ros.CONTROL_MODE_TOPIC:
                 self._put(message._replace(data=self._control_mode(record, time_ns, message.data)))
             else:
                 self._put(message)
-            if message.topic in STANDBY_TOPICS:
-                self._put(message._replace(topic=STANDBY_TOPIC))
+            if message.topic in ros.STANDBY_TOPICS:
+                self._put(message._replace(topic=ros.STANDBY_TOPIC))
 
     def _control_mode(self, record: TickRecord, time_ns: int, message: bytes) -> bytes:
         news = self._news()

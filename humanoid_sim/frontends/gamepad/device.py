@@ -43,11 +43,7 @@ class Pads:
     """The gamepads of this machine. One object a process, used on one thread."""
 
     def __init__(self, *, raw: bool = False) -> None:
-        """Start SDL.
-
-        Args:
-            raw: keep the numbers of the driver for pads of a known layout too.
-        """
+        """Start SDL; `raw` keeps the numbers of the driver for pads of a known layout too."""
         os.environ.update(_ENVIRONMENT)
         import pygame  # noqa: PLC0415 - reads the environment above
         from pygame._sdl2 import controller  # noqa: PLC0415

@@ -43,7 +43,6 @@ class Source(ABC):
     """A keyboard that is there."""
 
     name: str
-    """For operators."""
 
     @abstractmethod
     def read(self, seconds: float) -> bytes | None:

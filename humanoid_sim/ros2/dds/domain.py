@@ -11,7 +11,6 @@ import os
 import re
 import socket
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from humanoid_sim.client import network_on
@@ -123,9 +122,7 @@ class Participant:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:

@@ -10,10 +10,14 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
+from humanoid_sim.client import Decoder, SessionError
 from humanoid_sim.errors import InputError
 from humanoid_sim.ros2.dds.domain import Participant
-from humanoid_sim.ros2.definitions import message_fields
+from humanoid_sim.ros2.definitions import message_fields, schema_text
 from humanoid_sim.ros2.topics import Topic
+
+_DEPTH = 64
+"""Messages of a `Subscription` that wait for the next look."""
 
 
 def dds_topic(topic: str) -> str:
@@ -32,17 +36,8 @@ def idl_type(schema: str) -> Any:
     """Return a message type as Cyclone DDS's `IdlStruct`."""
     from cyclonedds.idl import make_idl_struct, types  # noqa: PLC0415 - an extra
 
-    primitives = {
-        "bool": bool,
-        "string": str,
-        "uint8": types.uint8,
-        "int32": types.int32,
-        "uint32": types.uint32,
-        "int64": types.int64,
-        "uint64": types.uint64,
-        "float32": types.float32,
-        "float64": types.float64,
-    }
+    numbers = ("uint8", "int32", "uint32", "int64", "uint64", "float32", "float64")
+    primitives = {"bool": bool, "string": str, **{name: getattr(types, name) for name in numbers}}
     fields = {}
     for field in message_fields(schema):
         kind = primitives[field.kind] if field.kind in primitives else idl_type(field.kind)
@@ -124,7 +119,6 @@ class Reader:
         """Announce that the topic is wanted.
 
         Args:
-            topic: its ROS 2 name.
             depth: messages that are kept between two calls of `take`; None: `kind.depth`.
             any_writer: match writers of whatever quality of service; else those that offer `kind`'s.
         """
@@ -178,3 +172,34 @@ class Reader:
     def writers(self) -> int:
         """Return how many publish."""
         return _count(self._reader.get_matched_publications)
+
+
+class Subscription:
+    """A topic whose messages are decoded, and whose latest one is kept. For one thread."""
+
+    def __init__(self, participant: Participant, name: str, kind: Topic) -> None:
+        self.reader = Reader(participant, name, kind, depth=_DEPTH)
+        self.latest: dict[str, Any] | None = None
+        self.problem = ""
+        """Reason why a message was not understood, the latest one; empty for none."""
+        self._name, self._decoder = name, Decoder(schema_text(kind.schema))
+
+    def take(self) -> list[dict[str, Any]]:
+        """Return what has come, oldest first, without what is not such a message."""
+        found = []
+        for sample in self.reader.take():
+            try:
+                found.append(self._decoder(sample.data))
+            except SessionError as error:
+                self.refuse(str(error))
+        return found
+
+    def look(self) -> dict[str, Any] | None:
+        """Return the newest message, whenever it came; None while there is none."""
+        taken = self.take()
+        self.latest = taken[-1] if taken else self.latest
+        return self.latest
+
+    def refuse(self, problem: str) -> None:
+        """Keep why a message was not understood."""
+        self.problem = f"{self._name}: {problem}"

@@ -13,7 +13,7 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.frontends.console.commanding import Commanding
 from humanoid_sim.frontends.console.sliders import Goals
-from humanoid_sim.frontends.console.steering import Steering
+from humanoid_sim.frontends.console.turn import Steering
 from humanoid_sim.frontends.console.wishes import Beat, LetGo, Press, Snap, Steer, Take
 from humanoid_sim.messages import Intent, Mode, SessionHeader, TickRecord
 from humanoid_sim.robots.description import load_robot

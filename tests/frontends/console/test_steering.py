@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from humanoid_sim.errors import FieldError
-from humanoid_sim.frontends.console.steering import Due, Steering
+from humanoid_sim.frontends.console.turn import Due, Steering
 from humanoid_sim.messages import Mode
 
 RANGES = np.array([[-0.5, 1.0], [-0.3, 0.3], [-1.0, 1.0]])

@@ -18,8 +18,8 @@ from waiting import until
 pytest.importorskip("cyclonedds", reason="needs the extra dds")
 
 from humanoid_sim.client import Feed, running_sessions
+from humanoid_sim.console import main as console
 from humanoid_sim.errors import InputError
-from humanoid_sim.frontends.console.program import main as console
 from humanoid_sim.frontends.dds.mirror import Mirror, mirrored
 from humanoid_sim.messages import ControlMode, Mode, SafetyLevel
 from humanoid_sim.mit import MITState

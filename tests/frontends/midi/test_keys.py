@@ -1,7 +1,6 @@
 import pytest
 
-from humanoid_sim.frontends.midi.keyboard import PressedKeys
-from humanoid_sim.frontends.midi.stream import MidiStream
+from humanoid_sim.frontends.midi.keyboard import MidiStream, PressedKeys
 
 
 def heard(data, transpose=0):

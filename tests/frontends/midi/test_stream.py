@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from humanoid_sim.frontends.midi.stream import Message, MidiStream
+from humanoid_sim.frontends.midi.keyboard import Message, MidiStream
 
 
 def parsed(data, pieces=1000):
