@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+from tyro._parsers import ParserSpecification
+from tyro._singleton import MISSING_NONPROP
 
 # Test modules are imported by file (importlib mode), which leaves sys.path alone; what they share needs a name, and one
 # that no other module of the tests has.
@@ -42,6 +44,25 @@ def pytest_addoption(parser):
         action="store_true",
         help="slow campaigns in full: 60 mistakes for the doctor instead of 8, two minutes of fuzzing instead of 20 s",
     )
+
+
+def pytest_configure():
+    """Make tyro look at each program's options once, and not for each of a thousand command lines: 50 ms for `play`."""
+    real, known = ParserSpecification.from_callable_or_type, {}
+
+    def once(program, **options):
+        if options["parent_classes"] or options["default_instance"] is not MISSING_NONPROP:
+            return real(program, **options)
+        if program not in known:
+            known[program] = real(program, **options)
+        return known[program]
+
+    ParserSpecification.from_callable_or_type = staticmethod(once)
+
+
+def pytest_collection_finish():
+    gc.collect()  # modules and tests, which stay: `no_leaks` need not look at them again each time, half a second
+    gc.freeze()
 
 
 @pytest.fixture
