@@ -50,19 +50,26 @@ def pytest_configure():
     """Make tyro look at each program's options once, and not for each of a thousand command lines: 50 ms for `play`."""
     real, known = ParserSpecification.from_callable_or_type, {}
 
-    def once(program, **options):
+    def once(f, **options):
         if options["parent_classes"] or options["default_instance"] is not MISSING_NONPROP:
-            return real(program, **options)
-        if program not in known:
-            known[program] = real(program, **options)
-        return known[program]
+            return real(f, **options)
+        if f not in known:
+            known[f] = real(f, **options)
+        return known[f]
 
     ParserSpecification.from_callable_or_type = staticmethod(once)
 
 
-def pytest_collection_finish():
-    gc.collect()  # modules and tests, which stay: `no_leaks` need not look at them again each time, half a second
-    gc.freeze()
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Keep modules and tests, which stay, out of garbage collection: `no_leaks` collects where it suspects a leak."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.fixture
