@@ -1,5 +1,6 @@
 import json
 from dataclasses import fields, replace
+from functools import cache
 
 import models
 import numpy as np
@@ -158,13 +159,19 @@ def test_a_policy_that_does_not_fit_the_robot(robot, contract, period, expected)
         build_supervisor(load_robot(robot), period, loaded)
 
 
+@cache
+def tracker():
+    return load_policy(lite_contract(), zero_policy(14), motion())
+
+
+@cache
 def header(loaded, *, remote=False):
     followed = motion() if loaded else None
     return run_header(LITE, 0.005, loaded, followed, remote=remote, settings={"policy": "p.onnx"})
 
 
 def test_a_recordings_header_gives_the_same_stack_again():
-    loaded = load_policy(lite_contract(), zero_policy(14), motion())
+    loaded = tracker()
     head = header(loaded, remote=True)
     again = rebuild_supervisor(head, zero_policy(14))
     first = build_supervisor(LITE, 0.005, loaded, remote=True)
@@ -202,7 +209,7 @@ def test_a_header_that_lacks_a_document_is_named(name):
 
 
 def test_a_header_whose_motion_is_missing_is_one_line():
-    head = header(load_policy(lite_contract(), zero_policy(14), motion()))
+    head = header(tracker())
     with pytest.raises(InputError, match="follows a motion, and none is given"):
         rebuild_supervisor(replace(head, attachments={}), zero_policy(14))
 
@@ -210,7 +217,7 @@ def test_a_header_whose_motion_is_missing_is_one_line():
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"remote": {}}x', "null"])
 @pytest.mark.parametrize("name", ["robot", "controllers", "contract"])
 def test_a_header_whose_documents_are_damaged_is_one_line(name, text):
-    head = header(load_policy(lite_contract(), zero_policy(14), motion()))
+    head = header(tracker())
     with pytest.raises(InputError) as caught:
         rebuild_supervisor(replace(head, documents={**head.documents, name: text}), zero_policy(14))
     assert "\n" not in str(caught.value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from functools import cache
 from typing import get_args, get_type_hints
 
 import msgspec
@@ -77,11 +78,8 @@ def _piano(robot: RobotDescription) -> Iterator[str]:
 
 def refused_values(struct: msgspec.Struct, prefix: str = "") -> Iterator[str]:
     """Yield what the `Accepted` of a schema refuse, in the order of the document, with the place of each."""
-    for name, hint in get_type_hints(type(struct), include_extras=True).items():
+    for name, accepted in _accepted(type(struct)).items():
         value = getattr(struct, name)
-        # Of `Positive`, `Positive | None` and `tuple[Positive, ...]` alike.
-        marks = [mark for kind in (hint, *get_args(hint)) for mark in getattr(kind, "__metadata__", ())]
-        accepted = next((mark for mark in marks if isinstance(mark, Accepted)), None)
         if isinstance(value, Mapping):
             items = {f"{prefix}{name}.{key}": item for key, item in value.items()}
         elif isinstance(value, tuple):
@@ -93,6 +91,16 @@ def refused_values(struct: msgspec.Struct, prefix: str = "") -> Iterator[str]:
                 yield from refused_values(item, f"{where}.")
             elif accepted is not None and item is not None and accepted.problem(item):
                 yield f"{where}: {accepted.problem(item)}"
+
+
+@cache
+def _accepted(kind: type[msgspec.Struct]) -> dict[str, Accepted | None]:
+    """Return what each field of a schema accepts: of `Positive`, `Positive | None` and `tuple[Positive, ...]` alike."""
+    found: dict[str, Accepted | None] = {}
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        marks = [mark for part in (hint, *get_args(hint)) for mark in getattr(part, "__metadata__", ())]
+        found[name] = next((mark for mark in marks if isinstance(mark, Accepted)), None)
+    return found
 
 
 def _duplicates(where: str, names: list[str], what: str) -> Iterator[str]:

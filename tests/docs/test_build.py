@@ -1,12 +1,11 @@
 """docs/build.py: what it stages, and what it finds wrong with a built site."""
 
-import importlib.util
 import json
 import re
-import sys
 from pathlib import Path, PurePosixPath
 
 import pytest
+from script_files import load_script
 
 from humanoid_sim.regress import suite
 from humanoid_sim.robots import schema
@@ -14,13 +13,7 @@ from humanoid_sim.robots import schema
 
 @pytest.fixture(scope="module")
 def build():
-    path = Path(__file__).parent.parent.parent / "docs" / "build.py"
-    spec = importlib.util.spec_from_file_location("site_build", path)
-    module = importlib.util.module_from_spec(spec)
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setitem(sys.modules, spec.name, module)  # dataclasses look their module up
-        spec.loader.exec_module(module)
-        yield module
+    return load_script(Path(__file__).parent.parent.parent / "docs" / "build.py")
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,12 @@
 """README's moving picture, as it is stored, and how parts of videos get into it."""
 
-import importlib.util
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
 from PIL import Image
+from script_files import load_script
 
 from humanoid_sim.errors import InputError
 
@@ -29,10 +29,7 @@ def test_it_moves_and_is_small():
 
 @pytest.fixture(scope="module")
 def program():
-    spec = importlib.util.spec_from_file_location("moving_picture", ROOT / "docs" / "moving_picture.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script(ROOT / "docs" / "moving_picture.py")
 
 
 def write_video(path):

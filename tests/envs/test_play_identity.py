@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-import yaml
 from onnx import TensorProto, helper, numpy_helper
+from play_fixtures import quick_robot
 from published import POLICIES, needs_policies
 
 from humanoid_sim.assets import SAMPLE_POLICY, asset_path, motion_path
@@ -37,18 +37,6 @@ def folder(tmp_path, monkeypatch, runtime):
     return tmp_path
 
 
-def hasty(folder, name):
-    """A shipped robot that reaches its standby poses in 0.4 s; its path."""
-    document = yaml.safe_load(asset_path("robots", f"{name}.yaml").read_text(encoding="utf-8"))
-    document["mjcf"] = str((asset_path("robots") / document["mjcf"]).resolve())
-    for pose in ("a", "b"):
-        standby = document[f"standby_controller_{pose}"]
-        standby["segment_durations"] = [0.2] * len(standby["segment_durations"])
-    path = folder / f"{name}.yaml"
-    path.write_text(yaml.safe_dump(document), encoding="utf-8")
-    return str(path)
-
-
 def policy_ticks(path):
     ticks = open_recording(path).ticks()
     return [tick for tick in ticks if tick.output.control_mode.mode is Mode.LOCOMOTION and tick.output.policy_step]
@@ -72,7 +60,7 @@ def assert_same_trajectory(env, options, policy, ticks):
 
 @pytest.mark.parametrize("actuation", ["affine", "qfrc_applied"])
 def test_the_sample_policy_from_a_recording(folder, actuation):
-    robot = hasty(folder, "lite")
+    robot = quick_robot(folder, "lite")
     options = ("--viewer", "none", "--record", "r.mcap", "--robot", robot, "--actuation", actuation)
     assert main([*options, "--script", "damp; load_a; wait; start_locomotion; hold 1.3; damp"]) == 0
     ticks = policy_ticks(folder / "r.mcap")
@@ -82,7 +70,7 @@ def test_the_sample_policy_from_a_recording(folder, actuation):
 
 
 def test_a_free_standing_robot_from_a_recording(folder):
-    robot = hasty(folder, "lite_biped")
+    robot = quick_robot(folder, "lite_biped")
     weights = np.random.default_rng(0).normal(0.0, 0.02, (53, 14)).astype(np.float32)
     graph = helper.make_graph(
         [helper.make_node("MatMul", ["observation", "weights"], ["action"])],
@@ -147,7 +135,7 @@ class Taker:
 
 
 def test_the_state_and_the_memory_of_a_running_session(folder):
-    description = load_robot(hasty(folder, "lite"))
+    description = load_robot(quick_robot(folder, "lite"))
     checkpoint = load_checkpoint(SAMPLE_POLICY)
     loaded = load_policy(checkpoint.contract, checkpoint.policy, read_motion(motion_path("reach")))
     robot = MujocoRobot(description, actuation="affine")
@@ -175,7 +163,7 @@ def test_the_state_and_the_memory_of_a_running_session(folder):
 
 
 def test_recordings_that_hold_no_start_are_refused(folder):
-    robot = hasty(folder, "lite")
+    robot = quick_robot(folder, "lite")
     options = ("--viewer", "none", "--record", "r.mcap", "--overwrite", "--robot", robot)
     env = PolicyEnv("lite_tracking", robot, "wave")
     main([*options, "--script", "damp; hold 0.1"])

@@ -284,7 +284,8 @@ def test_reset_and_step_refuse_what_they_cannot_take(arms):
         PolicyEnv(**ARMS).step(np.zeros(14))
 
 
-def test_pictures_show_the_robot_as_it_is():
+def test_pictures_show_the_robot_as_it_is(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "off")  # OpenGL in software takes seconds; tests/rendering compares the two
     env = PolicyEnv(**ARMS, render_mode="rgb_array", width=160, height=120)
     env.reset(seed=0)
     before = env.render()

@@ -1,13 +1,12 @@
 """What trajectories are read and judged, without ROS 2; with it they are followed in `tests/ros2_live`."""
 
-import importlib.util
 import os
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from script_files import load_script
 
 from humanoid_sim.client import Feed
 from humanoid_sim.messages import Intent
@@ -19,11 +18,7 @@ START = np.array([0.4, 0.5, 0.6])
 
 @pytest.fixture(scope="module")
 def example():
-    spec = importlib.util.spec_from_file_location("follow_joint_trajectory", EXAMPLE)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return load_script(EXAMPLE)
 
 
 @pytest.fixture

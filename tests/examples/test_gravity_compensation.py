@@ -1,6 +1,5 @@
 """The example, as anybody would run it: a whole `play` with its DDS bridge, and the client as a program beside it."""
 
-import importlib.util
 import signal
 import subprocess
 import sys
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from script_files import load_script
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
 
@@ -26,11 +26,7 @@ _SETTLED = 0.5
 
 @pytest.fixture(scope="module")
 def example():
-    spec = importlib.util.spec_from_file_location("gravity_compensation", EXAMPLE)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return load_script(EXAMPLE)
 
 
 def test_both_forms_command_gravitys_torque_at_the_pose_and_no_more(example):

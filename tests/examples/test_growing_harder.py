@@ -1,22 +1,17 @@
 """The example, as anybody would run it, for two updates."""
 
-import importlib.util
-import sys
 from pathlib import Path
 
 import pytest
+from script_files import load_script
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "growing_harder.py"
 
 
 @pytest.fixture
-def example(monkeypatch):
+def example():
     pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed (rl)")
-    spec = importlib.util.spec_from_file_location("growing_harder", EXAMPLE)
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, spec.name, module)  # where its options' types and texts are looked up
-    spec.loader.exec_module(module)
-    return module
+    return load_script(EXAMPLE)
 
 
 @pytest.mark.slow

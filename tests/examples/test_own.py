@@ -1,6 +1,5 @@
 """The examples run as they stand."""
 
-import importlib.util
 import os
 import shlex
 import shutil
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from script_files import load_script
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.errors import InputError
@@ -20,11 +20,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def load(name):
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+    return load_script(EXAMPLES / f"{name}.py")
 
 
 def test_a_controller_of_ones_own_drives_the_robot(capsys):

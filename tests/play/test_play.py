@@ -280,7 +280,8 @@ def test_no_file_is_left_where_none_is_wanted(run, quick, folder):
     assert list(folder.iterdir()) == []
 
 
-def test_pictures_of_a_run(run, quick, folder):
+def test_pictures_of_a_run(run, quick, folder, monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "off")  # OpenGL in software takes seconds
     options = ("--robot", quick, "--duration", "0.2", "--video", "v.mp4", "--snapshot", "p.png", *PLACEHOLDER)
     result = run(*options, "--record", "none", record=False)
     assert result.status == 0

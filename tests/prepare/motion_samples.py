@@ -1,5 +1,6 @@
 """Small motions of the Lite in the formats of others, made from its own forward kinematics."""
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ FPS = 50.0
 FRAMES = 40
 
 
+@cache
 def lite() -> RobotDescription:
     return load_robot("lite")
 
@@ -68,8 +70,13 @@ def motion_of(bodies: tuple[str, ...]) -> SourceMotion:
     return interpret(source_of(bodies), Conventions(skeleton.joints, bodies, "wxyz"), skeleton)
 
 
+@cache
+def sample_state() -> dict[str, Any]:
+    return state_of(joint_path())
+
+
 def write_npz(path: Path, **changes: Any) -> Path:
     """A motion of the Lite; changes replace arrays, and None removes one."""
-    state = state_of(joint_path()) | changes
+    state = sample_state() | changes
     np.savez(path, **{key: value for key, value in state.items() if value is not None})
     return path

@@ -4,8 +4,6 @@
 `/tf` and in the action. As a program it builds all, so that no test waits for the compiler.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil

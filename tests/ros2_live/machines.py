@@ -1,14 +1,11 @@
 """Computers for tests: network and shared memory of their own, joined by a cable, on this machine."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 ROOT = Path(__file__).parents[2]
@@ -38,7 +35,7 @@ def why_not() -> str:
 class Machine:
     """A computer of its own: programs that run on it share loopback, `/dev/shm` and the folder of sessions."""
 
-    def __init__(self, folder: Path, beside: Machine | None = None) -> None:
+    def __init__(self, folder: Path, beside=None) -> None:
         """Switch it on.
 
         Args:
@@ -48,14 +45,8 @@ class Machine:
         self._folder = folder
         self._programs: list[subprocess.Popen[str]] = []
         begin = ["unshare", "-rnm"] if beside is None else [*beside.command("unshare", "-nm")]
-        self._holder = subprocess.Popen(
-            [*begin, "sh", "-c", _HOLD],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        assert self._holder.stdout is not None
+        pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        self._holder = subprocess.Popen([*begin, "sh", "-c", _HOLD], text=True, **pipes)
         if self._holder.stdout.readline() != "ready\n":
             _, problem = self._holder.communicate()
             raise OSError(f"no namespaces of our own here: {problem.strip()}")
@@ -65,12 +56,10 @@ class Machine:
         """That holds its namespaces."""
         return self._holder.pid
 
-    def __enter__(self) -> Machine:
+    def __enter__(self):
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_):
         for program in self._programs:
             if program.poll() is None:
                 program.terminate()
@@ -86,9 +75,7 @@ class Machine:
         """What runs a command on it."""
         return ["nsenter", "-t", str(self.process), "-U", "-n", "-m", "--preserve-credentials", *arguments]
 
-    def start(
-        self, *arguments: str, environment: Mapping[str, str] | None = None, **options: Any
-    ) -> subprocess.Popen[str]:
+    def start(self, *arguments, environment=None, **options) -> subprocess.Popen[str]:
         """Start a program on it, which ends with it. Its output, errors included, is to be read."""
         clean = {name: os.environ[name] for name in ("PATH", "HOME", "LANG", "PYTHONPATH") if name in os.environ}
         env = {**clean, "XDG_RUNTIME_DIR": str(self._folder), "PYTHONUNBUFFERED": "1", **(environment or {})}
@@ -135,8 +122,7 @@ def plug_in(one: Machine, other: Machine, device: str = CABLE, network: int = 7)
 
 def read_until(program: subprocess.Popen[str], wanted: str) -> list[str]:
     """The lines of a program up to one that holds a text."""
-    lines: list[str] = []
-    assert program.stdout is not None
+    lines = []
     for line in program.stdout:
         lines.append(line)
         if wanted in line:

@@ -1,7 +1,5 @@
 """What ROS 2 nodes with default settings see of a session, and how they command it."""
 
-from __future__ import annotations
-
 import json
 import math
 import subprocess
@@ -61,8 +59,7 @@ def heard(program: subprocess.Popen[str]) -> dict[str, Any]:
     """What a listener heard."""
     output, _ = program.communicate(timeout=90.0)
     assert program.returncode == 0, output
-    told: dict[str, Any] = json.loads(output.splitlines()[-1])
-    return told
+    return json.loads(output.splitlines()[-1])
 
 
 def command(

@@ -1,7 +1,5 @@
 """What leaves the robot's computer, and what gets in: seen from another one, at the other end of a cable."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The interface package for ROS 2, compiled: its types are those on the wire."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

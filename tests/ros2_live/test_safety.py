@@ -1,7 +1,5 @@
 """A fault that a ROS 2 node of default settings publishes on `/safety_status`: the robot is damped."""
 
-from __future__ import annotations
-
 import pytest
 from machines import play, read_until
 from strangers import ticks

@@ -1,7 +1,5 @@
 """The six services, called by ROS 2's own client."""
 
-from __future__ import annotations
-
 import json
 import signal
 import threading

@@ -1,7 +1,5 @@
 """Every topic of the bridge, and commands, with ROS 2 nodes of default settings on the robot's own computer."""
 
-from __future__ import annotations
-
 import math
 from xml.etree import ElementTree
 

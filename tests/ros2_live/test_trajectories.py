@@ -1,7 +1,5 @@
 """Trajectories of a ROS 2 action client with default settings, by `examples/ros2/follow_joint_trajectory.py`."""
 
-from __future__ import annotations
-
 import json
 import sys
 
