@@ -102,10 +102,11 @@ def test_the_search_shows_guides_first_served_or_opened_as_a_file(site, browser,
         tab.close()
 
 
-def test_long_commands_wrap_on_a_phone(site, browser):
+@pytest.mark.parametrize("page", ["index.html", "checklist.html"])
+def test_long_commands_wrap_on_a_phone(site, browser, page):
     tab = browser.new_page(viewport={"width": 390, "height": 844})
-    tab.goto(f"{site}/index.html")
-    blocks = tab.locator(".language-text pre > code").all()
+    tab.goto(f"{site}/{page}")
+    blocks = tab.locator(":is(.language-text, .language-sh) pre > code").all()
     assert len(blocks) > 5
     for block in blocks:
         assert block.evaluate("code => code.scrollWidth <= code.clientWidth"), block.inner_text()
