@@ -229,7 +229,8 @@ def _step(seconds: float) -> int:
 def _hardware(config: EnduranceConfig, folder: Path) -> Iterator[Programs]:
     played = (
         *("--hardware", _CHANNEL, "--calibration", "none", "--policy", "lite_tracking", "--yes", "--no-gamepad"),
-        *("--allow-script", "--console", "--dds", "--viewer", "none", "--record", str(folder / "run.mcap")),
+        *("--can-timeout", "0.5", "--allow-script", "--console", "--dds", "--viewer", "none"),
+        *("--record", str(folder / "run.mcap")),
         *_script(config.seconds),
     )
     with Program(folder, "humanoid_sim.hardware", "emulate", "--channel", _CHANNEL) as motors:
