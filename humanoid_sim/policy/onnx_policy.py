@@ -308,10 +308,8 @@ class OnnxPolicy:
 
     def __call__(self, observation: npt.NDArray[np.float32], frame: int) -> npt.NDArray[np.float32]:
         """One inference, of one robot."""
-        if observation.ndim != 1:
-            raise InputError(
-                f"observation: has shape {observation.shape}, expected (N,): a policy answers one robot at a time"
-            )
+        if observation.shape != (width := (self.observation_width,)):
+            raise InputError(f"observation: has shape {observation.shape}, expected {width}, of one robot")
         action: npt.NDArray[np.float32] = self.run([self.action_name], observation, frame)[0][0]
         return action
 
