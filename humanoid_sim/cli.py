@@ -203,24 +203,24 @@ def _output_problem() -> OSError | None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """`humanoid-sim <verb> …`."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if not words:
-        print(_start_page())
-        return ExitStatus.OK
-    if words[0] in ("-h", "--help"):
-        print(_list_of_verbs())
-        return ExitStatus.OK
-    if words[0] == "--completion":
-        return run_program(_print_completion, words[1:])
-    if words[0] == "--version":
-        from humanoid_sim import __version__  # noqa: PLC0415 - only for this option
+    match words:
+        case [] | ["-h" | "--help" | "--version", *_]:
+            return run_program(_print_page, words)
+        case ["--completion", *rest]:
+            return run_program(_print_completion, rest)
+        case [verb, *rest] if verb in VERBS:
+            return run_program(partial(_run_verb, verb), rest)
+        case [verb, *_]:
+            complain(f"error: {known_names('verb', verb, VERBS)}")
+    return ExitStatus.BAD_INPUT
 
-        print(__version__)
-        return ExitStatus.OK
-    verb, *rest = words
-    if verb not in VERBS:
-        complain(f"error: {known_names('verb', verb, VERBS)}")
-        return ExitStatus.BAD_INPUT
-    return run_program(partial(_run_verb, verb), rest)
+
+def _print_page(words: Sequence[str] | None) -> int:
+    from humanoid_sim import __version__  # noqa: PLC0415 - only for its page
+
+    pages = {"-h": _list_of_verbs, "--help": _list_of_verbs, "--version": lambda: __version__}
+    print((pages[words[0]] if words else _start_page)())
+    return ExitStatus.OK
 
 
 _START = """\

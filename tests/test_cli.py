@@ -153,6 +153,13 @@ def test_a_full_output_is_one_line(flush, unbuffered):
     assert (run.returncode, run.stderr) == (1, "error: standard output cannot be written: No space left on device\n")
 
 
+@pytest.mark.parametrize("words", [[], ["-h"], ["--help"], ["--version"], ["--completion", "bash"]])
+def test_a_page_of_the_package_itself_is_no_exception(words):
+    command = ["bash", "-c", '"$0" -m humanoid_sim "$@" >/dev/full', sys.executable, *words]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr) == (1, "error: standard output cannot be written: No space left on device\n")
+
+
 def test_a_closed_output_is_one_line():
     run = shell(">&-", "lambda _: 0")
     assert run.returncode == 2

@@ -81,6 +81,11 @@ def test_a_read_only_view_of_a_writable_array_is_copied_too():
     assert command.position[0] == 0.0
 
 
+def test_live_inputs_that_every_robot_may_have_keep_their_widths():
+    """Checkpoints and recordings have them."""
+    assert mit.EXTERN_WIDTHS == {"velocity_command": 3, "base_linear_velocity": 3, "anchor_pose": 7}
+
+
 def test_extern_is_a_copy_and_so_is_the_mapping():
     value = np.array([1.0])
     mapping = {"key_pressed": mit.Extern(value, 0.0)}

@@ -304,10 +304,8 @@ class OnnxPolicy:
 
     def __call__(self, observation: Float32Array, frame: int) -> Float32Array:
         """One inference, of one robot."""
-        if observation.ndim != 1:
-            raise InputError(
-                f"observation: has shape {observation.shape}, expected (N,): a policy answers one robot at a time"
-            )
+        if observation.shape != (width := (self.observation_width,)):
+            raise InputError(f"observation: has shape {observation.shape}, expected {width}, of one robot")
         action: Float32Array = self.run([self.action_name], observation, frame)[0][0]
         return action
 

@@ -55,7 +55,10 @@ class ChunkedWriter:
         self._channels: list[records.Channel] = []
         self._attachments: list[records.AttachmentIndex] = []
         self._metadata: list[records.MetadataIndex] = []
-        self._chunks: list[records.ChunkIndex] = []
+        self._chunks: list[bytes] = []
+        """`ChunkIndex` of each, encoded, for objects need five times the memory: a recording has three a second."""
+        self._times: tuple[int, int] | None = None
+        """ns, the chunks' first and last log time."""
         self._counts: dict[int, int] = {}
 
     def start(self, profile: str, library: str) -> None:
@@ -138,17 +141,17 @@ class ChunkedWriter:
         self._end_chunk()
         self._file.write(_encoded(records.DataEnd(0)))
         begin = self._file.tell()
-        groups: list[tuple[Opcode, Iterable[records.McapRecord]]] = [
-            (Opcode.SCHEMA, self._schemas),
-            (Opcode.CHANNEL, self._channels),
-            (Opcode.STATISTICS, [self._statistics()]),
+        groups: list[tuple[Opcode, Iterable[bytes]]] = [
+            (Opcode.SCHEMA, map(_encoded, self._schemas)),
+            (Opcode.CHANNEL, map(_encoded, self._channels)),
+            (Opcode.STATISTICS, [_encoded(self._statistics())]),
             (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.ATTACHMENT_INDEX, self._attachments),
-            (Opcode.METADATA_INDEX, self._metadata),
+            (Opcode.ATTACHMENT_INDEX, map(_encoded, self._attachments)),
+            (Opcode.METADATA_INDEX, map(_encoded, self._metadata)),
         ]
         summary, offsets = b"", b""
-        for opcode, group_records in groups:
-            group = b"".join(map(_encoded, group_records))
+        for opcode, encoded in groups:
+            group = b"".join(encoded)
             offsets += _encoded(records.SummaryOffset(opcode, begin + len(summary), len(group)))
             summary += group
         offset_begin = begin + len(summary)
@@ -190,30 +193,32 @@ class ChunkedWriter:
             indices += head + struct.pack(f"<{len(entries)}Q", *entries)
             self._counts[channel] = self._counts.get(channel, 0) + len(entries) // 2
         self._file.write(indices)
-        self._chunks.append(
-            records.ChunkIndex(
-                chunk_length=len(chunk),
-                chunk_start_offset=offset,
-                compression="lz4",
-                compressed_size=len(packed),
-                message_end_time=self._end,
-                message_index_length=len(indices),
-                message_index_offsets=places,
-                message_start_time=self._start,
-                uncompressed_size=len(data),
-            )
+        index = records.ChunkIndex(
+            chunk_length=len(chunk),
+            chunk_start_offset=offset,
+            compression="lz4",
+            compressed_size=len(packed),
+            message_end_time=self._end,
+            message_index_length=len(indices),
+            message_index_offsets=places,
+            message_start_time=self._start,
+            uncompressed_size=len(data),
         )
+        self._chunks.append(_encoded(index))
+        first, last = self._times or (self._start, self._end)
+        self._times = min(first, self._start), max(last, self._end)
         self._parts, self._size, self._indices = [], 0, {}
 
     def _statistics(self) -> records.Statistics:
+        first, last = self._times or (0, 0)
         return records.Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
             chunk_count=len(self._chunks),
             message_count=sum(self._counts.values()),
-            message_end_time=max((chunk.message_end_time for chunk in self._chunks), default=0),
-            message_start_time=min((chunk.message_start_time for chunk in self._chunks), default=0),
+            message_end_time=last,
+            message_start_time=first,
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )

@@ -41,6 +41,15 @@ def test_metadata_can_be_read_without_running_the_model(tmp_path):
     assert read_header(models.saved(tmp_path / "policy.onnx"))[0] == write_metadata(models.contract())
 
 
+@pytest.mark.parametrize("shape", [(3, 8), (7,), ()])
+def test_an_observation_of_another_shape_is_refused_in_one_line(shape, tmp_path):
+    """A vector environment's batch, for one."""
+    policy = load_checkpoint(models.saved(tmp_path / "policy.onnx")).policy
+    with pytest.raises(InputError) as refused:
+        policy(np.zeros(shape, dtype=np.float32), 0)
+    assert str(refused.value) == f"observation: has shape {shape}, expected (8,), of one robot"
+
+
 def test_a_dynamic_batch_is_a_batch_of_one(tmp_path):
     model = models.linear_model(input_shape=["batch", 8], output_shape=["batch", 2])
     checkpoint = load_checkpoint(models.saved(tmp_path / "policy.onnx", model))

@@ -1,6 +1,7 @@
 """The library's writer is the reference: the same calls make the same file, byte for byte."""
 
 import io
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -48,6 +49,34 @@ def test_the_file_is_that_of_the_library(case):
     write(ChunkedWriter(ours), **case)
     write(Writer(theirs, compression=CompressionType.LZ4), **case)
     assert ours.getvalue() == theirs.getvalue()
+
+
+def test_an_hour_of_chunks_needs_a_few_megabytes():
+    """A recording has three a second, and keeps where each is until it ends."""
+
+    class Nowhere(io.RawIOBase):
+        def write(self, data):
+            return len(data)
+
+        def tell(self):
+            return 0
+
+    def chunks(count):
+        for k in range(count):
+            for channel in channels:
+                writer.add_message(channel, k, b"", k)
+            writer.flush()
+
+    writer = ChunkedWriter(Nowhere())
+    writer.start("ros2", "test")
+    schema = writer.register_schema("a", "ros2msg", b"")
+    channels = [writer.register_channel(f"/{name}", "cdr", schema) for name in range(16)]
+    chunks(50)
+    tracemalloc.start()
+    chunks(200)
+    size, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert size < 200 * 400
 
 
 def test_the_library_reads_it():
