@@ -218,8 +218,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _print_page(words: Sequence[str] | None) -> int:
     from humanoid_sim import __version__  # noqa: PLC0415 - only for its page
 
-    pages = {"-h": _list_of_verbs, "--help": _list_of_verbs, "--version": lambda: __version__}
-    print((pages[words[0]] if words else _start_page)())
+    if not words:
+        print(_start_page())
+    else:
+        print(__version__ if words[0] == "--version" else _list_of_verbs())
     return ExitStatus.OK
 
 

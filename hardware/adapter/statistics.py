@@ -155,7 +155,8 @@ def _sum(past: Any, latest: Any) -> Any:
     """Return the sums of all numbers, of the same names in mappings and of the same fields; a text stays."""
     if isinstance(latest, Mapping):
         both = {name: _sum(past[name], latest[name]) for name in past if name in latest}
-        return type(latest)({**past, **latest, **both})
+        return {**past, **latest, **both}
     if is_dataclass(latest):
-        return type(latest)(*(_sum(getattr(past, field.name), getattr(latest, field.name)) for field in fields(latest)))
+        names = [field.name for field in fields(latest)]
+        return replace(latest, **{name: _sum(getattr(past, name), getattr(latest, name)) for name in names})
     return latest if isinstance(latest, str) else past + latest

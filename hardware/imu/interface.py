@@ -68,6 +68,12 @@ class SimulatedImu(Imu):
         """Prepare; `sample` gives the plant's present reading, and may be called from the control thread."""
         self._sample = sample
 
+    def open(self) -> None:
+        """Do nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
     def read(self, time: float) -> ImuReading:
         """Return the plant's present reading."""
         sample = self._sample()

@@ -218,8 +218,8 @@ class MotorTable:
 def _count_answer(slot: MotorSlot, time: float, *, is_shared: bool) -> None:
     """Compare the answers with the commands: of another motor with the same id nothing else may be seen.
 
-    Commands that were not answered in time excuse no answers now; those to another host's commands count as asked for. A
-    burst of late answers is not a second motor, which would go on answering.
+    Commands that were not answered in time excuse no answers now; those to another host's commands count as asked for.
+    A burst of late answers is not a second motor, which would go on answering.
     """
     slot.answers = max(slot.answers + 1, slot.commanded - _LATE)
     if is_shared:

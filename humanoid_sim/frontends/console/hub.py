@@ -291,8 +291,8 @@ class Hub:
             word = f"{MARK} moment {self._marks}"
         elif seen is None:
             return _blind(word)
-        asked_for = self._asking, self._wait, word, self._damps, seen
-        page.start(self._answer(page, asyncio.get_running_loop().run_in_executor(*asked_for)))
+        loop = asyncio.get_running_loop()
+        page.start(self._answer(page, loop.run_in_executor(self._asking, self._wait, word, self._damps, seen)))
         return ""
 
     def _damp(self, page: _Page) -> str:

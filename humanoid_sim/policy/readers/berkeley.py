@@ -85,7 +85,8 @@ def _fields(file: YamlDocument) -> Iterator[tuple[str, Any]]:
     if document.get("policy_dt") is not None:
         yield "policy_dt", file.number(document["policy_dt"], "policy_dt")
     yield "action_joint_places", driven
-    lower, upper = (document.get(f"action_limit_{end}") for end in ("lower", "upper"))
+    lower: Any = document.get("action_limit_lower")
+    upper: Any = document.get("action_limit_upper")
     if lower is not None or upper is not None:
         if not (is_number(lower) and is_number(upper) and lower == -upper and upper > 0):
             raise file.wrong("action_limit_lower, action_limit_upper", [lower, upper], "-x and x, with x > 0")
