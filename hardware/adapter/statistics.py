@@ -156,7 +156,7 @@ def _sum(past: Any, latest: Any) -> Any:
     if isinstance(latest, Mapping):
         both = {name: _sum(past[name], latest[name]) for name in past if name in latest}
         return {**past, **latest, **both}
-    if is_dataclass(latest):
+    if is_dataclass(latest) and not isinstance(latest, type):
         names = [field.name for field in fields(latest)]
         return replace(latest, **{name: _sum(getattr(past, name), getattr(latest, name)) for name in names})
     return latest if isinstance(latest, str) else past + latest
