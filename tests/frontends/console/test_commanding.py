@@ -89,8 +89,7 @@ class Desk:
 @pytest.fixture
 def desk(local, monkeypatch):
     time = [10**12]
-    for module in ("client", "session.feed", "session.data_socket"):
-        monkeypatch.setattr(f"humanoid_sim.{module}.monotonic_ns", lambda: time[0])
+    monkeypatch.setattr("humanoid_sim.client.monotonic_ns", lambda: time[0])
     local.feed.close()
     local.registration.close()
     header = SessionHeader("three", rig.JOINTS, rig.PERIOD, 0, {"robot": robot()})
