@@ -40,6 +40,8 @@ PICTURES = {"image/png": "png", "image/webp": "webp"}
 """Pictures that a notebook can show, and their files' suffixes."""
 LATE = ("contributing.html", "changelog.html", "reference/")
 """Pages that a search shows after guides."""
+GAP = "\u2060\u200a" * 100
+"""What their texts in the search begin with: words that nobody sees."""
 TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
 
 
@@ -209,14 +211,15 @@ def check(site: Path) -> None:
 
 
 def rank(index: dict[str, list[dict[str, str]]]) -> None:
-    """Have a search find the headings of late pages as it finds their text: the headings of other pages count more.
+    """Have a search show late pages after all others.
 
-    It knows no weights of pages. So a heading becomes text, and what is shown in its place has invisible joints between
-    its letters, by which nobody searches.
+    It knows no weights of pages: headings come before text, and then what has the word sooner. So a heading becomes
+    text, behind words that nobody sees, and what is shown in its place has invisible joints between its
+    letters, by which nobody searches.
     """
     for item in index["items"]:
         if item["location"].startswith(LATE):
-            item["text"] = f"<p>{item['title']}</p>{item['text']}"
+            item["text"] = f"<p>{GAP}</p><p>{item['title']}</p>{item['text']}"
             item["title"] = re.sub(r"(?<=\w)(?=\w)", "\u2060", item["title"])
 
 
@@ -224,7 +227,7 @@ def rank_search(site: Path) -> None:
     """Rank a site's search, for a server and for pages that are opened as files."""
     index = json.loads((site / "search.json").read_text("utf-8"))
     rank(index)
-    text = json.dumps(index)
+    text = json.dumps(index, ensure_ascii=False)
     (site / "search.json").write_text(text, "utf-8")
     (site / "search.js").write_text(f"var __index = {text}", "utf-8")
 

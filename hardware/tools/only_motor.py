@@ -212,7 +212,7 @@ def set_zero(config: SetZero) -> int:
         print(f"its position was {before:.3f} rad and is now {round(after, 3) + 0.0:.3f}, read back and saved")
         print("To see that it has kept its zero, switch it off and on without turning it, then:")
         print(
-            f"  python -m humanoid_sim.hardware param get {config.channel} {motor.motor_id} mechPos   # near 0 or 6.28"
+            f"  python -m humanoid_sim.hardware param get {config.channel} {motor.motor_id} mechPos  # near 0 or 6.28"
         )
     return 0
 
