@@ -56,7 +56,7 @@ class EnduranceConfig:
     """Run a scenario, look at its processes now and then, and tell what grew; exit status 1 if something did.
 
     The first quarter warms up. Of the rest the first third's least is compared with the last third's: an open file or
-    a thread more is growth, and so are 4 MB of memory that no other process has. Ctrl-C ends the scenario sooner.
+    a thread more is growth, and so are 4 MB resident; PSS depends on who else shares them. Ctrl-C ends the scenario sooner.
     """
 
     scenario: str = "play"
@@ -139,7 +139,7 @@ def growth(watched: Watched) -> list[str]:
         slope = 3600.0 * float(np.polyfit(rows[:, 0], values, 1)[0])
         print(f"    {name:10} {values[0]:8.1f} {values[-1]:8.1f} {values.max():8.1f} {slope:+9.2f}")
         growth = float(values[-third:].min() - values[:third].min())
-        if name != "RSS, MB" and growth > (_MEGABYTES if name == "PSS, MB" else 0.5):
+        if name != "PSS, MB" and growth > (_MEGABYTES if name == "RSS, MB" else 0.5):
             grown.append(f"GROWS: {watched.name}: {name} by {growth:.1f}")
     return grown
 
