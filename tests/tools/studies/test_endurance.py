@@ -38,7 +38,7 @@ def test_what_grows_is_told(columns, grown):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
-    ["--robot lite --seconds 60", "--scenario vector --seconds 12", "--scenario hardware --seconds 15"],
+    ["--robot lite --seconds 60", "--scenario vector --seconds 12", "--scenario hardware --seconds 25"],
 )
 def test_nothing_grows_in_a_short_run(options, monkeypatch, capsys):
     for package in ("cyclonedds", "websockets") if "hardware" in options else ():
