@@ -1,7 +1,5 @@
 """Whether something grows, on figures and on short runs of every scenario."""
 
-import os
-
 import pytest
 
 from tools.studies.endurance import Watched, growth, main
@@ -36,12 +34,6 @@ def test_what_grows_is_told(columns, grown):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "options",
-    ["--robot lite --seconds 60", "--scenario vector --seconds 12", "--scenario hardware --seconds 25"],
-)
-def test_nothing_grows_in_a_short_run(options, monkeypatch, capsys):
-    for package in ("cyclonedds", "websockets") if "hardware" in options else ():
-        pytest.importorskip(package, reason=f"{package} is not installed")
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+@pytest.mark.parametrize("options", ["--robot lite --seconds 60", "--scenario vector --seconds 12"])
+def test_nothing_grows_in_a_short_run(options, capsys):
     assert main([*options.split(), "--period", "0.2"]) == 0, capsys.readouterr().out
