@@ -202,8 +202,7 @@ def _output_problem() -> OSError | None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """`humanoid-sim <verb> …`."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    match words:
+    match words := list(sys.argv[1:] if arguments is None else arguments):
         case [] | ["-h" | "--help" | "--version", *_]:
             return run_program(_print_page, words)
         case ["--completion", *rest]:
@@ -218,10 +217,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _print_page(words: Sequence[str] | None) -> int:
     from humanoid_sim import __version__  # noqa: PLC0415 - only for its page
 
-    if not words:
-        print(_start_page())
-    else:
-        print(__version__ if words[0] == "--version" else _list_of_verbs())
+    print(_start_page() if not words else __version__ if words[0] == "--version" else _list_of_verbs())
     return ExitStatus.OK
 
 

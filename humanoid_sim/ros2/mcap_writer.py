@@ -57,8 +57,7 @@ class ChunkedWriter:
         self._metadata: list[records.MetadataIndex] = []
         self._chunks: list[bytes] = []
         """`ChunkIndex` of each, encoded, for objects need five times the memory: a recording has three a second."""
-        self._times: tuple[int, int] | None = None
-        """ns, the chunks' first and last log time."""
+        self._times: tuple[int, int] | None = None  # ns, the first and the last of all chunks
         self._counts: dict[int, int] = {}
 
     def start(self, profile: str, library: str) -> None:
