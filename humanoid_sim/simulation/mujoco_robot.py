@@ -105,7 +105,7 @@ class MujocoRobot:
             control_period: s; None for the description's.
             physics_timestep: s, must divide the control period; None for the description's, or `IMPLICIT_TIMESTEP`.
             actuation: `qfrc_applied`, the reference, `affine` or `implicit`; see `humanoid_sim.simulation.plant`.
-            command_delay: s, a multiple of the physics step.
+            command_delay: s, a multiple of the physics step, beside the mean of the description's own delays.
             state_delay: s, a multiple of the physics step.
             state_sampling: `now` or `on_command`.
             support: whether a floating base starts held; a fixed one ignores this and the four below.
@@ -132,7 +132,8 @@ class MujocoRobot:
         timestep = timestep_of(description, actuation, physics_timestep)
         period = 1.0 / settings.control_frequency if control_period is None else control_period
         steps = steps_per_period(period, timestep)
-        command_steps = delay_steps("command_delay", command_delay, timestep)
+        own_delay = round(float(description.delay.mean()) / timestep)
+        command_steps = own_delay + delay_steps("command_delay", command_delay, timestep)
         state_steps = delay_steps("state_delay", state_delay, timestep)
 
         self._description = description
