@@ -89,12 +89,19 @@ def read_run(path: Path, joint_names: Sequence[str]) -> Run:
 def _row(tick: TickRecord) -> tuple[float, FloatArray, FloatArray, FloatArray]:
     state, command = tick.input.state, tick.output.command
     measured = np.stack([state.joint_position, state.joint_velocity, state.joint_effort, state.joint_age])
-    return float(state.time), measured, np.stack([getattr(command, name) for name in COMMAND_FIELDS]), state.imu_quaternion
+    return (
+        float(state.time),
+        measured,
+        np.stack([getattr(command, name) for name in COMMAND_FIELDS]),
+        state.imu_quaternion,
+    )
 
 
 def stretches(run: Run) -> Iterator[tuple[int, int]]:
     """Yield where a run has no gap, every joint is heard, and a stiffness holds it: what a simulation can follow."""
-    usable = np.isfinite(run.position).all(axis=1) & (run.age <= STALE).all(axis=1) & (run.command[:, 3] > 0.0).all(axis=1)
+    usable = (
+        np.isfinite(run.position).all(axis=1) & (run.age <= STALE).all(axis=1) & (run.command[:, 3] > 0.0).all(axis=1)
+    )
     period = float(np.median(np.diff(run.time))) if len(run.time) > 1 else 1.0
     joined = np.diff(run.time, prepend=run.time[0] - period) <= _GAP * period
     first = 0

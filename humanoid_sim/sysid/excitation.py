@@ -74,7 +74,9 @@ def excite(description: RobotDescription, duration: float, period: float, seed: 
     swell = swell * swell * (3.0 - 2.0 * swell)
     waves, guards = _waves(len(start), time, np.random.default_rng(seed)), guards_of(description)
     speed = np.full(len(start), 5.0) if guards is None else np.minimum(guards.speed_limit, 10.0)
-    share = np.minimum(1.0, _SPEED * speed / np.maximum(reach * np.abs(np.gradient(waves, period, axis=0)).max(0), 1e-9))
+    share = np.minimum(
+        1.0, _SPEED * speed / np.maximum(reach * np.abs(np.gradient(waves, period, axis=0)).max(0), 1e-9)
+    )
     touching = Touching(description)
     for _ in range(_TRIES):
         target = np.clip(start + swell[:, None] * (middle - start + reach * share * waves), lower, upper)
@@ -86,7 +88,9 @@ def excite(description: RobotDescription, duration: float, period: float, seed: 
             expected = expected_half_widths(description, windows(run))
             return Excitation(target, period, expected, float(load.max()), np.abs(target - middle).max(axis=0))
         share = share * np.where(heavy | touched, _SHRINK, 1.0)
-    raise InputError(f"{description.name}: no excitation was found in which nothing touches and no joint works too hard")
+    raise InputError(
+        f"{description.name}: no excitation was found in which nothing touches and no joint works too hard"
+    )
 
 
 def _waves(count: int, time: FloatArray, random: np.random.Generator) -> FloatArray:

@@ -32,7 +32,7 @@ _BLOCK = 2.0
 _CONFIDENCE = 0.95
 _UNDECIDED = 0.5
 """Half-width of an interval, in a parameter's own unit, from which the data are said not to decide it."""
-_ASSUMED = 1e-3, 0.02
+_ASSUMED = 5e-4, 0.01
 """rad and rad/s, standard deviations of what is reported, before a fit has shown them."""
 _LEAST = 2e-5, 5e-4
 """Likewise, the least that a fit is believed."""
@@ -265,7 +265,9 @@ class Problem:
         made = self._sysid.ParameterDict()
         for parameter, value in zip(self.parameters, values, strict=True):
             unit = parameter.unit
-            made.add(self._sysid.Parameter(parameter.name, value / unit, parameter.lower / unit, parameter.upper / unit))
+            made.add(
+                self._sysid.Parameter(parameter.name, value / unit, parameter.lower / unit, parameter.upper / unit)
+            )
         return made
 
     def _own(self, params: Any) -> FloatArray:
@@ -333,6 +335,9 @@ def _library() -> Any:
 
     if not hasattr(sysid, "optimize"):
         raise MissingPackageError("mujoco.sysid", "sysid", "sysid")
+    from absl import logging  # noqa: PLC0415 - comes with it
+
+    logging.set_verbosity(logging.ERROR)  # it warns of parameters whose bounds are far away
     return sysid
 
 
@@ -428,10 +433,7 @@ def _fit_group(
         best = problem.solve(best, 6)
         widths = problem.half_widths(best)
         units = np.array([parameter.unit for parameter in parameters])
-        wide = {
-            i: (float(widths[i]), "its interval is too wide")
-            for i in np.flatnonzero(widths > _UNDECIDED * units)
-        }
+        wide = {i: (float(widths[i]), "its interval is too wide") for i in np.flatnonzero(widths > _UNDECIDED * units)}
         if not wide:
             break
         leave_out(wide)

@@ -225,7 +225,11 @@ class FitModel:
                     gainprm=gain,
                     biastype=mujoco.mjtBias.mjBIAS_NONE,
                 )
-        for kind in (mujoco.mjtSensor.mjSENS_JOINTPOS, mujoco.mjtSensor.mjSENS_JOINTVEL, mujoco.mjtSensor.mjSENS_JOINTACTFRC):
+        for kind in (
+            mujoco.mjtSensor.mjSENS_JOINTPOS,
+            mujoco.mjtSensor.mjSENS_JOINTVEL,
+            mujoco.mjtSensor.mjSENS_JOINTACTFRC,
+        ):
             for name in names:  # what `mujoco.sysid` expects of measured data; nothing computes them
                 spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_JOINT, objname=name)
 
