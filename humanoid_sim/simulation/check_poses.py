@@ -86,6 +86,7 @@ class Touching:
             self._is_robot = self._is_robot | (model.body_rootid != 0)
 
     def __call__(self, pose: FloatArray) -> frozenset[tuple[str, str]]:
+        """Return the pairs, by the names of their bodies, in a pose of shape (n,), rad."""
         model, data = self._model, self._data
         data.qpos[self._qpos] = pose
         mujoco.mj_kinematics(model, data)

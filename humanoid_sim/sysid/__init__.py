@@ -26,8 +26,8 @@ class SysidConfig:
     recordings: tuple[Path, ...]
     """Recordings (.mcap) of `play`, in simulation, on emulated or on real motors."""
     robot: str = "lite"
-    """The robot as it is described so far: a shipped robot ({robots}), robot_descriptions:NAME, or the path of a robot's
-    YAML file or of an MJCF."""
+    """The robot as it is described so far: a shipped robot ({robots}), robot_descriptions:NAME, or the path of
+    a robot's YAML file or of an MJCF."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("fitted")
     """Folder for the fitted robot.yaml, randomisation.yaml for training, sysid.json and the report sysid.html."""
     judge: Path | None = None
@@ -37,7 +37,7 @@ class SysidConfig:
     only: tuple[Literal["armature", "friction", "damping", "torque_scale", "offset", "delay"], ...] = ()
     """Parameters to fit; the others stay as they are. Default: all."""
     calibration: Path | None = None
-    """calibration.yaml with which the recordings were made; one with the offsets corrected is written beside the rest."""
+    """calibration.yaml with which the recordings were made; a corrected one is written beside the rest."""
     overwrite: bool = False
     """Replace files in the folder."""
 

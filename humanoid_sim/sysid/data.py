@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -127,5 +128,5 @@ def windows(run: Run, share: tuple[float, float] = (0.0, 1.0)) -> list[Window]:
         count = max(round((finish - begin) / _WINDOW), 1)
         edges = np.searchsorted(run.time, np.linspace(begin, finish, count + 1))
         edges[-1] = min(edges[-1] + 1, b)
-        found += [Window(run, int(i), int(j)) for i, j in zip(edges[:-1], edges[1:], strict=True)]
+        found += [Window(run, int(i), int(j)) for i, j in pairwise(edges)]
     return found

@@ -240,10 +240,6 @@ class Problem:
             found[i] = float(widths[worst] * self._units[i]), reason
         return found
 
-    def expected(self, values: FloatArray) -> FloatArray:
-        """Shape (p,), half-widths to be expected of the parameters, before a fit."""
-        return _CAUTION * 1.96 * _spread(_hessian(self.jacobian(values / self._units))) * self._units
-
     def noise_of(self, values: FloatArray) -> FloatArray:
         """Shape (2, n): what a fit leaves of positions, rad, and velocities, rad/s."""
         residual = self.residuals(values).reshape(-1, 2, self._noise.shape[1])
@@ -375,23 +371,6 @@ def fit(
         for row, joint in item.parameter.places:
             new[row, joint] = item.value
     return Fit(tuple(found), old, new, tuple(fine for fine, _ in pairs))
-
-
-def expected_half_widths(
-    description: RobotDescription, windows: Sequence[Window]
-) -> tuple[tuple[FreeParameter, float], ...]:
-    """Return what a fit of windows that were only simulated would find: each parameter with its half-width."""
-    found = []
-    for joints in islands(description):
-        pair = _models(description, joints)
-        values = np.zeros((len(KINDS), description.joint_count))
-        values[:, list(joints)] = pair[0].nominal()
-        parameters = [p for p in parameters_of(description, values) if p.places[0][1] in joints]
-        noise = np.repeat(np.array(_ASSUMED)[:, None], len(joints), axis=1)
-        problem = Problem(pair, windows, parameters, values, noise)
-        widths = problem.expected(np.array([parameter.start for parameter in parameters]))
-        found += list(zip(parameters, widths.tolist(), strict=True))
-    return tuple(found)
 
 
 def _models(description: RobotDescription, joints: tuple[int, ...]) -> tuple[FitModel, FitModel]:

@@ -108,8 +108,8 @@ def check_runs(runs: Sequence[Run], description: RobotDescription) -> Iterator[s
             turned = 2.0 * float(np.arccos(np.clip(cosine, 0.0, 1.0)).max())
             if turned > _TILT:
                 raise InputError(
-                    f"{run.source}: the base turns by {turned:.2f} rad; contact is not modelled, so legs are identified "
-                    "with the robot hanging still"
+                    f"{run.source}: the base turns by {turned:.2f} rad; contact is not modelled, "
+                    "so legs are identified with the robot hanging still"
                 )
         heard = run.position[np.isfinite(run.position).all(axis=1)]
         poses = heard[:: max(len(heard) // _POSES, 1)]

@@ -14,8 +14,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import msgspec
+import mujoco
 import numpy as np
 from mujoco import rollout
 

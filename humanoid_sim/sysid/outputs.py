@@ -135,7 +135,7 @@ def write_files(
     """Write all files into the folder, made if it is missing; returns them."""
     folder.mkdir(parents=True, exist_ok=True)
     texts = {
-        _ROBOT: f"# {description.name}, with the dynamics of its joints as `python -m humanoid_sim.sysid` fitted them.\n"
+        _ROBOT: f"# {description.name} with the dynamics of its joints that `python -m humanoid_sim.sysid` fitted.\n"
         + yaml.safe_dump(robot_document(robot, description, fit, folder), sort_keys=False, allow_unicode=True),
         _RANGES: "# Ranges as wide as the intervals of the fit, around the fitted robot.\n"
         + yaml.safe_dump(randomisation_document(fit), sort_keys=False),

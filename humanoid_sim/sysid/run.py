@@ -13,7 +13,7 @@ from humanoid_sim.cli import ExitStatus
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.sysid import SysidConfig
-from humanoid_sim.sysid.data import Run, Window, read_run, windows
+from humanoid_sim.sysid.data import Run, read_run, windows
 from humanoid_sim.sysid.fit import Fit, fit
 from humanoid_sim.sysid.judgement import QUANTITIES, Judgement, check_runs, judge
 from humanoid_sim.sysid.model import KINDS, UNITS

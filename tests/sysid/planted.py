@@ -104,7 +104,7 @@ def simulated(truth: RobotDescription, target: np.ndarray, seed: int = 0, offset
 
 
 def emulated(truth: RobotDescription, target: np.ndarray, offset=OFFSET) -> Run:
-    """What a host would record of emulated motors, their frames and buses included, each period read before it writes."""
+    """What a host would record of emulated motors, their frames and buses included; it reads, then writes."""
     motors = [joint.motor for joint in truth.joints]
     direction = np.array([motor.direction for motor in motors])
     models = {motor.can_id: MOTORS[motor.model] for motor in motors}
