@@ -208,10 +208,10 @@ class FitModel:
         spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
         for sensor in tuple(spec.sensors):
             spec.delete(sensor)
-        left_out = set(self.description.joint_names) - set(names)
-        for body in {spec.joint(name).parent.name for name in left_out}:
+        others = [name for name in self.description.joint_names if name not in names]
+        for body in {spec.joint(name).parent.name for name in others}:
             found = spec.body(body)
-            if found is not None and found.parent.name not in {spec.joint(name).parent.name for name in left_out}:
+            if found is not None:  # else it went with another one that carries it
                 spec.delete(found)
         for name in names:
             for place in range(3):
