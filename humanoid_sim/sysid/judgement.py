@@ -42,8 +42,8 @@ class Judgement:
 
     @property
     def ratio(self) -> FloatArray:
-        """Shape (3,), the new error over the old one, root mean square over the joints of each one's ratio."""
-        ratio: FloatArray = np.sqrt(((self.new / np.maximum(self.old, 1e-12)) ** 2).mean(axis=1))
+        """Shape (3,), the new error over the old one, each root mean square over all joints."""
+        ratio: FloatArray = np.sqrt((self.new**2).sum(axis=1) / np.maximum((self.old**2).sum(axis=1), 1e-300))
         return ratio
 
     @property

@@ -89,13 +89,12 @@ class FitModel:
         self._start = mujoco.MjData(self.model)
         self._start.qpos[self.qpos] = kept.initial_position
         if kept.is_floating:
-            base = FloatingBase(self.model, kept, self._start.qpos)
-            base.place(self._start)
-            mocap = int(self.model.body_mocapid.argmax())
-            body = int(np.flatnonzero(self.model.body_mocapid == mocap)[0])
-            self.model.body_pos[body] = self._start.qpos[base_addresses(self.model, kept)[0]]
-            self.model.body_quat[body] = self._start.qpos[base_addresses(self.model, kept)[1]]
-            self.model.eq_active0[:] = 1
+            FloatingBase(self.model, kept, self._start.qpos).place(self._start)
+            position, quaternion, *_ = base_addresses(self.model, kept)
+            support = int(self.model.body_mocapid.argmax())
+            self.model.body_pos[support] = self._start.qpos[position]
+            self.model.body_quat[support] = self._start.qpos[quaternion]
+            self.model.eq_active0[self.model.eq_obj1id == support] = 1
         self._state_size = mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         self._datas = [mujoco.MjData(self.model) for _ in range(min(os.cpu_count() or 1, 4))]
 
