@@ -5,7 +5,7 @@ import dataclasses
 import msgspec
 import numpy as np
 import pytest
-from planted import TRUTH, arm, emulated, motion, planted, simulated, true_values
+from planted_arm import TRUTH, arm, emulated, motion, planted, simulated, true_values
 
 pytest.importorskip("colorama")  # of mujoco[sysid]
 

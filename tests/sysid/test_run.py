@@ -5,7 +5,7 @@ import re
 
 import pytest
 import yaml
-from planted import PERIOD, arm, motion, planted, simulated, write
+from planted_arm import PERIOD, arm, motion, planted, simulated, write
 
 pytest.importorskip("colorama")  # of mujoco[sysid]
 
