@@ -27,6 +27,8 @@ _STEP = 1e-3
 """Of the derivatives, in a parameter's own unit."""
 _FIRST_SECONDS = 16.0
 """s of data that the first approximation is made from."""
+_DAMPING = {"mu_min": 1e2, "mu_factor": 10.0, "mu_max": 1e10}
+"""Of the optimiser's steps: the squared derivatives are 1e4 to 1e8, and each value costs a simulation."""
 _BLOCK = 2.0
 """s of neighbouring residuals that are taken to be one observation: their errors go together."""
 _CONFIDENCE = 0.95
@@ -192,6 +194,7 @@ class Problem:
             jacobian=lambda x, _: self.jacobian(x[:, 0]),
             output=io.StringIO(),
             xtol=1e-4,
+            **_DAMPING,
         )
         found: FloatArray = best.as_vector() * self._units
         return found

@@ -29,7 +29,7 @@ _MJCF = """
   <compiler angle="radian"/>
   <worldbody>
     <body name="base" pos="0 0 1">
-      <geom type="box" size=".05 .05 .05" mass="1"/>
+      <geom type="box" size=".01 .01 .01" mass="1"/>
       <site name="imu"/>
       <body name="upper" pos="0 0 .1">
         <joint name="shoulder" axis="0 1 0" range="-1.5 1.5" armature="0.01" frictionloss="0.1"/>
