@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import heapq
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -124,9 +126,11 @@ class Motors:
         self._settings = settings
         self._told = told
         self._drives = Drives([firmware.model for firmware in self.firmwares])
-        count = len(self.firmwares)
-        self._jump = np.zeros(count)
-        self._read = np.empty(count)
+        self._late: list[tuple[float, int, int, Drive]] = []
+        """Drives of motors that react late: when they take effect, s, their order, motor and drive."""
+        self._serial = count()
+        self._jump = np.zeros(len(self.firmwares))
+        self._read = np.empty(len(self.firmwares))
         self.conditions = [Conditions(has_power=settings.alone in ("", joint.name)) for joint in self.plant.joints]
         """One per motor, as faults have it."""
         self._steps = 0
@@ -183,6 +187,8 @@ class Motors:
             RobotError: the simulation is no longer sound.
         """
         plant, drives = self.plant, self._drives
+        while self._late and self._late[0][0] <= self.next_time:
+            drives.follow(*heapq.heappop(self._late)[2:])
         np.add(plant.shaft, self._jump, out=self._read)
         plant.step(drives.torque(self._read, plant.velocity))
         self._steps += 1
@@ -255,7 +261,11 @@ class Motors:
         if state is not before:
             firmware = self.firmwares[motor]
             self.states[motor] = state
-            self._drives.follow(motor, firmware.drive(state))
+            drive, delay = firmware.drive(state), float(self.plant.delay[motor])
+            if delay:
+                heapq.heappush(self._late, (time + delay, next(self._serial), motor, drive))
+            else:
+                self._drives.follow(motor, drive)
             self._look_at = min(self._look_at, firmware.next_time(state))
             for text in firmware.changes(before, state):
                 self._tell(motor, time, text)

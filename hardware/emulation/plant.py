@@ -75,6 +75,10 @@ class MotorPlant:
         self._qpos_index = plant.addresses.qpos[self._driven]
         self._dof_index = plant.addresses.dof[self._driven]
         self._direction = np.array([float(joint.motor.direction) for joint in self.joints if joint.motor is not None])
+        self._strength = self._direction * description.torque_scale[self._driven]
+        """Torque at the joint over the motor's own, which is what the motor reports."""
+        self.delay = description.delay[self._driven]
+        """Shape (m,), s from a command's arrival to its effect."""
         self._offset = np.array([offsets.get(name, 0.0) for name in names])
         self._base: FloatingBase | None = None
         self._is_lifted = False
@@ -108,7 +112,7 @@ class MotorPlant:
         """Advance physics by one step under these torques, shape (m,), N·m, motor frame."""
         data = self._plant.data
         self.torque[:] = torque
-        joint_torque = self._direction * torque
+        joint_torque = self._strength * torque
         if self._hand is not None:
             joint_torque += self._hand_torque(self._hand)
         data.qfrc_applied[self._dof_index] = joint_torque
@@ -158,7 +162,7 @@ class MotorPlant:
         """Return a snapshot, stamped with `time`."""
         plant = self._plant
         effort = np.zeros(self.description.joint_count)
-        effort[self._driven] = self._direction * self.torque
+        effort[self._driven] = self._strength * self.torque
         body = self._senses.read(plant.data, plant.acceleration)
         return PlantTruth(
             time, plant.position.copy(), plant.velocity.copy(), effort, plant.data.qpos.copy(), body.imu, body.live

@@ -55,7 +55,7 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     fields of that, as in `joints: {left_knee: {effort_limit: 60}}`, and its poses may be mappings too. Raises
     `InputError`, such as `lite.yaml: joints[3].upper: is -3, expected more than lower, …`.
     """
-    path, label = _find(str(name_or_path))
+    path, label = robot_file(str(name_or_path))
     if path.suffix == ".urdf":
         raise InputError(
             f"{label}: is a URDF, which says neither whether the base floats nor where the IMU is; "
@@ -93,8 +93,8 @@ def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
     return robot
 
 
-def _find(name_or_path: str) -> tuple[Path, str]:
-    """Return the file, and what to call it in messages."""
+def robot_file(name_or_path: str) -> tuple[Path, str]:
+    """Return a robot's file, and what to call it in messages. Raises `InputError` where there is none."""
     known = shipped_robots()
     if name_or_path in known:
         return asset_path("robots", f"{name_or_path}.yaml"), f"{name_or_path}.yaml"

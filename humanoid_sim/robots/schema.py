@@ -70,6 +70,21 @@ class MotorDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """A, written to the firmware; 0: leave the firmware's own. Likewise."""
 
 
+class JointDynamics(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """Motor and gear of one joint as they were measured (`python -m humanoid_sim.sysid`), instead of the MJCF's."""
+
+    armature: NotNegative | None = None
+    """kg·m², inertia of motor and gear at the joint; none, here and below: what the MJCF has."""
+    friction: NotNegative | None = None
+    """N·m, dry friction."""
+    damping: NotNegative | None = None
+    """N·m·s/rad, viscous friction: it acts whatever `joint_damping` says of the MJCF's."""
+    torque_scale: Positive = 1.0
+    """Torque at the joint over the one that the motor means to give and reports, its limit included."""
+    delay: NotNegative = 0.0
+    """s from a command to its effect. Emulated motors have each their own, simulations the mean of all joints."""
+
+
 class JointDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One actuated joint, in the joint frame."""
 
@@ -87,6 +102,8 @@ class JointDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """N·m·s/rad, default K_d."""
     motor: MotorDescription | None = None
     """None: this joint exists in simulation only."""
+    dynamics: JointDynamics | None = None
+    """Measured dynamics; none: those of the MJCF, and a motor that does at once what it is told."""
 
 
 class BaseSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -315,6 +332,18 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     """Shape (n,), N·m·s/rad, read-only: default K_d."""
 
     @property
+    def torque_scale(self) -> FloatArray:
+        """Shape (n,), read-only: torque at each joint over its motor's own; ones where nothing was measured."""
+        scales = [1.0 if joint.dynamics is None else joint.dynamics.torque_scale for joint in self.joints]
+        return frozen_array("RobotDescription", "torque_scale", scales)
+
+    @property
+    def delay(self) -> FloatArray:
+        """Shape (n,), s, read-only: from a command to its effect; zeros where nothing was measured."""
+        delays = [0.0 if joint.dynamics is None else joint.dynamics.delay for joint in self.joints]
+        return frozen_array("RobotDescription", "delay", delays)
+
+    @property
     def mode_damping(self) -> FloatArray:
         """Shape (n,), N·m·s/rad, read-only: K_d of DAMPING."""
         settings = self.damping_controller
@@ -339,7 +368,10 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         """
         document = msgspec.to_builtins(self)
         del document["folder"], document["check_poses"]
-        if self.guards == GuardSettings():  # as in the documents of before there were any: digests stay comparable
+        for joint in document["joints"]:
+            if joint["dynamics"] is None:  # as in the documents of before there were any: digests stay comparable
+                del joint["dynamics"]
+        if self.guards == GuardSettings():  # likewise
             del document["guards"]
         for name, default in (("topic_prefix", ""), ("piano", None), ("signs", SignSettings())):
             if getattr(self, name) == default:  # likewise

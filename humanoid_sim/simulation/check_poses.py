@@ -11,7 +11,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription, check_poses
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
-__all__ = ["check_pose_problems"]
+__all__ = ["Touching", "check_pose_problems"]
 
 OFFSET = 0.4
 """rad: the homing offset that a joint may have in a check pose without harm."""
@@ -30,8 +30,7 @@ def check_pose_problems(description: RobotDescription) -> Iterator[str]:
     and no parts of the robot touch, on the way either, that do not touch in STANDBY with the same fault. A joint that
     stays where STANDBY has it may press its stop as it does in STANDBY.
     """
-    model = build_model(description, scene=False)
-    touching = _Touching(model, description)
+    touching = Touching(description)
     lower, upper = description.lower, description.upper
     for standby in dict.fromkeys(
         settings.pose_segments[-1] for settings in (description.standby_controller_a, description.standby_controller_b)
@@ -75,10 +74,11 @@ def _true_pose(pose: FloatArray, joint: int, sign: float, offset: float, descrip
     return place
 
 
-class _Touching:
+class Touching:
     """Pairs of a robot's parts that touch each other in a pose."""
 
-    def __init__(self, model: mujoco.MjModel, description: RobotDescription) -> None:
+    def __init__(self, description: RobotDescription) -> None:
+        model = build_model(description, scene=False)
         self._model, self._data = model, mujoco.MjData(model)
         self._qpos = joint_addresses(model, description.joint_names).qpos
         self._is_robot = model.body_weldid != 0
@@ -86,6 +86,7 @@ class _Touching:
             self._is_robot = self._is_robot | (model.body_rootid != 0)
 
     def __call__(self, pose: FloatArray) -> frozenset[tuple[str, str]]:
+        """Return the pairs, by the names of their bodies, in a pose of shape (n,), rad."""
         model, data = self._model, self._data
         data.qpos[self._qpos] = pose
         mujoco.mj_kinematics(model, data)

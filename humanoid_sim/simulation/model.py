@@ -15,6 +15,7 @@ from humanoid_sim.mit import IndexArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import compile_spec, read_spec
 from humanoid_sim.robots.piano import key_joint_names
+from humanoid_sim.robots.schema import JointDynamics
 from humanoid_sim.simulation.floating_base import add_support
 from humanoid_sim.simulation.scene import add_floor, add_scene
 from humanoid_sim.simulation.terrain import Terrain
@@ -192,8 +193,8 @@ def _check_base(description: RobotDescription, spec: mujoco.MjSpec) -> None:
 
 def _add_affine_actuators(spec: mujoco.MjSpec, description: RobotDescription) -> None:
     limited, unlimited = mujoco.mjtLimited.mjLIMITED_TRUE, mujoco.mjtLimited.mjLIMITED_FALSE
-    for joint in description.joints:
-        has_limit = math.isfinite(joint.effort_limit)
+    for joint, scale in zip(description.joints, description.torque_scale.tolist(), strict=True):
+        has_limit, limit = math.isfinite(joint.effort_limit), scale * joint.effort_limit
         spec.add_actuator(
             name=joint.name,
             target=joint.name,
@@ -203,7 +204,7 @@ def _add_affine_actuators(spec: mujoco.MjSpec, description: RobotDescription) ->
             biastype=mujoco.mjtBias.mjBIAS_AFFINE,
             biasprm=[0.0] * 10,
             forcelimited=limited if has_limit else unlimited,
-            forcerange=[-joint.effort_limit, joint.effort_limit] if has_limit else [0.0, 0.0],
+            forcerange=[-limit, limit] if has_limit else [0.0, 0.0],
         )
 
 
@@ -220,3 +221,14 @@ def _set_joints(model: mujoco.MjModel, description: RobotDescription) -> None:
         model.jnt_actfrclimited[i] = 0
         if description.simulation.joint_damping == "drop":
             model.dof_damping[model.jnt_dofadr[i]] = 0.0
+        if joint.dynamics is not None:
+            _set_dynamics(model, int(model.jnt_dofadr[i]), joint.dynamics)
+    if any(joint.dynamics is not None for joint in description.joints):
+        mujoco.mj_setConst(model, mujoco.MjData(model))  # the inertias seen by constraints
+
+
+def _set_dynamics(model: mujoco.MjModel, dof: int, dynamics: JointDynamics) -> None:
+    measured = (dynamics.armature, dynamics.friction, dynamics.damping)
+    for values, value in zip((model.dof_armature, model.dof_frictionloss, model.dof_damping), measured, strict=True):
+        if value is not None:
+            values[dof] = value

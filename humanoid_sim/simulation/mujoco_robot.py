@@ -106,7 +106,7 @@ class MujocoRobot:
             control_period: s; None for the description's.
             physics_timestep: s, must divide the control period; None for the description's, or `IMPLICIT_TIMESTEP`.
             actuation: `qfrc_applied`, the reference, `affine` or `implicit`; see `humanoid_sim.simulation.plant`.
-            command_delay: s, a multiple of the physics step.
+            command_delay: s, a multiple of the physics step, beside the mean of the description's own delays.
             state_delay: s, a multiple of the physics step.
             support: whether a floating base starts held; a fixed one ignores this and the four below.
             base_position: m, world frame, x and y where the base starts.
@@ -128,7 +128,8 @@ class MujocoRobot:
         period = 1.0 / description.simulation.control_frequency if control_period is None else control_period
         self.physics_steps = steps_per_period(period, timestep)
         """Physics steps in one control period."""
-        command_steps = delay_steps("command_delay", command_delay, timestep)
+        own_delay = round(float(description.delay.mean()) / timestep)
+        command_steps = own_delay + delay_steps("command_delay", command_delay, timestep)
         state_steps = delay_steps("state_delay", state_delay, timestep)
 
         self.description = description

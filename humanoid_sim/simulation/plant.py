@@ -14,6 +14,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
@@ -56,6 +57,8 @@ class Plant(ABC):
         self.data = mujoco.MjData(model)
         self.addresses = joint_addresses(model, description.joint_names)
         self._initial_position = np.array(description.initial_position)
+        scale = description.torque_scale
+        self._torque_scale = scale if (scale != 1.0).any() else None
         damps = not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
         # The implicit integrator, too, changes the velocity by another acceleration than `qacc`.
         is_implicit = model.opt.integrator != mujoco.mjtIntegrator.mjINT_EULER
@@ -73,6 +76,14 @@ class Plant(ABC):
     @abstractmethod
     def apply(self, command: MITCommand) -> None:
         """Put a command, shape (n,), in force from the next physics step on."""
+
+    def _scaled(self, command: MITCommand) -> MITCommand:
+        """Return the command with which motors of full strength would give the torque that these give."""
+        scale = self._torque_scale
+        if scale is None:
+            return command
+        torques = {name: scale * getattr(command, name) for name in ("effort", "stiffness", "damping")}
+        return replace(command, **torques)
 
     def step(self, count: int) -> None:
         """Advance physics by `count` steps under the command in force."""
@@ -145,7 +156,7 @@ class QfrcPlant(Plant):
 
     def __init__(self, model: mujoco.MjModel, description: RobotDescription) -> None:
         self._joint_count = description.joint_count
-        self._limit = np.array(description.effort_limit)
+        self._limit = description.torque_scale * description.effort_limit
         self._lower = -self._limit
         self._scratch = np.empty(self._joint_count)
         super().__init__(model, description)
@@ -158,7 +169,7 @@ class QfrcPlant(Plant):
 
     def apply(self, command: MITCommand) -> None:
         """See `Plant.apply`."""
-        self._command = command
+        self._command = self._scaled(command)
 
     def snapshot(self) -> dict[str, Any]:
         """See `Plant.snapshot`."""
@@ -198,8 +209,13 @@ class MotorPlant(QfrcPlant):
     """Motors of your own: a subclass says what torque they give, before every physics step.
 
     The MIT law is `mit_torque(command, self.position, self.velocity, effort_limit)`; whatever a motor makes of it
-    (friction, less torque at speed, a delay) is the subclass's. `MujocoRobot` takes the class as `plant`.
+    (friction, less torque at speed, a delay) is the subclass's, and so is the description's `torque_scale`.
+    `MujocoRobot` takes the class as `plant`.
     """
+
+    def apply(self, command: MITCommand) -> None:
+        """See `Plant.apply`."""
+        self._command = command
 
     @abstractmethod
     def torque(self, command: MITCommand) -> FloatArray:
@@ -223,7 +239,7 @@ class AffinePlant(Plant):
 
     def apply(self, command: MITCommand) -> None:
         """See `Plant.apply`. This writes the gains into `model.actuator_biasprm`."""
-        self.model.actuator_biasprm[:, 1:3], self.data.ctrl[:] = affine_law(command)
+        self.model.actuator_biasprm[:, 1:3], self.data.ctrl[:] = affine_law(self._scaled(command))
 
     @property
     def effort(self) -> FloatArray:

@@ -32,21 +32,33 @@ class MotorDifferences:
     """Shape (N, n), N·m, of the torque that the motor does apply."""
     bias: FloatArray
     """Shape (N, n), rad, by how much the motor's encoder shows too much."""
+    own_strength: FloatArray
+    """Shape (n,), as `strength`: that of the robot's description."""
+    own_delay: int
+    """As `delay`: that of the robot's description."""
 
     @classmethod
-    def none(cls, count: int, effort_limit: FloatArray) -> Self:
-        """Those of motors that are as they should be, `effort_limit` of shape (n,), N·m."""
-        shape, delay = (count, len(effort_limit)), np.zeros(count, dtype=np.int64)
-        limit = np.broadcast_to(effort_limit, shape).copy()
-        return cls(delay, np.ones(shape), np.ones(shape), np.ones(shape), limit, np.zeros(shape))
+    def none(cls, count: int, effort_limit: FloatArray, strength: FloatArray, delay: int) -> Self:
+        """Those of motors as the description has them.
+
+        Args:
+            count: N.
+            effort_limit: shape (n,), N·m, of the torque that they do apply.
+            strength: shape (n,).
+            delay: physics steps.
+        """
+        shape, delays = (count, len(effort_limit)), np.full(count, delay, dtype=np.int64)
+        limit, strengths = (np.broadcast_to(array, shape).copy() for array in (effort_limit, strength))
+        return cls(delays, np.ones(shape), np.ones(shape), strengths, limit, np.zeros(shape), strength, delay)
 
     def draw(self, indices: IndexArray, draws: Draws, timestep: float, effort_limit: FloatArray) -> None:
         """Take over what is drawn for these environments' episodes; `timestep` is of the physics, s."""
-        self.delay[indices] = np.rint(draws.ranged("command_delay", indices)[:, 0] / timestep)
+        self.delay[indices] = self.own_delay + np.rint(draws.ranged("command_delay", indices)[:, 0] / timestep)
         self.stiffness[indices] = draws.ranged("stiffness", indices)
         self.damping[indices] = draws.ranged("damping", indices)
-        self.strength[indices] = draws.ranged("motor_strength", indices)
-        factor = self.strength[indices] * draws.ranged("effort_limit", indices)
+        strength = draws.ranged("motor_strength", indices)
+        self.strength[indices] = self.own_strength * strength
+        factor = strength * draws.ranged("effort_limit", indices)
         self.limit[indices] = np.where(np.isfinite(effort_limit), effort_limit, 1.0) * factor
         self.limit[:, ~np.isfinite(effort_limit)] = np.inf
         self.bias[indices] = draws.symmetric("joint_position_bias", indices)

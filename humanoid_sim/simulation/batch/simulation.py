@@ -155,13 +155,15 @@ class BatchSimulation:
         self._truth: MITState | None = None
         self._report: MITState | None = None
         self._measured: FloatArray | None = None
-        self._limit = np.array(description.effort_limit)
+        strength = description.torque_scale
+        self._limit = strength * description.effort_limit
+        own_delay = round(float(description.delay.mean()) / timestep)
         self._motors = BatchMotors(
             self._pool,
             self.physics_steps,
-            MotorDifferences.none(count, self._limit),
+            MotorDifferences.none(count, self._limit, strength, own_delay),
             self._draws,
-            longest_delay=longest["command_delay"],
+            longest_delay=own_delay + longest["command_delay"],
             jitter=delay_steps("randomisation: command_jitter", self.randomisation.command_jitter, timestep),
         )
         self._pushes: RandomPushes | None = None

@@ -1,0 +1,94 @@
+"""Measured dynamics of joints act alike in every plant, in batches and in emulated motors."""
+
+import msgspec
+import numpy as np
+import pytest
+from planted_arm import PERIOD, TRUTH, arm, emulated, motion, planted
+
+from humanoid_sim.mit import MITCommand
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.robots.schema import JointDynamics, RobotDescription
+from humanoid_sim.simulation.batch import BatchSimulation
+from humanoid_sim.simulation.model import build_model
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    return arm(tmp_path_factory.mktemp("arm"))
+
+
+def followed(robot, goals, **options):
+    """Where the joints of a simulated robot are, tick by tick."""
+    simulated, zeros, places = MujocoRobot(robot, control_period=PERIOD, **options), np.zeros(2), []
+    for goal in goals:
+        simulated.write(MITCommand(goal, zeros, zeros, robot.stiffness, robot.damping))
+        places.append(simulated.read()[0].joint_position)
+    return np.array(places)
+
+
+def test_they_take_the_place_of_the_mjcf_s(robot):
+    dropped = msgspec.structs.replace(
+        planted(robot), simulation=msgspec.structs.replace(robot.simulation, joint_damping="drop")
+    )
+    model = build_model(dropped)
+    for name, own in zip(robot.joint_names, TRUTH, strict=True):
+        dof = model.joint(name).dofadr[0]
+        found = model.dof_armature[dof], model.dof_frictionloss[dof], model.dof_damping[dof]
+        assert found == (own.armature, own.friction, own.damping)
+
+
+def test_what_is_not_measured_stays_as_it_was(robot):
+    partly = planted(robot, (JointDynamics(torque_scale=0.5), JointDynamics()))
+    assert (build_model(partly).dof_armature == build_model(robot).dof_armature).all()
+
+
+def test_plants_and_batches_agree(robot):
+    truth, goals = planted(robot), motion(1.0)
+    reference = followed(truth, goals)
+    assert followed(truth, goals, actuation="affine") == pytest.approx(reference, abs=1e-9)
+    batch, zeros, places = BatchSimulation(truth, 2, control_period=PERIOD), np.zeros((2, 2)), []
+    gains = [np.tile(gain, (2, 1)) for gain in (truth.stiffness, truth.damping)]
+    for goal in goals:
+        batch.step(MITCommand(np.tile(goal, (2, 1)), zeros, zeros, *gains))
+        places.append(batch.state.joint_position[1])
+    assert np.array(places) == pytest.approx(reference, abs=1e-6)
+    assert np.abs(followed(robot, goals) - reference).max() > 0.01
+
+
+def test_a_weaker_motor_with_higher_gains_is_the_same(robot):
+    weak = planted(robot, (JointDynamics(torque_scale=0.5), JointDynamics(torque_scale=0.5)))
+    joints = tuple(
+        msgspec.structs.replace(joint, stiffness=2.0 * joint.stiffness, damping=2.0 * joint.damping)
+        for joint in weak.joints
+    )
+    goals = 0.2 * motion(0.5)
+    stronger = msgspec.structs.replace(weak, joints=joints)
+    assert followed(stronger, goals) == pytest.approx(followed(robot, goals), abs=1e-9)
+
+
+def test_its_delay_is_that_of_every_command(robot):
+    late = planted(robot, (JointDynamics(delay=0.006), JointDynamics(delay=0.010)))
+    goals = motion(0.5)
+    assert followed(late, goals) == pytest.approx(followed(robot, goals, command_delay=0.008), abs=1e-12)
+
+
+def test_an_emulated_motor_reports_the_torque_that_it_means_to_give_and_reacts_late(robot):
+    truth = planted(robot, (JointDynamics(torque_scale=0.5, delay=0.025), JointDynamics()))
+    run = emulated(truth, np.tile([-0.2, -0.2], (4, 1)), offset=np.zeros(2))  # up, while it sinks
+    late, early = run.effort[2:].T  # answers to the second and to the third command
+    assert late[0] == pytest.approx(0.0, abs=1e-2)
+    assert early[0] < -1.0
+    assert late[1] < -8.6, "beyond half of the limit, 17 N·m, which is all that arrives"
+
+
+def test_a_recording_keeps_them_and_says_nothing_where_there_are_none(robot):
+    text = planted(robot).to_json()
+    assert RobotDescription.from_json(text, robot.folder).joints[0].dynamics == TRUTH[0]
+    assert "dynamics" not in robot.to_json()
+
+
+def test_a_file_says_them_by_joint(robot, tmp_path):
+    path = tmp_path / "fitted.yaml"
+    path.write_text(f"mjcf: {robot.mjcf_path}\njoints:\n  elbow: {{dynamics: {{friction: 0.2, delay: 0.004}}}}\n")
+    assert load_robot(path).joints[1].dynamics == JointDynamics(friction=0.2, delay=0.004)
