@@ -41,7 +41,7 @@ PICTURES = {"image/png": "png", "image/webp": "webp"}
 LATE = ("contributing.html", "changelog.html", "reference/")
 """Pages that a search shows after guides."""
 GAP = "\u2060\u200a" * 100
-"""What their texts in the search begin with: words that nobody sees."""
+"""Invisible words with which their texts in the search begin."""
 TITLE = re.compile(r"^# (.+)$", re.MULTILINE)
 
 

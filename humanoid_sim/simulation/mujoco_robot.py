@@ -18,7 +18,7 @@ from humanoid_sim.robots.rates import delay_steps, steps_per_period
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, FloatingBase, move_support
 from humanoid_sim.simulation.keys import PianoKeys, Touch, hardest_touch
 from humanoid_sim.simulation.model import build_model
-from humanoid_sim.simulation.plant import Actuation, MotorPlant, make_plant, timestep_of
+from humanoid_sim.simulation.plant import Actuation, MotorPlant, make_plant, mean_delay_steps, timestep_of
 from humanoid_sim.simulation.push import Push, Pushes
 from humanoid_sim.simulation.sensors import BodySample, BodySensors
 from humanoid_sim.simulation.stability import DampingStability
@@ -128,12 +128,11 @@ class MujocoRobot:
         period = 1.0 / description.simulation.control_frequency if control_period is None else control_period
         self.physics_steps = steps_per_period(period, timestep)
         """Physics steps in one control period."""
-        own_delay = round(float(description.delay.mean()) / timestep)
-        command_steps = own_delay + delay_steps("command_delay", command_delay, timestep)
+        command_steps = mean_delay_steps(description, timestep) + delay_steps("command_delay", command_delay, timestep)
         state_steps = delay_steps("state_delay", state_delay, timestep)
 
         self.description = description
-        """What this robot was built from."""
+        """Description that this robot was built from."""
         self.joints = description.joint_names
         """See `Robot.joints`."""
         self.control_period = period

@@ -279,6 +279,11 @@ def timestep_of(description: RobotDescription, actuation: Actuation, given: floa
     return max(own, IMPLICIT_TIMESTEP) if actuation == "implicit" else own
 
 
+def mean_delay_steps(description: RobotDescription, timestep: float) -> int:
+    """Return the mean of the joints' own delays in physics steps of `timestep`, s."""
+    return round(float(description.delay.mean()) / timestep)
+
+
 def make_plant(
     description: RobotDescription,
     *,

@@ -156,7 +156,8 @@ def test_a_python_slice_is_read_without_calling_python(tmp_path, bounds, joints)
 def test_another_slice_is_refused(tmp_path, bounds):
     path = tmp_path / "deploy.yaml"
     path.write_text(SLICE % bounds)
-    with pytest.raises(InputError, match=r"line 6\): a slice is \[start, stop, step\], each an integer or null"):
+    message = r"line 6, column \d+: not valid YAML: a slice is \[start, stop, step\], each an integer or null"
+    with pytest.raises(InputError, match=message):
         read_deploy(path)
 
 

@@ -81,7 +81,7 @@ class EnduranceConfig:
 
 @dataclass
 class Watched:
-    """What was seen of a process."""
+    """A process, and what was seen of it."""
 
     name: str
     rows: list[tuple[float, float, float, float, float]] = field(default_factory=list)

@@ -38,18 +38,19 @@ class MotorDifferences:
     """As `delay`: that of the robot's description."""
 
     @classmethod
-    def none(cls, count: int, effort_limit: FloatArray, strength: FloatArray, delay: int) -> Self:
-        """Those of motors as the description has them.
+    def none(cls, count: int, limit: FloatArray, strength: FloatArray | float = 1.0, delay: int = 0) -> Self:
+        """Return those of motors as the description has them.
 
         Args:
             count: N.
-            effort_limit: shape (n,), N·m, of the torque that they do apply.
-            strength: shape (n,).
+            limit: shape (n,), N·m, of the torque that they do apply.
+            strength: shape (n,), or one for all.
             delay: physics steps.
         """
-        shape, delays = (count, len(effort_limit)), np.full(count, delay, dtype=np.int64)
-        limit, strengths = (np.broadcast_to(array, shape).copy() for array in (effort_limit, strength))
-        return cls(delays, np.ones(shape), np.ones(shape), strengths, limit, np.zeros(shape), strength, delay)
+        own = np.full(len(limit), strength)
+        shape, delays = (count, len(limit)), np.full(count, delay, dtype=np.int64)
+        limits, strengths = (np.broadcast_to(array, shape).copy() for array in (limit, own))
+        return cls(delays, np.ones(shape), np.ones(shape), strengths, limits, np.zeros(shape), own, delay)
 
     def draw(self, indices: IndexArray, draws: Draws, timestep: float, effort_limit: FloatArray) -> None:
         """Take over what is drawn for these environments' episodes; `timestep` is of the physics, s."""
@@ -99,7 +100,7 @@ class BatchMotors:
         Args:
             steps: physics steps per command.
             differences: of the N robots; their arrays may change at any time.
-            longest_delay: physics steps, beyond which no delay will ever be.
+            longest_delay: physics steps, beyond which no delay will ever be drawn.
             jitter: physics steps, the greatest further delay.
         """
         self._pool = pool
@@ -110,7 +111,7 @@ class BatchMotors:
         count, n = differences.stiffness.shape
         self._bias = np.zeros((count, n, 2))
         # The last commands, the newest last: as many as can be under way, and the one in force before them.
-        self._slots = 1 + -(-(longest_delay + jitter) // steps)
+        self._slots = 1 + -(-(differences.own_delay + longest_delay + jitter) // steps)
         self._targets = np.zeros((self._slots, count, 3, n))
         self._controls = np.zeros((self._slots, count, n))
         self._arrival = np.full((self._slots, count), _LONG_AGO)

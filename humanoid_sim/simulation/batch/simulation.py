@@ -24,7 +24,7 @@ from humanoid_sim.simulation.batch.sensors import BatchSensors
 from humanoid_sim.simulation.floating_base import BaseObserver, BaseState, StartPose, base_addresses
 from humanoid_sim.simulation.keys import PianoKeys
 from humanoid_sim.simulation.model import base_body, body_ids, build_model, joint_addresses
-from humanoid_sim.simulation.plant import BatchActuation, check_actuation, timestep_of
+from humanoid_sim.simulation.plant import BatchActuation, check_actuation, mean_delay_steps, timestep_of
 from humanoid_sim.simulation.push import PUSH_DURATION
 from humanoid_sim.simulation.stability import DampingStability
 from humanoid_sim.simulation.terrain import Terrain
@@ -155,15 +155,15 @@ class BatchSimulation:
         self._truth: MITState | None = None
         self._report: MITState | None = None
         self._measured: FloatArray | None = None
-        strength = description.torque_scale
-        self._limit = strength * description.effort_limit
-        own_delay = round(float(description.delay.mean()) / timestep)
+        self._limit = description.torque_scale * description.effort_limit
         self._motors = BatchMotors(
             self._pool,
             self.physics_steps,
-            MotorDifferences.none(count, self._limit, strength, own_delay),
+            MotorDifferences.none(
+                count, self._limit, description.torque_scale, mean_delay_steps(description, timestep)
+            ),
             self._draws,
-            longest_delay=own_delay + longest["command_delay"],
+            longest_delay=longest["command_delay"],
             jitter=delay_steps("randomisation: command_jitter", self.randomisation.command_jitter, timestep),
         )
         self._pushes: RandomPushes | None = None
