@@ -42,7 +42,7 @@ class SysidConfig:
     """Replace files in the folder."""
 
     GROUPS: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "most used": ("recordings", "robot", "output", "overwrite"),
+        "most used": ("robot", "output", "overwrite"),
         "what is fitted": ("share", "only", "judge", "calibration"),
     }
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (

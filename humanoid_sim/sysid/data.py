@@ -18,7 +18,7 @@ from humanoid_sim.recording.reader import open_recording
 STALE = 0.1
 """s: a joint whose state is older is not heard, and ends a stretch of data."""
 _GAP = 2.5
-"""Control periods between two ticks from which the run is taken to be interrupted."""
+"""Usual distances between two ticks from which the run is taken to be interrupted."""
 _WINDOW, _SHORTEST = 10.0, 2.0
 """s that are predicted at a time from a measured state; the least that is worth it."""
 SETTLING = 0.5
@@ -103,7 +103,7 @@ def stretches(run: Run) -> Iterator[tuple[int, int]]:
     usable = (
         np.isfinite(run.position).all(axis=1) & (run.age <= STALE).all(axis=1) & (run.command[:, 3] > 0.0).all(axis=1)
     )
-    period = float(np.median(np.diff(run.time))) if len(run.time) > 1 else 1.0
+    period = float(np.quantile(np.diff(run.time), 0.9)) if len(run.time) > 1 else 1.0
     joined = np.diff(run.time, prepend=run.time[0] - period) <= _GAP * period
     first = 0
     for i in range(len(run.time) + 1):

@@ -76,16 +76,14 @@ def planted(description: RobotDescription, truth=TRUTH, start=(0.0, 0.0)) -> Rob
     return msgspec.structs.replace(description, joints=tuple(joints), initial_position=tuple(start))
 
 
-def motion(duration: float, still: int | None = None) -> np.ndarray:
-    """Shape (frames, 2), rad: sines, slow and fast; the joint `still` stays where it is."""
+def motion(duration: float) -> np.ndarray:
+    """Shape (frames, 2), rad: sines, slow and fast."""
     time = PERIOD * np.arange(round(duration / PERIOD))
     tones = ((0.13, 0.42, 1.1, 2.3), (0.19, 0.53, 1.3, 2.7))
     target = np.stack(
         [sum(0.55 / (i + 1) * np.sin(2 * np.pi * f * time + i) for i, f in enumerate(own)) for own in tones], axis=1
     )
     target *= np.minimum(time / 1.0, 1.0)[:, None]
-    if still is not None:
-        target[:, still] = 0.0
     return target
 
 
@@ -111,7 +109,7 @@ def emulated(truth: RobotDescription, target: np.ndarray, offset=OFFSET) -> Run:
     offsets = dict(zip(truth.joint_names, (direction * offset).tolist(), strict=True))
     emulator = Emulator(truth, settings=EmulationSettings(homing_offset=offsets))
     turns = np.array([round(-state.origin / (2 * np.pi)) * 2 * np.pi for state in emulator.motors.states])
-    heard, zeros, rows = np.zeros((4, 2)), np.zeros(2), []
+    heard, zeros, rows = np.zeros((4, len(motors))), np.zeros(len(motors)), []
 
     def send(commands) -> None:
         for command in commands:
