@@ -66,7 +66,7 @@ class Fitted:
     parameter: FreeParameter
     value: float
     half_width: float
-    """Of the interval, 95 %; of an undecided one what it would have been."""
+    """Half of the interval, 95 %; of an undecided one what it would have been."""
     reason: str = ""
     """Why it is undecided; empty: it is fitted."""
 
@@ -224,8 +224,8 @@ class Problem:
         np.add.at(scores, index, jacobian * residual[:, None])
         influence = np.linalg.lstsq(jacobian.T @ jacobian, scores.T, rcond=1e-12)[0]
         count = len(names)
-        spread = np.sqrt((influence**2).sum(axis=1) * count / max(count - 1, 1))
-        return spread * student.ppf(0.5 + 0.5 * _CONFIDENCE, max(count - 1, 1)) * self._units
+        spread: FloatArray = np.sqrt((influence**2).sum(axis=1) * count / max(count - 1, 1))
+        return spread * float(student.ppf(0.5 + 0.5 * _CONFIDENCE, max(count - 1, 1))) * self._units
 
     def undecided(self, values: FloatArray) -> dict[int, tuple[float, str]]:
         """Return which parameters the data would not decide, with the expected half-width and the reason."""
@@ -247,7 +247,8 @@ class Problem:
         """Shape (2, n): what a fit leaves of positions, rad, and velocities, rad/s."""
         residual = self.residuals(values).reshape(-1, 2, self._noise.shape[1])
         left: FloatArray = np.sqrt((residual**2).mean(axis=0)) * self._noise
-        return np.maximum(left, np.array(_LEAST)[:, None])
+        most: FloatArray = np.maximum(left, np.array(_LEAST)[:, None])
+        return most
 
     @property
     def _units(self) -> FloatArray:
@@ -415,7 +416,8 @@ def _fit_group(
         best = problem.solve(best, 6)
         widths = problem.half_widths(best)
         units = np.array([parameter.unit for parameter in parameters])
-        wide = {i: (float(widths[i]), "its interval is too wide") for i in np.flatnonzero(widths > _UNDECIDED * units)}
+        too_wide = np.flatnonzero(widths > _UNDECIDED * units).tolist()
+        wide = {i: (float(widths[i]), "its interval is too wide") for i in too_wide}
         if not wide:
             break
         leave_out(wide)

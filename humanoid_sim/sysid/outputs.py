@@ -16,7 +16,7 @@ from humanoid_sim.files import whole_file
 from humanoid_sim.hardware.calibration import CalibrationEntry, load_calibration, save_calibration
 from humanoid_sim.robots.description import robot_file
 from humanoid_sim.robots.schema import RobotDescription
-from humanoid_sim.strict_yaml import read_strictly
+from humanoid_sim.strict_yaml import read_yaml
 from humanoid_sim.sysid.fit import Fit, Fitted
 from humanoid_sim.sysid.judgement import QUANTITIES, Judgement
 from humanoid_sim.sysid.model import KINDS, UNITS
@@ -31,7 +31,7 @@ _ROBOT, _RANGES, _RESULTS, _PAGE, _CALIBRATION = (
 def robot_document(robot: str, description: RobotDescription, fit: Fit, folder: Path) -> dict[str, Any]:
     """Return the robot's own file with the fitted dynamics of its joints, for a file in `folder`."""
     path, label = robot_file(robot)
-    document = {} if path.suffix == ".xml" else read_strictly(path, label)
+    document = {} if path.suffix == ".xml" else read_yaml(path, label)
     document = {**document, "mjcf": os.path.relpath(description.mjcf_path, folder.resolve())}
     dynamics = _dynamics(description, fit)
     joints = document.get("joints", {})
