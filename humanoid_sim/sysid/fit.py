@@ -409,11 +409,11 @@ def _fit_group(
         return [found[parameter.name] for parameter in all_parameters]
     say(f"{joints}: {len(parameters)} of {len(all_parameters)} parameters can be decided")
     problem = Problem(models, few, parameters, values, noise)
-    best = problem.solve(best, 12)
+    best = problem.solve(best, 40)
     noise = problem.noise_of(best)
     while parameters:
         problem = Problem(models, windows, parameters, values, noise)
-        best = problem.solve(best, 6)
+        best = problem.solve(best, 20)
         widths = problem.half_widths(best)
         units = np.array([parameter.unit for parameter in parameters])
         too_wide = np.flatnonzero(widths > _UNDECIDED * units).tolist()
