@@ -9,7 +9,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import TickRecord

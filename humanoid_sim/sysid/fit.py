@@ -28,7 +28,7 @@ _STEP = 1e-3
 _FIRST_SECONDS = 16.0
 """s of data that the first approximation is made from."""
 _DAMPING = {"mu_min": 1e2, "mu_factor": 10.0, "mu_max": 1e10}
-"""Tolerance of the optimiser's steps: the squared derivatives are 1e4 to 1e8, and each value costs a simulation."""
+"""Damping of the optimiser's steps: the squared derivatives are 1e4 to 1e8, and each value costs a simulation."""
 _BLOCK = 2.0
 """s of neighbouring residuals that are taken to be one observation: their errors go together."""
 _CONFIDENCE = 0.95
