@@ -66,9 +66,8 @@ class Calibration:
 def load_calibration(path: str | os.PathLike[str], description: RobotDescription) -> Calibration:
     """Read a calibration for a robot.
 
-    Raises:
-        InputError: the file cannot be read, is not a calibration, or names another motor for a joint: it is another
-            robot's. One line with joint, field, value and what is accepted.
+    Raises `InputError` if the file cannot be read, is not a calibration, or names another motor for a joint: it is
+    another robot's. One line with joint, field, value and what is accepted.
     """
     document = read_yaml(Path(path), str(path), "a calibration (YAML)")
     if not isinstance(document, dict) or not all(isinstance(name, str) for name in document):

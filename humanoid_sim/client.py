@@ -200,8 +200,7 @@ class SessionInfo:
 def session_folder() -> Path:
     """Return the folder of this user's sessions, which may not exist.
 
-    Raises:
-        SessionError: it is not the user's alone, or its path leaves no room for a socket's name.
+    Raises `SessionError` if it is not the user's alone, or its path leaves no room for a socket's name.
     """
     base = Path(os.environ.get("XDG_RUNTIME_DIR", ""))
     if not base.is_absolute() or not base.is_dir():  # left over from another user, as `su` does
@@ -236,8 +235,7 @@ def running_sessions() -> list[SessionInfo]:
 def find_session(process: int | None = None) -> SessionInfo:
     """Return a running session: the one with a process id, or the only one there is.
 
-    Raises:
-        SessionError: there is none, or several and no process id.
+    Raises `SessionError` if there is none, or several and no process id.
     """
     sessions = running_sessions()
     listed = "; ".join(map(str, sessions)) or "none"
@@ -302,8 +300,7 @@ class Feed:
     def __init__(self, session: SessionInfo) -> None:
         """Map the feed of a session, read-only.
 
-        Raises:
-            SessionError: it has ended, or its feed is of another version.
+        Raises `SessionError` if it has ended, or its feed is of another version.
         """
         self.session = session
         self._map, told = self._mapped(session.feed)
@@ -396,8 +393,7 @@ class Feed:
     def blob(self, name: str) -> bytes:
         """Return a file by name: `model.mjb`, the robot's compiled MuJoCo model; the motion, as in the recording.
 
-        Raises:
-            KeyError: there is none of that name.
+        Raises `KeyError` if there is none of that name.
         """
         memory, offset, length = self._blobs[name]
         return memory[offset : offset + length]
@@ -573,16 +569,13 @@ class Intake:
     """
 
     def __init__(self, session: SessionInfo, producer: str, process: int | None = None) -> None:
-        """Connect.
+        """Connect. Raises `SessionError` if it cannot be reached.
 
         Args:
             session: that is told.
             producer: a name for operators to read, such as `gravity`.
             process: id that tells producers of that name apart; None for this process, 0 for a producer elsewhere,
                 which is the same one whichever program hands its samples on.
-
-        Raises:
-            SessionError: it cannot be reached.
         """
         self.session = session
         self.producer = " ".join(producer.split())[:40] or "?"
@@ -623,7 +616,8 @@ class Intake:
         """Ask for something, and wait for what became of it in the session's next tick.
 
         All but `damp`, `pause`, `mark` and `safety` are refused if the robot has changed since they were meant: if what
-        was seen is more than 0.5 s old, or from before the robot last went to DAMPING or ZERO_TORQUE.
+        was seen is more than 0.5 s old, or from before the robot last went to DAMPING or ZERO_TORQUE. Raises
+        `SessionError` if the session has ended or does not answer.
 
         Args:
             word: `damp`, `load_a`, `load_b`, `start_locomotion`, `start_remote`, `quit`, `reactivate`, or
@@ -632,9 +626,6 @@ class Intake:
             timeout: s; `reactivate` asks every motor for its identity and takes longer.
             seen: ns, the stamp of the newest tick that whoever asks had seen (`Sample.stamp`), or the time of the
                 press (`Looks`); None: that of this call, for what a program decides by itself.
-
-        Raises:
-            SessionError: the session has ended or does not answer.
         """
         return self.answer(self.post(word, seen=seen), timeout)
 
@@ -650,7 +641,8 @@ class Intake:
     ) -> Answer:
         """Report how a program or a device is; any level but 0 damps the robot in the session's next tick.
 
-        It stands until the same source reports another one. The session recovers nothing by itself.
+        It stands until the same source reports another one. The session recovers nothing by itself. Raises
+        `SessionError` as `ask`.
 
         Args:
             source: the name under which the status stands, 1 to 80 characters.
@@ -659,9 +651,6 @@ class Intake:
             flags: bits of the source's own.
             stamp: see `remote`.
             timeout: s
-
-        Raises:
-            SessionError: as `ask`.
         """
         return self.answer(self.post_safety(source, level, message, flags=flags, stamp=stamp), timeout)
 
@@ -699,13 +688,12 @@ class Intake:
     def load(self, policy: str, timeout: float = LOAD_TIMEOUT, **options: str | None) -> Answer:
         """Ask for another policy, in ZERO_TORQUE, DAMPING or STANDBY, and wait until it is loaded or refused.
 
+        Raises `SessionError` if the session has ended or does not answer.
+
         Args:
             policy: ONNX file, or the name of a policy that ships with the package.
             timeout: s
             options: `motion` and `contract`, files as well, `song`, and `command`, the velocity as `vx,vy,wz`.
-
-        Raises:
-            SessionError: the session has ended or does not answer.
         """
         return self.ask(load_request(policy, **options), timeout)
 
@@ -735,7 +723,7 @@ class Intake:
         *,
         stamp: int | None = None,
     ) -> bool:
-        """Send a command for REMOTE.
+        """Send a command for REMOTE. Raises `SessionError` if the session has ended.
 
         Args:
             joint_names: the robot's, in its order (`Feed.joint_names`).
@@ -748,9 +736,6 @@ class Intake:
 
         Returns:
             Whether it left; False where the session takes nothing at present.
-
-        Raises:
-            SessionError: the session has ended.
         """
         fields = (position, velocity, effort, stiffness, damping)
         if any(len(values) != len(joint_names) for values in fields):
@@ -813,12 +798,11 @@ class Intake:
 def load_request(policy: str, **options: str | None) -> str:
     """Make the word by which `Intake.ask` asks for another policy; files that exist get absolute paths.
 
+    Raises `ValueError` if there is no such option.
+
     Args:
         policy: see `Intake.load`, as for `options`.
         options: None is left out.
-
-    Raises:
-        ValueError: there is no such option.
     """
     unknown = set(options) - set(LOAD_OPTIONS)
     if unknown:
@@ -835,6 +819,8 @@ def ask_sessions(
 ) -> Iterator[tuple[SessionInfo, Answer | SessionError]]:
     """Ask a session for something; for `damp` and no process id all that run, at once: none waits for another.
 
+    Raises `SessionError` if there is no such session.
+
     Args:
         word: see `Intake.ask`, as for `timeout` and `seen`.
         process: id of the session; None for the only one that runs.
@@ -842,9 +828,6 @@ def ask_sessions(
 
     Returns:
         Each session and its answer, or why there is none, as they come.
-
-    Raises:
-        SessionError: there is no such session.
     """
     sessions = running_sessions() if word == "damp" and process is None else []
     sessions = sessions or [find_session(process)]
@@ -883,10 +866,8 @@ def network_on(device: str, *, from_here: bool = True) -> Iterator[None]:
 
     The address that a socket is bound to is no such limit. DDS libraries bind some to all addresses, and then a packet
     from any network gets in, whatever interface they were configured for. For a library that opens its own sockets;
-    they are bound at the end.
-
-    Raises:
-        OSError: there is no such device, or the kernel (before Linux 5.7) allows this to root alone.
+    they are bound at the end. Raises `OSError` if there is no such device, or the kernel (before Linux 5.7) allows this
+    to root alone.
     """
     before = _open_sockets()
     yield

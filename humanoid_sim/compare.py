@@ -128,8 +128,7 @@ def read_policy_run(path: Path) -> PolicyRun:
 def compare_runs(reference: PolicyRun, others: Sequence[PolicyRun]) -> list[Distance]:
     """Return the distance of each of the others from the reference.
 
-    Raises:
-        InputError: if one is of another robot or policy, or has no frame in common with the reference.
+    Raises `InputError` if one is of another robot or policy, or has no frame in common with the reference.
     """
     distances: list[Distance] = []
     for other in others:

@@ -119,8 +119,7 @@ class RobotClient:
     def state(self, timeout: float = 1.0) -> JointStates | None:
         """Return the newest joint states that were not given yet; None if none come within `timeout` s.
 
-        Raises:
-            InputError: the subscription is broken; all that read raise it then.
+        Raises `InputError` if the subscription is broken; all that read raise it then.
         """
         deadline = time.monotonic() + timeout
         while not (taken := self._states.take()):
@@ -136,10 +135,8 @@ class RobotClient:
     def command(self, command: MITCommand) -> bool:
         """Send a command for REMOTE, one value per joint in each field; whether it left.
 
-        What is not repeated ends: 100 ms after the last command the robot damps its joints.
-
-        Raises:
-            FieldError: before the first state, or if its shape is not that of the robot's joints.
+        What is not repeated ends: 100 ms after the last command the robot damps its joints. Raises `FieldError` if
+        before the first state, or if its shape is not that of the robot's joints.
         """
         if command.position.shape != (len(self.joint_names),) or not self.joint_names:
             raise FieldError(
@@ -199,10 +196,8 @@ class RobotClient:
     def ask(self, word: str, timeout: float = 2.0) -> Answer:
         """Ask the session that runs on this machine for a mode: `damp`, `load_a`, `start_remote`, ...
 
-        No mode crosses a network. See `humanoid_sim.client.Intake.ask`.
-
-        Raises:
-            SessionError: there is no session here, or several.
+        No mode crosses a network. See `humanoid_sim.client.Intake.ask`. Raises `SessionError` if there is no session
+        here, or several.
         """
         with Intake(find_session(), "dds client") as intake:
             return intake.ask(word, timeout)

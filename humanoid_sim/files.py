@@ -100,9 +100,8 @@ def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwri
 def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> io.FileIO:
     """Open a file to be written over a long time, unbuffered and empty; nobody else here writes it meanwhile.
 
-    Raises:
-        InputError: another process writes it, and it is left alone; it is there, without `overwrite`; or it cannot be
-            written.
+    Raises `InputError` if another process writes it, and it is left alone; it is there, without `overwrite`; or it
+    cannot be written.
     """
     path = Path(path)
     flags = os.O_WRONLY | os.O_CREAT | _CLOSE_IN_CHILDREN | (0 if overwrite else os.O_EXCL)

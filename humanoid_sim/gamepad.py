@@ -77,11 +77,7 @@ class Driver:
         self._looks, self._clock = 0, Looks()
 
     def step(self, pads: Sequence[Pad]) -> list[str]:
-        """Act on one look at the gamepads; lines for the operator.
-
-        Raises:
-            SessionError: the session has ended.
-        """
+        """Act on one look at the gamepads; lines for the operator. Raises `SessionError` if the session has ended."""
         self._clock.look()
         lines = self._choose(pads)
         asked = []

@@ -244,11 +244,10 @@ def _write(picture: Image, path: Path) -> None:
 def read_performance(recording: Path, song: Path | None = None) -> PlayedKeys:
     """Return the keys of a recording, and those that its song asks for.
 
+    Raises `InputError` if there is no policy's step, no keys or no song in it, or their numbers differ.
+
     Args:
         song: the goals, in place of those in the recording.
-
-    Raises:
-        InputError: there is no policy's step, no keys or no song in it, or their numbers differ.
     """
     from humanoid_sim.policy.motion import MOTION_ATTACHMENT, parse_motion, read_motion  # noqa: PLC0415 - heavy
     from humanoid_sim.recording.reader import open_recording  # noqa: PLC0415

@@ -101,13 +101,12 @@ class Policy(_Shown):
     def load(cls, path: str | Path, *, contract: str | Path | None = None, robot: str | None = None) -> Policy:
         """Load a checkpoint without running it on a robot.
 
+        Raises `InputError` if the file cannot be used, or its contract lacks fields.
+
         Args:
             path: ONNX file, or the name of a policy that ships with the package.
             contract: a contract.yaml with what the checkpoint does not say; None: the one beside it.
             robot: whose joints they are, where the contract names them by their places.
-
-        Raises:
-            InputError: the file cannot be used, or its contract lacks fields.
         """
         joints = None if robot is None else load_robot(robot).joint_names
         file = None if contract is None else Path(contract)
@@ -256,13 +255,12 @@ _RANKED = ("rank", "hypothesis", "explanation", "stays_up", "time_up", "quality"
 def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) -> Diagnosis:
     """Find out what is wired wrongly in a policy that does not behave; takes minutes, and shows how far it is.
 
+    Raises `InputError` if an option, the policy or the motion is not accepted.
+
     Args:
         robot: a shipped robot, `robot_descriptions:NAME`, a YAML file or an MJCF.
         quiet: do not show how far it is.
         options: those of `policy doctor`, such as `motion`, `command`, `budget=60`.
-
-    Raises:
-        InputError: an option, the policy or the motion is not accepted.
     """
     from humanoid_sim.doctor.run import examine  # noqa: PLC0415 - MuJoCo, and all that runs a robot
 
@@ -326,12 +324,11 @@ class SuiteRun(_Shown):
 def run_suite(policies: Given | Iterable[Given], baseline: Given | None = None, **options: Any) -> SuiteRun:
     """Run policies over a suite and compare them with a baseline; shows how far it is.
 
+    Raises `InputError` if what was given cannot be used.
+
     Args:
         baseline: what to compare with: a policy, or a file of figures that `regress --write-baseline` wrote.
         options: those of `regress`, such as `suite="lite_biped"`, `seeds=8`, `report="report.html"`.
-
-    Raises:
-        InputError: what was given cannot be used.
     """
     from humanoid_sim.regress.options import check_outputs  # noqa: PLC0415
     from humanoid_sim.regress.run import tested  # noqa: PLC0415 - MuJoCo, and all that runs a robot

@@ -62,8 +62,7 @@ class Export:
 def export(options: Export) -> int:
     """Write the files; returns the exit status.
 
-    Raises:
-        InputError: nothing is asked for, a file cannot be written, or the recording lacks what it takes.
+    Raises `InputError` if nothing is asked for, a file cannot be written, or the recording lacks what it takes.
     """
     writers: dict[str, Callable[[Recording, Path, Export], str]] = {
         "urdf": _urdf,

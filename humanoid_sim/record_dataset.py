@@ -100,8 +100,7 @@ def _record_dataset(config: RecordDataset) -> int:
 def _write(library: Any, root: Path, repo_id: str, recordings: list[Recording], config: RecordDataset) -> list[int]:
     """Write everything below `root`; returns the number of frames of each episode.
 
-    Raises:
-        InputError: if there is no episode, or two have different frame rates.
+    Raises `InputError` if there is no episode, or two have different frame rates.
     """
     counts: list[int] = []
     dataset, rate = None, 0.0

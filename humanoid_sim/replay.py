@@ -64,8 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def replay(config: ReplayConfig) -> int:
     """Repeat the recording and print what came of it; returns the exit status.
 
-    Raises:
-        InputError: if the recording, or the policy, cannot be used.
+    Raises `InputError` if the recording, or the policy, cannot be used.
     """
     infers = config.infer or config.policy is not None
     tolerance = _tolerance(config.tolerance, infers)

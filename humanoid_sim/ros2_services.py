@@ -123,11 +123,10 @@ class ServiceError(Exception):
 def loopback_environment(middleware: str, profiles: Path) -> Mapping[str, str | None]:
     """Get the environment variables with which a middleware stays on this machine; None for those that must not be set.
 
+    Raises `ServiceError` if it is one that cannot be restricted.
+
     Args:
         profiles: a file that is written here where the middleware reads one.
-
-    Raises:
-        ServiceError: it is one that cannot be restricted.
     """
     variables: dict[str, str | None] = {**dict.fromkeys(_ELSEWHERE), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
     if middleware.startswith("rmw_fastrtps"):
@@ -164,8 +163,7 @@ def _namespace_of(session: SessionInfo) -> str:
 def find_robot(process: int | None, namespace: str = "") -> SessionInfo:
     """Return the session that is served: of a process, or the only one that runs, under the namespace if one is given.
 
-    Raises:
-        SessionError: there is none, or several.
+    Raises `SessionError` if there is none, or several.
     """
     if process is not None or not namespace:
         return find_session(process)

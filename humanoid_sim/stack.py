@@ -84,6 +84,8 @@ def build_supervisor(
 ) -> Supervisor:
     """Return the supervisor of a robot with the controllers that are available.
 
+    Raises `InputError` if the policy does not fit the robot.
+
     Args:
         description: the robot; it holds the parameters of all controllers but the policy's.
         live: names and widths of the live inputs that this robot and its operator provide; a policy that needs another
@@ -93,9 +95,6 @@ def build_supervisor(
         signs: joints whose sign may contradict gravity; None: signs are not judged.
         loads: the session loads policies while it runs: a refusal of START_LOCOMOTION says how.
         needs_producer: START_REMOTE requires commands that already arrive.
-
-    Raises:
-        InputError: if the policy does not fit the robot.
     """
     joints = description.joint_names
     remote_settings = description.remote_policy_controller
@@ -132,8 +131,7 @@ def policy_controller(
 ) -> RLPolicyController:
     """Return the controller of a policy on a robot; arguments as of `build_supervisor`.
 
-    Raises:
-        InputError: if the policy does not fit the robot.
+    Raises `InputError` if the policy does not fit the robot.
     """
     try:
         return RLPolicyController(
@@ -258,8 +256,7 @@ def recorded_contract(header: SessionHeader) -> PolicyContract | None:
 def recorded_motion(header: SessionHeader) -> Motion | None:
     """Return the motion that a recorded run's policy follows; None if it follows none.
 
-    Raises:
-        InputError: if it is damaged.
+    Raises `InputError` if it is damaged.
     """
     attached = header.attachments.get(MOTION_ATTACHMENT)
     return None if attached is None else parse_motion(attached, MOTION_ATTACHMENT)
@@ -273,8 +270,7 @@ def no_policy(*_: object) -> NoReturn:
 def recorded_policy(header: SessionHeader, policy: Policy) -> LoadedPolicy | None:
     """Contract and motion of a recorded run, with `policy` in the place of the one that ran; None if it had none.
 
-    Raises:
-        InputError: if they are damaged, or do not fit each other.
+    Raises `InputError` if they are damaged, or do not fit each other.
     """
     contract = recorded_contract(header)
     return None if contract is None else load_policy(contract, policy, recorded_motion(header))
@@ -283,8 +279,7 @@ def recorded_policy(header: SessionHeader, policy: Policy) -> LoadedPolicy | Non
 def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
     """Return the supervisor of a recorded run with `policy` in the place of the one that ran.
 
-    Raises:
-        InputError: if the header lacks what is needed.
+    Raises `InputError` if the header lacks what is needed.
     """
     try:
         description = RobotDescription.from_json(header.documents["robot"])

@@ -44,8 +44,7 @@ class MotorGuard:
     def start(self, locks: Locks, checks: CheckList, open_bus: OpenBus) -> OpenBus:
         """Start a guardian of this process, if one is needed and can share the channels; returns what opens them now.
 
-        Raises:
-            RobotError: it cannot be started; with everything else that is wrong.
+        Raises `RobotError` if it cannot be started; with everything else that is wrong.
         """
         if not self.joints:
             return open_bus

@@ -64,6 +64,8 @@ class HardwareRobot:
     ) -> None:
         """Describe the robot; nothing is opened yet.
 
+        Raises `InputError` if a channel, the calibration or a number does not fit.
+
         Args:
             channels: one that carries all motors, or one per bus of the robot in their order.
             calibration: homing offset of every joint, rad, motor frame.
@@ -74,9 +76,6 @@ class HardwareRobot:
             imu: where orientation comes from; without one the state is that of a base upright and at rest.
             dry_run: never enable: `activate` verifies everything and then refuses.
             accepted_firmware: versions that no document mentions and an operator accepts all the same.
-
-        Raises:
-            InputError: a channel, the calibration or a number does not fit.
         """
         self._description = description
         self._settings = make_settings(
@@ -154,17 +153,15 @@ class HardwareRobot:
     def prepare(self) -> None:
         """Verify and configure everything, and leave the motors stopped.
 
-        Raises:
-            RobotError: with the whole list of what is wrong. The robot can still be read, and reports that it is not
-                enabled.
+        Raises `RobotError` with the whole list of what is wrong. The robot can still be read, and reports that it is
+        not enabled.
         """
         self._prepare()
 
     def activate(self) -> None:
         """Verify and configure everything afresh, then enable every motor, without torque.
 
-        Raises:
-            RobotError: with the whole list of what is wrong; no motor is enabled then.
+        Raises `RobotError` with the whole list of what is wrong; no motor is enabled then.
         """
         motors, turns = self._prepare()
         if self._dry_run:
@@ -234,8 +231,7 @@ class HardwareRobot:
     def _give_up(self, error: BaseException) -> None:
         """After a refusal: stop the motors, unless another master drives them, whose arms would fall.
 
-        Raises:
-            RobotError: in place of one of these, where motors of an earlier activation do not confirm it.
+        Raises `RobotError` in place of one of these, where motors of an earlier activation do not confirm it.
         """
         motors, checks = self._motors, self._checks
         if motors is not None and (self._may_run or not motors.has_intruders):
@@ -289,10 +285,8 @@ class HardwareRobot:
     def write(self, command: MITCommand) -> None:
         """Hand a command, shape (n,), to every motor; returns at once. While the motors are not enabled, none is sent.
 
-        A command that is not finite is replaced by damping, and reported.
-
-        Raises:
-            RobotError: the command is for another number of joints, or the robot is closed.
+        A command that is not finite is replaced by damping, and reported. Raises `RobotError` if the command is for
+        another number of joints, or the robot is closed.
         """
         name, n, shape = self._settings.name, self._settings.wiring.count, command.position.shape
         if shape != (n,) or self._is_closing:
@@ -306,8 +300,7 @@ class HardwareRobot:
     def close(self) -> None:
         """Damp the joints until they rest, disable every motor, verify that, and release everything. Twice is once.
 
-        Raises:
-            RobotError: a motor did not confirm that it is disabled; everything else is done all the same.
+        Raises `RobotError` if a motor did not confirm that it is disabled; everything else is done all the same.
         """
         if self._is_closing:
             return

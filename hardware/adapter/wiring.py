@@ -48,12 +48,11 @@ def make_wiring(
 ) -> Wiring:
     """Return the wiring of a robot over one channel that carries all motors, or over one channel per bus of the robot.
 
+    Raises `InputError` if a joint has no motor or a motor of no known model, the channels do not fit the robot's buses,
+    or the calibration lacks a joint, has one too many, or holds a value that is not finite.
+
     Args:
         calibration: homing offset by joint, rad, motor frame; None: 0 for all, where the joints' angles do not matter.
-
-    Raises:
-        InputError: a joint has no motor or a motor of no known model, the channels do not fit the robot's buses, or the
-            calibration lacks a joint, has one too many, or holds a value that is not finite.
     """
     name = description.name
     offsets = dict.fromkeys(description.joint_names, 0.0) if calibration is None else calibration

@@ -44,9 +44,7 @@ def parse_address(text: str) -> BusAddress:
     """Return the channel that a text such as `can0` or `udp_multicast:239.74.163.2` names.
 
     Everything after the first colon belongs to the channel, so that IPv6 groups and device paths need no quoting.
-
-    Raises:
-        InputError: no channel is named, or python-can has no such interface.
+    Raises `InputError` if no channel is named, or python-can has no such interface.
     """
     text = text.strip()
     interface, colon, channel = text.partition(":")

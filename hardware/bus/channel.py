@@ -62,7 +62,7 @@ class Channel:
         capacity: int = 256,
         patience: float = 0.016,
     ) -> None:
-        """Open the bus and start receiving.
+        """Open the bus and start receiving. Raises `RobotError` if the bus cannot be opened.
 
         Args:
             receive: is given every data frame, on the receiver's thread.
@@ -70,9 +70,6 @@ class Channel:
             capacity: frames that may wait to be sent.
             patience: s in which the queue must be empty again after the driver has refused a frame for want of room;
                 a little less than a control period, so that the next tick knows.
-
-        Raises:
-            RobotError: the bus cannot be opened.
         """
         self.address = address
         self.counters = ChannelCounters()

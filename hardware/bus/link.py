@@ -72,8 +72,7 @@ def read_links() -> str:
 def check_link(text: str, name: str, wanted: LinkSettings, checks: CheckList) -> None:
     """Compare an interface in what `read_links` gave with what is wanted of it.
 
-    Raises:
-        RobotError: the text is not that command's.
+    Raises `RobotError` if the text is not that command's.
     """
     links = _links(text)
     link = links.get(name)

@@ -168,13 +168,12 @@ class OpenChannels:
     ) -> None:
         """Open every channel, if nothing was wrong before.
 
+        Raises `RobotError` with everything that is wrong; no channel is open then.
+
         Args:
             bursts: frames that a control period puts into each channel's queue at once.
             clock: the robot's clock, s.
             period: s between commands.
-
-        Raises:
-            RobotError: with everything that is wrong; no channel is open then.
         """
         checks.refuse()
         self.clock = clock

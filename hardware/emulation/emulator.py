@@ -199,14 +199,11 @@ class Emulator:
         faults: Iterable[Fault] = (),
         told: Told | None = None,
     ) -> None:
-        """Power everything on.
+        """Power everything on. Raises `InputError` if the number of buses does not fit the robot, or as `Motors` does.
 
         Args:
             bus_count: 1, all motors on one bus, or the number of the robot's buses.
             told: is called with the time, s, and a line for a person when a motor or a fault changes.
-
-        Raises:
-            InputError: the number of buses does not fit the robot, or see `Motors`.
         """
         settings = settings or EmulationSettings()
         self.motors = Motors(description, settings, told)

@@ -183,8 +183,7 @@ class Motors:
     def step(self) -> list[tuple[int, Frame]]:
         """Advance control loops and physics by a period; returns what motors send of themselves at its end.
 
-        Raises:
-            RobotError: the simulation is no longer sound.
+        Raises `RobotError` if the simulation is no longer sound.
         """
         plant, drives = self.plant, self._drives
         while self._late and self._late[0][0] <= self.next_time:

@@ -147,8 +147,7 @@ class MotorPlant:
     def set_support(self, held: bool, *, lifts: bool = False) -> None:
         """Hold a floating base where it now is, and raise it slowly to its start if it `lifts`, or let it go.
 
-        Raises:
-            RobotError: the base is fixed.
+        Raises `RobotError` if the base is fixed.
         """
         move_support(self._base, self._plant.data, held, self.description.name)
         self._is_lifted = lifts

@@ -66,9 +66,8 @@ class EmulationSettings:
 def motor_identities(description: RobotDescription, settings: EmulationSettings) -> tuple[MotorIdentity, ...]:
     """One motor per joint that a Robstride drives, in order, with the firmware that the settings give it.
 
-    Raises:
-        InputError: a firmware is given for what the robot has not, or is not a version of that model; or the motor that
-            is to be alone is none.
+    Raises `InputError` if a firmware is given for what the robot has not, or is not a version of that model; or the
+    motor that is to be alone is none.
     """
     driven = {joint.name: joint.motor for joint in description.joints if joint.motor is not None}
     motors = {name: motor for name, motor in driven.items() if motor_model(motor.model).family == "robstride"}

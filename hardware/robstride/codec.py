@@ -60,8 +60,7 @@ _INDEX = struct.Struct("<H")
 def encode_command(command: messages.Command, model: MotorModel, *, scale: Scale = Scale.REFERENCE) -> Frame:
     """Return the frame of a command. Values of `OperationControl` are cut off at the model's ranges.
 
-    Raises:
-        FieldError: an id is not one, or a value is not finite: the reference turns NaN into full negative scale.
+    Raises `FieldError` if an id is not one, or a value is not finite: the reference turns NaN into full negative scale.
     """
     _check_id(f"{type(command).__name__}.motor_id", command.motor_id)
     if isinstance(command, messages.OperationControl):

@@ -62,7 +62,7 @@ def examine(
 ) -> tuple[dict[int, bytes], dict[int, FirmwareVersion]]:
     """Return whether these motors may be touched: nobody else drives them, and they are those that were expected.
 
-    Asks only; nothing is written to any motor, and none is stopped.
+    Asks only; nothing is written to any motor, and none is stopped. Raises `RobotError` with everything that is wrong.
 
     Args:
         known_uids: unique ids at an earlier activation, by joint.
@@ -71,9 +71,6 @@ def examine(
 
     Returns:
         Unique ids and firmware versions, by joint.
-
-    Raises:
-        RobotError: with everything that is wrong.
     """
     time.sleep(_LISTENING)
     link.line.check_intruders(checks)

@@ -67,9 +67,8 @@ class EnabledMotor:
     def __enter__(self) -> Self:
         """Enable the motor, after every check that a session makes; warnings are printed before.
 
-        Raises:
-            RobotError: another host drives it, it is another motor than expected or in another run mode, has no CAN
-                timeout, or reports a fault.
+        Raises `RobotError` if another host drives it, it is another motor than expected or in another run mode, has no
+        CAN timeout, or reports a fault.
         """
         channels, joints, checks = self._channels, [self._motor], CheckList(answered=self._accepted_firmware)
         examine(channels, joints, checks, takes_over=False, is_limp=self._torque is None)
@@ -96,10 +95,8 @@ class EnabledMotor:
     def command(self, position: float, velocity: float, stiffness: float, damping: float) -> Status:
         """Send a command in the motor frame: rad, rad/s, N·m/rad, N·m·s/rad; the status that follows.
 
-        As the adapter does with a robot's, it moves a position that would ask for more torque than allowed.
-
-        Raises:
-            RobotError: the motor is no longer enabled, reports a fault, or another host commands it too.
+        As the adapter does with a robot's, it moves a position that would ask for more torque than allowed. Raises
+        `RobotError` if the motor is no longer enabled, reports a fault, or another host commands it too.
         """
         command = OperationControl(
             self._motor_id, self._bounded(position, velocity, stiffness, damping), velocity, 0.0, stiffness, damping
@@ -159,13 +156,12 @@ class EnabledMotor:
 def limp_motors(channels: RobstrideLink, joints: Sequence[int], guard: MotorGuard | None = None) -> Iterator[MotorLink]:
     """Enable these motors with zero gains and zero current, after all that a session checks; disabled at the end.
 
+    Raises `RobotError` if another host drives them, one sends no feedback or reports torque, or does not confirm that
+    it is disabled.
+
     Args:
         joints: whose motors, of one family.
         guard: of these motors, started; None where they stay limp.
-
-    Raises:
-        RobotError: another host drives them, one sends no feedback or reports torque, or does not confirm that it is
-            disabled.
     """
     motors = channels.motors.select(joints)
     session = DRIVERS[motors.model[0].family].link(
@@ -219,10 +215,8 @@ class MovedMotor:
         It is sent in every period until then: the guardian must not take a silent motor for a tool that died.
 
         No torque limit is known: the commanded position, which stays within `torque / K_p` of the motor, is all that
-        bounds it, with the largest K_p that the frame may mean.
-
-        Raises:
-            RobotError: another host commands it too, or its channel is down.
+        bounds it, with the largest K_p that the frame may mean. Raises `RobotError` if another host commands it too, or
+        its channel is down.
         """
         reach = self._torque / (stiffness * self._doubt) if stiffness > 0.0 else math.inf
         here = self.position

@@ -103,8 +103,7 @@ def description_of(program: Callable[[Sequence[str] | None], int]) -> Program | 
 def _check_names(command: Program, words: Sequence[str]) -> None:
     """Refuse options and choices that do not exist, with the nearest ones that do.
 
-    Raises:
-        InputError: naming the first.
+    Raises `InputError` naming the first.
     """
     places = [option for option in command.options.values() if not option.option_strings]
     for option, word in zip(places, takewhile(lambda word: not word.startswith("-"), words), strict=False):

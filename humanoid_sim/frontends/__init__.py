@@ -30,8 +30,7 @@ class Wanted:
 def require_packages(name: str) -> None:
     """Refuse a front end whose packages are not installed, before anything is started.
 
-    Raises:
-        MissingPackageError: naming the first.
+    Raises `MissingPackageError` naming the first.
     """
     front_end = FRONT_ENDS[name]
     for package in front_end.packages:

@@ -84,8 +84,7 @@ class Attachment:
     def reference_ghost(self) -> ReferenceGhost | None:
         """Return the motion that the policy follows, as poses of the robot; None where there is none that holds poses.
 
-        Raises:
-            InputError: the header is damaged.
+        Raises `InputError` if the header is damaged.
         """
         loaded = recorded_policy(self.header, no_policy)
         return None if loaded is None else ReferenceGhost.of(self.description, loaded.contract, loaded.reference)
@@ -93,8 +92,7 @@ class Attachment:
     def model(self) -> mujoco.MjModel:
         """Give the robot's compiled model, of which the ticks' `qpos` is: a new one each time, to do with as one likes.
 
-        Raises:
-            InputError: it was compiled by another version of MuJoCo.
+        Raises `InputError` if it was compiled by another version of MuJoCo.
         """
         try:
             return mujoco.MjModel.from_binary_path(MODEL_BLOB, {MODEL_BLOB: self.feed.blob(MODEL_BLOB)})
@@ -149,14 +147,11 @@ class Attachment:
 
 @contextmanager
 def attached(session: int | None, producer: str, *, niceness: int = 5) -> Iterator[Attachment]:
-    """Attach to a running session.
+    """Attach to a running session. Raises `InputError` if there is no such session.
 
     Args:
         producer: the front end's name, for operators to read.
         niceness: by how much the control loop's other threads and processes go before this one.
-
-    Raises:
-        InputError: there is no such session.
     """
     try:
         info = find_session(session)

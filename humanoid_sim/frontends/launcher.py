@@ -96,8 +96,7 @@ class FrontEnds(Sink):
     def start(self, header: SessionHeader) -> SessionHeader:
         """Start them, and wait until they work: a run that asks for a producer does not begin without it.
 
-        Raises:
-            InputError: one cannot be started, or has ended at once.
+        Raises `InputError` if one cannot be started, or has ended at once.
         """
         try:
             for wanted in self._wanted:

@@ -70,8 +70,7 @@ class Run:
     def __init__(self, plan: Plan, console: Console) -> None:
         """Put everything together. Intents that come from here on wait for the first tick.
 
-        Raises:
-            InputError: a socket or the terminal cannot be taken over; nothing stays open then.
+        Raises `InputError` if a socket or the terminal cannot be taken over; nothing stays open then.
         """
         config, description, setup, policy = plan.config, plan.description, plan.setup, plan.policy
         self.plan, self.policy, self.config = plan, policy, config

@@ -62,8 +62,7 @@ class Branch:
 def open_branch(config: PlayConfig) -> BranchPoint:
     """Find the run, and the robot that it ran on; the options have the recorded ones in the place of defaults.
 
-    Raises:
-        InputError: it is not a run of `play`, or a branch itself.
+    Raises `InputError` if it is not a run of `play`, or a branch itself.
     """
     path, time = parse_branch(config.branch or "")
     recording = open_recording(path)
@@ -82,10 +81,8 @@ def reach(
 ) -> Branch:
     """Advance a simulated robot, just built, and the control stack to the instant.
 
-    The supervisor, the policy's contract and the robot's clock, s, are those of the run that goes on.
-
-    Raises:
-        InputError: the recording has no such instant, or cannot be simulated again.
+    The supervisor, the policy's contract and the robot's clock, s, are those of the run that goes on. Raises
+    `InputError` if the recording has no such instant, or cannot be simulated again.
     """
     robot = setup.robot
     if not isinstance(robot, MujocoRobot):

@@ -43,8 +43,7 @@ def shows_window(config: PlayConfig) -> bool:
 def wanted_front_ends(config: PlayConfig) -> tuple[Wanted, ...]:
     """Return the front ends that a run starts.
 
-    Raises:
-        InputError: the packages of one are not installed, or the network interface of one is not there.
+    Raises `InputError` if the packages of one are not installed, or the network interface of one is not there.
     """
     layout, interface = _pad_layout(config), config.dds_interface
     if interface is not None:
@@ -136,10 +135,8 @@ def _pad_layout(config: PlayConfig) -> tuple[str, ...]:
 def look_for_gamepad(config: PlayConfig) -> tuple[str, ...]:
     """Return what an operator should know of the gamepads that are plugged in, before anything moves.
 
-    The library that looks for them stays out of this process.
-
-    Raises:
-        InputError: on a real bus: none is plugged in that can be used, or its package is not installed.
+    The library that looks for them stays out of this process. Raises `InputError` if on a real bus: none is plugged in
+    that can be used, or its package is not installed.
     """
     if not needs_gamepad(config) or config.dry_run:
         return ()

@@ -107,8 +107,7 @@ class Prover:
     def prove(self, config: PlayConfig, header: SessionHeader) -> Proof:
         """Check a policy, run it for the first time, and compute its golden vectors again.
 
-        Raises:
-            InputError: the session cannot take it, and why.
+        Raises `InputError` if the session cannot take it, and why.
         """
         with self._lock, ordinary_scheduling():
             if self._is_cancelled:

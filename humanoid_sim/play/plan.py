@@ -175,10 +175,8 @@ def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: f
     """Return the control period in s, and what to tell the user if it is not the robot's own, or ''.
 
     Where the policy's period is not a multiple of the control period, the control rate moves to the nearest that is. On
-    hardware there is no physics step to divide it.
-
-    Raises:
-        InputError: if the physics step does not divide the control period, or the policy's period has too many ticks.
+    hardware there is no physics step to divide it. Raises `InputError` if the physics step does not divide the control
+    period, or the policy's period has too many ticks.
     """
     settings = description.simulation if config.hardware is None else description.hardware
     frequency = config.control_frequency or settings.control_frequency

@@ -242,10 +242,8 @@ _REPEATED = ("policy", "contract", "robot", "command", "action_limit", "control_
 def with_recorded_options(config: PlayConfig) -> PlayConfig:
     """Return the options of `config`, and the recording's where they were left as they are by default.
 
-    What the run looked like, where it was written to and who drove it are not taken from there.
-
-    Raises:
-        InputError: the recording cannot be read, or does not say what it was made with.
+    What the run looked like, where it was written to and who drove it are not taken from there. Raises `InputError` if
+    the recording cannot be read, or does not say what it was made with.
     """
     if config.again is None and config.branch is None:
         return config

@@ -50,10 +50,8 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
     """Run, and report on a console.
 
     The status is 0 for a run that ended as asked; 1 if a controller failed, a safety status was not OK, the robot fell
-    or a file could not be written; 128 plus the signal's number if a signal ended it.
-
-    Raises:
-        InputError: before anything moves.
+    or a file could not be written; 128 plus the signal's number if a signal ended it. Raises `InputError` if before
+    anything moves.
     """
     output = sys.stdout
     refuse_beside_branch(config)

@@ -169,7 +169,7 @@ class DataSocket(ExternSource, Sink):
         timeouts: Mapping[str, float] | None = None,
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Open the socket.
+        """Open the socket. Raises `InputError` if it cannot be opened.
 
         Args:
             path: where it will be, in a folder that only its user can enter.
@@ -178,9 +178,6 @@ class DataSocket(ExternSource, Sink):
             live: name and width of the live inputs that are observed.
             timeouts: of those that state one, s, also infinite; a producer may only shorten it.
             tell: records a line: owners and refusals as they change.
-
-        Raises:
-            InputError: if it cannot be opened.
         """
         self._path = path
         self._socket = listening(path)

@@ -87,15 +87,12 @@ class FeedWriter(Sink):
         *,
         shadow_width: int = 0,
     ) -> None:
-        """Make the memory, with what interprets the run.
+        """Make the memory, with what interprets the run. Raises `InputError` if it cannot be made.
 
         Args:
             blobs: files by name, beside the header's attachments.
             live_inputs: name and width of those that the session takes from outside.
             shadow_width: how many values a shadow policy observes and answers; 0 for none.
-
-        Raises:
-            InputError: it cannot be made.
         """
         self.left_out = 0
         """Ticks that did not fit."""
@@ -161,8 +158,7 @@ class FeedWriter(Sink):
     def prepare(self, header: SessionHeader, live_inputs: Mapping[str, int]) -> int:
         """Describe the run with another policy, for `follow`; takes its time, on any thread.
 
-        Raises:
-            InputError: there is no room for what the policy observes, or no memory.
+        Raises `InputError` if there is no room for what the policy observes, or no memory.
         """
         observed = sum(width for _, width in header.observation_terms)
         if observed > _MOST_OBSERVED:
@@ -222,8 +218,7 @@ def _filled(
 ) -> tuple[int, mmap.mmap]:
     """Make memory with files at their places and, at `offset`, the description of it all.
 
-    Raises:
-        InputError: it cannot be had.
+    Raises `InputError` if it cannot be had.
     """
     text = json.dumps({**described, "blobs": places}).encode()
     try:

@@ -37,10 +37,7 @@ def parse_injections(texts: Sequence[str]) -> tuple[Injection, ...]:
     """Parse `FAULT@SECONDS` items.
 
     `nan_policy`: from then on the policy answers NaN. `safety`: a FAULT status with MOTOR_FAULT for 0.1 s.
-    `silent_remote`: from then on no remote command arrives.
-
-    Raises:
-        InputError: naming the item and what is accepted.
+    `silent_remote`: from then on no remote command arrives. Raises `InputError` naming the item and what is accepted.
     """
     injections = []
     for text in texts:

@@ -85,8 +85,7 @@ def queue_length() -> int:
 def listening(path: Path) -> socket.socket:
     """Return a non-blocking datagram socket at a path, for this user alone.
 
-    Raises:
-        InputError: if it cannot be opened.
+    Raises `InputError` if it cannot be opened.
     """
     end = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
@@ -123,16 +122,13 @@ class IntentSocket(IntentSource, Sink):
         loading: Loading | None = None,
         simulation: SimulationControls | None = None,
     ) -> None:
-        """Open the socket.
+        """Open the socket. Raises `InputError` if it cannot be opened.
 
         Args:
             path: where it will be, in a folder that only its user can enter.
             tell: records a line: who asked for what, marks, and safety statuses.
             loading: what `load` asks for; None where no policy can be loaded.
             simulation: what only a simulation can be asked for; None for motors.
-
-        Raises:
-            InputError: if it cannot be opened.
         """
         self._path = path
         self._socket = listening(path)

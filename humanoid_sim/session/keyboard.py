@@ -120,15 +120,12 @@ class Keyboard(IntentQueue):
         record: Callable[[str], None] = lambda _: None,
         is_paused: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Take over the terminal.
+        """Take over the terminal. Raises `InputError` if standard input is not a terminal.
 
         Args:
             tell: shows the operator a line; called on the reading thread. Must not wait.
             record: records a line, and shows it; called on the loop's thread.
             is_paused: whether the robot's time stands still; then no key but DAMP, QUIT and a stop moves it later.
-
-        Raises:
-            InputError: if standard input is not a terminal.
         """
         super().__init__(tell=record)
         self._reader = KeyReader()

@@ -32,8 +32,7 @@ _SHORTEST, _LONGEST = 0.02, 3600.0
 def parse_watchdogs(texts: Sequence[str]) -> Mapping[str, float]:
     """Return the timeout, s, of each source, of `NAME:SECONDS` items.
 
-    Raises:
-        InputError: naming the item and what is accepted.
+    Raises `InputError` naming the item and what is accepted.
     """
     found: dict[str, float] = {}
     for text in texts:
@@ -72,10 +71,7 @@ class OutsideSafety:
     def report(self, text: str) -> str:
         """Take the status that a program sends, as JSON of `level`, `source`, `flags`, `message`, and `stamp` in ns.
 
-        Returns what became of it, in one line.
-
-        Raises:
-            FieldError: it is not a status; nothing has changed.
+        Returns what became of it, in one line. Raises `FieldError` if it is not a status; nothing has changed.
         """
         status, stamp = _status(text)
         now = self._clock()

@@ -17,8 +17,7 @@ _SOCKETS = (".intents", ".data")
 def made_session_folder() -> Path:
     """Return the folder of this user's sessions, made for its user alone, without what killed sessions left there.
 
-    Raises:
-        InputError: it cannot be made, or others may enter it.
+    Raises `InputError` if it cannot be made, or others may enter it.
     """
     try:
         folder = session_folder()

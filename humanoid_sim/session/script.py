@@ -27,10 +27,7 @@ def parse_script(text: str) -> tuple[ScriptStep, ...]:
     """Parse steps separated by semicolons.
 
     An intent's name sends it; `wait` lasts until the standby pose is reached; `motion` until the policy's motion has
-    ended; `hold 5` for 5 s on the robot's clock.
-
-    Raises:
-        InputError: naming the step and what is accepted.
+    ended; `hold 5` for 5 s on the robot's clock. Raises `InputError` naming the step and what is accepted.
     """
     steps = []
     for number, part in enumerate((part.strip() for part in text.split(";")), start=1):

@@ -132,9 +132,8 @@ class RemoteInbox:
     def put(self, joint_names: Sequence[str], command: MITCommand, arrival_time: float | None = None) -> None:
         """Accept a command of shape (n,), which arrived at a time in s on the robot's clock; None: now.
 
-        Raises:
-            FieldError: if the joint names or their order differ, or the command is not one finite value per joint and
-                field, its gains not negative.
+        Raises `FieldError` if the joint names or their order differ, or the command is not one finite value per joint
+        and field, its gains not negative.
         """
         problem = remote_problem(joint_names, command, self._joints)
         if problem:
@@ -202,8 +201,7 @@ def velocity_key_help() -> str:
 def parse_velocity(text: str, ranges: FloatArray | None) -> FloatArray:
     """Read `vx,vy,wz`, m/s, m/s and rad/s; `ranges`, shape (3, 2), are what the policy knows, None: anything.
 
-    Raises:
-        InputError: if there are not three finite numbers, or one is outside of its range.
+    Raises `InputError` if there are not three finite numbers, or one is outside of its range.
     """
     values = velocity_numbers(text)
     for i, (name, unit, largest, doubt) in enumerate(_VELOCITY_AXES):
@@ -218,8 +216,7 @@ def parse_velocity(text: str, ranges: FloatArray | None) -> FloatArray:
 def velocity_numbers(text: str) -> list[float]:
     """Return the three numbers of `vx,vy,wz`, whatever a policy knows.
 
-    Raises:
-        InputError: if there are not three finite numbers.
+    Raises `InputError` if there are not three finite numbers.
     """
     values = [number_in(part) for part in text.split(",")]
     if len(values) != 3 or any(map(math.isnan, values)):

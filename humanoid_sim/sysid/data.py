@@ -69,8 +69,7 @@ class Window:
 def read_run(path: Path, joint_names: Sequence[str]) -> Run:
     """Read a recording of this program.
 
-    Raises:
-        InputError: it cannot be read, has no ticks, or is another robot's.
+    Raises `InputError` if it cannot be read, has no ticks, or is another robot's.
     """
     recording = open_recording(path)
     names = recording.header.joint_names

@@ -53,13 +53,11 @@ def robot_stack(name_or_path: str | Path) -> Callable[[ScriptedPolicy], Supervis
     """For `fuzz_stack`: all controllers of a robot, with the settings of its description.
 
     LOCOMOTION runs the fuzzed policy on all joints, around the final pose of standby A and within their limits: a
-    policy that presses a joint against its stop is ended by a guard, however healthy the robot.
+    policy that presses a joint against its stop is ended by a guard, however healthy the robot. Raises `InputError` if
+    there is no such robot, or its description is wrong.
 
     Args:
         name_or_path: a shipped robot, a YAML description, or an MJCF.
-
-    Raises:
-        InputError: if there is no such robot, or its description is wrong.
     """
     description = load_robot(name_or_path)
     period = 1.0 / description.hardware.control_frequency
@@ -83,16 +81,14 @@ def fuzz_stack(
 
     First, with nothing random, every mode lasts for `healthy_ticks` on a healthy robot, and is given every safety
     report and every combination of intents: what needs no luck is found always. The first violation of the search that
-    follows is written to stderr when it is found.
+    follows is written to stderr when it is found. Raises `SafetyViolationError` with the shortest run that was found to
+    break a property.
 
     Args:
         build: gives the stack under test, new for every run. The policy that it is given behaves or misbehaves as the
             run has it; a stack that runs a policy of its own may leave it aside.
         healthy_ticks: in each mode; 0 leaves out whatever comes before the search.
         shrink_seconds: s, for which a shorter run is looked for.
-
-    Raises:
-        SafetyViolationError: with the shortest run that was found to break a property.
     """
     began, runs, has_told = perf_counter(), 0, False
 
@@ -130,13 +126,11 @@ def fuzz_controller(
 
     It never raises. It answers with a memory and a complete command, or with a `Fault` that says why. The same inputs
     give the same bits, and nothing that it is given changes. On a healthy robot whose clock runs, it has no fault.
+    Raises `SafetyViolationError` with the shortest example that was found.
 
     Args:
         healthy_ticks: of the longest healthy session; 0 for none.
         shrink_seconds: s, for which a shorter example is looked for.
-
-    Raises:
-        SafetyViolationError: with the shortest example that was found.
     """
     n = len(controller.joints)
     memory = None

@@ -16,7 +16,8 @@ def export_policy(model: Any, envs: Any, output: str | os.PathLike[str]) -> Path
     """Write a policy that a loop of your own has trained, with contract and golden vectors, as `train` writes its own.
 
     What `play`, `regress` and `policy check` then read is one file. The golden vectors are of a run in which the model
-    itself answers, in the environment as it is without randomisation.
+    itself answers, in the environment as it is without randomisation. Raises `InputError` if the model or the
+    environments are of another kind, a wrapper changes what the policy sees or commands, or the file cannot be written.
 
     Args:
         model: PPO or A2C of stable-baselines3 with an `MlpPolicy`, or a runner of rsl_rl with an `MLPModel`.
@@ -26,10 +27,6 @@ def export_policy(model: Any, envs: Any, output: str | os.PathLike[str]) -> Path
 
     Returns:
         The file's path.
-
-    Raises:
-        InputError: the model or the environments are of another kind, a wrapper changes what the policy sees or
-            commands, or the file cannot be written.
     """
     from humanoid_sim.training.ppo.export import export  # noqa: PLC0415 - needs the libraries of training
 

@@ -116,8 +116,7 @@ _BENCHMARKS: dict[str, Callable[[int], list[Row]]] = {
 def print_figures(options: BenchOptions) -> int:
     """Measure and print; the exit status is 1 if a target was missed.
 
-    Raises:
-        InputError: if the options select nothing.
+    Raises `InputError` if the options select nothing.
     """
     if options.repetitions < 1:
         raise InputError(f"--repetitions: is {options.repetitions}, expected a whole number >= 1")

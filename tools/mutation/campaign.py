@@ -50,11 +50,7 @@ _NOTHING = (4, 5)
 
 
 def campaign(config: MutationConfig) -> int:
-    """Try the changes; returns the exit status.
-
-    Raises:
-        InputError: an option is out of range.
-    """
+    """Try the changes; returns the exit status. Raises `InputError` if an option is out of range."""
     for name in config.part:
         if name not in _PARTS:
             raise InputError(f"--part: {known_names('part', name, _PARTS)}")

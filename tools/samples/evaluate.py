@@ -54,8 +54,7 @@ class TrackingFailedError(HumanoidSimError):
 def evaluate(config: EvaluateConfig) -> int:
     """Measure, print, write; returns the exit status.
 
-    Raises:
-        InputError: if a file cannot be read or written, or does not fit the policy.
+    Raises `InputError` if a file cannot be read or written, or does not fit the policy.
     """
     description = load_robot("lite")
     checkpoint = load_checkpoint(policy_path(config.policy or SAMPLE_POLICY))
@@ -246,8 +245,7 @@ class _Course(Sink):
 def inverse_kinematics_policy(description: RobotDescription, contract: PolicyContract, motion: Motion) -> Policy:
     """Return a policy that commands the joint positions of the frame it is shown, solved beforehand.
 
-    Raises:
-        InputError: if the robot lacks one of the policy's bodies.
+    Raises `InputError` if the robot lacks one of the policy's bodies.
     """
     position, rotation = body_poses(motion.frames, len(contract.body_names))
     # Little damping: the poses can be reached, and the baseline is to be as good as it can.

@@ -51,14 +51,13 @@ def export_policy(
 ) -> None:
     """Write the policy with its metadata; an existing file is replaced only by a whole one.
 
+    Raises `InputError` if the file cannot be written.
+
     Args:
         path: of the .onnx file.
         weights: of an `ArmNetwork`, by the names of its parameters.
         origin: shape (3,), m, base frame: the left shoulder.
         contract: becomes the metadata.
-
-    Raises:
-        InputError: if the file cannot be written.
     """
     write_model(path, policy_graph(weights, origin), write_metadata(contract))
 

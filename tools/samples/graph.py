@@ -22,8 +22,7 @@ _IR_VERSION = 8  # of the time of opset 17: runtimes from 2022 on read it
 def write_model(path: Path, graph: onnx.GraphProto, metadata: Mapping[str, str]) -> None:
     """Write a graph with its metadata; an existing file is replaced only by a whole one.
 
-    Raises:
-        InputError: the file cannot be written.
+    Raises `InputError` if the file cannot be written.
     """
     model = helper.make_model(
         graph,

@@ -69,8 +69,7 @@ def sample_motion(description: RobotDescription, name: str) -> tuple[Motion, Flo
 def write_samples(folder: Path) -> None:
     """Write every sample motion as an .mcap file; the folder is made if it is missing.
 
-    Raises:
-        InputError: if it cannot be written to.
+    Raises `InputError` if it cannot be written to.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -176,8 +176,7 @@ def _notes(text: str) -> list[tuple[int | None, int]]:
 def write_songs(folder: Path) -> None:
     """Write every sample song as a .mid file; the folder is made if it is missing.
 
-    Raises:
-        InputError: if it cannot be written to.
+    Raises `InputError` if it cannot be written to.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -36,8 +36,7 @@ _OFF = 0.05
 def write_trace(checkpoint: Path, output: Path) -> int:
     """Write the trace of a checkpoint; returns the exit status.
 
-    Raises:
-        InputError: if a file cannot be read or written.
+    Raises `InputError` if a file cannot be read or written.
     """
     output_file(output, "--output", ".npz")
     run = trainer_run(checkpoint, load_robot("lite"), motion_path(SAMPLE_MOTION))

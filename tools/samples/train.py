@@ -32,8 +32,7 @@ __all__ = ["train_sample"]
 def train_sample(config: TrainSampleConfig) -> int:
     """Run the whole training; returns the exit status.
 
-    Raises:
-        InputError: if an option is out of range, or the output cannot be written.
+    Raises `InputError` if an option is out of range, or the output cannot be written.
     """
     path = Path(config.output)
     _check(config, path)

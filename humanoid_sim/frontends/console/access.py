@@ -35,8 +35,7 @@ class RefusedError(Exception):
 def checked_host(host: str) -> str:
     """Return the address to serve on.
 
-    Raises:
-        InputError: it is not one address of this machine. A page checks what it is called, so it needs one name.
+    Raises `InputError` if it is not one address of this machine. A page checks what it is called, so it needs one name.
     """
     try:
         address = ipaddress.ip_address(host)
@@ -73,11 +72,10 @@ class Gate:
     def admit(self, path: str, hosts: list[str], origins: list[str], *, is_socket: bool) -> tuple[Access, str]:
         """Return what a request may do, and the path behind its token, such as `page.js`.
 
+        Raises `RefusedError` if it is not served.
+
         Args:
             origins: all headers `Origin`; browsers leave them out of some requests for pages, never of sockets.
-
-        Raises:
-            RefusedError: it is not served.
         """
         if hosts != [self.authority]:
             raise RefusedError(403, "Host is not the printed address")

@@ -88,8 +88,7 @@ class Plots:
     ) -> None:
         """Find out what there is; `channels` are the CAN buses, none in simulation.
 
-        Raises:
-            InputError: the header is damaged.
+        Raises `InputError` if the header is damaged.
         """
         self._channels, self._base = tuple(channels), base
         self._joints = len(header.joint_names)

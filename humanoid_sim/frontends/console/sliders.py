@@ -108,8 +108,7 @@ class Sliders:
     def __init__(self, robot: RobotDescription, standby: str = "a") -> None:
         """Take the limits of a robot, and the gains of one of its standby controllers, `a` or `b`.
 
-        Raises:
-            FieldError: STANDBY has no K_p, so that nothing would hold the other joints.
+        Raises `FieldError` if STANDBY has no K_p, so that nothing would hold the other joints.
         """
         settings = robot.standby_controller_b if standby == "b" else robot.standby_controller_a
         self._robot = robot

@@ -57,11 +57,10 @@ class SliderTurn:
     def take(self, page: int, name: str, position: FloatArray, now: int) -> None:
         """Begin a turn, or choose another joint in one's own.
 
+        Raises `FieldError` if no such joint, or another page has the turn.
+
         Args:
             position: shape (n,), rad, measured, finite.
-
-        Raises:
-            FieldError: no such joint, or another page has the turn.
         """
         if not self._all:
             raise FieldError(self.why_none)
@@ -87,15 +86,12 @@ class SliderTurn:
         self._number += 1
 
     def beat(self, page: int, number: int, goals: Goals | None, now: int, seen: int) -> None:
-        """Note that the page was heard.
+        """Note that the page was heard. Raises `FieldError` if a goal is not a finite number.
 
         Args:
             number: what `told` told it with the goals that its sliders began from; older goals do not count.
             goals: where its sliders stand; None: unchanged.
             seen: ns, when what it shows left the console.
-
-        Raises:
-            FieldError: a goal is not a finite number.
         """
         if self._state is None or page != self.page:
             return
@@ -190,8 +186,7 @@ class Steering:
     def press(self, page: int, key: str, present: FloatArray, mode: Mode, now: int) -> None:
         """Take a velocity key: a step from `present`, shape (3,), the command that counts, whoever's it is; or a stop.
 
-        Raises:
-            FieldError: no such key, or the robot does not walk; a stop is always taken.
+        Raises `FieldError` if no such key, or the robot does not walk; a stop is always taken.
         """
         if key not in VELOCITY_KEYS:
             raise FieldError(f"velocity: {known_names('key', key[:20], tuple(VELOCITY_KEYS))}")

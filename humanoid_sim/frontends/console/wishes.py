@@ -66,8 +66,7 @@ _DECODER = msgspec.json.Decoder(Wish)
 def parse_wish(message: str | bytes) -> Wish:
     """Return a page's message, which says what to `do`.
 
-    Raises:
-        FieldError: it is not a wish, or a field is wrong.
+    Raises `FieldError` if it is not a wish, or a field is wrong.
     """
     try:
         wish: Wish = _DECODER.decode(message)

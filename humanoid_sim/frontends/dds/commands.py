@@ -209,8 +209,7 @@ class ArrivalClock:
 def read_command(message: bytes, joints: tuple[str, ...]) -> MITCommand:
     """Return the command in a message, shape (n,), one value per joint in each field.
 
-    Raises:
-        FieldError: it is none, or not one for this robot; one line.
+    Raises `FieldError` if it is none, or not one for this robot; one line.
     """
     try:
         names, command = decode_mit_command(message)

@@ -80,8 +80,7 @@ class Mirror:
     def begin(self) -> tuple[FeedWriter, RobotDescription]:
         """Make a feed for the robot that is there.
 
-        Raises:
-            InputError: its description is not a URDF of a robot with these joints.
+        Raises `InputError` if its description is not a URDF of a robot with these joints.
         """
         assert self._described.latest is not None
         assert self._states.latest is not None

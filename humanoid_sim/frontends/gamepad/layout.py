@@ -101,12 +101,11 @@ class PadLayout:
 def chosen_layout(file: Path | None, given: PadLayout, option: str) -> PadLayout:
     """Return the layout of a file, or the one given by options.
 
+    Raises `InputError` if both are given, or the file holds no layout.
+
     Args:
         file: YAML with `joy:` and `sticks:`, or a ROS 2 parameter file of `mode_manager`; None for none.
         option: that names the file, for the message.
-
-    Raises:
-        InputError: both are given, or the file holds no layout.
     """
     if file is None:
         return given

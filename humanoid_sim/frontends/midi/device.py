@@ -124,8 +124,7 @@ class ByteDevice(Source):
 def _make_raw(terminal: int, baud: int) -> None:
     """Have a terminal hand on every byte as it is, and a serial line run at a rate that no standard of terminals has.
 
-    Raises:
-        InputError: the line cannot.
+    Raises `InputError` if the line cannot.
     """
     try:
         tty.setraw(terminal)
@@ -201,8 +200,7 @@ def _fits(name: str, wanted: str) -> bool:
 def _midi_input() -> Any:
     """Return an input of the library's. ALSA's own complaint on stderr is left out: ours is one line.
 
-    Raises:
-        InputError: there is no sequencer.
+    Raises `InputError` if there is no sequencer.
     """
     import rtmidi  # noqa: PLC0415 - an extra
 

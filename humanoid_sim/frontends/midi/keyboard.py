@@ -188,8 +188,7 @@ class Keyboard:
     def look(self, seconds: float) -> list[str]:
         """Take what comes within that time; lines for an operator.
 
-        Raises:
-            InputError: the keyboard is there, and cannot be read.
+        Raises `InputError` if the keyboard is there, and cannot be read.
         """
         if self._source is None:
             return self._find(seconds)

@@ -147,8 +147,7 @@ class Reader:
     def take(self) -> list[Received]:
         """Return what has come since the last call, oldest first.
 
-        Raises:
-            InputError: the subscription does not work any more, which is not silence.
+        Raises `InputError` if the subscription does not work any more, which is not silence.
         """
         taken = self._get(self._reader._ref, self._condition.mask, self._depth)
         if isinstance(taken, int):

@@ -58,6 +58,8 @@ def export_piano_policy(
 ) -> None:
     """Write the policy with its metadata; an existing file is replaced only by a whole one.
 
+    Raises `InputError` if the file cannot be written.
+
     Args:
         path: of the .onnx file.
         weights: of a `Pointer`, by the names of its parameters.
@@ -65,9 +67,6 @@ def export_piano_policy(
         arms: the places of their joints, shape (7,) each, among the robot's.
         description: of the robot.
         motion: the rule by which the hands go.
-
-    Raises:
-        InputError: if the file cannot be written.
     """
     default = np.empty(description.joint_count)
     for hand, row in enumerate(home(moves)):

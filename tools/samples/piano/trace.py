@@ -41,8 +41,7 @@ _OFF = 0.01
 def write_piano_trace(checkpoint: Path, output: Path) -> int:
     """Write the trace of a checkpoint; returns the exit status.
 
-    Raises:
-        InputError: if a file cannot be read or written.
+    Raises `InputError` if a file cannot be read or written.
     """
     output_file(output, "--output", ".npz")
     description = load_robot("lite_piano")

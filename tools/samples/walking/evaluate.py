@@ -131,8 +131,7 @@ def evaluate_walking(
 ) -> int:
     """Measure a policy and print the table; returns the exit status.
 
-    Raises:
-        InputError: the policy cannot be read, or nothing was selected.
+    Raises `InputError` if the policy cannot be read, or nothing was selected.
     """
     if seeds < 1:
         raise InputError(f"--seeds: is {seeds}, expected at least 1")

@@ -48,14 +48,13 @@ def export_walking(
 ) -> None:
     """Write the policy with its contract's metadata; an existing file is replaced only by a whole one.
 
+    Raises `InputError` if the file cannot be written.
+
     Args:
         path: of the .onnx file.
         weights: `network.<i>.weight` and `network.<i>.bias` of the linear layers, ELU between them.
         contract: of the environment that it was trained in.
         aim: what the network is told for what is asked.
-
-    Raises:
-        InputError: if the file cannot be written.
     """
     write_model(path, walking_graph(weights, aim), write_metadata(contract))
 

@@ -91,16 +91,15 @@ def network_weights(model: PPO) -> dict[str, npt.NDArray[np.float32]]:
 def learn(stages: tuple[Stage, ...], folder: Path, seed: int, show: Callable[[str], None], *, resume: bool) -> PPO:
     """Run the stages one after the other; each goes on from the network of the one before.
 
+    Raises `InputError` if the folder has a checkpoint and is not to be resumed, or a damaged one; it cannot be written,
+    or another process writes it.
+
     Args:
         stages: to run.
         folder: for checkpoints, one at the end of each stage and one every two minutes; made if it is missing.
         seed: of everything random.
         show: takes lines of progress.
         resume: go on from the latest checkpoint in the folder, if there is one.
-
-    Raises:
-        InputError: the folder has a checkpoint and is not to be resumed, or a damaged one; it cannot be written, or
-            another process writes it.
     """
     with exclusive_folder(folder, "--folder"):
         return _learn(stages, folder, seed, show, resume=resume)

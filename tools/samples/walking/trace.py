@@ -37,8 +37,7 @@ _YAW = 0.9
 def write_walking_trace(checkpoint: Path, output: Path) -> int:
     """Write the trace of a checkpoint; returns the exit status.
 
-    Raises:
-        InputError: if a file cannot be read or written.
+    Raises `InputError` if a file cannot be read or written.
     """
     output_file(output, "--output", ".npz")
     run = walking_run(checkpoint, load_robot("lite_biped"))

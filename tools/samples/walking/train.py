@@ -58,8 +58,7 @@ def export_aimed(output: Path, weights: Mapping[str, npt.NDArray[np.float32]]) -
 def train_walking(config: TrainWalkingConfig) -> int:
     """Run all stages and write the checkpoint, not yet stamped; returns the exit status.
 
-    Raises:
-        InputError: an option is out of range, or an output cannot be written.
+    Raises `InputError` if an option is out of range, or an output cannot be written.
     """
     output, folder = Path(config.output), Path(config.folder)
     output_file(output, "--output", ".onnx")
