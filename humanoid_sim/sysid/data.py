@@ -9,11 +9,14 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray
 from humanoid_sim.recording.reader import open_recording
+
+BoolArray = npt.NDArray[np.bool_]
 
 STALE = 0.1
 """s: a joint whose state is older is not heard, and ends a stretch of data."""
@@ -100,11 +103,11 @@ def _row(tick: TickRecord) -> tuple[float, FloatArray, FloatArray, FloatArray]:
 
 def stretches(run: Run) -> Iterator[tuple[int, int]]:
     """Yield where a run has no gap, every joint is heard, and a stiffness holds it: what a simulation can follow."""
-    usable = (
+    usable: BoolArray = (
         np.isfinite(run.position).all(axis=1) & (run.age <= STALE).all(axis=1) & (run.command[:, 3] > 0.0).all(axis=1)
     )
     period = float(np.quantile(np.diff(run.time), 0.9)) if len(run.time) > 1 else 1.0
-    joined = np.diff(run.time, prepend=run.time[0] - period) <= _GAP * period
+    joined = np.asarray(np.diff(run.time, prepend=run.time[0] - period) <= _GAP * period)
     first = 0
     for i in range(len(run.time) + 1):
         if i == len(run.time) or not usable[i] or not joined[i]:

@@ -84,8 +84,9 @@ def judge(fit: Fit, windows: Sequence[Window]) -> Judgement:
 
 def _errors(window: Window, prediction: Prediction, name: str) -> FloatArray:
     time = window.run.time[window.first : window.last]
-    difference: FloatArray = getattr(prediction, name) - getattr(window.run, name)[window.first : window.last]
-    return difference[time - time[0] >= SETTLING]
+    difference = getattr(prediction, name) - getattr(window.run, name)[window.first : window.last]
+    settled: FloatArray = difference[time - time[0] >= SETTLING]
+    return settled
 
 
 def _correlation(parts: Sequence[FloatArray]) -> FloatArray:

@@ -10,7 +10,6 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from humanoid_sim.regress.report.plots import COLOURS, LIGHT, SETTINGS
@@ -48,7 +47,7 @@ def _plot(judgement: Judgement, joint_names: Sequence[str]) -> str:
     for axis in axes[-1]:
         axis.set_xlabel("s")
     text = io.StringIO()
-    FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None})
+    figure.savefig(text, format="svg", metadata={"Date": None})
     svg = text.getvalue()[text.getvalue().index("<svg") :]
     for meaning, light in LIGHT.items():  # of the page's light or dark scheme
         svg = re.sub(re.escape(light), f"var(--{meaning})", svg, flags=re.IGNORECASE)
