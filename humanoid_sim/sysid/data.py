@@ -103,9 +103,8 @@ def _row(tick: TickRecord) -> tuple[float, FloatArray, FloatArray, FloatArray]:
 
 def stretches(run: Run) -> Iterator[tuple[int, int]]:
     """Yield where a run has no gap, every joint is heard, and a stiffness holds it: what a simulation can follow."""
-    usable: BoolArray = (
-        np.isfinite(run.position).all(axis=1) & (run.age <= STALE).all(axis=1) & (run.command[:, 3] > 0.0).all(axis=1)
-    )
+    heard = np.isfinite(run.position) & (run.age <= STALE) & (run.command[:, 3] > 0.0)
+    usable: BoolArray = np.asarray(heard.all(axis=1))
     period = float(np.quantile(np.diff(run.time), 0.9)) if len(run.time) > 1 else 1.0
     joined = np.asarray(np.diff(run.time, prepend=run.time[0] - period) <= _GAP * period)
     first = 0

@@ -20,16 +20,16 @@ from humanoid_sim.sysid.data import SETTLING, Window
 from humanoid_sim.sysid.model import KINDS, LONGEST_DELAY, FitModel, Prediction, islands
 
 Sharing = Literal["joint", "model"]
-"""Whether each joint has parameters of its own, or all joints with the same model of motor have them in common."""
+"""Owners of parameters: each joint, or all joints with the same model of motor in common."""
 
 _COARSE = 0.002
 """s, physics step of the derivatives: they need not be as exact as the predictions."""
 _STEP = 1e-3
-"""Of the derivatives, in a parameter's own unit."""
+"""Step of the derivatives, in a parameter's own unit."""
 _FIRST_SECONDS = 16.0
 """s of data that the first approximation is made from."""
 _DAMPING = {"mu_min": 1e2, "mu_factor": 10.0, "mu_max": 1e10}
-"""Of the optimiser's steps: the squared derivatives are 1e4 to 1e8, and each value costs a simulation."""
+"""Damping of the optimiser's steps: the squared derivatives are 1e4 to 1e8, and each value costs a simulation."""
 _BLOCK = 2.0
 """s of neighbouring residuals that are taken to be one observation: their errors go together."""
 _CONFIDENCE = 0.95
@@ -67,9 +67,9 @@ class Fitted:
     parameter: FreeParameter
     value: float
     half_width: float
-    """Of the interval, 95 %; of an undecided one what it would have been."""
+    """Half the interval, 95 %; of an undecided one what it would have been."""
     reason: str = ""
-    """Why it is undecided; empty: it is fitted."""
+    """Reason why it is undecided; empty: it is fitted."""
 
     @property
     def is_decided(self) -> bool:
