@@ -33,7 +33,7 @@ class SysidConfig:
     judge: Path | None = None
     """Another recording to judge the fit by. Default: the last third of each, which is then not fitted."""
     share: Literal["joint", "model"] = "joint"
-    """Owner of the parameters: each joint has its own, or all with the same model of motor share them."""
+    """Owners of parameters: each joint, or all joints with the same model of motor, which share them."""
     only: tuple[Literal["armature", "friction", "damping", "torque_scale", "offset", "delay"], ...] = ()
     """Parameters to fit; the others stay as they are. Default: all."""
     calibration: Path | None = None

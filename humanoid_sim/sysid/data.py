@@ -9,11 +9,14 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray
 from humanoid_sim.recording.reader import open_recording
+
+BoolArray = npt.NDArray[np.bool_]
 
 STALE = 0.1
 """s: a joint whose state is older is not heard, and ends a stretch of data."""
@@ -69,7 +72,8 @@ class Window:
 def read_run(path: Path, joint_names: Sequence[str]) -> Run:
     """Read a recording of this program.
 
-    Raises `InputError` if it cannot be read, has no ticks, or is another robot's.
+    Raises:
+        InputError: it cannot be read, has no ticks, or is another robot's.
     """
     recording = open_recording(path)
     names = recording.header.joint_names
@@ -99,8 +103,8 @@ def _row(tick: TickRecord) -> tuple[float, FloatArray, FloatArray, FloatArray]:
 
 def stretches(run: Run) -> Iterator[tuple[int, int]]:
     """Yield where a run has no gap, every joint is heard, and a stiffness holds it: what a simulation can follow."""
-    known = np.isfinite(run.position) & (run.age <= STALE) & (run.command[:, 3] > 0.0)
-    usable = np.asarray(known.all(axis=1))
+    heard = np.isfinite(run.position) & (run.age <= STALE) & (run.command[:, 3] > 0.0)
+    usable: BoolArray = np.asarray(heard.all(axis=1))
     period = float(np.quantile(np.diff(run.time), 0.9)) if len(run.time) > 1 else 1.0
     joined = np.asarray(np.diff(run.time, prepend=run.time[0] - period) <= _GAP * period)
     first = 0

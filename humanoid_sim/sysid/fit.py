@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ from humanoid_sim.sysid.data import SETTLING, Window
 from humanoid_sim.sysid.model import KINDS, LONGEST_DELAY, FitModel, Prediction, islands
 
 Sharing = Literal["joint", "model"]
-"""Owner of the parameters: each joint has its own, or all with the same model of motor share them."""
+"""Owners of parameters: each joint, or all joints with the same model of motor in common."""
 
 _COARSE = 0.002
 """s, physics step of the derivatives: they need not be as exact as the predictions."""
@@ -66,7 +67,7 @@ class Fitted:
     parameter: FreeParameter
     value: float
     half_width: float
-    """Half of the interval, 95 %; of an undecided one what it would have been."""
+    """Half the interval, 95 %; of an undecided one what it would have been."""
     reason: str = ""
     """Reason why it is undecided; empty: it is fitted."""
 
@@ -224,8 +225,10 @@ class Problem:
         np.add.at(scores, index, jacobian * residual[:, None])
         influence = np.linalg.lstsq(jacobian.T @ jacobian, scores.T, rcond=1e-12)[0]
         count = len(names)
-        spread: FloatArray = np.sqrt((influence**2).sum(axis=1) * count / max(count - 1, 1))
-        return spread * float(student.ppf(0.5 + 0.5 * _CONFIDENCE, max(count - 1, 1))) * self._units
+        spread = np.sqrt((influence**2).sum(axis=1) * count / max(count - 1, 1))
+        quantile = float(student.ppf(0.5 + 0.5 * _CONFIDENCE, max(count - 1, 1)))
+        widths: FloatArray = spread * quantile * self._units
+        return widths
 
     def undecided(self, values: FloatArray) -> dict[int, tuple[float, str]]:
         """Return which parameters the data would not decide, with the expected half-width and the reason."""
@@ -246,9 +249,8 @@ class Problem:
     def noise_of(self, values: FloatArray) -> FloatArray:
         """Shape (2, n): what a fit leaves of positions, rad, and velocities, rad/s."""
         residual = self.residuals(values).reshape(-1, 2, self._noise.shape[1])
-        left: FloatArray = np.sqrt((residual**2).mean(axis=0)) * self._noise
-        most: FloatArray = np.maximum(left, np.array(_LEAST)[:, None])
-        return most
+        left: FloatArray = np.maximum(np.sqrt((residual**2).mean(axis=0)) * self._noise, np.array(_LEAST)[:, None])
+        return left
 
     @property
     def _units(self) -> FloatArray:
@@ -331,12 +333,11 @@ def _spread(hessian: FloatArray) -> FloatArray:
 
 def _library() -> Any:
     """Return `mujoco.sysid`. Raises `MissingPackageError` without its packages."""
-    from mujoco import sysid  # noqa: PLC0415 - an extra
-
+    # by its name: types that it has and MuJoCo has not would hide MuJoCo from mypy
+    sysid = importlib.import_module("mujoco.sysid")
     if not hasattr(sysid, "optimize"):
         raise MissingPackageError("mujoco.sysid", "sysid", "sysid")
-    from absl import logging  # noqa: PLC0415 - comes with it
-
+    logging = importlib.import_module("absl.logging")
     logging.set_verbosity(logging.ERROR)  # it warns of parameters whose bounds are far away
     return sysid
 
@@ -416,8 +417,10 @@ def _fit_group(
         best = problem.solve(best, 20)
         widths = problem.half_widths(best)
         units = np.array([parameter.unit for parameter in parameters])
-        too_wide = np.flatnonzero(widths > _UNDECIDED * units).tolist()
-        wide = {i: (float(widths[i]), "its interval is too wide") for i in too_wide}
+        wide = {
+            i: (float(widths[i]), "its interval is too wide")
+            for i in np.flatnonzero(widths > _UNDECIDED * units).tolist()
+        }
         if not wide:
             break
         leave_out(wide)

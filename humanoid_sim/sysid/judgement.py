@@ -84,7 +84,7 @@ def judge(fit: Fit, windows: Sequence[Window]) -> Judgement:
 
 def _errors(window: Window, prediction: Prediction, name: str) -> FloatArray:
     time = window.run.time[window.first : window.last]
-    difference: FloatArray = getattr(prediction, name) - getattr(window.run, name)[window.first : window.last]
+    difference = getattr(prediction, name) - getattr(window.run, name)[window.first : window.last]
     settled: FloatArray = difference[time - time[0] >= SETTLING]
     return settled
 
