@@ -307,9 +307,7 @@ def test_sliders_and_keys_command_a_velocity(browser, walked, monkeypatch):
     ours = r" by console \(\d+\), this page$"
     page.wait_for_selector("text=forward 0.00 m/s, left 0.00 m/s, turn left 0.00 rad/s")
     steered(
-        page,
-        lambda: page.keyboard.press("w"),
-        rf"^forward 0\.\d0 m/s, left 0\.00 m/s, turn left 0\.00 rad/s{ours}",
+        page, lambda: page.keyboard.press("w"), rf"^forward 0\.\d0 m/s, left 0\.00 m/s, turn left 0\.00 rad/s{ours}"
     )
     steered(page, lambda: slide(page, "velocity-rows-wz", 0.5), rf", turn left 0\.50 rad/s{ours}")
     steered(page, lambda: page.click("#velocity-stop"), r"^forward 0\.00 m/s, left 0\.00 m/s, turn left 0\.00 rad/s")
