@@ -1,7 +1,5 @@
 """The order of the search, with trials whose outcomes are made up."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
