@@ -347,24 +347,11 @@ def test_a_policy_that_follows_no_motion(tmp_path, capsys):
 def walker(path):
     """The sample policy, called a locomotion policy that sees no motion."""
     import onnx  # noqa: PLC0415
-    from onnx import helper, numpy_helper  # noqa: PLC0415
+    from models import linear_model, saved  # noqa: PLC0415
 
     joints = lite().joint_names
     entries = onnx.load(POLICY, load_external_data=False).metadata_props
     # A stamp would contradict what is changed.
     metadata = {entry.key: entry.value for entry in entries if not entry.key.startswith("humanoid_sim")}
     metadata |= {"task_type": "locomotion", "observation_names": "joint_pos", "body_names": ""}
-    weight = numpy_helper.from_array(np.zeros((len(joints), len(joints)), np.float32), "weight")
-    shape = [1, len(joints)]
-    graph = helper.make_graph(
-        [helper.make_node("MatMul", ["obs", "weight"], ["actions"])],
-        "walker",
-        [helper.make_tensor_value_info("obs", onnx.TensorProto.FLOAT, shape)],
-        [helper.make_tensor_value_info("actions", onnx.TensorProto.FLOAT, shape)],
-        [weight],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    for key, value in metadata.items():
-        model.metadata_props.add(key=key, value=value)
-    onnx.save(model, path)
-    return path
+    return saved(path, linear_model(metadata, matrix=np.zeros((len(joints), len(joints)))))

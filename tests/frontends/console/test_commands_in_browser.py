@@ -9,9 +9,8 @@ from contextlib import contextmanager
 from functools import partial
 
 import numpy as np
-import onnx
 import pytest
-from onnx import TensorProto, helper, numpy_helper
+from models import linear_model, saved
 from page_buttons import press
 
 from humanoid_sim.assets import asset_path
@@ -65,15 +64,7 @@ def session_of(played, monkeypatch):
 def walked(start_play, tmp_path_factory):
     """Of the Lite's legs, with a policy that takes a velocity command, and does nothing about it."""
     folder = tmp_path_factory.mktemp("legs")
-    terms, actions = 3 + 3 + 3 + 3 * 14 + 2, 14
-    graph = helper.make_graph(
-        [helper.make_node("MatMul", ["observation", "weights"], ["action"])],
-        "legs",
-        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, [1, terms])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, actions])],
-        [numpy_helper.from_array(np.zeros((terms, actions), dtype=np.float32), "weights")],
-    )
-    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), folder / "legs.onnx")
+    saved(folder / "legs.onnx", linear_model({}, matrix=np.zeros((3 + 3 + 3 + 3 * 14 + 2, 14))))
     shutil.copy(asset_path("policies", "lite_biped_velocity.contract.yaml"), folder / "legs.contract.yaml")
     return start_play("--policy", str(folder / "legs.onnx"), "--robot", "lite_biped")
 
