@@ -16,13 +16,8 @@ from humanoid_sim.policy.contract_json import encode
 
 ROBOT = ("hip", "knee", "ankle", "waist", "elbow")
 PROPRIOCEPTION = (
-    "base_ang_vel",
-    "projected_gravity",
-    "velocity_commands",
-    "joint_pos_rel",
-    "joint_vel_rel",
-    "last_action",
-)
+    "base_ang_vel", "projected_gravity", "velocity_commands", "joint_pos_rel", "joint_vel_rel", "last_action",
+)  # fmt: skip
 WIDTHS = {"base_ang_vel": 3, "projected_gravity": 3, "velocity_commands": 3}
 
 numbers = st.floats(-100.0, 100.0)
