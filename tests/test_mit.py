@@ -14,14 +14,9 @@ from humanoid_sim.errors import FieldError
 from humanoid_sim.testing import any_arrays, any_commands, any_numbers, any_states, fingerprint, valid_commands
 
 STATE_ARRAYS = (
-    "joint_position",
-    "joint_velocity",
-    "joint_effort",
-    "joint_age",
-    "imu_quaternion",
-    "imu_angular_velocity",
-    "imu_linear_acceleration",
-)
+    "joint_position", "joint_velocity", "joint_effort", "joint_age",
+    "imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration",
+)  # fmt: skip
 
 
 def state_arrays(*batch, n=2):

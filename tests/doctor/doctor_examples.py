@@ -1,6 +1,7 @@
 """Small contracts that have every kind of term, for robots of four joints that do not exist."""
 
 import numpy as np
+from models import contract_of
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.terms import Term
@@ -20,9 +21,8 @@ FACTS = RobotFacts(
 
 
 def walker() -> PolicyContract:
-    return PolicyContract(
-        task_type="locomotion",
-        joint_names=BREADTH_FIRST,
+    return contract_of(
+        BREADTH_FIRST,
         action_joint_names=("left_knee", "left_hip", "right_hip"),
         joint_stiffness=[40.0, 41.0, 42.0, 43.0],
         joint_damping=[1.0, 1.1, 1.2, 1.3],
@@ -40,17 +40,14 @@ def walker() -> PolicyContract:
         command_names=("twist",),
         command_ranges=[[-0.2, 1.0], [0.0, 0.0], [-0.3, 0.3]],
         action_scale=[0.5, 0.6, 0.7],
-        policy_dt=0.02,
-        body_names=(),
         phase=PhaseRule(0.7),
     )
 
 
 def tracker() -> PolicyContract:
-    return PolicyContract(
+    return contract_of(
+        JOINTS,
         task_type="tracking",
-        joint_names=JOINTS,
-        action_joint_names=JOINTS,
         joint_stiffness=[40.0, 41.0, 42.0, 43.0],
         joint_damping=[1.0, 1.1, 1.2, 1.3],
         default_joint_pos=[-0.1, -0.2, 0.3, 0.4],
@@ -66,7 +63,6 @@ def tracker() -> PolicyContract:
         ],
         command_names=("motion",),
         action_scale=[0.5, 0.6, 0.7, 0.8],
-        policy_dt=0.02,
         body_names=("pelvis", "torso"),
         anchor_body="torso",
     )

@@ -6,6 +6,7 @@ Shared by the tests of the doctor, for which they are the test set, and by close
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -87,6 +88,9 @@ def gravity_flipped(contract: PolicyContract) -> PolicyContract:
     return term("projected_gravity", scale=-1.0)(contract)
 
 
+mjcf_order = fields(joint_names=MJCF_JOINTS, action_joint_names=MJCF_JOINTS)
+orientation = partial(term, "motion_anchor_ori_b")
+
 MISTAKES = (
     Mistake("unitree", "projected_gravity sign flipped", gravity_flipped, "projected_gravity sign", 0.68),
     Mistake("unitree", "base_ang_vel zero", term("base_ang_vel", scale=0.0), "base_ang_vel zeroed", 2.64),
@@ -94,36 +98,16 @@ MISTAKES = (
     Mistake("unitree", "joint_vel zero", term("joint_vel_rel", scale=0.0), "joint_vel_rel zeroed"),
     Mistake("unitree", "last_action zero", term("last_action", scale=0.0), "last_action zeroed", 1.26),
     Mistake("unitree", "last_action scaled", term("last_action", form="scaled"), "last_action form"),
-    Mistake(
-        "waltz",
-        "MJCF joint order used",
-        fields(joint_names=MJCF_JOINTS, action_joint_names=MJCF_JOINTS),
-        "joint order",
-        0.10,
-    ),
+    Mistake("waltz", "MJCF joint order used", mjcf_order, "joint order", 0.10),
     Mistake("waltz", "base_ang_vel in world frame", term("base_ang_vel", frame="world"), "base_ang_vel frame", 0.88),
     Mistake("waltz", "reference not yaw-aligned", fields(align_reference=False), "reference alignment"),
     Mistake(
-        "waltz",
-        "two rows instead of two columns",
-        term("motion_anchor_ori_b", layout="two_rows"),
-        "motion_anchor_ori_b layout",
-        0.40,
+        "waltz", "two rows instead of two columns", orientation(layout="two_rows"), "motion_anchor_ori_b layout", 0.40
     ),
     Mistake(
-        "waltz",
-        "columns flattened column-major",
-        term("motion_anchor_ori_b", layout="columns"),
-        "motion_anchor_ori_b layout",
-        0.46,
+        "waltz", "columns flattened column-major", orientation(layout="columns"), "motion_anchor_ori_b layout", 0.46
     ),
-    Mistake(
-        "waltz",
-        "inverse relative rotation",
-        term("motion_anchor_ori_b", inverse=True),
-        "motion_anchor_ori_b direction",
-        1.56,
-    ),
+    Mistake("waltz", "inverse relative rotation", orientation(inverse=True), "motion_anchor_ori_b direction", 1.56),
     Mistake("waltz", "last action zero", term("actions", scale=0.0), "actions zeroed", 1.02),
     Mistake("waltz", "last action scaled", term("actions", form="scaled"), "actions form", 1.28),
     Mistake("waltz", "command relative to default pose", term("command", relative=True), "command relative", 0.84),
@@ -244,32 +228,18 @@ SINGLES = (
     Mistake("arms", "left elbow turned round", turned_round("left_elbow_pitch"), "joint direction"),
 )
 """Of one thing each, on five robots."""
+GRAVITY = "projected_gravity sign"
 DOUBLES = (
-    ("unitree", gravity_flipped, turned_round("left_knee_joint"), ("joint direction", "projected_gravity sign")),
+    ("unitree", gravity_flipped, turned_round("left_knee_joint"), ("joint direction", GRAVITY)),
     ("unitree", imu_axes("y -x z"), term("last_action", scale=0.0), ("IMU axes", "last_action zeroed")),
-    (
-        "waltz",
-        term("motion_anchor_ori_b", inverse=True),
-        action_scale_one,
-        ("action scale", "motion_anchor_ori_b direction"),
-    ),
+    ("waltz", orientation(inverse=True), action_scale_one, ("action scale", "motion_anchor_ori_b direction")),
     ("holosoma", scales_one, listed_terms, ("observation scales", "term order")),
-    ("holosoma", gravity_flipped, action_scale_one, ("action scale", "projected_gravity sign")),
-    ("berkeley", gravity_flipped, scaled_actions(2.0), ("action scale", "projected_gravity sign")),
-    (
-        "berkeley",
-        turned_round("leg_left_knee_pitch_joint"),
-        gravity_flipped,
-        ("joint direction", "projected_gravity sign"),
-    ),
-    (
-        "playground",
-        gravity_flipped,
-        term("joint_pos", relative=False),
-        ("joint_pos relative", "projected_gravity sign"),
-    ),
+    ("holosoma", gravity_flipped, action_scale_one, ("action scale", GRAVITY)),
+    ("berkeley", gravity_flipped, scaled_actions(2.0), ("action scale", GRAVITY)),
+    ("berkeley", turned_round("leg_left_knee_pitch_joint"), gravity_flipped, ("joint direction", GRAVITY)),
+    ("playground", gravity_flipped, term("joint_pos", relative=False), ("joint_pos relative", GRAVITY)),
     ("playground", term("joint_pos", relative=False), imu_axes("-y x z"), ("IMU axes", "joint_pos relative")),
-    ("legs", gravity_flipped, scaled_actions(0.5), ("action scale", "projected_gravity sign")),
-    ("legs", sides_swapped("left", "right"), gravity_flipped, ("joint order", "projected_gravity sign")),
+    ("legs", gravity_flipped, scaled_actions(0.5), ("action scale", GRAVITY)),
+    ("legs", sides_swapped("left", "right"), gravity_flipped, ("joint order", GRAVITY)),
 )
 """Of two things at once: policy, both edits, what the doctor calls them, sorted."""

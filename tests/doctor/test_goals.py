@@ -14,14 +14,7 @@ def turned(angle, axis=(0.0, 0.0, 1.0)):
     return np.array([np.cos(0.5 * angle), *(np.sin(0.5 * angle) * np.array(axis))])
 
 
-def base(
-    *,
-    height=0.8,
-    yaw=0.0,
-    pitch=0.0,
-    velocity=(0.0, 0.0, 0.0),
-    rate=0.0,
-):
+def base(*, height=0.8, yaw=0.0, pitch=0.0, velocity=(0.0, 0.0, 0.0), rate=0.0):
     quaternion = turned(yaw) if pitch == 0.0 else turned(pitch, (0.0, 1.0, 0.0))
     position, turning = np.array([3.0, -1.0, height]), np.array([0.0, 0.0, rate])
     return BaseState(position, quaternion, np.array(velocity), turning, position, np.zeros(()))

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 import yaml
 from doctor_examples import FACTS, tracker, walker
+from models import contract_of
 from published import POLICIES, needs_policies
 from published_policies import CHECKPOINTS, SHIPPED, load_examined
 
 from humanoid_sim.assets import SAMPLE_POLICY, policy_path
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
+from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.edits import Edit, set_fields
 from humanoid_sim.doctor.examined_policy import robot_facts
@@ -36,18 +37,14 @@ PASTING = Pasting(Path("contract.yaml"))
 def one_foot():
     """With lists of one number, which must stay lists."""
     joints = FACTS.joint_names
-    return PolicyContract(
-        task_type="locomotion",
-        joint_names=joints,
+    return contract_of(
+        joints,
         action_joint_names=joints[:1],
         joint_stiffness=40.0,
         joint_damping=1.0,
         default_joint_pos=[0.3, 0.1, 0.3, 0.1],
         observation=["projected_gravity", Term("joint_pos", joints=joints[:1], scale=[2.0]), "gait_phase"],
-        command_names=(),
         action_scale=0.5,
-        policy_dt=0.02,
-        body_names=(),
         phase=PhaseRule(0.7, offsets=np.array([0.5])),
         position_clip=[[-1.0, 1.0]],
         command_ranges=[[0.0, 0.0]] * 3,

@@ -1,7 +1,5 @@
 """The order of the search, with trials whose outcomes are made up."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -157,9 +155,7 @@ def test_two_mistakes_are_found_though_a_third_change_keeps_the_robot_up(examine
     assert names(examine(wrong, judge))[0] == "anchor body torso + reference aligned"
 
 
-def test_two_mistakes_are_found_though_either_cure_alone_is_worse_and_a_third_change_keeps_the_robot_up(
-    examine,
-):
+def test_two_mistakes_are_found_though_either_cure_alone_is_worse_and_a_third_change_keeps_the_robot_up(examine):
     right = tracker()
     wrong = set_fields(anchor_body="pelvis", align_reference=False)(right)
     halves = (set_fields(anchor_body="torso")(wrong), set_fields(align_reference=True)(wrong))

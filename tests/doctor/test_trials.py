@@ -4,8 +4,8 @@ import msgspec
 import mujoco
 import numpy as np
 import pytest
+from models import contract_of
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import trials as module
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy
 from humanoid_sim.doctor.trials import Trial, TrialRunner
@@ -21,19 +21,14 @@ def still(observation, frame):
 def standing(**changes):
     """The Lite's legs held by a policy that always answers zeros."""
     values = {
-        "task_type": "locomotion",
-        "joint_names": BIPED.joint_names,
-        "action_joint_names": BIPED.joint_names,
         "joint_stiffness": 80.0,
         "joint_damping": 2.0,
         "default_joint_pos": np.array(BIPED.initial_position),
         "observation": ("base_ang_vel", "projected_gravity", "velocity_commands", "joint_pos", "joint_vel", "actions"),
         "command_names": ("twist",),
         "action_scale": 0.25,
-        "policy_dt": 0.02,
-        "body_names": (),
     }
-    return PolicyContract(**{**values, **changes})
+    return contract_of(BIPED.joint_names, **{**values, **changes})
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.vector import SyncVectorEnv
+from models import contract_of
 
 import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.terms import Term
 from humanoid_sim.robots.description import RobotDescription
 
 EVERYTHING: dict[str, Any] = {
@@ -34,23 +34,15 @@ def growing(progress: float) -> dict[str, float]:
 def following(robot: RobotDescription) -> PolicyContract:
     """A contract that follows the pelvis and the joints of a motion, in the robot's order."""
     names = robot.joint_names
-    return PolicyContract(
+    return contract_of(
+        names,
         task_type="tracking",
-        joint_names=names,
-        action_joint_names=names,
         joint_stiffness=robot.stiffness,
         joint_damping=robot.damping,
         default_joint_pos=robot.initial_position,
-        observation=[
-            Term("command"),
-            Term("motion_anchor_pos_b"),
-            Term("motion_anchor_ori_b"),
-            Term("joint_pos"),
-            Term("last_action"),
-        ],
+        observation=("command", "motion_anchor_pos_b", "motion_anchor_ori_b", "joint_pos", "last_action"),
         command_names=("motion",),
-        action_scale=np.full(len(names), 0.25),
-        policy_dt=0.02,
+        action_scale=0.25,
         body_names=("pelvis",),
         anchor_body="pelvis",
     )

@@ -3,10 +3,9 @@
 from pathlib import Path
 
 import numpy as np
-import onnx
 import pytest
 import yaml
-from onnx import TensorProto, helper, numpy_helper
+from models import linear_model, saved
 
 from humanoid_sim.controllers.rotation import rotate_inverse
 from humanoid_sim.envs import dm
@@ -115,14 +114,7 @@ def actions(steps):
 
 def network(**fields):
     weights = np.random.default_rng(0).normal(0.0, 0.05, (WIDTH, 3)).astype(np.float32)
-    graph = helper.make_graph(
-        [helper.make_node("MatMul", ["observation", "weights"], ["action"])],
-        "policy",
-        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, [1, WIDTH])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 3])],
-        [numpy_helper.from_array(weights, "weights")],
-    )
-    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), "policy.onnx")
+    saved(Path("policy.onnx"), linear_model({}, matrix=weights))
     Path("contract.yaml").write_text(yaml.safe_dump({**WIRING, **fields}), encoding="utf-8")
     return "policy.onnx"
 

@@ -3,9 +3,8 @@
 from pathlib import Path
 
 import numpy as np
-import onnx
 import pytest
-from onnx import TensorProto, helper, numpy_helper
+from models import linear_model, saved
 from play_fixtures import quick_robot
 from published import POLICIES, needs_policies
 
@@ -72,14 +71,7 @@ def test_the_sample_policy_from_a_recording(folder, actuation):
 def test_a_free_standing_robot_from_a_recording(folder):
     robot = quick_robot(folder, "lite_biped")
     weights = np.random.default_rng(0).normal(0.0, 0.02, (53, 14)).astype(np.float32)
-    graph = helper.make_graph(
-        [helper.make_node("MatMul", ["observation", "weights"], ["action"])],
-        "policy",
-        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, [1, 53])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, 14])],
-        [numpy_helper.from_array(weights, "weights")],
-    )
-    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), "walk.onnx")
+    saved(Path("walk.onnx"), linear_model({}, matrix=weights))
     options = ("--viewer", "none", "--record", "r.mcap", "--robot", robot, "--policy", "walk.onnx")
     script = (
         "--script", "damp; load_a; wait; start_locomotion; hold 1.2; damp", "--yaw", "1", "--command", "0.3,0,0.2",

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from alike import following
 from gymnasium.vector import AutoresetMode
+from models import contract_of
 
 import humanoid_sim  # noqa: F401 - registers the environments
-from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
+from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
 from humanoid_sim.errors import InputError
@@ -51,13 +52,11 @@ def both(request):
 def memory_policy():
     """A walking contract with a history, a gait clock and an anchor-free estimate of the base's velocity."""
     robot = ROBOTS["lite_biped"]
-    return PolicyContract(
-        task_type="locomotion",
-        joint_names=robot.joint_names[::-1],
+    return contract_of(
+        robot.joint_names[::-1],
         action_joint_names=robot.joint_names[:12],
         joint_stiffness=robot.stiffness[::-1],
         joint_damping=robot.damping[::-1],
-        default_joint_pos=np.zeros(14),
         observation=[
             Term("base_ang_vel", history=3),
             Term("projected_gravity", history=2),
@@ -68,10 +67,7 @@ def memory_policy():
             Term("joint_vel", scale=0.05),
             Term("last_action", history=2),
         ],
-        command_names=(),
-        action_scale=np.full(12, 0.25),
-        policy_dt=0.02,
-        body_names=(),
+        action_scale=0.25,
         phase=PhaseRule(0.8, standing_threshold=0.1),
     )
 

@@ -1,7 +1,5 @@
 """What becomes of a run whose front ends are stopped or killed: who there is, what each may cost, and how to strike."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -183,7 +181,7 @@ class Played:
             os.kill(children[name], blow)
         self.operator.ask("mark blow")
 
-    def finish(self) -> Log:
+    def finish(self) -> "Log":
         """Wait for the end; what was recorded."""
         self.process.wait(PATIENCE)
         return Log(self.folder, self.process.returncode)

@@ -1,7 +1,5 @@
 """The gamepad's program with a pad that SDL makes: its lines of standard input press, release, push and unplug it."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import sys

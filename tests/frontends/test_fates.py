@@ -68,15 +68,7 @@ def struck(folder, mode, names, blow, *, on_display=True, **given):
 @pytest.mark.parametrize("blow", BLOWS)
 @pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
 @pytest.mark.parametrize("alone", ["", *(name for name in ROWS if ROWS[name].instead)])
-def test_those_who_look_on_leave_the_control_log_as_it_is(
-    alone,
-    mode,
-    blow,
-    unwatched,
-    folder,
-    rows,
-    request,
-):
+def test_those_who_look_on_leave_the_control_log_as_it_is(alone, mode, blow, unwatched, folder, rows, request):
     """All at once, and a producer for REMOTE in the modes in which it does not command; or one that is not a window."""
     skip_unless((mode, blow) in SAMPLE, request)
     names = watchers(alone, mode, ROWS)

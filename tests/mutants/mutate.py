@@ -22,36 +22,10 @@ def _nested(depth: int) -> Any:
 
 
 ODD: tuple[Any, ...] = (
-    None,
-    True,
-    -1,
-    0,
-    1,
-    0.5,
-    10**8,
-    2**63,
-    10**400,
-    1e308,
-    -1e308,
-    1e-320,
-    float("nan"),
-    float("inf"),
-    "",
-    "x",
-    "nan",
-    "../..",
-    "a\nb",
-    "\0",
-    "é\u202e",
-    "y" * 100_000,
-    [],
-    {},
-    {"x": 1},
-    [0.0],
-    [1.0] * 1000,
-    _nested(90),
-    _nested(900),
-)
+    None, True, -1, 0, 1, 0.5, 10**8, 2**63, 10**400, 1e308, -1e308, 1e-320, float("nan"), float("inf"),
+    "", "x", "nan", "../..", "a\nb", "\0", "é\u202e", "y" * 100_000,
+    [], {}, {"x": 1}, [0.0], [1.0] * 1000, _nested(90), _nested(900),
+)  # fmt: skip
 """What stands where something else is expected."""
 
 

@@ -15,7 +15,7 @@ from formats import shortened
 from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import load_program
 
-__all__ = ["TARGETS", "Target"]
+__all__ = ["DEPLOY", "TARGETS", "Target"]
 
 Read = Callable[[Path], object]
 _DATA = Path(__file__).parents[1] / "data"

@@ -3,10 +3,8 @@
 from pathlib import Path
 
 import numpy as np
-import onnx
-from onnx import TensorProto, helper, numpy_helper
+from models import contract_of, linear_model, saved
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.fingers import Fingers
@@ -31,29 +29,12 @@ def two_key_policy(path: Path, robot: RobotDescription | None = None) -> Path:
         above[arm] = raised + fingers.holding_torque(hand, raised, 0.0) / robot.stiffness[arm]
         down = pressed + fingers.holding_torque(hand, pressed, 2.0) / robot.stiffness[arm]
         weights[key, arm] = down - above[arm]
-    contract = PolicyContract(
+    contract = contract_of(
+        robot.joint_names,
         task_type="piano",
-        joint_names=robot.joint_names,
-        action_joint_names=robot.joint_names,
         joint_stiffness=robot.stiffness,
         joint_damping=robot.damping,
         default_joint_pos=above,
         observation=("target_keys", "key_pressed"),
-        command_names=(),
-        action_scale=np.ones(robot.joint_count),
-        policy_dt=0.02,
-        body_names=(),
     )
-    graph = helper.make_graph(
-        [helper.make_node("MatMul", ["observation", "weights"], ["action"])],
-        "two keys",
-        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, [1, len(weights)])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, robot.joint_count])],
-        [numpy_helper.from_array(weights, "weights")],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
-    for key, value in write_metadata(contract).items():
-        entry = model.metadata_props.add()
-        entry.key, entry.value = key, value
-    onnx.save(model, str(path))
-    return path
+    return saved(path, linear_model(write_metadata(contract), matrix=weights))

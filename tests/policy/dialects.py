@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import yaml
 from hypothesis import strategies as st
+from models import contract_of
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorNames
 from humanoid_sim.controllers.terms import Term
@@ -15,13 +16,8 @@ from humanoid_sim.policy.contract_json import encode
 
 ROBOT = ("hip", "knee", "ankle", "waist", "elbow")
 PROPRIOCEPTION = (
-    "base_ang_vel",
-    "projected_gravity",
-    "velocity_commands",
-    "joint_pos_rel",
-    "joint_vel_rel",
-    "last_action",
-)
+    "base_ang_vel", "projected_gravity", "velocity_commands", "joint_pos_rel", "joint_vel_rel", "last_action",
+)  # fmt: skip
 WIDTHS = {"base_ang_vel": 3, "projected_gravity": 3, "velocity_commands": 3}
 
 numbers = st.floats(-100.0, 100.0)
@@ -120,10 +116,8 @@ def walkers(draw: st.DrawFn, robot: tuple[str, ...] = ROBOT) -> PolicyContract:
         Term(name, scale=draw(arrays(widths[name])), clip=draw(st.none() | pairs()), history=history)
         for name in draw(st.permutations(PROPRIOCEPTION))
     ]
-    return PolicyContract(
-        task_type="locomotion",
-        joint_names=joints,
-        action_joint_names=joints,
+    return contract_of(
+        joints,
         joint_stiffness=draw(arrays(n, gains)),
         joint_damping=draw(arrays(n, gains)),
         default_joint_pos=draw(arrays(n)),
@@ -131,7 +125,6 @@ def walkers(draw: st.DrawFn, robot: tuple[str, ...] = ROBOT) -> PolicyContract:
         command_names=("base_velocity",),
         action_scale=draw(arrays(n)),
         policy_dt=draw(st.sampled_from([0.02, 0.04, 0.01])),
-        body_names=(),
         action_offset=draw(arrays(n)),
         position_clip=draw(st.none() | st.lists(pairs(), min_size=n, max_size=n)),
         history_layout=draw(st.sampled_from(["per_term", "per_step"])),
@@ -141,18 +134,14 @@ def walkers(draw: st.DrawFn, robot: tuple[str, ...] = ROBOT) -> PolicyContract:
 
 def a_walker() -> PolicyContract:
     """One of them."""
-    return PolicyContract(
-        task_type="locomotion",
-        joint_names=("knee", "hip", "elbow", "waist", "ankle"),
-        action_joint_names=("knee", "hip", "elbow", "waist", "ankle"),
+    return contract_of(
+        ("knee", "hip", "elbow", "waist", "ankle"),
         joint_stiffness=[1.0, 2.0, 3.0, 4.0, 5.0],
         joint_damping=[0.1, 0.2, 0.3, 0.4, 0.5],
         default_joint_pos=[0.3, -0.1, 0.5, 0.0, -0.2],
         observation=("base_ang_vel", "projected_gravity", "velocity_commands", "joint_pos_rel", "last_action"),
         command_names=("base_velocity",),
         action_scale=0.25,
-        policy_dt=0.02,
-        body_names=(),
         command_ranges=[[-1.0, 1.0], [-0.5, 0.5], [-1.0, 1.0]],
     )
 

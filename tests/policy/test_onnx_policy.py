@@ -2,6 +2,7 @@ import hashlib
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import models
@@ -156,31 +157,23 @@ def fails_when_it_runs():
     return models.finished(graph, None)
 
 
+def linear(**form):
+    return partial(models.linear_model, **form)
+
+
 MODELS = {
-    "float64": (
-        lambda: models.linear_model(dtype=TensorProto.DOUBLE),
-        "input 'observation' is tensor(double), expected tensor(float)",
-    ),
-    "float16": (
-        lambda: models.linear_model(dtype=TensorProto.FLOAT16),
-        "input 'observation' is tensor(float16), expected tensor(float)",
-    ),
-    "no batch": (
-        lambda: models.linear_model(input_shape=[8], output_shape=[2]),
-        "input 'observation' has shape [8], expected (1, width)",
-    ),
+    "float64": (linear(dtype=TensorProto.DOUBLE), "input 'observation' is tensor(double), expected tensor(float)"),
+    "float16": (linear(dtype=TensorProto.FLOAT16), "input 'observation' is tensor(float16), expected tensor(float)"),
+    "no batch": (linear(input_shape=[8], output_shape=[2]), "input 'observation' has shape [8], expected (1, width)"),
     "rank 3": (
-        lambda: models.linear_model(input_shape=[1, 1, 8], output_shape=[1, 1, 2]),
+        linear(input_shape=[1, 1, 8], output_shape=[1, 1, 2]),
         "input 'observation' has shape [1, 1, 8], expected (1, width)",
     ),
     "batch of 4": (
-        lambda: models.linear_model(input_shape=[4, 8], output_shape=[4, 2]),
+        linear(input_shape=[4, 8], output_shape=[4, 2]),
         "input 'observation' has shape [4, 8], expected (1, width)",
     ),
-    "width unknown": (
-        lambda: models.linear_model(input_shape=[1, "n"]),
-        "input 'observation' has shape [1, 'n'], expected (1, width)",
-    ),
+    "width unknown": (linear(input_shape=[1, "n"]), "input 'observation' has shape [1, 'n'], expected (1, width)"),
     "wide time step": (
         two_inputs,
         "input 'time_step' is tensor(float) of shape [1, 2], expected a number of shape (1, 1)",
@@ -194,11 +187,11 @@ MODELS = {
         "has the inputs observation and 0 outputs, expected one input, or one and 'time_step', and an output",
     ),
     "output of another width": (
-        lambda: models.linear_model(outputs=3),
+        linear(outputs=3),
         "the model's output is 3 wide, expected 2, one for each of action_joint_names",
     ),
     "no metadata": (
-        lambda: models.linear_model({}),
+        partial(models.linear_model, {}),
         "the contract lacks joint_names, joint_stiffness, joint_damping, default_joint_pos, observation, action_scale, "
         "policy_dt; read: no source; give what is missing in policy.contract.yaml",
     ),

@@ -1,7 +1,5 @@
 """A W&B service without a network: the part of the `wandb` package's public API that is used."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import threading
@@ -19,7 +17,7 @@ class CommError(Exception):
 class File:
     name: str
     data: bytes
-    service: Service
+    service: "Service"
     torn: bool = False
 
     @property

@@ -2,9 +2,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from models import contract_of
 from motion_samples import joint_path, lite, motion_of
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
 from humanoid_sim.prepare.convert import FROM_KINEMATICS, FROM_SOURCE, convert, has_rate, layout_of, resample
@@ -22,18 +22,13 @@ def contract(**changes):
     joints = tuple(reversed(SKELETON.joints))
     fields = {
         "task_type": "tracking",
-        "joint_names": joints,
-        "action_joint_names": joints,
         "joint_stiffness": 20.0,
         "joint_damping": 1.0,
-        "default_joint_pos": 0.0,
         "observation": BASE_TERMS,
-        "command_names": (),
         "action_scale": 0.5,
-        "policy_dt": 0.02,
         "body_names": BODIES,
     }
-    return PolicyContract(**fields | changes)
+    return contract_of(joints, **fields | changes)
 
 
 def named(bodies=("chest", *BODIES), **changes):

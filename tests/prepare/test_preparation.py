@@ -55,12 +55,8 @@ def test_the_report(tmp_path):
     assert report["verified"] is True
     assert report["method"] == "forward kinematics"
     assert report["source"] == str(tmp_path / "dance.npz")
-    assert (report["source_fps"], report["source_frames"], report["frames"], report["resampled"]) == (
-        50.0,
-        40,
-        40,
-        False,
-    )
+    assert [report[key] for key in ("source_fps", "source_frames", "frames")] == [50.0, 40, 40]
+    assert report["resampled"] is False
     assert report["tolerance"] == {"position": 0.01, "angle": pytest.approx(np.radians(2.0))}
     assert [body["name"] for body in report["bodies"]] == list(Skeleton(lite()).bodies)
     assert max(body["position_max"] for body in report["bodies"]) < 1e-5
@@ -78,87 +74,70 @@ BODIES_BY_LEVEL = [SKELETON.bodies.index(name) for name in SKELETON.body_orders[
 BREADTH_JOINTS = {name: SAMPLE[name][:, JOINTS] for name in ("joint_pos", "joint_vel")}
 BREADTH_BODIES = {name: SAMPLE[name][:, BODIES_BY_LEVEL] for name in ("body_pos_w", "body_quat_w")}
 
+ANGLES, SPEEDS, POINTS, TURNS = (SAMPLE[name] for name in ("joint_pos", "joint_vel", "body_pos_w", "body_quat_w"))
+IN_DEGREES = {"joint_pos": np.degrees(ANGLES), "joint_vel": np.degrees(SPEEDS)}
+CONJUGATE = TURNS * [1.0, -1.0, -1.0, -1.0]
+HAND_UP = POINTS + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02]
+
+
+def fits(options):
+    return f"it would fit with {options}\n"
+
+
 WRONG = {
     "joints": (
-        {"joint_pos": SAMPLE["joint_pos"][:, LEAD], "joint_vel": SAMPLE["joint_vel"][:, LEAD]},
+        {"joint_pos": ANGLES[:, LEAD], "joint_vel": SPEEDS[:, LEAD]},
         "no other order of joints, bodies or quaternions that was tried fits",
     ),
-    "breadth-first joints": (BREADTH_JOINTS, "it would fit with --joint-order breadth_first\n"),
-    "breadth-first bodies": (BREADTH_BODIES, "it would fit with --body-order breadth_first\n"),
-    "breadth first": (
-        BREADTH_JOINTS | BREADTH_BODIES,
-        "it would fit with --joint-order breadth_first --body-order breadth_first\n",
-    ),
+    "breadth-first joints": (BREADTH_JOINTS, fits("--joint-order breadth_first")),
+    "breadth-first bodies": (BREADTH_BODIES, fits("--body-order breadth_first")),
+    "breadth first": (BREADTH_JOINTS | BREADTH_BODIES, fits("--joint-order breadth_first --body-order breadth_first")),
     "breadth first, quaternions": (
         BREADTH_JOINTS | BREADTH_BODIES | {"body_quat_w": np.roll(BREADTH_BODIES["body_quat_w"], -1, -1)},
-        "it would fit with --joint-order breadth_first --body-order breadth_first --quaternions xyzw\n",
+        fits("--joint-order breadth_first --body-order breadth_first --quaternions xyzw"),
     ),
-    "quaternions": ({"body_quat_w": np.roll(SAMPLE["body_quat_w"], -1, -1)}, "it would fit with --quaternions xyzw"),
-    "conjugate quaternions": (
-        {"body_quat_w": SAMPLE["body_quat_w"] * [1.0, -1.0, -1.0, -1.0]},
-        "it would fit with --conjugate\n",
-    ),
-    "degrees": (
-        {"joint_pos": np.degrees(SAMPLE["joint_pos"]), "joint_vel": np.degrees(SAMPLE["joint_vel"])},
-        "it would fit with --angle-unit deg\n",
-    ),
+    "quaternions": ({"body_quat_w": np.roll(TURNS, -1, -1)}, "it would fit with --quaternions xyzw"),
+    "conjugate quaternions": ({"body_quat_w": CONJUGATE}, fits("--conjugate")),
+    "degrees": (IN_DEGREES, fits("--angle-unit deg")),
     "degrees and radians": (
-        {"joint_pos": np.degrees(SAMPLE["joint_pos"])},
+        {"joint_pos": np.degrees(ANGLES)},
         "all 14 joints: velocities are in radians per second, and the positions in degrees",
     ),
-    "centimetres": ({"body_pos_w": 100.0 * SAMPLE["body_pos_w"]}, "it would fit with --length-unit cm\n"),
-    "inches and degrees": (
-        {
-            "body_pos_w": SAMPLE["body_pos_w"] / 0.0254,
-            "joint_pos": np.degrees(SAMPLE["joint_pos"]),
-            "joint_vel": np.degrees(SAMPLE["joint_vel"]),
-        },
-        "it would fit with --angle-unit deg --length-unit in\n",
-    ),
+    "centimetres": ({"body_pos_w": 100.0 * POINTS}, fits("--length-unit cm")),
+    "inches and degrees": ({"body_pos_w": POINTS / 0.0254, **IN_DEGREES}, fits("--angle-unit deg --length-unit in")),
     "all of them": (
-        {
-            "body_pos_w": 1000.0 * SAMPLE["body_pos_w"],
-            "body_quat_w": np.roll(SAMPLE["body_quat_w"] * [1.0, -1.0, -1.0, -1.0], -1, -1),
-            "joint_pos": np.degrees(SAMPLE["joint_pos"]),
-            "joint_vel": np.degrees(SAMPLE["joint_vel"]),
-        },
-        "it would fit with --quaternions xyzw --conjugate --angle-unit deg --length-unit mm\n",
+        {"body_pos_w": 1000.0 * POINTS, "body_quat_w": np.roll(CONJUGATE, -1, -1), **IN_DEGREES},
+        fits("--quaternions xyzw --conjugate --angle-unit deg --length-unit mm"),
     ),
     "conjugate, and a body": (
-        {
-            "body_quat_w": SAMPLE["body_quat_w"] * [1.0, -1.0, -1.0, -1.0],
-            "body_pos_w": SAMPLE["body_pos_w"] + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02],
-        },
+        {"body_quat_w": CONJUGATE, "body_pos_w": HAND_UP},
         "times nearer with --conjugate, but not within the tolerance",
     ),
     "a body": (
-        {"body_pos_w": SAMPLE["body_pos_w"] + np.eye(18)[7][None, :, None] * [0.0, 0.0, 0.02]},
+        {"body_pos_w": HAND_UP},
         "body 'left_hand' is up to 2.0 cm and 0.0° from where the robot's forward kinematics puts it",
     ),
     "rate": ({"fps": np.array([30])}, "fps is 30, but its joint velocities match 50.0 frames per second"),
-    "velocities": (
-        {"joint_vel": SAMPLE["joint_vel"][:, ::-1]},
-        "its joint velocities do not match its joint positions",
-    ),
+    "velocities": ({"joint_vel": SPEEDS[:, ::-1]}, "its joint velocities do not match its joint positions"),
     "a joint's velocities": (
-        {"joint_vel": SAMPLE["joint_vel"] * np.where(np.arange(14) == 3, 0.5, 1.0)},
+        {"joint_vel": SPEEDS * np.where(np.arange(14) == 3, 0.5, 1.0)},
         "left_elbow_pitch: velocities are 0.5 times the derivative of the positions; correct them, or let --velocities "
         "positions compute them",
     ),
-    "no velocities": ({"joint_vel": 0.0 * SAMPLE["joint_vel"]}, "all 14 joints: velocities are all zero"),
+    "no velocities": ({"joint_vel": 0.0 * SPEEDS}, "all 14 joints: velocities are all zero"),
     "late velocities": (
-        {"joint_vel": np.roll(SAMPLE["joint_vel"], 10, axis=0)},
+        {"joint_vel": np.roll(SPEEDS, 10, axis=0)},
         "velocities are unlike the derivative of the positions",
     ),
     "not a number": ({"body_pos_w": np.full((40, 18, 3), np.nan)}, "body_position is nan at frame 0"),
-    "frames": ({"body_quat_w": SAMPLE["body_quat_w"][:-1]}, "body_quaternion has 39 frames, joint_position has 40"),
+    "frames": ({"body_quat_w": TURNS[:-1]}, "body_quaternion has 39 frames, joint_position has 40"),
     "no key": ({"joint_vel": None}, "has no joint_vel"),
     "joint count": (
-        {"joint_pos": SAMPLE["joint_pos"][:, :13], "joint_vel": SAMPLE["joint_vel"][:, :13]},
+        {"joint_pos": ANGLES[:, :13], "joint_vel": SPEEDS[:, :13]},
         "has 13 joints per frame, and the order 'contract' has 14",
     ),
     "body count": (
-        {"body_pos_w": SAMPLE["body_pos_w"][:, :9], "body_quat_w": SAMPLE["body_quat_w"][:, :9]},
+        {"body_pos_w": POINTS[:, :9], "body_quat_w": TURNS[:, :9]},
         "has 9 bodies per frame; the contract has 4, the robot 18; say which they are with --body-order",
     ),
 }
@@ -347,24 +326,11 @@ def test_a_policy_that_follows_no_motion(tmp_path, capsys):
 def walker(path):
     """The sample policy, called a locomotion policy that sees no motion."""
     import onnx  # noqa: PLC0415
-    from onnx import helper, numpy_helper  # noqa: PLC0415
+    from models import linear_model, saved  # noqa: PLC0415
 
     joints = lite().joint_names
     entries = onnx.load(POLICY, load_external_data=False).metadata_props
     # A stamp would contradict what is changed.
     metadata = {entry.key: entry.value for entry in entries if not entry.key.startswith("humanoid_sim")}
     metadata |= {"task_type": "locomotion", "observation_names": "joint_pos", "body_names": ""}
-    weight = numpy_helper.from_array(np.zeros((len(joints), len(joints)), np.float32), "weight")
-    shape = [1, len(joints)]
-    graph = helper.make_graph(
-        [helper.make_node("MatMul", ["obs", "weight"], ["actions"])],
-        "walker",
-        [helper.make_tensor_value_info("obs", onnx.TensorProto.FLOAT, shape)],
-        [helper.make_tensor_value_info("actions", onnx.TensorProto.FLOAT, shape)],
-        [weight],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    for key, value in metadata.items():
-        model.metadata_props.add(key=key, value=value)
-    onnx.save(model, path)
-    return path
+    return saved(path, linear_model(metadata, matrix=np.zeros((len(joints), len(joints)))))

@@ -1,7 +1,5 @@
 """Copies of a policy that are worse on purpose, and small networks of other shapes than exporters usually write."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -156,7 +154,7 @@ class _Addition:
         weights = np.random.default_rng(seed).normal(0.0, 1000.0, self.observed).astype(np.float32)
         return self("ReduceSum", self("Mul", "obs_given", weights), np.array([1]), keepdims=1)
 
-    def untouched(self) -> _Addition:
+    def untouched(self) -> "_Addition":
         """Lets the observation through."""
         self("Identity", "obs_given", output="obs_seen")
         return self

@@ -4,10 +4,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import onnx
-from onnx import TensorProto, helper, numpy_helper
+from models import contract_of, linear_model, saved
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.regress.results import Episode, PolicyRun
 from humanoid_sim.regress.suite import Case, Suite, Tolerance
@@ -87,29 +85,13 @@ def standing_policy(path: Path) -> Path:
     """A policy for the Lite's legs that always answers zeros: they hold their pose, which stands."""
     robot = load_robot("lite_biped")
     n = len(robot.joint_names)
-    contract = PolicyContract(
-        task_type="locomotion",
-        joint_names=robot.joint_names,
-        action_joint_names=robot.joint_names,
+    contract = contract_of(
+        robot.joint_names,
         joint_stiffness=robot.stiffness,
         joint_damping=robot.damping,
         default_joint_pos=np.array(robot.initial_position),
         observation=("joint_pos", "joint_vel", "velocity_command"),
         command_names=("twist",),
-        action_scale=np.array(0.25),
-        policy_dt=0.02,
-        body_names=(),
+        action_scale=0.25,
     )
-    width = 2 * n + 3
-    graph = helper.make_graph(
-        [helper.make_node("MatMul", ["obs", "w"], ["actions"])],
-        "standing",
-        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, width])],
-        [helper.make_tensor_value_info("actions", TensorProto.FLOAT, [1, n])],
-        [numpy_helper.from_array(np.zeros((width, n), dtype=np.float32), "w")],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
-    entry = model.metadata_props.add()
-    entry.key, entry.value = STAMP_KEY, encode(contract)
-    onnx.save(model, str(path))
-    return path
+    return saved(path, linear_model({STAMP_KEY: encode(contract)}, matrix=np.zeros((2 * n + 3, n))))

@@ -1,7 +1,5 @@
 """A batch of observations gets bit for bit what single ones get, whatever the exporter did to the batch dimension."""
 
-from __future__ import annotations
-
 import numpy as np
 import onnx
 import pytest

@@ -1,7 +1,5 @@
 """Episodes: functions of policy, case and seed alone, measured as anybody else would measure them."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Episodes on a cluster are those of one machine."""
 
-from __future__ import annotations
-
 import pickle
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """Margins: how far a disturbance can be raised."""
 
-from __future__ import annotations
-
 import pytest
 from policies import SAMPLE
 from regress_runs import SHORT, episode, yaml_suite

@@ -1,7 +1,5 @@
 """The shipped suite on real policies: what is worse is found, what is only different is not."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from functools import cached_property

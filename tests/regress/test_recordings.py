@@ -1,7 +1,5 @@
 """Failing episodes as recordings that repeat bit for bit."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`regress` from its command line: verdicts as exit statuses, outputs, and one line for what cannot be used."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -212,10 +212,7 @@ BAD_TEXTS = [
     ("name: lite\n? {a: 3}\n: 3\n", "line 2, column 3: not valid YAML: found unhashable key"),
     (r'name: "\ud800"', "line 1, column 7: not valid YAML: a text holds a null character or half of a surrogate pair"),
     (r'mjcf: "a\0b"', "line 1, column 7: not valid YAML: a text holds a null character or half of a surrogate pair"),
-    (
-        "name: !!python/object:os.system {}\n",
-        "line 1, column 7: not valid YAML: the tag !!python/object:os.sys",
-    ),
+    ("name: !!python/object:os.system {}\n", "line 1, column 7: not valid YAML: the tag !!python/object:os.sys"),
 ]
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from models import contract_of
 
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot, with_contract, with_contract_physics, with_joint_limits
 
@@ -14,19 +14,13 @@ N = ROBOT.joint_count
 def contract(joints, **fields):
     n = len(joints)
     values = {
-        "task_type": "locomotion",
-        "joint_names": joints,
-        "action_joint_names": joints,
         "joint_stiffness": np.arange(n) + 10.0,
         "joint_damping": np.arange(n) * 0.1,
         "default_joint_pos": np.arange(n) * 0.01,
         "observation": ("joint_pos",),
-        "command_names": (),
         "action_scale": 0.25,
-        "policy_dt": 0.02,
-        "body_names": (),
     }
-    return PolicyContract(**{**values, **fields})
+    return contract_of(joints, **{**values, **fields})
 
 
 def test_gains_and_pose_arrive_in_the_robots_order():

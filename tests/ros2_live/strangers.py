@@ -25,19 +25,8 @@ TYPES: Mapping[str, str] = {
 ACROSS = ("/lite/joint_states", "/imu/data", "/control_mode", "/robot_description", "/tf", "/tf_static")
 REMOTE = 4
 COMMAND = "/remote_policy_controller/command"
-JOINTS = tuple(
-    f"{side}_{joint}"
-    for side in ("left", "right")
-    for joint in (
-        "shoulder_pitch",
-        "shoulder_roll",
-        "shoulder_yaw",
-        "elbow_pitch",
-        "wrist_yaw",
-        "wrist_roll",
-        "wrist_pitch",
-    )
-)
+_ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow_pitch", "wrist_yaw", "wrist_roll", "wrist_pitch")
+JOINTS = tuple(f"{side}_{joint}" for side in ("left", "right") for joint in _ARM)
 
 
 def listen(

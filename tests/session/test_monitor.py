@@ -31,16 +31,7 @@ NAMES = {
 }
 
 
-def record(
-    index,
-    mode=Mode.DAMPING,
-    *,
-    effort=None,
-    safety=(),
-    duration=1e-4,
-    overrun=False,
-    **output,
-):
+def record(index, mode=Mode.DAMPING, *, effort=None, safety=(), duration=1e-4, overrun=False, **output):
     state = rig.state(index * 0.5, joint_effort=np.array(effort or [0.0, 0.0, 0.0]))
     control = ControlMode(mode, NAMES[mode], f"reason {index}")
     return TickRecord(

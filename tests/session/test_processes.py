@@ -140,9 +140,7 @@ def _tick_times(local, seconds):
 
 
 @pytest.mark.slow
-def test_a_hundred_readers_cost_the_loop_no_more_than_as_many_processes_that_read_something_else(
-    local,
-):
+def test_a_hundred_readers_cost_the_loop_no_more_than_as_many_processes_that_read_something_else(local):
     readers = READER.format(pause=0.02)
     others = 'data = bytes(400_000)\nprint("ready", flush=True)\nwhile True:\n    data[::7]\n    time.sleep(0.02)\n'
     p99 = {}

@@ -12,18 +12,9 @@ from importlib.machinery import ModuleSpec
 
 MODULES = ("fcntl", "grp", "pwd", "resource", "termios", "tty")
 OF_OS = (
-    "sched_",
-    "SCHED_",
-    "memfd_",
-    "MFD_",
-    "posix_",
-    "getuid",
-    "geteuid",
-    "O_CLOEXEC",
-    "O_NONBLOCK",
-    "O_NOFOLLOW",
-    "fork",
-)
+    "sched_", "SCHED_", "memfd_", "MFD_", "posix_", "getuid", "geteuid", "fork",
+    "O_CLOEXEC", "O_NONBLOCK", "O_NOFOLLOW",
+)  # fmt: skip
 OF_SIGNAL = ("SIGHUP", "SIGQUIT", "SIGTSTP", "SIGKILL")
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from hypothesis import given
+from models import contract_of
 
 from humanoid_sim.controllers.base import Fault
-from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.testing import ScriptedPolicy, healthy_tick, misbehaviours, policies_that_misbehave, well_behaved
@@ -15,19 +15,7 @@ NAMES = sorted(misbehaviours(1))
 
 def controller(m, policy, action_limit):
     joints = tuple(f"joint_{i}" for i in range(m))
-    contract = PolicyContract(
-        task_type="locomotion",
-        joint_names=joints,
-        action_joint_names=joints,
-        joint_stiffness=np.ones(m),
-        joint_damping=np.ones(m),
-        default_joint_pos=np.zeros(m),
-        observation=("joint_pos", "actions"),
-        command_names=(),
-        action_scale=np.ones(m),
-        policy_dt=0.02,
-        body_names=(),
-    )
+    contract = contract_of(joints, observation=("joint_pos", "actions"))
     return RLPolicyController(joints, contract, no_reference(), policy, 0.02, action_limit)
 
 

@@ -63,114 +63,88 @@ STANDBY = StandbyState(1, 2, 1.0, True)
 REPORT = FaultReport(RL, DAMPING, "NaN")
 LIMP = FaultReport(DAMPING, ZERO, "NaN")
 
+
+def row(name, tamper, message, *intents, **inputs):
+    """In control, what is done to the output, what is found, and what comes in."""
+    return name, intents, inputs, tamper, message
+
+
 BROKEN = {
-    "not finite": (DAMPING, (), {}, lambda o: with_command(o, velocity=NAN_3), "velocity is"),
-    "negative gain": (DAMPING, (), {}, lambda o: with_command(o, damping=[-1.0, 1.0, 1.0]), "no negative gain"),
-    "too wide": (DAMPING, (), {}, lambda o: replace(o, command=MITCommand.zeros(4)), "has shape (4,), expected (3,)"),
-    "torque in ZERO_TORQUE": (ZERO, (), {}, lambda o: with_command(o, effort=[0, 0, 1e-9]), "expected zeros in all"),
-    "stiff DAMPING": (DAMPING, (), {}, lambda o: with_command(o, stiffness=np.ones(3)), "stiffness of [1. 1. 1.]"),
-    "DAMPING pushes": (DAMPING, (), {}, lambda o: with_command(o, effort=np.ones(3)), "DAMPING commands effort"),
-    "other damping": (DAMPING, (), {}, lambda o: with_command(o, damping=np.ones(3)), "expected [1.5 1.6 1.7]"),
-    "DAMPING follows": (DAMPING, (), {}, lambda o: with_command(o, position=np.ones(3)), "captured at activation"),
-    "unknown name": (DAMPING, (), {}, lambda o: with_mode(o, Mode.DAMPING, "damper"), "controller damper is none of"),
-    "wrong mode": (DAMPING, (), {}, lambda o: with_mode(o, Mode.REMOTE, DAMPING), "reports mode REMOTE"),
-    "standby elsewhere": (DAMPING, (), {}, lambda o: replace(o, standby=STANDBY), "DAMPING with standby"),
-    "no standby": (A, (), {}, lambda o: replace(o, standby=None), "STANDBY with standby None"),
-    "moves while unsafe": (
-        RL,
-        (),
-        {"safety": FAULT},
-        lambda o: with_mode(o, Mode.LOCOMOTION, RL),
-        "is in control although safety reports",
+    "not finite": row(DAMPING, lambda o: with_command(o, velocity=NAN_3), "velocity is"),
+    "negative gain": row(DAMPING, lambda o: with_command(o, damping=[-1.0, 1.0, 1.0]), "no negative gain"),
+    "too wide": row(DAMPING, lambda o: replace(o, command=MITCommand.zeros(4)), "has shape (4,), expected (3,)"),
+    "torque in ZERO_TORQUE": row(ZERO, lambda o: with_command(o, effort=[0, 0, 1e-9]), "expected zeros in all"),
+    "stiff DAMPING": row(DAMPING, lambda o: with_command(o, stiffness=np.ones(3)), "stiffness of [1. 1. 1.]"),
+    "DAMPING pushes": row(DAMPING, lambda o: with_command(o, effort=np.ones(3)), "DAMPING commands effort"),
+    "other damping": row(DAMPING, lambda o: with_command(o, damping=np.ones(3)), "expected [1.5 1.6 1.7]"),
+    "DAMPING follows": row(DAMPING, lambda o: with_command(o, position=np.ones(3)), "captured at activation"),
+    "unknown name": row(DAMPING, lambda o: with_mode(o, Mode.DAMPING, "damper"), "controller damper is none of"),
+    "wrong mode": row(DAMPING, lambda o: with_mode(o, Mode.REMOTE, DAMPING), "reports mode REMOTE"),
+    "standby elsewhere": row(DAMPING, lambda o: replace(o, standby=STANDBY), "DAMPING with standby"),
+    "no standby": row(A, lambda o: replace(o, standby=None), "STANDBY with standby None"),
+    "moves while unsafe": row(
+        RL, lambda o: with_mode(o, Mode.LOCOMOTION, RL), "is in control although safety reports", safety=FAULT
     ),
-    "DAMP is not heard": (
+    "DAMP is not heard": row(
         RL,
-        (Intent.DAMP,),
-        {},
         lambda o: with_mode(o, Mode.LOCOMOTION, RL),
         "DAMP was requested, and rl_policy_controller is in control",
+        Intent.DAMP,
     ),
-    "wakes by itself": (ZERO, (), {}, lambda o: with_mode(o, Mode.DAMPING, DAMPING), "to damping_controller by itself"),
-    "no such edge": (
-        DAMPING,
-        (Intent.START_LOCOMOTION,),
-        {},
-        lambda o: with_mode(o, Mode.LOCOMOTION, RL),
-        "which is not an edge",
+    "wakes by itself": row(ZERO, lambda o: with_mode(o, Mode.DAMPING, DAMPING), "to damping_controller by itself"),
+    "no such edge": row(
+        DAMPING, lambda o: with_mode(o, Mode.LOCOMOTION, RL), "which is not an edge", Intent.START_LOCOMOTION
     ),
-    "another intent": (
+    "another intent": row(
         DAMPING,
-        (Intent.LOAD_B,),
-        {},
         lambda o: with_mode(replace(o, standby=STANDBY), Mode.STANDBY, A),
         "without Intent.LOAD_A",
+        Intent.LOAD_B,
     ),
-    "goes limp": (
+    "goes limp": row(
         DAMPING,
-        (Intent.DAMP,),
-        {},
         lambda o: with_mode(replace(o, command=zeros(o), faults=(LIMP,)), Mode.ZERO_TORQUE, ZERO),
         "went limp",
+        Intent.DAMP,
     ),
-    "quits unasked": (DAMPING, (), {}, lambda o: replace(o, quit=True), "quit without QUIT"),
-    "quits although DAMP": (
-        DAMPING,
-        (Intent.QUIT, Intent.DAMP),
-        {},
-        lambda o: replace(o, quit=True),
-        "although DAMP came with it",
+    "quits unasked": row(DAMPING, lambda o: replace(o, quit=True), "quit without QUIT"),
+    "quits although DAMP": row(
+        DAMPING, lambda o: replace(o, quit=True), "although DAMP came with it", Intent.QUIT, Intent.DAMP
     ),
-    "quits while moving": (RL, (Intent.QUIT,), {}, lambda o: replace(o, quit=True), "QUIT was obeyed from rl_policy"),
-    "QUIT says nothing": (RL, (Intent.QUIT,), {}, lambda o: replace(o, refusals=()), "no refusal says why"),
-    "failed and stays": (RL, (), {}, lambda o: replace(o, faults=(REPORT,)), "failed and stays in control"),
-    "failed for nothing": (
-        DAMPING,
-        (),
-        {},
-        lambda o: replace(o, faults=(replace(REPORT, message=""),)),
-        "without saying why",
+    "quits while moving": row(RL, lambda o: replace(o, quit=True), "QUIT was obeyed from rl_policy", Intent.QUIT),
+    "QUIT says nothing": row(RL, lambda o: replace(o, refusals=()), "no refusal says why", Intent.QUIT),
+    "failed and stays": row(RL, lambda o: replace(o, faults=(REPORT,)), "failed and stays in control"),
+    "failed for nothing": row(
+        DAMPING, lambda o: replace(o, faults=(replace(REPORT, message=""),)), "without saying why"
     ),
-    "failure not told": (DAMPING, (), {}, lambda o: replace(o, faults=(REPORT,)), "is not in the status message"),
-    "failed twice": (DAMPING, (), {}, lambda o: replace(o, faults=(REPORT, REPORT)), "failed twice in one tick"),
-    "raised": (DAMPING, (), {}, lambda o: replace(o, faults=(replace(REPORT, is_bug=True),)), "raised: NaN"),
-    "other fallback": (
-        DAMPING,
-        (),
-        {},
-        lambda o: replace(o, faults=(replace(REPORT, fallback=ZERO),)),
-        "damping_controller leads",
+    "failure not told": row(DAMPING, lambda o: replace(o, faults=(REPORT,)), "is not in the status message"),
+    "failed twice": row(DAMPING, lambda o: replace(o, faults=(REPORT, REPORT)), "failed twice in one tick"),
+    "raised": row(DAMPING, lambda o: replace(o, faults=(replace(REPORT, is_bug=True),)), "raised: NaN"),
+    "other fallback": row(
+        DAMPING, lambda o: replace(o, faults=(replace(REPORT, fallback=ZERO),)), "damping_controller leads"
     ),
-    "ZERO_TORQUE failed": (
-        DAMPING,
-        (),
-        {},
-        lambda o: replace(o, faults=(replace(REPORT, controller=ZERO),)),
-        "zero_torque_controller failed",
+    "ZERO_TORQUE failed": row(
+        DAMPING, lambda o: replace(o, faults=(replace(REPORT, controller=ZERO),)), "zero_torque_controller failed"
     ),
-    "gains fall": (A, (), {}, lambda o: with_command(o, stiffness=o.command.stiffness / 2), "STANDBY's"),
-    "gains too high": (
+    "gains fall": row(A, lambda o: with_command(o, stiffness=o.command.stiffness / 2), "STANDBY's"),
+    "gains too high": row(
         A,
-        (),
-        {},
         lambda o: with_command(o, stiffness=2 * o.command.stiffness, damping=2 * o.command.damping),
         "expected 0 to 1",
     ),
-    "gains begin high": (
+    "gains begin high": row(
         DAMPING,
-        (Intent.LOAD_A,),
-        {},
         lambda o: with_command(o, stiffness=[5.0, 5.5, 6.0], damping=[0.5, 0.55, 0.6]),
         "STANDBY began with 0.5 of its gains",
+        Intent.LOAD_A,
     ),
-    "policy gains": (RL, (), {}, lambda o: with_command(o, damping=np.ones(3)), "LOCOMOTION's damping"),
-    "pinned joint": (
+    "policy gains": row(RL, lambda o: with_command(o, damping=np.ones(3)), "LOCOMOTION's damping"),
+    "pinned joint": row(
         RL,
-        (),
-        {},
         lambda o: with_command(o, position=o.command.position + 1.0),
         "LOCOMOTION moves wrist, which its policy does not drive",
     ),
-    "nobody's command": (REMOTE, (), {}, lambda o: replace(o, command=rig.command()), "no command has arrived since"),
+    "nobody's command": row(REMOTE, lambda o: replace(o, command=rig.command()), "no command has arrived since"),
 }
 
 

@@ -9,9 +9,8 @@ from contextlib import contextmanager
 from functools import partial
 
 import numpy as np
-import onnx
 import pytest
-from onnx import TensorProto, helper, numpy_helper
+from models import linear_model, saved
 from page_buttons import press
 
 from humanoid_sim.assets import asset_path
@@ -65,15 +64,7 @@ def session_of(played, monkeypatch):
 def walked(start_play, tmp_path_factory):
     """Of the Lite's legs, with a policy that takes a velocity command, and does nothing about it."""
     folder = tmp_path_factory.mktemp("legs")
-    terms, actions = 3 + 3 + 3 + 3 * 14 + 2, 14
-    graph = helper.make_graph(
-        [helper.make_node("MatMul", ["observation", "weights"], ["action"])],
-        "legs",
-        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, [1, terms])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, actions])],
-        [numpy_helper.from_array(np.zeros((terms, actions), dtype=np.float32), "weights")],
-    )
-    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), folder / "legs.onnx")
+    saved(folder / "legs.onnx", linear_model({}, matrix=np.zeros((3 + 3 + 3 + 3 * 14 + 2, 14))))
     shutil.copy(asset_path("policies", "lite_biped_velocity.contract.yaml"), folder / "legs.contract.yaml")
     return start_play("--policy", str(folder / "legs.onnx"), "--robot", "lite_biped")
 
@@ -307,9 +298,7 @@ def test_sliders_and_keys_command_a_velocity(browser, walked, monkeypatch):
     ours = r" by console \(\d+\), this page$"
     page.wait_for_selector("text=forward 0.00 m/s, left 0.00 m/s, turn left 0.00 rad/s")
     steered(
-        page,
-        lambda: page.keyboard.press("w"),
-        rf"^forward 0\.\d0 m/s, left 0\.00 m/s, turn left 0\.00 rad/s{ours}",
+        page, lambda: page.keyboard.press("w"), rf"^forward 0\.\d0 m/s, left 0\.00 m/s, turn left 0\.00 rad/s{ours}"
     )
     steered(page, lambda: slide(page, "velocity-rows-wz", 0.5), rf", turn left 0\.50 rad/s{ours}")
     steered(page, lambda: page.click("#velocity-stop"), r"^forward 0\.00 m/s, left 0\.00 m/s, turn left 0\.00 rad/s")

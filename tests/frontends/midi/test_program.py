@@ -148,14 +148,7 @@ def test_a_keyboard_that_nobody_plays_on_is_one_line(tmp_path, capsys):
         ({"key_pressed": 61}, "its policy's piano has 61 keys, expected 88"),
     ],
 )
-def test_a_session_without_such_keys_is_refused(
-    takes,
-    problem,
-    monkeypatch,
-    keyboard,
-    capsys,
-    runtime,
-):
+def test_a_session_without_such_keys_is_refused(takes, problem, monkeypatch, keyboard, capsys, runtime):
     local = LocalSession(takes=takes)
     with local.stack:
         monkeypatch.setattr("humanoid_sim.frontends.attach.os.nice", lambda _: 0)

@@ -42,8 +42,6 @@ class Row:
     """What is wrong, and what must come of it."""
 
     joint: str
-    limit: float
-    """N·m, its effort limit."""
     cause: str
     """With which the message ends."""
     mode: Mode = Mode.STANDBY
@@ -63,6 +61,11 @@ class Row:
     blocked: bool = False
     """The joint is held where it is from the moment in which the mode is asked for, or reached."""
 
+    @property
+    def limit(self):
+        """N·m, the joint's effort limit."""
+        return 14.0 if self.joint == _ELBOW else 4.0
+
 
 IN_THE_WAY = "something in the way of {}, or its direction, homing offset or zero?"
 COMMANDED = "the command is beyond it, or is the homing offset of {} wrong?"
@@ -74,27 +77,24 @@ _OFF = {"calibration": {_YAW: 0.18}, "guard": "limit"}
 _SITO = {"robot": "lite_sito"}
 """Wrist pitch and roll then have Sito motors."""
 ROWS = {
-    "flipped direction": Row(_ELBOW, 14.0, f"direction of {_ELBOW}, or something that holds it?", direction=1),
-    "blocked joint": Row(_YAW, 4.0, IN_THE_WAY.format(_YAW), blocked=True),
-    "blocked joint in LOCOMOTION": Row(_ELBOW, 14.0, IN_THE_WAY.format(_ELBOW), Mode.LOCOMOTION, blocked=True),
-    "wrong homing offset": Row(_YAW, 4.0, IN_THE_WAY.format(_YAW), calibration={_YAW: -0.6}),
-    "wrong zero": Row("right_wrist_yaw", 4.0, IN_THE_WAY.format("right_wrist_yaw"), zero={"right_wrist_yaw": -0.6}),
-    "command beyond the limit": Row(
-        _YAW, 4.0, f"the command is beyond the limits of {_YAW}", Mode.REMOTE, ask=Ask(-1.7)
-    ),
-    "beyond the limit by command": Row(_YAW, 4.0, COMMANDED.format(_YAW), Mode.REMOTE, ask=Ask(-1.9), **_OFF),
+    "flipped direction": Row(_ELBOW, f"direction of {_ELBOW}, or something that holds it?", direction=1),
+    "blocked joint": Row(_YAW, IN_THE_WAY.format(_YAW), blocked=True),
+    "blocked joint in LOCOMOTION": Row(_ELBOW, IN_THE_WAY.format(_ELBOW), Mode.LOCOMOTION, blocked=True),
+    "wrong homing offset": Row(_YAW, IN_THE_WAY.format(_YAW), calibration={_YAW: -0.6}),
+    "wrong zero": Row("right_wrist_yaw", IN_THE_WAY.format("right_wrist_yaw"), zero={"right_wrist_yaw": -0.6}),
+    "command beyond the limit": Row(_YAW, f"the command is beyond the limits of {_YAW}", Mode.REMOTE, ask=Ask(-1.7)),
+    "beyond the limit by command": Row(_YAW, COMMANDED.format(_YAW), Mode.REMOTE, ask=Ask(-1.9), **_OFF),
     "beyond the limit by effort": Row(
-        _YAW, 4.0, PUSHED.format(_YAW), Mode.REMOTE, ask=Ask(-1.0, effort=-2.0, stiffness=0.0), **_OFF
+        _YAW, PUSHED.format(_YAW), Mode.REMOTE, ask=Ask(-1.0, effort=-2.0, stiffness=0.0), **_OFF
     ),
     "effort without damping": Row(
-        _YAW, 4.0, TOO_FAST, Mode.REMOTE, ask=Ask(effort=2.0, stiffness=0.0, damping=0.0), guard="speed"
+        _YAW, TOO_FAST, Mode.REMOTE, ask=Ask(effort=2.0, stiffness=0.0, damping=0.0), guard="speed"
     ),
-    "blocked joint, Sito": Row(_PITCH, 4.0, IN_THE_WAY.format(_PITCH), blocked=True, **_SITO),
-    "wrong homing offset, Sito": Row(_PITCH, 4.0, IN_THE_WAY.format(_PITCH), calibration={_PITCH: -0.6}, **_SITO),
-    "wrong zero, Sito": Row(_PITCH, 4.0, IN_THE_WAY.format(_PITCH), zero={_PITCH: 0.6}, **_SITO),
+    "blocked joint, Sito": Row(_PITCH, IN_THE_WAY.format(_PITCH), blocked=True, **_SITO),
+    "wrong homing offset, Sito": Row(_PITCH, IN_THE_WAY.format(_PITCH), calibration={_PITCH: -0.6}, **_SITO),
+    "wrong zero, Sito": Row(_PITCH, IN_THE_WAY.format(_PITCH), zero={_PITCH: 0.6}, **_SITO),
     "command beyond the limit, Sito": Row(
         _PITCH,
-        4.0,
         f"the command is beyond the limits of {_PITCH}",
         Mode.REMOTE,
         ask=Ask(1.0, stiffness=20.0, damping=5.0),
@@ -102,7 +102,6 @@ ROWS = {
     ),
     "beyond the limit by command, Sito": Row(
         _PITCH,
-        4.0,
         COMMANDED.format(_PITCH),
         Mode.REMOTE,
         ask=Ask(1.2, stiffness=5.0, damping=5.0),
@@ -112,7 +111,6 @@ ROWS = {
     ),
     "beyond the limit by effort, Sito": Row(
         _PITCH,
-        4.0,
         PUSHED.format(_PITCH),
         Mode.REMOTE,
         ask=Ask(0.3, effort=1.5, stiffness=0.0),
@@ -121,7 +119,7 @@ ROWS = {
         **_SITO,
     ),
     "effort with little damping, Sito": Row(
-        _ROLL, 4.0, TOO_FAST, Mode.REMOTE, ask=Ask(effort=1.0, stiffness=0.0, damping=0.2), guard="speed", **_SITO
+        _ROLL, TOO_FAST, Mode.REMOTE, ask=Ask(effort=1.0, stiffness=0.0, damping=0.2), guard="speed", **_SITO
     ),
 }
 

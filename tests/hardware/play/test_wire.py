@@ -1,7 +1,5 @@
 """What leaves on the wire when something happens to the process that holds the motors, or to its terminal."""
 
-from __future__ import annotations
-
 import fcntl
 import itertools
 import os

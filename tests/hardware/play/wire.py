@@ -1,7 +1,5 @@
 """A listener on the wire: every frame of a bus with the time at which it came, and what each says."""
 
-from __future__ import annotations
-
 import threading
 import time
 from dataclasses import dataclass
@@ -47,7 +45,7 @@ class Listener:
         with punctual_threads(behind=10):  # a frame for which the socket has no room is lost
             self._thread.start()
 
-    def __enter__(self) -> Listener:
+    def __enter__(self) -> "Listener":
         return self
 
     def __exit__(self, *_: object) -> None:

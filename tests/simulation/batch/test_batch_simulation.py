@@ -45,14 +45,8 @@ def row(command, i):
 
 
 def assert_reports(batch, i, alone, tolerance):
-    for name in (
-        "joint_position",
-        "joint_velocity",
-        "joint_effort",
-        "joint_age",
-        "imu_quaternion",
-        "imu_angular_velocity",
-    ):
+    joints = ("joint_position", "joint_velocity", "joint_effort", "joint_age")
+    for name in (*joints, "imu_quaternion", "imu_angular_velocity"):
         np.testing.assert_allclose(getattr(batch, name)[i], getattr(alone, name), rtol=0, atol=tolerance, err_msg=name)
     # Accelerations are velocities divided by the timestep.
     np.testing.assert_allclose(
