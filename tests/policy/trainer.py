@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from models import linear_model, saved
+import onnx
+from models import finished
+from onnx import TensorProto, helper, numpy_helper
 
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract
 from humanoid_sim.controllers.terms import Term
@@ -100,7 +102,15 @@ def save_checkpoint(path: Path, wiring: PolicyContract | None = None, *, complet
     metadata = write_metadata(wiring)
     if complete:
         metadata[STAMP_KEY] = encode(wiring)
-    return saved(path, linear_model(metadata, matrix=network()))
+    graph = helper.make_graph(
+        [helper.make_node("MatMul", ["obs", "weights"], ["action"])],
+        "policy",
+        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, WIDTH])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, [1, len(DRIVEN)])],
+        [numpy_helper.from_array(network(), "weights")],
+    )
+    onnx.save(finished(graph, metadata), str(path))
+    return path
 
 
 @dataclass

@@ -62,7 +62,7 @@ def test_json_is_complete(cli, stamped):
     assert wiring["phase"]["period"] == 0.8
     assert wiring["provenance"]
     assert document["golden"] == {"label": "8 samples of the trainer's run (trace.npz)", "problem": ""}
-    assert document["model"]["inputs"] == [{"name": "observation", "type": "tensor(float)", "shape": [1, 32]}]
+    assert document["model"]["inputs"] == [{"name": "obs", "type": "tensor(float)", "shape": [1, 32]}]
 
 
 def test_a_refused_checkpoint_is_shown_with_its_problem(cli, stamped):
