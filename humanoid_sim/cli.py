@@ -86,7 +86,6 @@ VERBS = {
     "plants": "how far the faster plants are from the truth, on a robot and a motion",
     "piano": "how well a recorded run played its song; which keys a robot reaches",
     "regress": "compare policies over a suite, with confidence intervals; exit 1 on a regression",
-    "sysid": "fit a robot's dynamics to recordings of it; exit 1 if the fit predicts no better",
     "hardware": "find, test and calibrate motors on a CAN bus, or emulate them",
     "training": "train a policy for any task",
     **{name: front_end.help for name, front_end in FRONT_ENDS.items()},

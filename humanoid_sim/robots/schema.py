@@ -71,7 +71,7 @@ class MotorDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
 
 
 class JointDynamics(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """Motor and gear of one joint as they were measured (`python -m humanoid_sim.sysid`), instead of the MJCF's."""
+    """Motor and gear of one joint as they were measured, instead of the MJCF's."""
 
     armature: NotNegative | None = None
     """kg·m², inertia of motor and gear at the joint; none, here and below: what the MJCF has."""
