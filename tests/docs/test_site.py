@@ -22,7 +22,8 @@ def site():
     """Builds the site and serves it; the address."""
     for package in ("zensical", "mkdocstrings", "mermaidx"):
         pytest.importorskip(package, reason=f"{package} is not installed (extra docs)")
-    command = [sys.executable, ROOT / "docs" / "build.py", "--serve"]
+    # A shell's background job ignores SIGINT, and so does what it starts.
+    command = ["env", "--default-signal=INT", sys.executable, ROOT / "docs" / "build.py", "--serve"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
         try:
             said = []
