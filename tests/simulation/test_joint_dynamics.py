@@ -76,8 +76,8 @@ def test_its_delay_is_that_of_every_command(robot):
 
 def test_an_emulated_motor_reports_the_torque_that_it_means_to_give_and_reacts_late(robot):
     truth = planted(robot, (JointDynamics(torque_scale=0.5, delay=0.025), JointDynamics()))
-    run = emulated(truth, np.tile([-0.2, -0.2], (4, 1)), offset=np.zeros(2))  # up, while it sinks
-    late, early = run.effort[2:].T  # answers to the second and to the third command
+    effort = emulated(truth, np.tile([-0.2, -0.2], (4, 1)))  # up, while it sinks
+    late, early = effort[2:].T  # answers to the second and to the third command
     assert late[0] == pytest.approx(0.0, abs=1e-2)
     assert abs(early[0]) > 0.1
     assert late[1] < -8.6, "beyond half of the limit, 17 N·m, which is all that arrives"
