@@ -23,7 +23,7 @@ from humanoid_sim.hardware.bus.frame import Frame
 from humanoid_sim.hardware.checks import CheckList
 
 _SHARED = Path("/tmp")
-"""The same for every user and every TMPDIR: two sessions that look in different folders would both drive the robot."""
+"""Folder of all users, whatever TMPDIR says: two sessions that look in different folders would both drive the robot."""
 
 _WITHIN_PROCESS = "virtual"
 _held: set[BusAddress] = set()

@@ -1,4 +1,4 @@
-"""What a loop and its guardian share: what to do once the loop is gone, as data, and counters as signs of life.
+"""Shared by a loop and its guardian: what to do once the loop is gone, as data, and counters as signs of life.
 
 The counters are in shared memory, each written by one of the two, without a lock. The loop counts its commands and the
 frames that left on each channel; the guardian counts its own looks. Whoever reads notices when a counter stands still,
