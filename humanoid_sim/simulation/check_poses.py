@@ -11,7 +11,7 @@ from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription, check_poses
 from humanoid_sim.simulation.model import build_model, joint_addresses
 
-__all__ = ["Touching", "check_pose_problems"]
+__all__ = ["check_pose_problems"]
 
 OFFSET = 0.4
 """rad: the homing offset that a joint may have in a check pose without harm."""
@@ -30,7 +30,7 @@ def check_pose_problems(description: RobotDescription) -> Iterator[str]:
     and no parts of the robot touch, on the way either, that do not touch in STANDBY with the same fault. A joint that
     stays where STANDBY has it may press its stop as it does in STANDBY.
     """
-    touching = Touching(description)
+    touching = _Touching(description)
     lower, upper = description.lower, description.upper
     for standby in dict.fromkeys(
         settings.pose_segments[-1] for settings in (description.standby_controller_a, description.standby_controller_b)
@@ -74,7 +74,7 @@ def _true_pose(pose: FloatArray, joint: int, sign: float, offset: float, descrip
     return place
 
 
-class Touching:
+class _Touching:
     """Pairs of a robot's parts that touch each other in a pose."""
 
     def __init__(self, description: RobotDescription) -> None:
