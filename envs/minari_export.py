@@ -10,13 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.envs.policy_env import PolicyEnv
-from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.errors import InputError, needing
 
-try:
+with needing("minari", "minari", "humanoid_sim.envs.minari_export"):
     import minari
     from minari.data_collector.episode_buffer import EpisodeBuffer
-except ImportError:
-    raise MissingPackageError("minari", "minari", "humanoid_sim.envs.minari_export") from None
 
 Array = npt.NDArray[Any]
 

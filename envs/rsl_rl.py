@@ -8,15 +8,13 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 from humanoid_sim.envs.resets import require_same_step, term_means
-from humanoid_sim.errors import MissingPackageError
+from humanoid_sim.errors import needing
 from humanoid_sim.mit import Float32Array
 
-try:
+with needing("rsl-rl-lib", "rl", "humanoid_sim.envs.rsl_rl"):
     import torch
     from rsl_rl.env import VecEnv
     from tensordict import TensorDict
-except ImportError:
-    raise MissingPackageError("rsl-rl-lib", "rl", "humanoid_sim.envs.rsl_rl") from None
 
 
 class RslRlVecEnv(VecEnv):

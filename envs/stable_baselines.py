@@ -10,13 +10,11 @@ import numpy.typing as npt
 from gymnasium.vector import VectorEnv
 
 from humanoid_sim.envs.resets import require_same_step
-from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.errors import InputError, needing
 from humanoid_sim.mit import BoolArray, Float32Array
 
-try:
+with needing("stable-baselines3", "rl", "humanoid_sim.envs.stable_baselines"):
     from stable_baselines3.common.vec_env import VecEnv
-except ImportError:
-    raise MissingPackageError("stable-baselines3", "rl", "humanoid_sim.envs.stable_baselines") from None
 
 Indices = None | int | Iterable[int]
 

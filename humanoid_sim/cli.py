@@ -14,7 +14,15 @@ from enum import IntEnum
 from functools import partial
 from types import MappingProxyType
 
-from humanoid_sim.errors import InputError, RobotError, known_names, missing_system, reason_of, was_interrupted
+from humanoid_sim.errors import (
+    InputError,
+    RobotError,
+    known_names,
+    missing_system,
+    reason_of,
+    require_known,
+    was_interrupted,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,8 +284,7 @@ def _print_completion(arguments: Sequence[str] | None) -> int:
     from humanoid_sim.command_line.completion import SHELLS, completion  # noqa: PLC0415 - only for this option
 
     shell = " ".join(arguments or ())
-    if shell not in SHELLS:
-        raise InputError(f"--completion: {known_names('shell', shell, SHELLS)}")
+    require_known("shell", (shell,), SHELLS, "--completion: ")
     print(completion(shell, {verb: load_program(verb) for verb in VERBS}))
     return ExitStatus.OK
 

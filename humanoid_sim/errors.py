@@ -35,12 +35,17 @@ class InputError(HumanoidSimError):
 
 
 @contextmanager
-def blaming(what: object, kind: type[HumanoidSimError] = FieldError) -> Iterator[None]:
-    """Turn an error of this kind within into an `InputError` that begins with what was given, such as a file."""
+def blaming(
+    what: object,
+    kind: type[Exception] | tuple[type[Exception], ...] = FieldError,
+    into: type[Exception] = InputError,
+) -> Iterator[None]:
+    """Turn an error of this kind within into an `InputError`, or `into`, that begins with what was given or done."""
     try:
         yield
     except kind as error:
-        raise InputError(f"{what}: {error}") from None
+        why = error.strerror if isinstance(error, OSError) else str(error) if isinstance(error, FieldError) else ""
+        raise into(f"{what}: {why or reason_of(error)}") from None
 
 
 class MissingPackageError(InputError):

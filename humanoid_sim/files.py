@@ -16,7 +16,7 @@ from itertools import count
 from pathlib import Path
 from typing import IO
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 
 try:
     import fcntl
@@ -79,7 +79,7 @@ def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwri
     path = Path(path)
     if suffixes and path.suffix.lower() not in suffixes:
         raise InputError(f"{what}: is '{path}', expected a name that ends in {' or '.join(suffixes)}")
-    try:
+    with blaming(f"{what}: '{path}' cannot be written", OSError):
         exists = path.exists()
         if path.is_dir():
             raise InputError(f"{what}: '{path}' is a directory, expected a file name")
@@ -92,8 +92,6 @@ def output_file(path: str | os.PathLike[str], what: str, *suffixes: str, overwri
         if not path.parent.is_dir():
             raise InputError(f"{what}: the folder '{path.parent}' does not exist")
         tempfile.TemporaryFile(dir=path.absolute().parent).close()
-    except OSError as error:
-        raise InputError(f"{what}: '{path}' cannot be written: {error.strerror}") from None
     return path
 
 
@@ -135,10 +133,8 @@ def exclusive_folder(path: Path, what: str) -> Iterator[None]:
     Raises `InputError` if it cannot be made or written, or another process has it.
     """
     lock = path / ".lock"
-    try:
+    with blaming(f"{what}: '{path}' cannot be made a folder", OSError):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{what}: '{path}' cannot be made a folder: {error.strerror}") from None
     if _is_being_written(lock):
         raise InputError(f"{what}: '{path}' {_WRITTEN}")
     with exclusive_file(lock):

@@ -14,7 +14,7 @@ import tyro
 
 from humanoid_sim.cli import ExitStatus, run_program
 from humanoid_sim.command_line import Commands, parse
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.piano_score import PlayedKeys, score
 from humanoid_sim.mit import KEY_PRESSED
 
@@ -262,13 +262,11 @@ def read_performance(recording: Path, song: Path | None = None) -> PlayedKeys:
     if motion.task_type != "piano":
         raise InputError(f"{song or recording}: its motion is for task_type {motion.task_type}, expected a song")
     played = PlayedKeys(motion.frames, motion.policy_dt)
-    try:
+    with blaming(recording):
         for tick in run.ticks():
             step, keys = tick.output.policy_step, tick.input.state.extern.get(KEY_PRESSED)
             if step is not None and keys is not None:
                 played.update(step.frame, keys.value)
-    except FieldError as error:
-        raise InputError(f"{recording}: {error}") from None
     if not len(played.pressed):
         raise InputError(f"{recording}: has no policy step with live keys, expected a run of a piano policy")
     return played

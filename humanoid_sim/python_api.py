@@ -27,7 +27,7 @@ from rich.console import Console
 from humanoid_sim.assets import policy_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import DoctorConfig
-from humanoid_sim.errors import InputError, MissingPackageError, known_names
+from humanoid_sim.errors import InputError, known_names, needing
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.describe import field_lines
@@ -376,8 +376,6 @@ def _plain(value: Any) -> Any:
 
 
 def _frame(rows: Iterable[Mapping[str, Any]]) -> Any:
-    try:
+    with needing("pandas", "report", "a frame"):
         import pandas as pd  # noqa: PLC0415 - an optional package
-    except ImportError:
-        raise MissingPackageError("pandas", "report", "a frame") from None
     return pd.DataFrame(list(rows))

@@ -21,7 +21,7 @@ from rich.table import Table
 from humanoid_sim.cli import run_program
 from humanoid_sim.command_line import Commands, parse
 from humanoid_sim.command_line.tables import titled_table
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.failure import DEFINITIONS, differing
 from humanoid_sim.evaluation.joint_use import JointUse, describe_effort
 from humanoid_sim.files import output_file, whole_file
@@ -163,10 +163,8 @@ def _body(recording: Recording, options: Export) -> RecordedBody:
     documents = dict(recording.header.documents)
     if options.robot is not None:
         documents |= body_documents(_description(recording, options))
-    try:
+    with blaming(f"{recording.path}: its robot's body cannot be used", BodyError):
         body = RecordedBody.of(recording.header, documents)
-    except BodyError as error:
-        raise InputError(f"{recording.path}: its robot's body cannot be used: {error}") from None
     if body is None:
         raise InputError(f"{recording.path}: does not describe its robot's body; name the robot with --robot")
     return body

@@ -23,7 +23,7 @@ from urllib.parse import quote
 from humanoid_sim.cli import run_program
 from humanoid_sim.client import Sample
 from humanoid_sim.command_line import parse
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.frontends.attach import Attachment, behind, ready
 from humanoid_sim.frontends.dds.mirror import RobotElsewhere
 from humanoid_sim.messages import TickRecord
@@ -88,10 +88,8 @@ def _show(
     attachment: Attachment, refresh: Callable[[], None] | None, ended: Callable[[], bool], *, is_page: bool
 ) -> None:
     """Show ticks until the session or the viewer has ended; `refresh` is called before each look at the feed."""
-    try:
+    with blaming(attachment.session, BodyError):
         body = RecordedBody.of(attachment.header)
-    except BodyError as error:
-        raise InputError(f"{attachment.session}: {error}") from None
     if body is None:
         raise InputError(f"{attachment.session}: does not describe its robot's body")
     with _viewer(is_page=is_page or not has_display()) as viewer:

@@ -30,7 +30,7 @@ from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.signs import Signs
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.policy.contract_json import decode, encode
@@ -133,7 +133,7 @@ def policy_controller(
 
     Raises `InputError` if the policy does not fit the robot.
     """
-    try:
+    with blaming(f"policy on robot '{description.name}'"):
         return RLPolicyController(
             description.joint_names,
             with_joint_limits(loaded.contract, description),
@@ -143,8 +143,6 @@ def policy_controller(
             action_limit,
             extern=loaded.extern if live is None else live,
         )
-    except FieldError as error:
-        raise InputError(f"policy on robot '{description.name}': {error}") from None
 
 
 def _chosen(guards: ChosenGuards, description: RobotDescription) -> Guards | None:
@@ -288,10 +286,8 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         raise InputError(f"recording: its header lacks {error}, so the run cannot be repeated") from None
     except (msgspec.DecodeError, RecursionError) as error:
         raise InputError(f"recording: its header's 'controllers' is damaged: {error}") from None
-    try:
+    with blaming("recording: its header's 'controllers' is damaged"):
         guards = None if controllers.guards is None else controllers.guards.on(description)
-    except FieldError as error:
-        raise InputError(f"recording: its header's 'controllers' is damaged: {error}") from None
     return build_supervisor(
         description,
         header.control_period,

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from humanoid_sim.envs.registration import ENVIRONMENTS
-from humanoid_sim.errors import InputError, MissingPackageError, require_known
+from humanoid_sim.errors import InputError, needing, require_known
 from humanoid_sim.rendering.backend import choose_backend
 
 if TYPE_CHECKING:
@@ -44,10 +44,8 @@ def load(
         MissingPackageError: `dm_control` is not installed.
     """
     require_known("dm_env task", [name], NAMES)
-    try:
+    with needing("dm-control", "dm", "humanoid_sim.envs.dm"):
         import dm_control.rl.control  # noqa: F401, PLC0415 - the rest of the package does without
-    except ImportError:
-        raise MissingPackageError("dm-control", "dm", "humanoid_sim.envs.dm") from None
 
     _settle_opengl()
     from humanoid_sim.envs.dm.task import PolicyTask, TaskEnvironment  # noqa: PLC0415

@@ -19,7 +19,7 @@ from typing import Any
 
 import can
 
-from humanoid_sim.errors import InputError, RobotError, known_names
+from humanoid_sim.errors import InputError, RobotError, require_known
 from humanoid_sim.hardware.bus.frame import BITRATE, Frame
 
 _SOCKETCAN = "socketcan"
@@ -52,9 +52,7 @@ def parse_address(text: str) -> BusAddress:
         interface, channel = _SOCKETCAN, text
     if not interface or not channel:
         raise InputError(f"bus '{text}': names no {'channel' if interface else 'interface'}; {_ACCEPTED}")
-    known = can.VALID_INTERFACES
-    if interface not in known:
-        raise InputError(f"bus '{text}': {known_names('interface', interface, sorted(known))}")
+    require_known("interface", (interface,), sorted(can.VALID_INTERFACES), f"bus '{text}': ")
     if interface == _SOCKETCAN and not re.fullmatch(r"[^\s/]{1,15}", channel):  # the kernel's own rule (IFNAMSIZ)
         raise InputError(f"bus '{text}': '{channel}' cannot be a network interface's name; {_ACCEPTED}")
     return BusAddress(interface, channel)

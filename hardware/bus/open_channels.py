@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Self
 
-from humanoid_sim.errors import RobotError
+from humanoid_sim.errors import RobotError, blaming
 from humanoid_sim.hardware.bus.address import BusAddress, bus_hints, open_bus
 from humanoid_sim.hardware.bus.channel import Channel, OpenBus
 from humanoid_sim.hardware.bus.events import BusEvent, ChannelNotes
@@ -96,15 +96,13 @@ def _lock_path(address: BusAddress) -> Path:
 def _open(path: Path, address: BusAddress) -> int:
     """Open the lock's file for any user; first without O_CREAT, which the kernel refuses for another user's file."""
     flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
-    try:
+    with blaming(f"{address}: cannot make its lock {path}", OSError, RobotError):
         try:
             return os.open(path, flags)
         except FileNotFoundError:
             descriptor = os.open(path, flags | os.O_CREAT, 0o666)
             os.fchmod(descriptor, 0o666)  # the umask would shut other users out, and they must see the lock
             return descriptor
-    except OSError as error:
-        raise RobotError(f"{address}: cannot make its lock {path}: {error.strerror}") from None
 
 
 def _program() -> str:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from itertools import count
 from typing import NamedTuple
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.hardware.bus.frame import Frame, arbitration_key, frame_bits
 from humanoid_sim.hardware.emulation.faults import Fault
 from humanoid_sim.hardware.emulation.motors import Motors, Told
@@ -314,9 +314,7 @@ class Emulator:
 
     def _motors_of(self, fault: Fault) -> list[int]:
         names = [joint.name for joint in self.motors.plant.joints]
-        for name in fault.joints:
-            if name not in names:
-                raise InputError(f"fault '{fault.kind}': {known_names('joint', name, names)}")
+        require_known("joint", fault.joints, names, f"fault '{fault.kind}': ")
         return [i for i, name in enumerate(names) if not fault.joints or name in fault.joints]
 
     def _begin(self, injected: _Injected) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, blaming, known_names, require_known
 from humanoid_sim.robots.description import RobotDescription
 
 
@@ -81,8 +81,7 @@ class Fault:
     """See `FAULTS`; None: the default."""
 
     def __post_init__(self) -> None:
-        if self.kind not in FAULTS:
-            raise InputError(known_names("fault", self.kind, FAULTS))
+        require_known("fault", (self.kind,), FAULTS)
         info = FAULTS[self.kind]
         if not (math.isfinite(self.start) and self.start >= 0.0):
             raise InputError(f"fault '{self.kind}': starts at {self.start} s, expected a finite number >= 0")
@@ -129,7 +128,7 @@ def parse_fault(text: str, description: RobotDescription) -> Fault:
     if found is None:
         raise InputError(f"--fault: is '{text}', expected {_GRAMMAR}")
     joints = tuple(_joint(word.strip(), text, description) for word in (found["motors"] or "").split(",") if word)
-    try:
+    with blaming(f"--fault '{text}'", InputError):
         return Fault(
             found["kind"],
             joints,
@@ -137,8 +136,6 @@ def parse_fault(text: str, description: RobotDescription) -> Fault:
             float(found["duration"]) if found["duration"] else math.inf,
             float(found["value"]) if found["value"] else None,
         )
-    except InputError as error:
-        raise InputError(f"--fault '{text}': {error}") from None
 
 
 def _joint(word: str, text: str, description: RobotDescription) -> str:

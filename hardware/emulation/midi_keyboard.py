@@ -11,7 +11,7 @@ from time import monotonic
 
 import numpy as np
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import blaming
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.piano import FIRST_NOTE, KEY_COUNT
 
@@ -35,10 +35,8 @@ class MidiKeyboard:
         self._pressed = pressed
         self._told = np.zeros(KEY_COUNT)
         self._sensed = -np.inf
-        try:
+        with blaming(f"'{path}': no FIFO for a MIDI keyboard can be made", OSError):
             os.mkfifo(path, 0o600)
-        except OSError as error:
-            raise InputError(f"'{path}': no FIFO for a MIDI keyboard can be made: {error.strerror}") from None
         self._handle = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="MIDI keyboard", daemon=True)

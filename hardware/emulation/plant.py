@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, known_names, require_known
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.robots.description import RobotDescription
@@ -68,9 +68,7 @@ class MotorPlant:
         """The driven joints, one per motor."""
         names = [joint.name for joint in self.joints]
         offsets = settings.homing_offset
-        for name in offsets:
-            if name not in names:
-                raise InputError(f"homing_offset: {known_names('joint', name, names)}")
+        require_known("joint", offsets, names, "homing_offset: ")
         self._driven = [i for i, _ in driven]
         self._qpos_index = plant.addresses.qpos[self._driven]
         self._dof_index = plant.addresses.dof[self._driven]

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, known_names, require_known
 from humanoid_sim.hardware.emulation.firmware import MotorIdentity
 from humanoid_sim.hardware.robstride.firmware import emulated_version, firmware_of, parse_version
 from humanoid_sim.hardware.robstride.messages import Scale
@@ -74,9 +74,7 @@ def motor_identities(description: RobotDescription, settings: EmulationSettings)
     if settings.alone and settings.alone not in motors:
         raise InputError(known_names("joint with a Robstride motor", settings.alone, motors))
     known = [*motors, *dict.fromkeys(motor.model for motor in motors.values())]
-    for name in settings.firmware:
-        if name not in known:
-            raise InputError(f"firmware: {known_names('joint or motor model', name, known)}")
+    require_known("joint or motor model", settings.firmware, known, "firmware: ")
     identities = []
     for name, motor in motors.items():
         model = motor_model(motor.model)

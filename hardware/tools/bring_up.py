@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from humanoid_sim.cli import ExitStatus, complain
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.hardware.bus.address import can_interfaces, parse_addresses
 from humanoid_sim.hardware.bus.link import LinkSettings, check_link, read_links
@@ -180,10 +180,8 @@ def _install(files: Mapping[Path, str], yes: bool) -> None:
 def _write_all(paths: Mapping[Path, str]) -> None:
     """Look at every place first, so that either all files are written or none."""
     for path in paths:
-        try:
+        with blaming(f"{path.parent}: cannot be made", OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"{path.parent}: cannot be made: {error.strerror}") from None
         output_file(path, "bring-up")
     for path, text in paths.items():
         with whole_file(path) as file:

@@ -18,7 +18,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from humanoid_sim.cli import ExitStatus, complain
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.files import output_file
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.bus.address import parse_addresses
@@ -172,9 +172,7 @@ def calibrate(config: Calibrate) -> int:
 
 
 def _chosen_joints(config: Calibrate, description: RobotDescription) -> list[int]:
-    for name in config.joints:
-        if name not in description.joint_names:
-            raise InputError(f"--joints: {known_names('joint', name, description.joint_names)}")
+    require_known("joint", config.joints, description.joint_names, "--joints: ")
     chosen = [i for i, name in enumerate(description.joint_names) if not config.joints or name in config.joints]
     for i in chosen:
         joint = description.joints[i]

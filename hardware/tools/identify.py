@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator, Mapping
 import numpy as np
 
 from humanoid_sim.cli import ExitStatus, complain
-from humanoid_sim.errors import InputError, RobotError, known_names
+from humanoid_sim.errors import InputError, RobotError, require_known
 from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.adapter.wiring import Wiring, make_wiring
 from humanoid_sim.hardware.bus.address import parse_addresses
@@ -45,8 +45,7 @@ _ANSWER_TIME = 0.3
 def identify(config: Identify) -> int:
     """Ask for confirmation, move, print, and return the exit status."""
     description = load_robot(config.robot)
-    if config.joint not in description.joint_names:
-        raise InputError(known_names("joint", config.joint, description.joint_names))
+    require_known("joint", (config.joint,), description.joint_names)
     if not 0.02 <= config.angle <= 0.5:
         raise InputError(f"--angle: is {config.angle}, expected 0.02 to 0.5 rad")
     for version in config.accept_firmware:

@@ -15,7 +15,7 @@ import mujoco
 
 from humanoid_sim.client import Feed, Intake, Sample, SessionError, SessionInfo, find_session
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.recording.codec import decode_event, decode_tick
@@ -52,10 +52,8 @@ class Attachment:
         """Return what the run is, as its recording says it. Raises `InputError` for a feed of another version."""
         fields, documents = self.feed.header["session"], self.feed.header["documents"]
         names = json.loads(fields["attachments"])
-        try:
+        with blaming(self.session, HeaderError):
             return parse_header(fields, documents, {name: self.feed.blob(name) for name in names})
-        except HeaderError as error:
-            raise InputError(f"{self.session}: {error}") from None
 
     @cached_property
     def description(self) -> RobotDescription:
@@ -94,10 +92,8 @@ class Attachment:
 
         Raises `InputError` if it was compiled by another version of MuJoCo.
         """
-        try:
+        with blaming(f"{self.session}: its model cannot be loaded", (ValueError, mujoco.FatalError)):
             return mujoco.MjModel.from_binary_path(MODEL_BLOB, {MODEL_BLOB: self.feed.blob(MODEL_BLOB)})
-        except (ValueError, mujoco.FatalError) as error:
-            raise InputError(f"{self.session}: its model cannot be loaded: {error}") from None
 
     def before_present(self) -> int:
         """Return the number of the tick before the newest: a front end that comes late begins with the present."""
@@ -128,10 +124,8 @@ class Attachment:
 
     def record(self, sample: Sample) -> TickRecord:
         """Return a sample of the ring `tick`."""
-        try:
+        with blaming(f"{self.session}: a tick of another version", CdrError):
             return decode_tick(sample.data)
-        except CdrError as error:
-            raise InputError(f"{self.session}: a tick of another version: {error}") from None
 
     def time_ns(self, time: float) -> int:
         """Return ns since the Unix epoch of a time in s on the robot's clock; of no number, those of its zero."""

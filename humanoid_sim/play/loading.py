@@ -23,7 +23,7 @@ from humanoid_sim.assets import shipped
 from humanoid_sim.client import LOAD_OPTIONS
 from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.controllers.rl_policy import ticks_per_step
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.piano_score import PlayedKeys
 from humanoid_sim.evaluation.tracking import AnchorErrors, TrackingErrors, errors_of_run
 from humanoid_sim.frontends.launcher import ordinary_scheduling
@@ -77,10 +77,8 @@ class Proof:
 
 def parse_options(text: str, config: PlayConfig) -> PlayConfig:
     """Read a request, a JSON object of texts that names files by absolute paths, into the session's options."""
-    try:
+    with blaming("its options are no JSON", ValueError):
         options = parse_json(text)
-    except ValueError as error:
-        raise InputError(f"its options are no JSON: {error}") from None
     if not isinstance(options, dict) or not options.get("policy"):
         raise InputError('expected a JSON object with "policy"')
     for name, value in options.items():

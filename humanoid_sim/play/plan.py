@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from humanoid_sim.controllers.rl_policy import ticks_per_step
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, require_known
 from humanoid_sim.play.branch import open_branch, reach
 from humanoid_sim.play.conflicts import (
     Outputs,
@@ -147,9 +147,7 @@ class Plan:
 
 def _allowed_signs(config: PlayConfig, setup: RobotSetup) -> tuple[str, ...] | None:
     """Return the joints whose sign may contradict gravity; None where signs are not judged."""
-    for name in config.allow_sign_contradiction:
-        if name not in setup.robot.joints:
-            raise InputError(f"--allow-sign-contradiction: {known_names('joint', name, setup.robot.joints)}")
+    require_known("joint", config.allow_sign_contradiction, setup.robot.joints, "--allow-sign-contradiction: ")
     return None if setup.levers is None else tuple(dict.fromkeys(config.allow_sign_contradiction))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from humanoid_sim.controllers.contract import FORMS, PhaseRule, PolicyContract, TensorNames
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES, parse_contract
 from humanoid_sim.policy.readers.merge import build_contract
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, PartialContract, is_assumed, is_stated
@@ -48,10 +48,8 @@ def plain_value(name: str, value: Any) -> Any:
 
 def decode(text: str, where: str) -> PolicyContract:
     """Return the contract in a text of `encode`, provenance included."""
-    try:
+    with blaming(f"{where}: contract is not JSON", ValueError):
         document = parse_json(text)
-    except ValueError as error:
-        raise InputError(f"{where}: contract is not JSON: {error}") from None
     if not isinstance(document, dict):
         raise InputError(f"{where}: contract is a {type(document).__name__}, expected a JSON object")
     version = document.pop("version", None)

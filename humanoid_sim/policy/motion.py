@@ -128,14 +128,12 @@ def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motio
         topic: of the motion, where there are others; None: it has to be the only one.
     """
     path = Path(path)
-    try:
+    with blaming(f"{path}: cannot be read", OSError):
         if is_bag(path):
             return _motion(path, _read_rows(path, bag_streams(path), topic))
         path = regular_file(path, "a motion file (.mcap) or a folder of rosbag2")
         with path.open("rb") as file:
             return _motion(path, _read_rows(path, [(path, McapStream(file))], topic))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def parse_motion(data: bytes, name: str) -> Motion:

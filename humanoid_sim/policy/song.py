@@ -18,7 +18,7 @@ import mido
 import numpy as np
 
 from humanoid_sim.bounds import MIDI_BYTES, SONG_SECONDS
-from humanoid_sim.errors import InputError, reason_of
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import regular_file
 from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy.motion import Motion
@@ -89,10 +89,8 @@ def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain:
         sustain: notes sound on while the sustain pedal is down.
     """
     path = regular_file(path, "a MIDI file (.mid)", MIDI_BYTES)
-    try:
+    with blaming(f"{path}: is not a MIDI file that can be read", Exception):
         file = mido.MidiFile(path)
-    except Exception as error:  # mido raises whatever its parser runs into
-        raise InputError(f"{path}: is not a MIDI file that can be read: {reason_of(error)}") from None
     if file.type == 2:
         raise InputError(f"{path}: is of type 2, whose tracks are songs of their own; expected type 0 or 1")
     if not 0 < file.ticks_per_beat < 1 << 15:

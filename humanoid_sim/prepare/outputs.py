@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.policy.checkpoint import Checkpoint, read_contract
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.policy.onnx_policy import external_file
@@ -53,7 +53,7 @@ class OutputFolder:
         self.refuse_existing(wanted)
         if not wanted:
             return
-        try:
+        with blaming(f"{self._folder}: cannot be written", OSError):
             self._folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(prefix=".prepare-", dir=self._folder) as staging:
                 for name, content in wanted.items():
@@ -63,8 +63,6 @@ class OutputFolder:
                         (Path(staging) / name).write_bytes(content)
                 for name in wanted:
                     (Path(staging) / name).replace(self._folder / name)
-        except OSError as error:
-            raise InputError(f"{self._folder}: cannot be written: {error.strerror or error}") from None
         for name in wanted:
             console.print(f"wrote {self._folder / name}", markup=False)
 

@@ -12,7 +12,7 @@ from io import BytesIO
 from rich.console import Console
 
 from humanoid_sim.assets import song_path
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.policy.motion import Motion, motion_bytes
 from humanoid_sim.policy.song import Song, goals, key_name, key_number, read_song, thin_out, transpose, with_lead_in
 from humanoid_sim.prepare import PrepareOptions
@@ -63,10 +63,8 @@ def prepare_song(options: PrepareOptions, policy_dt: float, console: Console) ->
     _print(console, report, whole, options)
     picture = BytesIO()
     draw_piano_roll(table, policy_dt, title=f"{path.name}: {len(song.notes)} notes").save(picture, "PNG")
-    try:
+    with blaming(path):
         motion = Motion(table, (), policy_dt, task_type="piano", robot=options.robot)
-    except FieldError as error:
-        raise InputError(f"{path}: {error}") from None
     return {
         f"{name}.mcap": motion_bytes(motion),
         f"{name}.json": (json.dumps(report, indent=2, ensure_ascii=False) + "\n").encode(),

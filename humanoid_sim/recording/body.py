@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from humanoid_sim.controllers.rotation import conjugate, multiply, quaternion_from_matrix, rotate
-from humanoid_sim.errors import reason_of
+from humanoid_sim.errors import blaming
 from humanoid_sim.messages import QPOS_DOCUMENT, URDF_DOCUMENT, SessionHeader, TickRecord
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.strict_json import parse_json
@@ -88,10 +88,8 @@ class RecordedBody:
         documents = header.documents if documents is None else documents
         if URDF_DOCUMENT not in documents:
             return None
-        try:
+        with blaming("'qpos_addresses' are no JSON", ValueError, BodyError):
             addresses = parse_json(documents.get(QPOS_DOCUMENT, "{}"))
-        except ValueError as error:
-            raise BodyError(f"'qpos_addresses' are no JSON: {error}") from None
         if not isinstance(addresses, dict) or not all(type(i) is int and 0 <= i < 10**6 for i in addresses.values()):
             raise BodyError("'qpos_addresses' are no JSON object of whole numbers")
         imu = str(json_document(documents, "robot").get("imu", ""))
@@ -176,11 +174,13 @@ def _stacked(rows: list[FloatArray], width: int) -> FloatArray:
 def _joints(urdf: str, addresses: Mapping[str, int]) -> tuple[UrdfJoint, ...]:
     if len(urdf) > _LARGEST:
         raise BodyError(f"the URDF has {len(urdf)} characters, expected at most {_LARGEST}")
-    try:
+    with blaming(
+        "the URDF cannot be read",
+        (ElementTree.ParseError, ValueError, KeyError, AttributeError, RecursionError),
+        BodyError,
+    ):
         root = ElementTree.fromstring(urdf)
         joints = tuple(_joint(element, addresses) for element in root.findall("joint"))
-    except (ElementTree.ParseError, ValueError, KeyError, AttributeError, RecursionError) as error:
-        raise BodyError(f"the URDF cannot be read: {reason_of(error)}") from None
     for joint in joints:
         if not all(np.isfinite(values).all() for values in (joint.position, joint.quaternion, joint.axis)):
             raise BodyError(f"the URDF's joint '{joint.name}' is not finite")

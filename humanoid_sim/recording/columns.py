@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from humanoid_sim.errors import InputError, known_names, needing
+from humanoid_sim.errors import needing, require_known
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, FloatArray
 
@@ -104,9 +104,7 @@ def figure(recording: Recording, joints: Sequence[str] = ()) -> Any:
     with needing("matplotlib", "report", "a figure"):
         from matplotlib.figure import Figure  # noqa: PLC0415 - an optional package
     names = recording.header.joint_names
-    for joint in joints:
-        if joint not in names:
-            raise InputError(f"joints: {known_names('joint', joint, names)}")
+    require_known("joint", joints, names, "joints: ")
     shown, columns = joints or names[:_SHOWN], arrays(recording)
     commands = np.where(columns["command_stiffness"] > 0.0, columns["command_position"], np.nan)
 

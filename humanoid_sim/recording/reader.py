@@ -12,7 +12,7 @@ from typing import IO, Any, TypeAlias
 
 from mcap.records import Attachment, Channel, Metadata, Schema
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import regular_file
 from humanoid_sim.messages import Event, EventKind, SessionHeader, TickRecord
 from humanoid_sim.recording import columns
@@ -215,10 +215,8 @@ def messages_of(path: str | os.PathLike[str], topic: str) -> Iterator[bytes]:
 
 
 def _open(path: Path) -> IO[bytes]:
-    try:
+    with blaming(f"{path}: cannot be read", OSError):
         return regular_file(path, "a recording (.mcap)").open("rb")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def recorded_settings(path: str | Path, header: SessionHeader) -> dict[str, Any]:
@@ -226,10 +224,8 @@ def recorded_settings(path: str | Path, header: SessionHeader) -> dict[str, Any]
 
     Raises `InputError`, which names the path, if what it says is not a JSON object.
     """
-    try:
+    with blaming(f"{path}: its header's 'settings' are no JSON", ValueError):
         settings = parse_json(header.documents.get("settings", "{}"))
-    except ValueError as error:
-        raise InputError(f"{path}: its header's 'settings' are no JSON: {error}") from None
     if not isinstance(settings, dict):
         raise InputError(f"{path}: its header's 'settings' are a {type(settings).__name__}, expected a JSON object")
     return settings

@@ -8,7 +8,7 @@ from typing import IO
 
 from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import is_file, output_file, regular_file, whole_file
 from humanoid_sim.recording.recorder import TICK_TOPIC
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
@@ -50,13 +50,10 @@ def recover(path: Path, output: Path, *, overwrite: bool = False) -> Recovery:
     if is_file(output) and output.samefile(path):
         raise InputError(f"{output}: is the file to recover, expected another name")
     output_file(output, "--output", overwrite=overwrite)
-    try:
-        with path.open("rb") as source:
-            stream = McapStream(source, past_damage=True)
-            with whole_file(output) as target:
-                copied = _copy(path, stream, target)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    with blaming(f"{path}: cannot be read", OSError), path.open("rb") as source:
+        stream = McapStream(source, past_damage=True)
+        with whole_file(output) as target:
+            copied = _copy(path, stream, target)
     counted = sum(count for damage in stream.damages for count in damage.messages.values())
     lost_at_end = sum(
         damage.messages.get(channel, 0)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import blaming
 from humanoid_sim.messages import PolicyStep, SessionHeader
 from humanoid_sim.mit import COMMAND_FIELDS, MITCommand
 from humanoid_sim.policy.contract_json import encode
@@ -147,7 +147,5 @@ def read_shadow_steps(path: str | Path) -> Iterator[ShadowStep]:
     Raises `InputError` if the file cannot be read, or a message is damaged.
     """
     for data in messages_of(path, SHADOW_TOPIC):
-        try:
+        with blaming(f"{path}: a message of {SHADOW_TOPIC}", (CdrError, ValueError)):
             yield decode_shadow_step(data)
-        except (CdrError, ValueError) as error:
-            raise InputError(f"{path}: a message of {SHADOW_TOPIC}: {error}") from None

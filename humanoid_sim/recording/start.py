@@ -25,7 +25,7 @@ from humanoid_sim.controllers.rl_policy import RLPolicyMemory
 from humanoid_sim.controllers.signs import SignMemory
 from humanoid_sim.controllers.standby import StandbyMemory
 from humanoid_sim.controllers.supervisor import SupervisorMemory
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import blaming, known_names
 from humanoid_sim.messages import PolicyStep, SessionHeader, StandbyState
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.strict_json import parse_json
@@ -65,14 +65,15 @@ def start_memory(header: SessionHeader) -> SupervisorMemory | None:
     text = header.documents.get(START_DOCUMENT)
     if text is None:
         return None
-    try:
+    with blaming(
+        f"recording: its header's '{START_DOCUMENT}' is damaged",
+        (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError),
+    ):
         memory = _built(parse_json(text))
         if not isinstance(memory, SupervisorMemory):
             raise TypeError(f"is a {type(memory).__name__}")
         if memory.controller not in MODES:
             raise ValueError(known_names("controller", memory.controller, MODES))
-    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
-        raise InputError(f"recording: its header's '{START_DOCUMENT}' is damaged: {error}") from None
     return memory
 
 

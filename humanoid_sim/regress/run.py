@@ -21,7 +21,7 @@ from rich.progress import TimeRemainingColumn
 from humanoid_sim import __version__
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.command_line.progress import BarOrLines
-from humanoid_sim.errors import InputError, MissingPackageError
+from humanoid_sim.errors import InputError, MissingPackageError, blaming
 from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.files import whole_file
 from humanoid_sim.regress.compare import FEW_SEEDS, detectable_changes, fewest_seeds, judge
@@ -225,10 +225,8 @@ def _record(
 ) -> None:
     """Record failing episodes, or the one that was asked for."""
     folder = config.record_failures or _RECORDINGS
-    try:
+    with blaming(f"--record-failures: '{folder}' cannot be made a folder", OSError):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--record-failures: '{folder}' cannot be made a folder: {error.strerror}") from None
     for policy, candidate in zip(policies, results.candidates, strict=True):
         cases = {case.case.name: case for case in policy.cases}
         run = candidate.run

@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from humanoid_sim.assets import asset_path, shipped
-from humanoid_sim.errors import InputError, known_names
+from humanoid_sim.errors import InputError, known_names, require_known
 from humanoid_sim.files import is_file
 from humanoid_sim.regress.metrics import ALWAYS, METRICS, TaskName, has_metric
 from humanoid_sim.regress.options import RegressConfig
@@ -235,8 +235,7 @@ def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
         raise InputError(f"--{place.replace('_', '-')}: {text}")
     if config.episode is not None:
         name, _, seed = config.episode.rpartition(":")
-        if name not in names:
-            raise InputError(f"--episode: {known_names('case', name, names)}")
+        require_known("case", (name,), names, "--episode: ")
         if int(seed) >= SEEDS:
             raise InputError(f"--episode: the seed is {seed}, expected 0 to {SEEDS - 1}")
         only = tuple(case for case in cases if case.name == name)

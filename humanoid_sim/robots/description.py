@@ -20,7 +20,7 @@ from humanoid_sim.assets import asset_path, shipped
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.parameters import joint_indices
 from humanoid_sim.controllers.policy_step import resolve_action
-from humanoid_sim.errors import InputError, MissingPackageError, blaming, known_names, reason_of, require_known
+from humanoid_sim.errors import InputError, MissingPackageError, blaming, known_names, needing, reason_of, require_known
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.names import near_miss
 from humanoid_sim.robots.checks import description_problems
@@ -168,10 +168,8 @@ def public_mjcf(name: str) -> Path:
 
 
 def _modules() -> frozenset[str]:
-    try:
+    with needing("robot_descriptions", "menagerie", f"--robot {PREFIX}…"):
         import robot_descriptions  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise MissingPackageError("robot_descriptions", "menagerie", f"--robot {PREFIX}…") from None
     return frozenset(module.name for module in pkgutil.iter_modules(robot_descriptions.__path__))
 
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import mujoco
 
-from humanoid_sim.errors import InputError, reason_of
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import regular_file
 from humanoid_sim.robots.mjcf import compile_spec, read_spec
 
@@ -51,10 +51,8 @@ def convert_urdf(path: Path, base: BaseKind, folder: Path, imu: str | None = Non
         spec.add_sensor(name="gyro", type=mujoco.mjtSensor.mjSENS_GYRO, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
     spec.modelfiledir = str(folder.resolve())
     model = compile_spec(spec, path)
-    try:
+    with blaming(f"{path}: cannot be written as an MJCF", (ValueError, RuntimeError, mujoco.FatalError)):
         text: str = spec.to_xml()
-    except (ValueError, RuntimeError, mujoco.FatalError) as error:
-        raise InputError(f"{path}: cannot be written as an MJCF: {reason_of(error)}") from None
     return text, _gaps(model, imu)
 
 

@@ -16,7 +16,7 @@ from threading import Lock
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import InputError, reason_of, require_known
+from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.files import regular_file
 from humanoid_sim.robots.mjcf_bounds import check_mjcf_bounds, kind_of_model
 from humanoid_sim.robots.rates import steps_per_period
@@ -95,11 +95,9 @@ def read_spec(path: Path) -> mujoco.MjSpec:
         return spec
     word = re.compile(rf"(?<!\S){re.escape(prefix)}")
     text = _ATTRIBUTE.sub(lambda found: found[1] + word.sub("", found[2]), path.read_text(encoding="utf-8"))
-    try:
-        with mujoco_silenced:
-            renamed = mujoco.MjSpec.from_string(text)
-    except (ValueError, *_NO_ROOM) as error:
-        raise InputError(f"{path}: not a valid MJCF model without the prefix {prefix!r}: {reason_of(error)}") from None
+    what = f"{path}: not a valid MJCF model without the prefix {prefix!r}"
+    with blaming(what, (ValueError, *_NO_ROOM)), mujoco_silenced:
+        renamed = mujoco.MjSpec.from_string(text)
     renamed.modelfiledir = spec.modelfiledir
     return renamed
 
@@ -113,11 +111,8 @@ def prefix_line(path: Path) -> str:
 def _read(path: Path) -> mujoco.MjSpec:
     regular_file(path, "the robot's MJCF model")
     check_mjcf_bounds(path)
-    try:
-        with mujoco_silenced:
-            return mujoco.MjSpec.from_file(str(path))
-    except (ValueError, *_NO_ROOM) as error:
-        raise InputError(f"{path}: not a valid {kind_of_model(path)}: {reason_of(error)}") from None
+    with blaming(f"{path}: not a valid {kind_of_model(path)}", (ValueError, *_NO_ROOM)), mujoco_silenced:
+        return mujoco.MjSpec.from_file(str(path))
 
 
 def _common_prefix(spec: mujoco.MjSpec, path: Path) -> str:
@@ -132,11 +127,8 @@ def _common_prefix(spec: mujoco.MjSpec, path: Path) -> str:
 
 def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
     """Compile; `path` is what to call it in messages. Raises `InputError` where that fails."""
-    try:
-        with mujoco_silenced:
-            model = spec.compile()
-    except (ValueError, *_NO_ROOM) as error:
-        raise InputError(f"{path}: does not compile: {reason_of(error)}") from None
+    with blaming(f"{path}: does not compile", (ValueError, *_NO_ROOM)), mujoco_silenced:
+        model = spec.compile()
     for name in _FINITE:
         values = getattr(model, name)
         if not (np.abs(values) <= mujoco.mjMAXVAL).all():  # written so that NaN fails it

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from xml.etree import ElementTree
 
 from humanoid_sim import bounds
-from humanoid_sim.errors import InputError, reason_of
+from humanoid_sim.errors import InputError, blaming, reason_of
 from humanoid_sim.files import is_file, regular_file
 
 _ATTRIBUTES = ("file", "filename", "fileup", "filedown", "fileleft", "fileright", "filefront", "fileback")
@@ -25,11 +25,8 @@ def _check(path: Path, *, is_picture: bool) -> int:
     """Its size, bytes."""
     kind, largest = ("a picture", bounds.PICTURE_BYTES) if is_picture else ("a mesh", bounds.MESH_BYTES)
     regular_file(path, kind, largest)
-    try:
-        with path.open("rb") as file:
-            head = file.read(_PNG_SIZE.size)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    with blaming(f"{path}: cannot be read", OSError), path.open("rb") as file:
+        head = file.read(_PNG_SIZE.size)
     if head.startswith(_PNG) and len(head) == _PNG_SIZE.size:
         _, width, height = _PNG_SIZE.unpack(head)
         if width * height > bounds.MJCF_SIZE:

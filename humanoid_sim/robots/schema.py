@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Self
 import msgspec
 
 from humanoid_sim.assets import asset_path
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import blaming
 from humanoid_sim.mit import FloatArray, frozen_array
 
 
@@ -384,12 +384,10 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
 
         Raises `InputError` for any other text.
         """
-        try:
+        with blaming("robot description (JSON)", (msgspec.DecodeError, msgspec.ValidationError, RecursionError)):
             document = msgspec.json.decode(text)
             _restore_infinite(document)
             return msgspec.structs.replace(msgspec.convert(document, cls), folder=folder)
-        except (msgspec.DecodeError, msgspec.ValidationError, RecursionError) as error:
-            raise InputError(f"robot description (JSON): {error}") from None
 
 
 def _restore_infinite(document: Any) -> None:

@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from humanoid_sim import client as wire
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import TickEncoder, encode_event
 from humanoid_sim.recording.header import header_metadata
@@ -221,10 +221,8 @@ def _filled(
     Raises `InputError` if it cannot be had.
     """
     text = json.dumps({**described, "blobs": places}).encode()
-    try:
+    with blaming(f"the feed: {offset + len(text)} bytes cannot be had", OSError):
         handle, memory = _sealed_memory(offset + len(text))
-    except OSError as error:
-        raise InputError(f"the feed: {offset + len(text)} bytes cannot be had: {error.strerror}") from None
     for name, (place, length) in places.items():
         memory[place : place + length] = files[name]
     memory[offset : offset + len(text)] = text

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 from humanoid_sim.client import monotonic_ns
-from humanoid_sim.errors import FieldError, InputError, number_in
+from humanoid_sim.errors import FieldError, InputError, blaming, number_in
 from humanoid_sim.messages import SafetyFlag, SafetyLevel, SafetyStatus
 from humanoid_sim.strict_json import parse_json
 
@@ -113,10 +113,8 @@ class OutsideSafety:
 
 def _status(text: str) -> tuple[SafetyStatus, int]:
     """Return the status in a message, and its stamp in ns."""
-    try:
+    with blaming("safety status: not JSON", ValueError, FieldError):
         values: Any = parse_json(text)
-    except ValueError as error:
-        raise FieldError(f"safety status: not JSON: {error}") from None
     if not isinstance(values, dict):
         raise FieldError(f"safety status: is {text[:40]!r}, expected level, source, flags, message and stamp")
     for name, kind in (("source", str), ("message", str), ("level", int), ("flags", int), ("stamp", int)):

@@ -10,7 +10,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from humanoid_sim.errors import InputError, reason_of, require_known
+from humanoid_sim.errors import InputError, blaming, require_known
 from humanoid_sim.mit import IndexArray
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import compile_spec, read_spec
@@ -66,10 +66,8 @@ def build_model(
     driven = [sensor for sensor in spec.sensors if mujoco.mjtObj.mjOBJ_ACTUATOR in (sensor.objtype, sensor.reftype)]
     for element in (*driven, *spec.actuators, *spec.keys):
         spec.delete(element)
-    try:
+    with blaming(f"{description.mjcf_path}: not a valid MJCF model", ValueError):
         _check_names(description, spec)
-    except ValueError as error:  # names given twice, where MuJoCo looks them up
-        raise InputError(f"{description.mjcf_path}: not a valid MJCF model: {reason_of(error)}") from None
     spec.option.timestep = description.simulation.physics_timestep if physics_timestep is None else physics_timestep
     integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST if implicit else mujoco.mjtIntegrator.mjINT_EULER
     spec.option.integrator = integrator

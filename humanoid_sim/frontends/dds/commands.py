@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from humanoid_sim.client import Intake, Looks, SessionError, SessionInfo, monotonic_ns
 from humanoid_sim.controllers.contract import live_topic
-from humanoid_sim.errors import FieldError
+from humanoid_sim.errors import FieldError, blaming
 from humanoid_sim.frontends.attach import Attachment
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.ros2.cdr import CdrError
@@ -211,10 +211,8 @@ def read_command(message: bytes, joints: tuple[str, ...]) -> MITCommand:
 
     Raises `FieldError` if it is none, or not one for this robot; one line.
     """
-    try:
+    with blaming("remote command", CdrError, FieldError):
         names, command = decode_mit_command(message)
-    except CdrError as error:
-        raise FieldError(f"remote command: {error}") from None
     problem = remote_problem(names, command, joints)
     if problem:
         raise FieldError(problem)

@@ -22,7 +22,7 @@ import numpy as np
 
 from humanoid_sim.client import Feed, Intake, SessionInfo
 from humanoid_sim.dds_client import JOINT_ARRAYS, Imu, stamp_ns
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.frontends import require_packages
 from humanoid_sim.frontends.attach import Attachment, attached, ready
 from humanoid_sim.messages import (
@@ -166,10 +166,8 @@ class Mirror:
 
 def _described(urdf: str) -> tuple[RobotDescription, mujoco.MjModel]:
     """Give the robot of a URDF with shapes and no files, as the bridge sends it. Raises `InputError` if it is none."""
-    try:
+    with blaming(f"{ros.DESCRIPTION_TOPIC}: is not a URDF", ElementTree.ParseError):
         root = ElementTree.fromstring(urdf)
-    except ElementTree.ParseError as error:
-        raise InputError(f"{ros.DESCRIPTION_TOPIC}: is not a URDF: {error}") from None
     moves = any(joint.get("type") == "floating" for joint in root.iter("joint"))
     root.insert(0, ElementTree.fromstring(_KEEP_SHAPES))
     for link in root.iter("link"):

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.joy import JoyBindings
-from humanoid_sim.errors import FieldError, InputError, known_names
+from humanoid_sim.errors import FieldError, InputError, blaming, require_known
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.ros2.parameters import node_parameters
 from humanoid_sim.strict_yaml import read_yaml
@@ -116,9 +116,7 @@ def chosen_layout(file: Path | None, given: PadLayout, option: str) -> PadLayout
     if not sections:
         if not isinstance(document, dict) or not document:
             raise InputError(f"{file}: has no buttons, expected a mapping joy: with damp_button: N and its like")
-        for name in document:
-            if name not in ("joy", "sticks"):
-                raise InputError(f"{file}: {known_names('section', str(name), ('joy', 'sticks'))}")
+        require_known("section", document, ("joy", "sticks"), f"{file}: ")
         sections = document
     elif "joy" not in sections:
         raise InputError(f"{file}: has no parameters joy.* of {_NODE}, expected joy.damp_button: N and its like")
@@ -130,10 +128,6 @@ def chosen_layout(file: Path | None, given: PadLayout, option: str) -> PadLayout
 
 def _section(file: Path, name: str, values: Any, kind: type[_Section]) -> _Section:
     fields = tuple(item.name for item in dataclasses.fields(kind))
-    for key in values if isinstance(values, dict) else ():
-        if key not in fields:
-            raise InputError(f"{file}: {name}: {known_names('field', str(key), fields)}")
-    try:
+    require_known("field", values if isinstance(values, dict) else (), fields, f"{file}: {name}: ")
+    with blaming(f"{file}: {name}", msgspec.ValidationError):
         return msgspec.convert(values, kind)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{file}: {name}: {error}") from None

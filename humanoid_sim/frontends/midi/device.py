@@ -19,7 +19,7 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import Any
 
-from humanoid_sim.errors import InputError, reason_of
+from humanoid_sim.errors import InputError, blaming, reason_of
 
 STANDARD_INPUT = "-"
 _MOST_BYTES = 256
@@ -70,10 +70,8 @@ class ByteDevice(Source):
         self.name = "standard input" if path == STANDARD_INPUT else path
         self._is_own = path != STANDARD_INPUT
         flags = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
-        try:
+        with blaming(f"--device: {self.name} cannot be opened", OSError):
             self._handle = os.open(path, flags) if self._is_own else sys.stdin.fileno()
-        except OSError as error:
-            raise InputError(f"--device: {self.name} cannot be opened: {error.strerror or error}") from None
         self._first: bytes = b""
         try:
             self._begin(baud)

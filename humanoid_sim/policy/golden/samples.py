@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from humanoid_sim.bounds import MOTION_VALUES
-from humanoid_sim.errors import FieldError, InputError
+from humanoid_sim.errors import FieldError, InputError, blaming
 from humanoid_sim.mit import Extern, Float32Array, FloatArray, IntArray, MITState
 from humanoid_sim.strict_json import parse_json
 
@@ -211,10 +211,8 @@ def _decode(name: str, value: Any) -> npt.NDArray[Any]:
     shape, dtype = tuple(value["shape"]), np.dtype(kind)
     if not all(type(size) is int and size >= 0 for size in shape) or prod(shape) > _LARGEST:
         raise FieldError(f"{name}: has shape {shape}, expected sizes >= 0")
-    try:
+    with blaming(f"{name}: is not base64", binascii.Error, FieldError):
         data = base64.b64decode(value["data"], validate=True)
-    except binascii.Error as error:
-        raise FieldError(f"{name}: is not base64: {error}") from None
     if len(data) != prod(shape) * dtype.itemsize:
         raise FieldError(f"{name}: has {len(data)} bytes, expected {prod(shape) * dtype.itemsize} for shape {shape}")
     array = np.frombuffer(data, dtype=dtype).reshape(shape)  # read-only, as the bytes are

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from humanoid_sim.client import network_on
-from humanoid_sim.errors import InputError, MissingPackageError, known_names
+from humanoid_sim.errors import InputError, blaming, needing, require_known
 
 LOOPBACK = "lo"
 _NAMESPACE = re.compile(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
@@ -45,16 +45,13 @@ def domain_id() -> int:
 def _check_interface(name: str) -> None:
     """Refuse a network interface that this machine does not have."""
     known = [label for _, label in socket.if_nameindex()]
-    if name not in known:
-        raise InputError(known_names("network interface", name, known))
+    require_known("network interface", (name,), known)
 
 
 def check_network_interface(option: str, name: str) -> None:
     """Refuse one that leads to no other machine."""
-    try:
+    with blaming(option, InputError):
         _check_interface(name)
-    except InputError as error:
-        raise InputError(f"{option}: {error}") from None
     if name == LOOPBACK:
         raise InputError(f"{option}: is {LOOPBACK}, which leads to no other machine, expected one such as eth1")
 
@@ -96,11 +93,9 @@ class Participant:
             InputError: the domain, the interface or the namespace cannot be used.
             MissingPackageError: Cyclone DDS is not installed.
         """
-        try:
+        with needing("cyclonedds", "dds", "DDS"):
             from cyclonedds.core import DDSException  # noqa: PLC0415 - an extra
             from cyclonedds.domain import Domain, DomainParticipant  # noqa: PLC0415
-        except ImportError:
-            raise MissingPackageError("cyclonedds", "dds", "DDS") from None
         self.domain = domain_id() if domain is None else domain
         self.namespace = checked_namespace(namespace)
         _check_interface(interface)

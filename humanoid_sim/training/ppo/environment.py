@@ -19,7 +19,7 @@ from humanoid_sim.envs.registration import ENVIRONMENTS
 from humanoid_sim.envs.scenario import Scenario, checkpoint_of, make_scenario
 from humanoid_sim.envs.tasks import TASKS, Task
 from humanoid_sim.envs.vector_env import PolicyVectorEnv
-from humanoid_sim.errors import InputError, known_names, reason_of
+from humanoid_sim.errors import InputError, known_names, reason_of, require_known
 from humanoid_sim.files import is_file
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.batch import Randomisation
@@ -211,8 +211,7 @@ def subject_of(config: TrainConfig) -> Subject:
 
     Raises `InputError`: one line with the option, its value and what is accepted.
     """
-    if config.algorithm not in ALGORITHMS:
-        raise InputError(f"--algorithm: {known_names('algorithm', config.algorithm, ALGORITHMS)}")
+    require_known("algorithm", (config.algorithm,), ALGORITHMS, "--algorithm: ")
     if config.privileged and config.algorithm == "ppo-sb3":
         raise InputError("--privileged: stable-baselines3's critic sees what the policy sees; give ppo-rsl_rl")
     read = arguments_of(config)

@@ -18,7 +18,7 @@ from gymnasium.vector import VectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from humanoid_sim.envs.resets import term_means
-from humanoid_sim.errors import InputError, needing
+from humanoid_sim.errors import InputError, blaming, needing
 from humanoid_sim.files import is_file, output_file, whole_file
 from humanoid_sim.training.ppo.options import CurvesConfig
 
@@ -124,11 +124,8 @@ class Journal:
         speed = (update.steps - self._steps) / max(now - self._noted, 1e-9)
         self._steps, self._noted = update.steps, now
         row = dict(zip(COLUMNS, (update.steps, self.seconds, speed, *meter.means(), update.spread), strict=True))
-        try:
-            with self._path.open("ab") as file:
-                file.write(_line(row))
-        except OSError as error:
-            raise InputError(f"{self._path}: cannot be written: {error.strerror}") from None
+        with blaming(f"{self._path}: cannot be written", OSError), self._path.open("ab") as file:
+            file.write(_line(row))
         if self._writer is not None:
             scalars = {f"train/{name}": row[name] for name in COLUMNS[2:]}
             scalars |= {f"reward/{name}": value for name, value in meter.terms().items()}

@@ -19,7 +19,7 @@ import numpy as np
 
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.controllers.base import RL_POLICY
-from humanoid_sim.errors import InputError
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import exclusive_folder, is_file, output_file, whole_file
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand
@@ -274,10 +274,8 @@ class Videos:
         self._due = time.monotonic() + self._period
         self._latest: VideoSink | None = None
         if minutes is not None:
-            try:
+            with blaming(f"{self._folder}: cannot be made a folder", OSError):
                 self._folder.mkdir(exist_ok=True)
-            except OSError as error:
-                raise InputError(f"{self._folder}: cannot be made a folder: {error.strerror}") from None
 
     def show(self, answer: Callable[[Float32Array], Float32Array], steps: int) -> None:
         """Run an episode and have it drawn, if it is time; waits for the last video, which is long ready as a rule.
