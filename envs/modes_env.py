@@ -13,8 +13,8 @@ from gymnasium import spaces
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
 from humanoid_sim.controllers.supervisor import SupervisorMemory
+from humanoid_sim.envs.base import RENDER_MODES, ShownEnv
 from humanoid_sim.envs.episode_robot import EpisodeRobot
-from humanoid_sim.envs.rendering import RENDER_MODES, ShownEnv
 from humanoid_sim.envs.resets import refuse_others, velocity_option
 from humanoid_sim.envs.scenario import Named, read_policy
 from humanoid_sim.envs.spaces import INTENTS, modes_action_space, modes_observation, modes_observation_space

@@ -14,11 +14,10 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.controllers.reference import Frame
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
-from humanoid_sim.envs.base import PolicyEnvironment
+from humanoid_sim.envs.base import RENDER_MODES, PolicyEnvironment, ShownEnv
 from humanoid_sim.envs.curriculum import Curriculum
 from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, RandomisedRobot, recorded_start
 from humanoid_sim.envs.privileged import PrivilegedTerm
-from humanoid_sim.envs.rendering import RENDER_MODES, ShownEnv
 from humanoid_sim.envs.resets import refuse_others, velocity_option
 from humanoid_sim.envs.scenario import Motions, Named
 from humanoid_sim.envs.spaces import action_space, outlier

@@ -13,10 +13,9 @@ from gymnasium.vector.utils import batch_space
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.envs import resets
-from humanoid_sim.envs.base import PolicyEnvironment
+from humanoid_sim.envs.base import PolicyEnvironment, make_pictures
 from humanoid_sim.envs.curriculum import Curriculum
 from humanoid_sim.envs.privileged import PrivilegedTerm
-from humanoid_sim.envs.rendering import make_pictures
 from humanoid_sim.envs.scenario import Motions, Named
 from humanoid_sim.envs.spaces import action_space, outlier
 from humanoid_sim.envs.tasks.task import require_finite

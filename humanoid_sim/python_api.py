@@ -162,7 +162,7 @@ class Simulation(_Shown):
     recording: Recording
 
     def arrays(self) -> dict[str, Any]:
-        """Return every tick as arrays by name: see `humanoid_sim.recording.columns.arrays`."""
+        """Return every tick as arrays by name: see `humanoid_sim.recording.reader.Recording.arrays`."""
         return self.recording.arrays()
 
     def frame(self) -> Any:
@@ -170,7 +170,7 @@ class Simulation(_Shown):
         return self.recording.frame()
 
     def figure(self, *joints: str) -> Any:
-        """Draw joints' positions and commands. Raises as `humanoid_sim.recording.columns.figure`."""
+        """Draw joints' positions and commands. Raises as `humanoid_sim.recording.reader.Recording.figure`."""
         return self.recording.figure(*joints)
 
     def __repr__(self) -> str:

@@ -90,15 +90,13 @@ def _urdf(recording: Recording, path: Path, options: Export) -> str:
 
 
 def _csv(recording: Recording, path: Path, options: Export) -> str:
-    from humanoid_sim.recording.columns import column_names, rows  # noqa: PLC0415 - heavy imports stay out of `--help`
-
     del options
     count = 0
     with whole_file(path) as file:
         text = io.TextIOWrapper(file, encoding="utf-8", newline="")
         table = csv.writer(text, lineterminator="\n")
-        table.writerow(column_names(recording))
-        for row in rows(recording):
+        table.writerow(recording.column_names())
+        for row in recording.rows():
             table.writerow(row)
             count += 1
         text.flush()
@@ -138,7 +136,6 @@ def _mp4(recording: Recording, path: Path, options: Export) -> str:
 def _rerun(recording: Recording, path: Path, options: Export) -> str:
     import tempfile  # noqa: PLC0415
 
-    from humanoid_sim.recording.columns import action_names  # noqa: PLC0415
     from humanoid_sim.rendering.rerun_log import RerunLog, rerun_module  # noqa: PLC0415
 
     library = rerun_module("record export --rerun")
@@ -147,7 +144,7 @@ def _rerun(recording: Recording, path: Path, options: Export) -> str:
         made = Path(folder, "run.rrd")
         stream = library.RecordingStream("humanoid_sim")
         stream.save(str(made))
-        log = RerunLog(library, stream, recording.header, body, action_names(recording))
+        log = RerunLog(library, stream, recording.header, body, recording.action_names())
         for tick in recording.ticks():
             log.tick(tick)
         stream.flush()

@@ -97,7 +97,8 @@ def _show(
         library = rerun_module("the rerun viewer")
         stream = library.RecordingStream("humanoid_sim")
         stream.connect_grpc(viewer.source)
-        stream.send_blueprint(_blueprint(has_keys=_has_keys(attachment)))
+        has_keys = attachment.description.piano is not None or KEY_PRESSED in attachment.feed.live_inputs
+        stream.send_blueprint(_blueprint(has_keys=has_keys))
         log = RerunLog(library, stream, attachment.header, body, _action_names(attachment), period=_PERIOD)
         ready(f"{viewer.told}, for {attachment.session}")
         _watch(attachment, viewer, log, _Teller(library, stream), refresh, ended)
@@ -179,11 +180,6 @@ def _action_names(attachment: Attachment) -> tuple[str, ...]:
     """Return the joints that the policy drives."""
     contract = attachment.contract
     return () if contract is None else contract.action_joint_names
-
-
-def _has_keys(attachment: Attachment) -> bool:
-    """Return whether the session knows which of a piano's keys are down."""
-    return attachment.description.piano is not None or KEY_PRESSED in attachment.feed.live_inputs
 
 
 def _blueprint(*, has_keys: bool) -> Any:

@@ -17,7 +17,7 @@ import numpy as np
 from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorNames
 from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.controllers.terms import Term
-from humanoid_sim.doctor import action_edits, joint_edits, observation_edits
+from humanoid_sim.doctor import joint_edits, observation_edits
 from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, set_fields, set_options
 
 _FAMILIES: tuple[Callable[[PolicyContract, RobotFacts], Iterator[Edit]], ...] = (
@@ -29,13 +29,13 @@ _FAMILIES: tuple[Callable[[PolicyContract, RobotFacts], Iterator[Edit]], ...] = 
     observation_edits.phases,
     observation_edits.zeroed,
     observation_edits.scales,
-    action_edits.action_scales,
+    joint_edits.action_scales,
     observation_edits.history_orders,
-    action_edits.default_poses,
-    action_edits.gains,
-    action_edits.group_gains,
-    action_edits.model_damping,
-    action_edits.rates,
+    joint_edits.default_poses,
+    joint_edits.gains,
+    joint_edits.group_gains,
+    joint_edits.model_damping,
+    joint_edits.rates,
     joint_edits.joint_signs,
     joint_edits.swapped_sides,
     joint_edits.swapped_gains,

@@ -74,6 +74,8 @@ class Plan:
         self.taken, live = self.policy.live_inputs(setup.live)
         """Name and width of the live inputs that come from other programs."""
         refuse_unheard_keys(config, self.taken, setup.live)
+        signs = config.allow_sign_contradiction
+        require_known("joint", signs, setup.robot.joints, "--allow-sign-contradiction: ")
         # Without a policy and REMOTE, the FSM itself keeps the robot in DAMPING and STANDBY.
         self.supervisor = build_supervisor(
             description,
@@ -82,7 +84,7 @@ class Plan:
             remote=config.shadow is None,
             live=live,
             action_limit=config.action_limit,
-            signs=_allowed_signs(config, setup),
+            signs=None if setup.levers is None else tuple(dict.fromkeys(signs)),
             loads=config.shadow is None,
             needs_producer=description.is_floating,
         )
@@ -143,12 +145,6 @@ class Plan:
         if self.branch is not None:
             self.branch.inputs.velocity, self.branch.inputs.leaves_velocity = velocity, is_given
         return velocity
-
-
-def _allowed_signs(config: PlayConfig, setup: RobotSetup) -> tuple[str, ...] | None:
-    """Return the joints whose sign may contradict gravity; None where signs are not judged."""
-    require_known("joint", config.allow_sign_contradiction, setup.robot.joints, "--allow-sign-contradiction: ")
-    return None if setup.levers is None else tuple(dict.fromkeys(config.allow_sign_contradiction))
 
 
 def _checked_poses(description: RobotDescription) -> RobotDescription:

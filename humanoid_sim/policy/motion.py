@@ -129,7 +129,7 @@ def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motio
     """
     path = Path(path)
     with blaming(f"{path}: cannot be read", OSError):
-        if is_bag(path):
+        if (path / _METADATA).is_file():  # a folder that rosbag2 has written
             return _motion(path, _read_rows(path, bag_streams(path), topic))
         path = regular_file(path, "a motion file (.mcap) or a folder of rosbag2")
         with path.open("rb") as file:
@@ -288,11 +288,6 @@ def motion_bytes(motion: Motion) -> bytes:
 
 _METADATA = "metadata.yaml"
 _STORAGES = ("mcap", "sqlite3")
-
-
-def is_bag(path: Path) -> bool:
-    """Return whether a path is a folder that rosbag2 has written."""
-    return (path / _METADATA).is_file()
 
 
 def bag_streams(folder: Path) -> Iterator[tuple[Path, McapStream | Database]]:

@@ -5,10 +5,11 @@ Nothing heavy is imported here: `--help` must be quick.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import importlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, ClassVar, assert_never
+from typing import Annotated, Any, ClassVar
 
 import tyro
 
@@ -87,6 +88,15 @@ class Stamp:
     )
 
 
+_PROGRAMS = {
+    Show: ("policy_tools.show", "show"),
+    Check: ("policy_tools.check", "check"),
+    Stamp: ("policy_tools.stamp", "stamp_copy"),
+    DoctorConfig: ("doctor.run", "doctor"),
+}
+"""By options the module and function that take them; heavy, so only what runs is imported."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `policy` with command-line arguments; returns the exit status."""
     command: Show | Check | Stamp | DoctorConfig = parse(
@@ -104,22 +114,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     check_file(command.checkpoint)
     if not has_onnxruntime():
         raise InputError("policy: needs onnxruntime, which cannot be imported: pip install onnxruntime")
-    match command:
-        case Show():
-            from humanoid_sim.policy_tools.show import show  # noqa: PLC0415
-
-            return show(command)
-        case Check():
-            from humanoid_sim.policy_tools.check import check  # noqa: PLC0415
-
-            return check(command)
-        case Stamp():
-            from humanoid_sim.policy_tools.stamp import stamp_copy  # noqa: PLC0415
-
-            return stamp_copy(command)
-        case DoctorConfig():
-            from humanoid_sim.doctor.run import doctor  # noqa: PLC0415
-
-            return doctor(command)
-        case _:
-            assert_never(command)
+    module, program = _PROGRAMS[type(command)]
+    run: Callable[[Any], int] = getattr(importlib.import_module(f"humanoid_sim.{module}"), program)
+    return run(command)

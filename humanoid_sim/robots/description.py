@@ -77,7 +77,8 @@ def robot_of(document: Any, label: str, folder: Path) -> RobotDescription:
         raise InputError(f"{label}: is a {kind}, expected a mapping with name, mjcf, joints, …")
     if "folder" in document:
         raise InputError(f"{label}: folder: is not a field of the file; give 'mjcf' relative to the file instead")
-    partial = _is_partial(document)
+    # Its joints are left to the MJCF, or it changes some of them.
+    partial = isinstance(document.get("joints", {}), dict) and isinstance(document.get("mjcf"), str)
     if partial:
         with blaming(label, InputError):
             document = _completed(document, folder)
@@ -289,11 +290,6 @@ def with_joint_limits(contract: PolicyContract, description: RobotDescription) -
 _FAR = 1e6
 """rad, or N·m: stands for no limit where limits are compared."""
 _POSE = "initial_position"
-
-
-def _is_partial(document: Mapping[str, Any]) -> bool:
-    """Return whether a robot file leaves its joints to the MJCF, or changes some of them."""
-    return isinstance(document.get("joints", {}), dict) and isinstance(document.get("mjcf"), str)
 
 
 def _completed(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:

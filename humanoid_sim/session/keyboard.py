@@ -217,7 +217,7 @@ class Keyboard(IntentQueue):
         elif key in KEYS:
             self.put(KEYS[key], monotonic_ns())
         elif key in HELP_KEYS:
-            for line in self._help():
+            for line in (key_help(),) if self.velocity is None else (key_help(), velocity_key_help()):
                 self._show(line)
         elif self.velocity is not None and key in VELOCITY_KEYS:
             before = self.velocity.command
@@ -229,6 +229,3 @@ class Keyboard(IntentQueue):
         else:
             return False
         return True
-
-    def _help(self) -> tuple[str, ...]:
-        return (key_help(),) if self.velocity is None else (key_help(), velocity_key_help())

@@ -80,11 +80,6 @@ def is_assumed(source: str) -> bool:
     return source.startswith(_ASSUMED)
 
 
-def is_derived(source: str) -> bool:
-    """Return whether the field follows from others."""
-    return source.startswith(_DERIVED)
-
-
 def is_stated(source: str) -> bool:
     """Return whether some source states the field."""
-    return not (is_assumed(source) or is_derived(source) or source == NOT_STATED)
+    return not source.startswith((_ASSUMED, _DERIVED)) and source != NOT_STATED
