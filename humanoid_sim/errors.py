@@ -44,8 +44,8 @@ def blaming(
     try:
         yield
     except kind as error:
-        why = error.strerror if isinstance(error, OSError) else str(error) if isinstance(error, FieldError) else ""
-        raise into(f"{what}: {why or reason_of(error)}") from None
+        said = "" if isinstance(error, HumanoidSimError) else getattr(error, "strerror", None) or reason_of(error)
+        raise into(f"{what}: {said or error}") from None
 
 
 class MissingPackageError(InputError):
