@@ -204,7 +204,7 @@ class FloatingBase:
                 raise InputError(f"{name}: is {value}, expected a finite number")
         if not (math.isfinite(drop) and drop >= 0.0):
             raise InputError(f"drop: is {drop}, expected a finite number >= 0")
-        self._position, self._quaternion, self._linear, self._angular = base_addresses(model, description)
+        self._position, self._quaternion, *_ = base_addresses(model, description)
         self._mocap = int(model.body(_SUPPORT).mocapid[0])
         self._weld = model.equality(_SUPPORT).id
         self._model = model
@@ -224,11 +224,9 @@ class FloatingBase:
         self._lifts = drop > 0.0
 
     def place(self, data: mujoco.MjData) -> None:
-        """Put the base to rest where it starts."""
+        """Put the base of data that are at rest where it starts."""
         data.qpos[self._position] = self._start[:3]
         data.qpos[self._quaternion] = self._start[3:]
-        data.qvel[self._linear] = 0.0
-        data.qvel[self._angular] = 0.0
 
     def stand(self, data: mujoco.MjData, turn: FloatArray) -> None:
         """Turn the base by (4,), w x y z, world frame, and put it on the floor; a support that holds it goes along."""

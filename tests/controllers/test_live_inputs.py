@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from rig import JOINTS, KNOWN, contract, state
 
+from humanoid_sim.controllers.contract import LiveTopic, live_topic
 from humanoid_sim.controllers.live_inputs import LiveInputs
 from humanoid_sim.controllers.policy_step import PolicyWiring
 from humanoid_sim.controllers.reference import no_reference
@@ -137,6 +138,13 @@ def test_topics_are_named_after_their_inputs_unless_the_contract_says_otherwise(
     assert decode(encode(fed), "here").live_topics == fed.live_topics
     observed = PolicyWiring(JOINTS, fed, no_reference(), fed.sent_inputs).layout
     assert [term.width for term in observed.terms] == [2, 1, 12, 187, 3]
+
+
+def test_what_no_other_program_publishes_has_no_topic():
+    assert live_topic(None, "left_hand_pressure") is None
+    assert live_topic(None, "joint_pos") is None
+    assert live_topic(None, "height_scan") == LiveTopic("/height_scan")
+    assert live_topic(live_contract(FOOT), "foot_contact") == LiveTopic("/foot_contact")
 
 
 def test_two_live_inputs_have_two_topics_and_one_has_one():

@@ -372,6 +372,18 @@ def test_an_exception_while_ending_damps_too():
     assert ended_damped(robot) > REST_TICKS
 
 
+def test_a_robot_that_does_not_confirm_its_end_makes_the_run_a_failure():
+    class Unconfirmed(FakeRobot):
+        def close(self):
+            super().close()
+            raise RobotError("left: not known to be off")
+
+    sink = FakeSink()
+    summary = session(Unconfirmed(), duration=0.1, sinks=[sink]).run()
+    assert summary.failures == ("robot: left: not known to be off",)
+    assert sink.events[-1] == "failed to close the robot: left: not known to be off"
+
+
 def test_every_sink_is_closed_whatever_raises():
     class Unclosable(FakeSink):
         def close(self):
