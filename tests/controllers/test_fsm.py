@@ -203,20 +203,12 @@ def test_choose_intent_over_every_order_of_every_set():
             else:
                 assert chosen is (intents[0] if intents else None)
             assert others == tuple(intent for intent in intents if intent is not chosen)
+            assert fsm.choose_intent(intents * 2) == (chosen, others), "repetitions count once"
     assert count == 1957
 
 
-def test_choose_intent_counts_repetitions_once():
-    twice = (Intent.LOAD_A, Intent.LOAD_B, Intent.LOAD_A, Intent.LOAD_B)
-    assert fsm.choose_intent(twice) == (Intent.LOAD_A, (Intent.LOAD_B,))
-    assert fsm.choose_intent([Intent.DAMP, Intent.DAMP]) == (Intent.DAMP, ())
-
-
-def test_merge_safety_of_nothing_is_ok():
+def test_merge_safety_of_nothing_and_of_every_pair():
     assert fsm.merge_safety(()) == SafetyStatus(0, 0, "", "")
-
-
-def test_merge_safety_of_every_pair():
     for first, second in product(STATUSES, STATUSES):
         merged = fsm.merge_safety([first, second])
         assert merged.level == max(first.level.value, second.level.value)
@@ -226,20 +218,11 @@ def test_merge_safety_of_every_pair():
 
 
 def test_merge_safety_names_only_what_is_wrong():
-    merged = fsm.merge_safety(
-        [
-            SafetyStatus(0, 0, "simulator", "all well"),
-            SafetyStatus(1, SafetyFlag.TX_QUEUE_OVERRUN, "can0", "queue overflowed"),
-            SafetyStatus(2, SafetyFlag.BUS_OFF, "can1", "bus is down"),
-            SafetyStatus(2, SafetyFlag.BUS_OFF, "can1", "bus is down"),
-        ]
-    )
-    assert merged == SafetyStatus(
-        SafetyLevel.FAULT,
-        SafetyFlag.TX_QUEUE_OVERRUN | SafetyFlag.BUS_OFF,
-        "can0, can1",
-        "queue overflowed; bus is down",
-    )
+    down = SafetyStatus(2, SafetyFlag.BUS_OFF, "can1", "bus is down")
+    late = SafetyStatus(1, SafetyFlag.TX_QUEUE_OVERRUN, "can0", "queue overflowed")
+    merged = fsm.merge_safety([SafetyStatus(0, 0, "simulator", "all well"), late, down, down])
+    flags = SafetyFlag.TX_QUEUE_OVERRUN | SafetyFlag.BUS_OFF
+    assert merged == SafetyStatus(SafetyLevel.FAULT, flags, "can0, can1", "queue overflowed; bus is down")
 
 
 @pytest.mark.parametrize(
