@@ -136,18 +136,20 @@ def test_safety_properties_for_every_set_of_available_controllers(current):
 def test_availability_only_ever_takes_away():
     """With fewer controllers a decision is the full one, a refusal by name, or ZERO_TORQUE for a missing DAMPING."""
     refused = 0
-    for current, status, intent, finished, available in product(CONTROLLERS, STATUSES, INTENTS, (False, True), SUBSETS):
-        full = fsm.transition(current, status, intent, finished, CONTROLLERS)
-        decision = fsm.transition(current, status, intent, finished, available)
-        if full.controller is None or full.controller in available:
-            if not (current == DAMPING and intent is Intent.DAMP and DAMPING not in available):
-                assert decision == full
-        elif full.controller == DAMPING:
-            assert decision.controller == ZERO
-            assert decision.refusal == full.refusal
-        else:
-            refused += 1
-            assert decision == fsm.Decision(refusal=f"{intent.name} refused: {full.controller} is not available")
+    for current, *asked in product(CONTROLLERS, STATUSES, INTENTS, (False, True)):
+        intent = asked[1]
+        full = fsm.transition(current, *asked, CONTROLLERS)
+        for available in SUBSETS:
+            decision = fsm.transition(current, *asked, available)
+            if full.controller is None or full.controller in available:
+                if not (current == DAMPING and intent is Intent.DAMP and DAMPING not in available):
+                    assert decision == full
+            elif full.controller == DAMPING:
+                assert decision.controller == ZERO
+                assert decision.refusal == full.refusal
+            else:
+                refused += 1
+                assert decision == fsm.Decision(refusal=f"{intent.name} refused: {full.controller} is not available")
     assert refused == (2 + 4) * 3 * 32 + 2 * 3 * 32  # LOADs, and STARTs from each finished pose, times OK flags
 
 

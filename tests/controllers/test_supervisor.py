@@ -16,15 +16,15 @@ from rig import (
     Run,
     command,
     good_answer,
+    state,
     supervisor,
-    tick,
 )
 
 from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import FieldError
-from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus
+from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.testing import ScriptedPolicy, fingerprint
 from humanoid_sim.testing.properties import DAMPING, MODE_NUMBER, REMOTE, RL, ZERO
@@ -370,15 +370,17 @@ def abstract(memory):
 
 def abstract_inputs(name, finished, time):
     """Policies and commands vary only where this tick may consult them; that keeps the product small."""
-    for (word, position), safety, intents in product(POSITIONS.items(), SAFETIES, PAIRS):
+    states = {word: state(time, position, extern={}) for word, position in POSITIONS.items()}
+    commands, nothing = remotes(time), {"none": None}
+    for word, safety, intents in product(POSITIONS, SAFETIES, PAIRS):
         consulted = {*intents} if finished else set()
         answers = BAD_ANSWERS if name == RL or Intent.START_LOCOMOTION in consulted else {}
-        variants = remotes(time) if name == REMOTE or Intent.START_REMOTE in consulted else {"none": None}
+        variants = commands if name == REMOTE or Intent.START_REMOTE in consulted else nothing
         if len(intents) == 2 and word != "known":
             continue  # pairs are about priority, which does not look at the state
         for answer in ("good", *answers):
             for variant in variants.values() if answer == "good" else (None,):
-                yield answer, tick(time, *intents, position=position, safety=safety, remote=variant)
+                yield answer, TickInput(states[word], safety, intents, variant)
 
 
 @pytest.fixture(scope="module")
