@@ -65,7 +65,7 @@ def _wrote(motor):
 # --- what is right
 
 
-def test_sound_motors_are_configured_enabled_without_torque_and_listed(robot, left, right):
+def test_sound_motors_are_configured_and_enabled_without_torque(robot, left, right):
     robot.activate()
     assert robot.is_enabled
     assert [left.mode, right.mode] == [MotorMode.RUN, MotorMode.RUN]
