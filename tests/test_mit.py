@@ -3,6 +3,7 @@
 import copy
 import pickle
 from dataclasses import FrozenInstanceError, fields, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -47,24 +48,30 @@ def test_instances_cannot_be_changed():
         state.extern["key_pressed"] = mit.Extern([1.0], 0.0)
 
 
-@pytest.mark.parametrize("name", STATE_ARRAYS)
-def test_state_array_is_a_read_only_copy(name):
-    arrays = state_arrays()
-    state = mit.MITState(time=0.0, **arrays)
-    arrays[name][0] = 9.0
-    assert getattr(state, name)[0] == 0.5
-    with pytest.raises(ValueError, match="read-only"):
-        getattr(state, name)[0] = 1.0
+MAKERS = {"MITState": (partial(mit.MITState, 0.0), state_arrays), "MITCommand": (mit.MITCommand, command_arrays)}
 
 
-@pytest.mark.parametrize("name", mit.COMMAND_FIELDS)
-def test_command_array_is_a_read_only_copy(name):
-    arrays = command_arrays()
-    command = mit.MITCommand(**arrays)
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [*(("MITState", name) for name in STATE_ARRAYS), *(("MITCommand", name) for name in mit.COMMAND_FIELDS)],
+)
+def test_an_array_is_a_read_only_copy_and_one_that_is_wrong_is_named(kind, name):
+    make, sound = MAKERS[kind]
+    arrays = sound()
+    made = make(**arrays)
     arrays[name][0] = 9.0
-    assert getattr(command, name)[0] == 0.5
+    assert getattr(made, name)[0] == 0.5
     with pytest.raises(ValueError, match="read-only"):
-        getattr(command, name)[0] = 1.0
+        getattr(made, name)[0] = 1.0
+    # Every other array is measured by the positions.
+    measured = {"joint_position": "joint_velocity", "position": "velocity"}.get(name, name)
+    wrong = np.zeros((3, 7)) if kind == "MITState" else np.zeros(3)
+    for value, problem in (
+        (wrong, rf"{measured}: shape is \(.*\), expected \("),
+        (["a", "b"], f"{name}: dtype is <U1, expected real numbers"),
+    ):
+        with pytest.raises(FieldError, match=rf"^{kind}\.{problem}"):
+            make(**{**arrays, name: value})
 
 
 def test_a_read_only_view_of_a_writable_array_is_copied_too():
@@ -93,24 +100,6 @@ def test_extern_is_a_copy_and_so_is_the_mapping():
         state.extern["key_pressed"].value[0] = 3.0
 
 
-@pytest.mark.parametrize("name", STATE_ARRAYS)
-def test_state_shape_error_names_the_field(name):
-    arrays = state_arrays()
-    arrays[name] = np.zeros((3, 7))
-    wrong = "joint_velocity" if name == "joint_position" else name  # every other array is measured by the positions
-    with pytest.raises(FieldError, match=rf"^MITState\.{wrong}: shape is \(.*\), expected \("):
-        mit.MITState(time=0.0, **arrays)
-
-
-@pytest.mark.parametrize("name", mit.COMMAND_FIELDS)
-def test_command_shape_error_names_the_field(name):
-    arrays = command_arrays()
-    arrays[name] = np.zeros(3)
-    wrong = "velocity" if name == "position" else name
-    with pytest.raises(FieldError, match=rf"^MITCommand\.{wrong}: shape is \(.*\), expected \("):
-        mit.MITCommand(**arrays)
-
-
 @pytest.mark.parametrize(
     ("value", "why"),
     [
@@ -133,14 +122,6 @@ def test_command_value_error_names_the_field(name, value, why):
         why = r"shape is \(\)"
     with pytest.raises(FieldError, match=rf"^MITCommand\.{name}: {why}"):
         mit.MITCommand(**arrays)
-
-
-@pytest.mark.parametrize("name", STATE_ARRAYS)
-def test_state_value_error_names_the_field(name):
-    arrays = state_arrays()
-    arrays[name] = ["a", "b"]
-    with pytest.raises(FieldError, match=rf"^MITState\.{name}: dtype is <U1, expected real numbers"):
-        mit.MITState(time=0.0, **arrays)
 
 
 @pytest.mark.parametrize("time", ["now", None, [0.0, 1.0, 2.0], 1j])
@@ -338,32 +319,19 @@ def bounded(command, position, velocity=0.0, limit=10.0, lead=0.0):
     return float(mit.bounded_position(command, *arrays, lead)[0])
 
 
-def test_a_command_within_the_limit_is_left_alone():
-    assert bounded(one_joint([0.19]), 0.0) == 0.19
-
-
-def test_a_spring_beyond_the_limit_is_shortened_to_it():
-    assert bounded(one_joint([1.0]), 0.0) == pytest.approx(0.2)
+def test_a_position_is_moved_so_that_the_spring_keeps_within_the_limit():
+    far = one_joint([1.0])
+    assert bounded(one_joint([0.19]), 0.0) == 0.19, "within the limit it is left alone"
+    assert bounded(far, 0.0) == pytest.approx(0.2)
     assert bounded(one_joint([-1.0]), 0.3) == pytest.approx(0.1)
-
-
-def test_feed_forward_and_damping_take_their_share():
-    assert bounded(one_joint([1.0], effort=4.0), 0.0) == pytest.approx(0.12)
-    assert bounded(one_joint([1.0]), 0.0, velocity=2.0) == pytest.approx(0.28)
-
-
-def test_a_joint_on_its_way_keeps_room_for_its_motion():
-    assert bounded(one_joint([1.0], damping=0.0), 0.0, velocity=2.0, lead=0.04) == pytest.approx(0.2 + 0.08)
-
-
-def test_the_spring_is_taken_out_but_never_turned_round():
+    assert bounded(one_joint([1.0], effort=4.0), 0.0) == pytest.approx(0.12), "feed-forward takes its share"
+    assert bounded(far, 0.0, velocity=2.0) == pytest.approx(0.28), "and so does damping"
+    on_its_way = bounded(one_joint([1.0], damping=0.0), 0.0, velocity=2.0, lead=0.04)
+    assert on_its_way == pytest.approx(0.2 + 0.08), "it keeps room for its motion"
     assert bounded(one_joint([1.0], effort=10.0, velocity=5.0), 0.0) == pytest.approx(0.0)
-    assert bounded(one_joint([0.0], effort=10.0, velocity=5.0), 0.0) == 0.0
-
-
-def test_without_a_position_or_a_spring_there_is_no_bound():
-    assert bounded(one_joint([1.0]), float("nan")) == 1.0
-    assert bounded(one_joint([1.0], stiffness=0.0), 0.0) == 1.0
+    assert bounded(one_joint([0.0], effort=10.0, velocity=5.0), 0.0) == 0.0, "the spring is never turned round"
+    assert bounded(far, float("nan")) == 1.0, "without a position there is no bound"
+    assert bounded(one_joint([1.0], stiffness=0.0), 0.0) == 1.0, "nor without a spring"
 
 
 small = st.floats(-20.0, 20.0)

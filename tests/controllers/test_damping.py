@@ -110,23 +110,21 @@ def test_an_absurd_reading_makes_no_joint_limp(absurd):
     (command,) = run(DampingController(JOINTS), tick(position=(absurd,) * 3))
     assert command.position.tolist() == [0.0, 0.0, 0.0]
     assert command.damping.tolist() == [1.0, 1.0, 1.0], "heard, if not believed: damping needs no position"
-
-
-def test_the_largest_position_that_may_be_commanded_is_kept():
     (command,) = run(DampingController(JOINTS), tick(position=(1e6, -1e6, 0.3)))
-    assert command.position.tolist() == [1e6, -1e6, 0.3]
+    assert command.position.tolist() == [1e6, -1e6, 0.3], "the largest position that may be commanded"
 
 
-def test_no_known_joint_is_a_fault():
-    fault = DampingController(JOINTS).activate(tick(position=(NAN, INF, -INF)))
+@pytest.mark.parametrize(
+    ("position", "message"),
+    [
+        ((NAN, INF, -INF), "no joint position is known"),
+        ((0.0, 0.0), "state has (2,) joint positions, expected (3,)"),
+    ],
+)
+def test_without_a_known_joint_or_of_another_width_it_is_a_fault(position, message):
+    fault = DampingController(JOINTS).activate(tick(position=position))
     assert isinstance(fault, Fault)
-    assert fault.message == "no joint position is known"
-
-
-def test_a_state_of_another_width_is_a_fault():
-    fault = DampingController(JOINTS).activate(tick(position=(0.0, 0.0)))
-    assert isinstance(fault, Fault)
-    assert fault.message == "state has (2,) joint positions, expected (3,)"
+    assert fault.message == message
 
 
 @given(any_tick_inputs(3, 0.0), any_tick_inputs(3, np.nan))

@@ -136,18 +136,20 @@ def test_safety_properties_for_every_set_of_available_controllers(current):
 def test_availability_only_ever_takes_away():
     """With fewer controllers a decision is the full one, a refusal by name, or ZERO_TORQUE for a missing DAMPING."""
     refused = 0
-    for current, status, intent, finished, available in product(CONTROLLERS, STATUSES, INTENTS, (False, True), SUBSETS):
-        full = fsm.transition(current, status, intent, finished, CONTROLLERS)
-        decision = fsm.transition(current, status, intent, finished, available)
-        if full.controller is None or full.controller in available:
-            if not (current == DAMPING and intent is Intent.DAMP and DAMPING not in available):
-                assert decision == full
-        elif full.controller == DAMPING:
-            assert decision.controller == ZERO
-            assert decision.refusal == full.refusal
-        else:
-            refused += 1
-            assert decision == fsm.Decision(refusal=f"{intent.name} refused: {full.controller} is not available")
+    for current, *asked in product(CONTROLLERS, STATUSES, INTENTS, (False, True)):
+        intent = asked[1]
+        full = fsm.transition(current, *asked, CONTROLLERS)
+        for available in SUBSETS:
+            decision = fsm.transition(current, *asked, available)
+            if full.controller is None or full.controller in available:
+                if not (current == DAMPING and intent is Intent.DAMP and DAMPING not in available):
+                    assert decision == full
+            elif full.controller == DAMPING:
+                assert decision.controller == ZERO
+                assert decision.refusal == full.refusal
+            else:
+                refused += 1
+                assert decision == fsm.Decision(refusal=f"{intent.name} refused: {full.controller} is not available")
     assert refused == (2 + 4) * 3 * 32 + 2 * 3 * 32  # LOADs, and STARTs from each finished pose, times OK flags
 
 
@@ -203,20 +205,12 @@ def test_choose_intent_over_every_order_of_every_set():
             else:
                 assert chosen is (intents[0] if intents else None)
             assert others == tuple(intent for intent in intents if intent is not chosen)
+            assert fsm.choose_intent(intents * 2) == (chosen, others), "repetitions count once"
     assert count == 1957
 
 
-def test_choose_intent_counts_repetitions_once():
-    twice = (Intent.LOAD_A, Intent.LOAD_B, Intent.LOAD_A, Intent.LOAD_B)
-    assert fsm.choose_intent(twice) == (Intent.LOAD_A, (Intent.LOAD_B,))
-    assert fsm.choose_intent([Intent.DAMP, Intent.DAMP]) == (Intent.DAMP, ())
-
-
-def test_merge_safety_of_nothing_is_ok():
+def test_merge_safety_of_nothing_and_of_every_pair():
     assert fsm.merge_safety(()) == SafetyStatus(0, 0, "", "")
-
-
-def test_merge_safety_of_every_pair():
     for first, second in product(STATUSES, STATUSES):
         merged = fsm.merge_safety([first, second])
         assert merged.level == max(first.level.value, second.level.value)
@@ -226,20 +220,11 @@ def test_merge_safety_of_every_pair():
 
 
 def test_merge_safety_names_only_what_is_wrong():
-    merged = fsm.merge_safety(
-        [
-            SafetyStatus(0, 0, "simulator", "all well"),
-            SafetyStatus(1, SafetyFlag.TX_QUEUE_OVERRUN, "can0", "queue overflowed"),
-            SafetyStatus(2, SafetyFlag.BUS_OFF, "can1", "bus is down"),
-            SafetyStatus(2, SafetyFlag.BUS_OFF, "can1", "bus is down"),
-        ]
-    )
-    assert merged == SafetyStatus(
-        SafetyLevel.FAULT,
-        SafetyFlag.TX_QUEUE_OVERRUN | SafetyFlag.BUS_OFF,
-        "can0, can1",
-        "queue overflowed; bus is down",
-    )
+    down = SafetyStatus(2, SafetyFlag.BUS_OFF, "can1", "bus is down")
+    late = SafetyStatus(1, SafetyFlag.TX_QUEUE_OVERRUN, "can0", "queue overflowed")
+    merged = fsm.merge_safety([SafetyStatus(0, 0, "simulator", "all well"), late, down, down])
+    flags = SafetyFlag.TX_QUEUE_OVERRUN | SafetyFlag.BUS_OFF
+    assert merged == SafetyStatus(SafetyLevel.FAULT, flags, "can0, can1", "queue overflowed; bus is down")
 
 
 @pytest.mark.parametrize(

@@ -93,11 +93,8 @@ def test_a_stop_tells_what_is_likely(at, wanted, cause):
         ("less than 8 N·m", [0.0] * 30, 0.159),
         ("it comes nearer by 0.02 rad in 0.1 s", list(np.linspace(0.0, 0.15, 30)), 0.5),
         ("it is pulled the other way every 0.08 s", [0.3, 0.3, 0.3, 0.3, -0.3, -0.3, -0.3, -0.3] * 4, 0.0),
-        (
-            "it was pushed back, and comes nearer again",
-            [0.0, -0.1, -0.2, -0.17, -0.14, -0.11, -0.08, -0.05, -0.02],
-            0.5,
-        ),
+        ("pushed back, and comes nearer again", [0.0, -0.1, -0.2, -0.17, -0.14, -0.11, -0.08, -0.05, -0.02], 0.5),
+        ("a pause begins the time again", [0.0] * 5 + [0.45] + [0.0] * 5 + [0.45], 0.5),
     ],
 )
 def test_a_joint_that_follows_does_not(name, positions, wanted):
@@ -111,23 +108,14 @@ def test_legs_at_a_stop_may_be_asked_for_more_than_there_is(at):
     beyond = [(state(t, at), command(5.0)) for t in times()]
     assert trip_time(guards(), beyond)[0] == pytest.approx(0.1), "arms that press there are stopped"
     assert trip_time(guards(following_within=True), beyond) == (INF, "")
-
-
-def test_legs_that_do_not_come_as_far_as_their_limit_trip_it():
     after, text = trip_time(guards(following_within=True), [(state(t, 0.5), command(5.0)) for t in times()])
-    assert after == pytest.approx(0.1)
+    assert after == pytest.approx(0.1), "legs that do not come as far as their limit"
     assert "asked to 5.00, and came no nearer for 0.10 s although K_p times the error is 25.0 N·m" in text
 
 
 def test_a_joint_that_is_pushed_back_all_the_time_trips_it():
     ticks = [(state(t, -0.3 * i * PERIOD), command(0.5)) for i, t in enumerate(times())]
     assert trip_time(guards(), ticks)[0] == pytest.approx(0.1)
-
-
-def test_a_pause_begins_the_time_again():
-    at = [0.0] * 5 + [0.45] + [0.0] * 5 + [0.45]
-    ticks = [(state(t, q), command(0.5)) for t, q in zip(times(), at, strict=False)]
-    assert trip_time(guards(), ticks) == (INF, "")
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -161,16 +149,12 @@ def test_a_joint_that_races_trips_the_speed_guard():
 @pytest.mark.parametrize("position", [NAN, INF, -INF])
 def test_what_is_not_known_is_not_judged(position):
     assert trip_time(guards(), [(state(t, position, NAN), command(0.5)) for t in times()]) == (INF, "")
-
-
-def test_a_silent_joint_is_left_to_the_safety_status():
-    ticks = [(state(t, 0.0, age=PERIOD * i + 0.021), command(0.5)) for i, t in enumerate(times())]
-    assert trip_time(guards(), ticks) == (INF, "")
+    silent = [(state(t, 0.0, age=PERIOD * i + 0.021), command(0.5)) for i, t in enumerate(times())]
+    assert trip_time(guards(), silent) == (INF, ""), "that is left to the safety status"
 
 
 def test_a_clock_that_jumps_is_no_time_in_which_a_joint_was_pressed():
-    jumps = [5.0, 1e6, 3.0, 3.0, NAN, 2e6]
-    ticks = [(state(t), command(0.5)) for t in jumps]
+    ticks = [(state(t), command(0.5)) for t in (5.0, 1e6, 3.0, 3.0, NAN, 2e6)]
     assert trip_time(guards(following_time=0.12), ticks) == (INF, "")
 
 

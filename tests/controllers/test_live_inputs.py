@@ -38,6 +38,9 @@ def test_declared_values_are_observed_with_the_terms_scale():
     assert heard.extern["foot_contact"].arrival_time == 3.0
     assert observed(heard) == pytest.approx([0.8, 1.0])
 
+    assert decode(encode(live_contract()), "here").terms[0].width == 2
+    assert encode(live_contract()).count('"width"') == 1, "no other term has one in a written contract"
+
 
 def test_one_value_is_every_robots():
     zeros = np.zeros((3, 3))
@@ -114,9 +117,6 @@ def test_topics_and_timeouts_that_are_refused(options, problem):
     with pytest.raises(FieldError) as caught:
         Term("foot", **{"width": 2, **options})
     assert str(caught.value).startswith(f"observation term 'foot': {problem}")
-
-
-def test_other_terms_have_no_topic():
     with pytest.raises(FieldError, match=r"'dof_pos': timeout is 1.0, expected none: only a live input has one$"):
         Term("dof_pos", timeout=1.0)
 
@@ -172,8 +172,3 @@ def test_sources_that_are_refused(declared, sources, problem):
     with pytest.raises(FieldError) as caught:
         LiveInputs(declared, sources)
     assert str(caught.value) == problem
-
-
-def test_the_width_is_part_of_a_written_contract_and_no_other_has_one():
-    assert decode(encode(live_contract()), "here").terms[0].width == 2
-    assert encode(live_contract()).count('"width"') == 1

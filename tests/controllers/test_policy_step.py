@@ -148,11 +148,6 @@ def test_the_contract_says_how_large_actions_are_unless_it_is_overridden():
     assert controller.action_limit == 500.0
 
 
-def test_limits_of_a_robot_that_nobody_knows_are_refused():
-    with pytest.raises(FieldError, match="position_clip: is 'joint_limits', and no robot is known whose they are"):
-        wiring_of(contract(position_clip="joint_limits"))
-
-
 @pytest.mark.parametrize(
     ("changes", "takes"),
     [
@@ -172,6 +167,8 @@ def test_a_contract_that_does_not_fit_the_robot_is_refused():
     reference = build_world_reference(contract(), frames(), JOINTS, ("torso",))
     with pytest.raises(FieldError, match="anchor pose"):
         policy_step.PolicyWiring(JOINTS, contract(), reference, {VELOCITY_COMMAND: 3}, 100.0)
+    with pytest.raises(FieldError, match="position_clip: is 'joint_limits', and no robot is known whose they are"):
+        wiring_of(contract(position_clip="joint_limits"))
 
 
 def rig_map(**changes):
@@ -179,24 +176,22 @@ def rig_map(**changes):
     return policy_step.resolve_action(rig.contract(**changes), rig.JOINTS)
 
 
-def test_scalar_scale():
-    command = policy_step.action_command(rig_map(action_scale=2.0), np.array([1.0, 1.0], np.float32))
-    assert command.position.tolist() == [2.03, 2.02, 0.0]
+LIMITS = [[-0.1, 0.1], [-1.0, 1.0]]
 
 
-def test_actions_and_positions_are_clipped():
-    limits = [[-0.1, 0.1], [-1.0, 1.0]]
-    action_map = rig_map(action_clip=1.5, position_clip=limits)
-    command = policy_step.action_command(action_map, np.array([9.0, 9.0], np.float32))
-    # elbow: 0.02 + 0.5 * 1.5, beyond its limit; shoulder: 0.03 + 0.25 * 1.5, within
-    assert command.position.tolist() == [0.03 + 0.25 * 1.5, 0.1, 0.0]
-    spread = rig_map(position_clip=[[-0.1, 0.1]])
-    assert policy_step.action_command(spread, np.array([-9.0, 9.0], np.float32)).position.tolist() == [0.1, -0.1, 0.0]
-
-
-def test_an_offset_of_its_own_replaces_the_default_pose():
-    command = policy_step.action_command(rig_map(action_offset=[0.5, 0.6]), np.zeros(2, np.float32))
-    assert command.position.tolist() == [0.6, 0.5, 0.0]
+@pytest.mark.parametrize(
+    ("changes", "action", "position"),
+    [
+        ({"action_scale": 2.0}, [1.0, 1.0], [2.03, 2.02, 0.0]),
+        # elbow: 0.02 + 0.5 * 1.5, beyond its limit; shoulder: 0.03 + 0.25 * 1.5, within
+        ({"action_clip": 1.5, "position_clip": LIMITS}, [9.0, 9.0], [0.03 + 0.25 * 1.5, 0.1, 0.0]),
+        ({"position_clip": LIMITS[:1]}, [-9.0, 9.0], [0.1, -0.1, 0.0]),
+        ({"action_offset": [0.5, 0.6]}, [0.0, 0.0], [0.6, 0.5, 0.0]),  # replaces the default pose
+    ],
+)
+def test_actions_are_scaled_clipped_and_offset(changes, action, position):
+    command = policy_step.action_command(rig_map(**changes), np.array(action, np.float32))
+    assert command.position.tolist() == position
 
 
 @given(st.lists(st.tuples(st.floats(width=32), st.floats(width=32)), min_size=1, max_size=5))
@@ -209,11 +204,7 @@ def test_commands_of_a_batch_are_those_of_its_robots(actions):
     for name in COMMAND_FIELDS:
         assert getattr(together, name).shape == (len(actions), 3)
         assert getattr(together, name).tobytes() == np.stack([getattr(c, name) for c in one_by_one]).tobytes()
-
-
-def test_two_batch_dimensions():
-    command = policy_step.action_command(rig_map(), np.zeros((4, 5, 2), np.float32))
-    assert command.position.shape == (4, 5, 3)
+    assert policy_step.action_command(action_map, np.zeros((4, 5, 2), np.float32)).position.shape == (4, 5, 3)
 
 
 def phases(rule, commands):
@@ -224,13 +215,6 @@ def phases(rule, commands):
     return shown
 
 
-def test_the_clock_advances_before_or_after_it_is_seen():
-    first = phases(PhaseRule(1.0, [0.0]), [WALK, WALK])
-    after = phases(PhaseRule(1.0, [0.0], advance_first=False), [WALK, WALK])
-    np.testing.assert_allclose(first, [[TURN], [2 * TURN]])
-    np.testing.assert_allclose(after, [[0.0], [TURN]])
-
-
 def test_phases_stay_within_a_turn_and_come_round():
     shown = np.array(phases(PhaseRule(1.0), [WALK] * 120))
     assert (shown >= -np.pi).all()
@@ -239,19 +223,23 @@ def test_phases_stay_within_a_turn_and_come_round():
     np.testing.assert_allclose(np.cos(shown[:, 0]), -np.cos(shown[:, 1]), atol=1e-9)
 
 
-def test_standing_shows_its_value_and_walking_on_starts_again():
-    rule = PhaseRule(1.0, [0.0], standing_threshold=0.1)
-    np.testing.assert_allclose(phases(rule, [WALK, STAND, WALK]), [[TURN], [np.pi], [TURN]])
-
-
-def test_a_clock_may_run_on_while_the_robot_stands():
-    rule = PhaseRule(1.0, [0.0], standing_threshold=0.1, standing_restarts=False)
-    np.testing.assert_allclose(phases(rule, [WALK, STAND, WALK]), [[TURN], [np.pi], [3 * TURN]])
-
-
-def test_standing_may_have_no_phase():
-    rule = PhaseRule(1.0, [0.0], standing_threshold=0.1, standing_value=None)
-    assert np.isnan(phases(rule, [STAND])).all()
+@pytest.mark.parametrize(
+    ("options", "commands", "shown"),
+    [
+        ({}, [WALK, WALK], [[TURN], [2 * TURN]]),
+        ({"advance_first": False}, [WALK, WALK], [[0.0], [TURN]]),
+        # Standing shows its value and walking on starts again, unless the clock runs on, or standing has no phase.
+        ({"standing_threshold": 0.1}, [WALK, STAND, WALK], [[TURN], [np.pi], [TURN]]),
+        (
+            {"standing_threshold": 0.1, "standing_restarts": False},
+            [WALK, STAND, WALK],
+            [[TURN], [np.pi], [3 * TURN]],
+        ),
+        ({"standing_threshold": 0.1, "standing_value": None}, [STAND], [[np.nan]]),
+    ],
+)
+def test_what_the_clock_shows_while_walking_and_standing(options, commands, shown):
+    np.testing.assert_allclose(phases(PhaseRule(1.0, [0.0], **options), commands), shown)
 
 
 def test_the_pace_of_a_clock_may_follow_the_command():

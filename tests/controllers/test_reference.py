@@ -12,10 +12,11 @@ from humanoid_sim.errors import FieldError
 PIANO = {"task_type": "piano", "observation": ("target_keys",), "lookahead_steps": (1, 2)}
 
 
-@pytest.mark.parametrize(("frame", "shown"), [(0, 0), (3, 3), (4, 3), (10**9, 3)])
-def test_the_last_frame_is_held(frame, shown):
+@pytest.mark.parametrize(("frame", "shown", "progress"), [(0, 0, 0.0), (1, 1, 1 / 3), (3, 3, 1.0), (10**9, 3, 1.0)])
+def test_the_last_frame_is_held(frame, shown, progress):
     assert reference().clamp(frame) == shown
     assert reference().term("motion_body_pos_b", frame).tolist() == [shown, shown + 0.25, shown + 0.5]
+    assert reference().progress(frame) == progress
 
 
 def test_frames_of_a_batch():
@@ -24,11 +25,6 @@ def test_frames_of_a_batch():
     assert rows.shape == (2, 2, 3)
     assert rows[..., 0].tolist() == [[0.0, 3.0], [3.0, 1.0]]
     assert reference().progress(frames).tolist() == [[0.0, 1.0], [1.0, 1 / 3]]
-
-
-@pytest.mark.parametrize(("frame", "progress"), [(0, 0.0), (1, 1 / 3), (3, 1.0), (99, 1.0)])
-def test_progress(frame, progress):
-    assert reference().progress(frame) == progress
 
 
 def test_progress_of_a_single_frame_is_one():
@@ -112,16 +108,16 @@ def joined():
 
 
 def test_motions_one_after_the_other_are_each_held_at_their_end():
-    motions = joined()
-    assert (motions.frame_count, motions.lengths) == (8, (3, 1, 4))
-    assert [motions.following(frame) for frame in range(8)] == [1, 2, 2, 3, 5, 6, 7, 7]
-    assert motions.following(np.arange(8)).tolist() == [1, 2, 2, 3, 5, 6, 7, 7]
-    assert motions.following(99) == 7
-    assert motions.first(np.arange(8)).tolist() == [0, 0, 0, 3, 4, 4, 4, 4]
-    assert [motions.last(frame) for frame in range(8)] == [2, 2, 2, 3, 7, 7, 7, 7]
-    assert motions.progress(np.arange(8)).tolist() == [0.0, 0.5, 1.0, 1.0, 0.0, 1 / 3, 2 / 3, 1.0]
-    assert motions.progress(3) == 1.0
-    assert motions.term("motion_body_pos_b", 5).tolist() == [1.0, 1.25, 1.5]
+    for motions in (joined(), pickle.loads(pickle.dumps(joined()))):
+        assert (motions.frame_count, motions.lengths) == (8, (3, 1, 4))
+        assert [motions.following(frame) for frame in range(8)] == [1, 2, 2, 3, 5, 6, 7, 7]
+        assert motions.following(np.arange(8)).tolist() == [1, 2, 2, 3, 5, 6, 7, 7]
+        assert motions.following(99) == 7
+        assert motions.first(np.arange(8)).tolist() == [0, 0, 0, 3, 4, 4, 4, 4]
+        assert [motions.last(frame) for frame in range(8)] == [2, 2, 2, 3, 7, 7, 7, 7]
+        assert motions.progress(np.arange(8)).tolist() == [0.0, 0.5, 1.0, 1.0, 0.0, 1 / 3, 2 / 3, 1.0]
+        assert motions.progress(3) == 1.0
+        assert motions.term("motion_body_pos_b", 5).tolist() == [1.0, 1.25, 1.5]
 
 
 def test_one_motion_is_itself_and_others_must_be_like_it():
@@ -131,9 +127,3 @@ def test_one_motion_is_itself_and_others_must_be_like_it():
         MotionReference.joined([one, no_reference()])
     with pytest.raises(FieldError, match=r"lengths: are \(1, 1\), expected numbers >= 1 whose sum is 3"):
         MotionReference(3, one.terms, (1, 1))
-
-
-def test_several_motions_are_pickled_whole():
-    copied = pickle.loads(pickle.dumps(joined()))
-    assert copied.lengths == (3, 1, 4)
-    assert copied.following(2) == 2

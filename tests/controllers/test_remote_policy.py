@@ -68,13 +68,6 @@ def test_a_fresh_command_is_applied_as_it_is():
     assert fingerprint(sent) == fingerprint(wanted)
 
 
-def test_two_commands_of_the_same_instant():
-    """The second is applied, but it does not prolong the first."""
-    a, b = cmd(0.7, 10.01), cmd(0.8, 10.01)
-    steps = [(10.0, None), (10.02, a), (10.1, b), (10.12, b)]
-    assert run(remote_controller(), *steps) == [PASSIVE, 0.7, 0.8, PASSIVE]
-
-
 @pytest.mark.parametrize(("policy", "late"), [("passive", PASSIVE), ("hold", 0.7)])
 def test_staleness(policy, late):
     a = cmd(0.7, 10.01)
@@ -91,22 +84,14 @@ def test_the_timeout_is_a_parameter(timeout):
     assert run(remote_controller(stale_command_timeout_ms=timeout), *steps) == [PASSIVE, 0.7, 0.7, PASSIVE]
 
 
-@pytest.mark.parametrize("arrival", [-1e9, 0.0, 9.95, 9.9999999, 10.0])
-def test_commands_from_before_activation_never_count(arrival):
-    old = cmd(0.7, arrival)
-    for policy in ("passive", "hold"):
-        controller = remote_controller(stale_command_policy=policy)
-        assert run(controller, (10.0, old), (10.02, old), (10.04, old)) == [PASSIVE] * 3
+@pytest.mark.parametrize("policy", ["passive", "hold"])
+@pytest.mark.parametrize("arrival", [-1e9, 0.0, 9.95, 9.9999999, 10.0, NAN, -INF, 10.001, 10.5, 1e9, INF])
+def test_commands_from_before_activation_never_count(arrival, policy):
+    """One that was there when the controller was activated is from before, whatever its stamp says."""
+    controller, old = remote_controller(stale_command_policy=policy), cmd(0.7, arrival)
+    assert run(controller, (10.0, old), (10.02, old), (10.04, old), (10.5, old), (10.52, old)) == [PASSIVE] * 5
+    if not arrival > 10.0:
         assert run(controller, (10.0, None), (10.02, old), (10.04, old)) == [PASSIVE] * 3
-
-
-@pytest.mark.parametrize("arrival", [10.001, 10.5, 1e9, INF])
-def test_a_future_stamp_does_not_make_an_old_command_new(arrival):
-    """It was there when the controller was activated, so it is from before, whatever its stamp says."""
-    old = cmd(0.7, arrival)
-    for policy in ("passive", "hold"):
-        steps = [(10.0, old), (10.02, old), (10.5, old), (10.52, old)]
-        assert run(remote_controller(stale_command_policy=policy), *steps) == [PASSIVE] * 4
 
 
 def test_each_activation_starts_anew():
@@ -116,40 +101,33 @@ def test_each_activation_starts_anew():
     assert run(controller, (10.06, a), (10.08, a)) == [PASSIVE, PASSIVE]
 
 
-def test_a_future_stamp_buys_no_time():
-    future = cmd(0.7, 1e6)
-    steps = [(10.0, None), (10.02, future), (10.1, future), (10.13, future), (500.0, future), (1e6, future)]
-    assert run(remote_controller(), *steps) == [PASSIVE, 0.7, 0.7, PASSIVE, PASSIVE, PASSIVE]
+FIRST, SECOND, LATER, FUTURE = cmd(0.7, 10.01), cmd(0.8, 10.01), cmd(0.8, 1000.01), cmd(0.7, 1e6)
+BROKEN = RemoteCommand(command(0.7, stiffness=[-1.0, 0.0, 0.0]), 9.0)
+NARROW = RemoteCommand(command(0.7, n=2), 10.01)
 
 
-@pytest.mark.parametrize("arrival", [NAN, -INF])
-def test_a_stamp_that_is_no_time_never_counts(arrival):
-    bad = cmd(0.7, arrival)
-    for policy in ("passive", "hold"):
-        steps = [(10.0, None), (10.02, bad), (10.04, bad)]
-        assert run(remote_controller(stale_command_policy=policy), *steps) == [PASSIVE] * 3
-
-
-@pytest.mark.parametrize("stamp", [9.99, NAN])
-def test_the_first_command_after_activation_counts_whatever_was_there_before(stamp):
-    assert run(remote_controller(), (10.0, cmd(0.7, stamp)), (10.02, cmd(0.8, 10.01))) == [PASSIVE, 0.8]
-
-
-def test_a_clock_that_jumps_back_does_not_revive_a_stale_command():
-    a = cmd(0.7, 10.01)
-    steps = [(10.0, None), (10.02, a), (10.3, a), (10.02, a), (10.04, a), (5.0, a)]
-    assert run(remote_controller(), *steps) == [PASSIVE, 0.7, PASSIVE, PASSIVE, PASSIVE, PASSIVE]
-
-
-def test_a_clock_that_jumps_back_does_not_keep_a_dead_senders_command_fresh():
-    a = cmd(0.7, 10.01)
-    steps = [(10.0, None), (10.02, a), (5.0, a), (5.05, a), (5.11, a), (7.0, a), (10.0, a)]
-    assert run(remote_controller(), *steps) == [PASSIVE, 0.7, 0.7, 0.7, PASSIVE, PASSIVE, PASSIVE]
-
-
-def test_a_clock_that_jumps_forward_makes_commands_stale_and_new_ones_count():
-    a, b = cmd(0.7, 10.01), cmd(0.8, 1000.01)
-    assert run(remote_controller(), (10.0, None), (10.02, a), (1000.0, a), (1000.02, b)) == [PASSIVE, 0.7, PASSIVE, 0.8]
+@pytest.mark.parametrize(
+    ("begin", "steps", "seen"),
+    [
+        # Two of the same instant: the second is applied, but it does not prolong the first.
+        (None, [(10.02, FIRST), (10.1, SECOND), (10.12, SECOND)], [0.7, 0.8, PASSIVE]),
+        # A future stamp buys no time.
+        (None, [(time, FUTURE) for time in (10.02, 10.1, 10.13, 500.0, 1e6)], [0.7, 0.7, *[PASSIVE] * 3]),
+        # The first command after activation counts whatever was there before.
+        (cmd(0.7, 9.99), [(10.02, SECOND)], [0.8]),
+        (cmd(0.7, NAN), [(10.02, SECOND)], [0.8]),
+        # A clock that jumps back does not revive a stale command, nor keep a dead sender's command fresh.
+        (None, [(time, FIRST) for time in (10.02, 10.3, 10.02, 10.04, 5.0)], [0.7, *[PASSIVE] * 4]),
+        (None, [(time, FIRST) for time in (10.02, 5.0, 5.05, 5.11, 7.0, 10.0)], [*[0.7] * 3, *[PASSIVE] * 3]),
+        # One that jumps forward makes commands stale, and new ones count.
+        (None, [(10.02, FIRST), (1000.0, FIRST), (1000.02, LATER)], [0.7, PASSIVE, 0.8]),
+        # A broken command from before activation does not matter; one of another width is a fault.
+        (BROKEN, [(10.02, BROKEN)], [PASSIVE]),
+        (None, [(10.02, NARROW)], ["remote command has shape (2,), expected (3,)"]),
+    ],
+)
+def test_what_counts_and_how_long(begin, steps, seen):
+    assert run(remote_controller(), (10.0, begin), *steps) == [PASSIVE, *seen]
 
 
 @pytest.mark.parametrize("time", [NAN, INF, -INF])
@@ -177,17 +155,6 @@ def test_a_broken_command_is_a_fault(field, values, what, least):
     bad = RemoteCommand(command(0.7, **{field: values}), 10.01)
     message = f"remote command's {field} of {what}, expected a finite number from {least} to 1e+06"
     assert run(remote_controller(), (10.0, None), (10.02, bad)) == [PASSIVE, message]
-
-
-def test_a_command_of_another_width_is_a_fault():
-    bad = RemoteCommand(command(0.7, n=2), 10.01)
-    seen = run(remote_controller(), (10.0, None), (10.02, bad))
-    assert seen == [PASSIVE, "remote command has shape (2,), expected (3,)"]
-
-
-def test_a_broken_command_from_before_activation_does_not_matter():
-    bad = RemoteCommand(command(0.7, stiffness=[-1.0, 0.0, 0.0]), 9.0)
-    assert run(remote_controller(), (10.0, bad), (10.02, bad)) == [PASSIVE, PASSIVE]
 
 
 def test_unknown_joints_are_damped_at_zero():

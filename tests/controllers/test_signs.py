@@ -150,7 +150,6 @@ def test_two_limbs_at_once_stand_on_the_ground_and_one_is_at_fault():
     """Three legs of one joint each."""
     value = levers(POSE, ground=1.0)
     value[:, 6] = -1.0
-    sound = np.cross(value[:, :3], value[:, 3:6])[:, 2]
     value[:, 3:6] = [[-5.0, 0.0, -2.0]] * 3
     sound = np.cross(value[:, :3], value[:, 3:6])[:, 2]
     for wrong, refused in (([1.0, -1.0, -1.0], False), ([1.0, -1.0, 1.0], True)):
@@ -258,6 +257,10 @@ def test_standby_finishes_with_the_verdict_and_without_samples_at_once():
     assert finished == told
     assert not bench.run(1, Intent.START_REMOTE).refusals
     assert bench.memory.signs is None, "forgotten with STANDBY"
+    blind = Bench(1)
+    blind.stack = rig.supervisor()
+    blind.reach(8)
+    assert not blind.run(1, Intent.START_REMOTE).refusals, "without signs the levers are ignored"
 
 
 def test_the_same_inputs_give_the_same_bits():
@@ -267,10 +270,3 @@ def test_the_same_inputs_give_the_same_bits():
     for given, output in zip(bench.inputs, bench.outputs, strict=True):
         memory, again = bench.stack.step(memory, given)
         assert fingerprint(again) == fingerprint(output)
-
-
-def test_a_stack_without_signs_ignores_the_levers():
-    bench = Bench(1)
-    bench.stack = rig.supervisor()
-    bench.reach(8)
-    assert not bench.run(1, Intent.START_REMOTE).refusals

@@ -80,30 +80,23 @@ def test_finished_depends_on_the_command_not_on_the_joints():
     assert all(finished[152:])
 
 
-def test_torque_starts_at_zero_from_anywhere():
-    for start in (START, (3.0, 3.0, -3.0), (0.0, 0.0, 0.0)):
-        command, _ = run(standby(), [7.0], position=start)[0]
-        assert command.position.tolist() == list(start)
-        assert command.stiffness.tolist() == command.damping.tolist() == [0.0, 0.0, 0.0]
+@pytest.mark.parametrize("start", [START, (3.0, 3.0, -3.0), (0.0, 0.0, 0.0)])
+def test_torque_starts_at_zero_from_anywhere(start):
+    command, _ = run(standby(), [7.0], position=start)[0]
+    assert command.position.tolist() == list(start)
+    assert command.stiffness.tolist() == command.damping.tolist() == [0.0, 0.0, 0.0]
 
 
-def test_gains_reach_their_targets_in_segment_0_even_if_it_is_the_only_one():
+def test_one_segment_many_and_gains_that_are_one_number():
     command, report = at(1.0, segment_durations=[2.0], pose_segments=[[0.0, 0.0, 0.0]])
-    assert command.stiffness == pytest.approx([5.0, 10.0, 15.0])
+    assert command.stiffness == pytest.approx([5.0, 10.0, 15.0]), "gains reach their targets in segment 0"
     assert (report.current_segment, report.total_segments) == (0, 1)
-
-
-def test_many_segments():
     poses = [[0.0] * 3, [1.0] * 3, [0.0] * 3, [-1.0] * 3]
     command, report = at(3.5, segment_durations=[1.0] * 4, pose_segments=poses)
     np.testing.assert_allclose(command.position, [-0.5] * 3, atol=1e-12)
     assert report.current_segment == 3
-
-
-def test_scalar_gains():
     command, _ = at(4.0, target_stiffness=50, target_damping=2.0)
-    assert command.stiffness.tolist() == [50.0] * 3
-    assert command.damping.tolist() == [2.0] * 3
+    assert (command.stiffness.tolist(), command.damping.tolist()) == ([50.0] * 3, [2.0] * 3)
 
 
 def test_a_stall_of_the_host_does_not_make_the_arms_jump():
@@ -111,13 +104,9 @@ def test_a_stall_of_the_host_does_not_make_the_arms_jump():
     assert before.progress == 0.0
     assert report.progress == pytest.approx(0.025)  # max_time_step 0.05 of 2 s
     np.testing.assert_allclose(after.position, [0.975, -0.975, 0.4875])
-
-
-def test_max_time_step_is_a_parameter():
-    _, (_, report) = run(standby(max_time_step=0.5), [0.0, 100.0])
-    assert report.progress == pytest.approx(0.25)
-    _, (_, report) = run(standby(max_time_step=0.5), [0.0, 0.3])
-    assert report.progress == pytest.approx(0.15)
+    for time, progress in ((100.0, 0.25), (0.3, 0.15)):
+        _, (_, report) = run(standby(max_time_step=0.5), [0.0, time])
+        assert report.progress == pytest.approx(progress)
 
 
 def test_a_clock_that_runs_backwards_pauses_the_walk():
@@ -149,33 +138,23 @@ def test_any_clock(jumps, first, second):
         assert command.is_finite()
 
 
-@pytest.mark.parametrize("value", [NAN, INF, -INF])
-def test_every_joint_must_be_known(value):
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        *(
+            (tick(0.02, position=(0.0, value, 0.0)), f"position of elbow is {value}, expected a finite number")
+            for value in (NAN, INF, -INF)
+        ),
+        *((tick(value), f"time is {value}, expected a finite number") for value in (NAN, INF, -INF)),
+        (tick(0.02, position=(0.0,) * 4), "state has (4,) joint positions, expected (3,)"),
+    ],
+)
+def test_time_and_every_joint_must_be_known(bad, message):
     controller = standby()
     memory = controller.activate(tick(0.0, position=START))
-    bad = tick(0.02, position=(0.0, value, 0.0))
-    text = f"position of elbow is {value}, expected a finite number"
     for fault in (controller.activate(bad), controller.update(memory, bad)):
         assert isinstance(fault, Fault)
-        assert fault.message == text
-
-
-@pytest.mark.parametrize("value", [NAN, INF, -INF])
-def test_time_must_be_a_number(value):
-    controller = standby()
-    memory = controller.activate(tick(0.0))
-    for fault in (controller.activate(tick(value)), controller.update(memory, tick(value))):
-        assert isinstance(fault, Fault)
-        assert fault.message == f"time is {value}, expected a finite number"
-
-
-def test_a_state_of_another_width_is_a_fault():
-    controller = standby()
-    memory = controller.activate(tick(0.0))
-    bad = tick(0.02, position=(0.0, 0.0, 0.0, 0.0))
-    for fault in (controller.activate(bad), controller.update(memory, bad)):
-        assert isinstance(fault, Fault)
-        assert fault.message == "state has (4,) joint positions, expected (3,)"
+        assert fault.message == message
 
 
 @pytest.mark.parametrize(

@@ -16,15 +16,15 @@ from rig import (
     Run,
     command,
     good_answer,
+    state,
     supervisor,
-    tick,
 )
 
 from humanoid_sim.controllers.base import Fault, Memory
 from humanoid_sim.controllers.damping import DampingController, ZeroTorqueController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import FieldError
-from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus
+from humanoid_sim.messages import Intent, Mode, RemoteCommand, SafetyStatus, TickInput
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.testing import ScriptedPolicy, fingerprint
 from humanoid_sim.testing.properties import DAMPING, MODE_NUMBER, REMOTE, RL, ZERO
@@ -48,6 +48,7 @@ def test_the_start_is_zero_torque():
 def test_the_way_to_every_controller(name):
     output = Run(supervisor()).walk(*PATHS[name])
     assert output.control_mode.controller_name == name
+    assert output.control_mode.mode == MODE_NUMBER[name] == {ZERO: 0, DAMPING: 1, A: 2, B: 2, RL: 3, REMOTE: 4}[name]
     assert output.faults == ()
     assert output.refusals == ()
 
@@ -81,11 +82,13 @@ def test_a_robot_that_must_be_balanced_starts_remote_only_with_commands_that_arr
 
 def test_the_latest_word_stays_until_there_is_another():
     run = Run(supervisor())
-    messages = [
-        run.step(*intents).control_mode.status_message for intents in ((Intent.LOAD_A,), (), (Intent.DAMP,), ())
-    ]
+    words = [run.step(*intents).control_mode.status_message for intents in ((Intent.LOAD_A,), (), (Intent.DAMP,), ())]
     refused = "LOAD_A refused: requires DAMPING, mode is ZERO_TORQUE"
-    assert messages == [refused, refused, "DAMP requested", "DAMP requested"]
+    assert words == [refused, refused, "DAMP requested", "DAMP requested"]
+    output = Run(supervisor()).step(Intent.LOAD_A, Intent.QUIT, Intent.DAMP, Intent.LOAD_A)
+    assert output.control_mode.controller_name == DAMPING
+    assert not output.quit
+    assert output.refusals == ("LOAD_A refused: DAMP came in the same tick", "QUIT refused: DAMP came in the same tick")
 
 
 def test_the_tick_of_a_transition_carries_the_new_controllers_command():
@@ -96,14 +99,6 @@ def test_the_tick_of_a_transition_carries_the_new_controllers_command():
     assert first.command.stiffness.tolist() == [0.0, 0.0, 0.0]
     assert first.command.position.tolist() == list(KNOWN)
     assert first.standby.progress == 0.0
-
-
-def test_superseded_intents_are_refused():
-    run = Run(supervisor())
-    output = run.step(Intent.LOAD_A, Intent.QUIT, Intent.DAMP, Intent.LOAD_A)
-    assert output.control_mode.controller_name == DAMPING
-    assert not output.quit
-    assert output.refusals == ("LOAD_A refused: DAMP came in the same tick", "QUIT refused: DAMP came in the same tick")
 
 
 def test_safety_demotes_in_the_same_tick_and_nothing_recovers_by_itself():
@@ -169,13 +164,10 @@ def test_damping_goes_on_where_a_load_fails():
     assert output.command.position.tolist() == list(KNOWN)
     assert output.command.damping.tolist() == DAMPING_KD
     assert [(fault.controller, fault.fallback) for fault in output.faults] == [(A, DAMPING)]
-
-
-def test_one_silent_joint_leaves_the_others_damped():
     run = Run(supervisor())
     run.walk(*PATHS[A])
     output = run.step(position=(0.1, NAN, 0.3))
-    assert output.control_mode.controller_name == DAMPING
+    assert output.control_mode.controller_name == DAMPING, "one silent joint leaves the others damped"
     assert output.command.position.tolist() == [0.1, 0.0, 0.3]
     assert output.command.damping.tolist() == DAMPING_KD
 
@@ -272,14 +264,11 @@ def test_a_failing_activation_is_contained(activation):
     assert output.faults[0].is_bug == (activation is explode)
 
 
-def test_a_bug_in_damping_leads_to_zero_torque():
+def test_a_bug_in_damping_leads_to_zero_torque_and_one_in_that_leaves_zeros():
     run = Run(supervisor(**{DAMPING: type("Broken", (Foreign,), {"fallback": ZERO})(explode)}))
     output = run.step(Intent.DAMP)
     assert output.control_mode.controller_name == ZERO
     assert output.faults[0].is_bug
-
-
-def test_even_a_foreign_zero_torque_that_fails_leaves_zeros():
     run = Run(supervisor(**{ZERO: type("Broken", (Foreign,), {"fallback": None})(explode)}))
     for _ in range(2):
         output = run.step()
@@ -335,12 +324,9 @@ def test_a_stack_that_cannot_be_safe_is_refused(replaced, message):
         supervisor(**replaced)
 
 
-def test_joints_are_checked():
+def test_joints_are_checked_and_the_controllers_cannot_be_exchanged_later():
     with pytest.raises(FieldError, match=r"^Supervisor\.joints: is empty"):
         Supervisor((), {})
-
-
-def test_the_controllers_cannot_be_exchanged_later():
     made = supervisor()
     with pytest.raises(TypeError):
         made.controllers[ZERO] = ZeroTorqueController(JOINTS)
@@ -384,15 +370,17 @@ def abstract(memory):
 
 def abstract_inputs(name, finished, time):
     """Policies and commands vary only where this tick may consult them; that keeps the product small."""
-    for (word, position), safety, intents in product(POSITIONS.items(), SAFETIES, PAIRS):
+    states = {word: state(time, position, extern={}) for word, position in POSITIONS.items()}
+    commands, nothing = remotes(time), {"none": None}
+    for word, safety, intents in product(POSITIONS, SAFETIES, PAIRS):
         consulted = {*intents} if finished else set()
         answers = BAD_ANSWERS if name == RL or Intent.START_LOCOMOTION in consulted else {}
-        variants = remotes(time) if name == REMOTE or Intent.START_REMOTE in consulted else {"none": None}
+        variants = commands if name == REMOTE or Intent.START_REMOTE in consulted else nothing
         if len(intents) == 2 and word != "known":
             continue  # pairs are about priority, which does not look at the state
         for answer in ("good", *answers):
             for variant in variants.values() if answer == "good" else (None,):
-                yield answer, tick(time, *intents, position=position, safety=safety, remote=variant)
+                yield answer, TickInput(states[word], safety, intents, variant)
 
 
 @pytest.fixture(scope="module")
@@ -436,12 +424,6 @@ def test_the_states_and_transitions_that_are_reached(explored):
     for pose in (A, B):
         left = {(source[1], target[0]) for source, target in edges if source[0] == pose}
         assert {progress for progress, name in left if name in (RL, REMOTE)} == {"finished"}
-
-
-def test_modes_of_the_wire():
-    assert MODE_NUMBER == {ZERO: 0, DAMPING: 1, A: 2, B: 2, RL: 3, REMOTE: 4}
-    for name, number in MODE_NUMBER.items():
-        assert Run(supervisor()).walk(*PATHS[name]).control_mode.mode == number
 
 
 @pytest.mark.parametrize("path", [path for path in PATHS if path != "zero_torque_controller"])

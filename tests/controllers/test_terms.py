@@ -60,19 +60,21 @@ def test_points_of_a_grid(grid, resolution, x, y):
 def test_a_grid_that_cannot_be_is_refused(options, problem):
     with pytest.raises(FieldError, match=f"^observation term 'scan': {problem}"):
         Term("scan", kind="height_scan", **options)
-
-
-def test_other_terms_have_no_grid():
     with pytest.raises(FieldError, match=r"'joint_pos': offset is 0.5, expected none: only a height_scan has one$"):
         Term("joint_pos", offset=0.5)
 
 
-def test_a_policy_has_one_scan():
+def test_a_policy_has_one_scan_of_the_robots_width():
     again = Term("again", kind="height_scan", grid=(0.1, 0.0), history=3)
     assert wired(TWO, again).layout.width == 2 + 6 + 3
     other = Term("other", kind="height_scan", grid=(0.1, 0.0), offset=0.5)
     with pytest.raises(FieldError, match=r"terms 'height_scan' and 'other' have different height scans, expected one$"):
         wired(TWO, other)
+    with pytest.raises(FieldError, match=r"'height_scan': has 2 rays, but the robot's scan has 187$"):
+        wired(TWO, rays=187)
+    made = contract(task_type="locomotion", body_names=(), observation=(TWO,))
+    with pytest.raises(FieldError, match="needs a height scan: a simulation makes it, on a robot a program has to"):
+        PolicyWiring(JOINTS, made, no_reference(), {})
 
 
 def test_values_are_clipped_and_scaled_and_stop_the_policy_when_they_are_missing_or_too_old():
@@ -92,14 +94,6 @@ def test_values_are_clipped_and_scaled_and_stop_the_policy_when_they_are_missing
             "observation height_scan[0] is nan, expected a finite number: "
             "no height scan has come, or the last one is too old"
         )
-
-
-def test_a_scan_of_another_width_is_refused():
-    with pytest.raises(FieldError, match=r"'height_scan': has 2 rays, but the robot's scan has 187$"):
-        wired(TWO, rays=187)
-    made = contract(task_type="locomotion", body_names=(), observation=(TWO,))
-    with pytest.raises(FieldError, match="needs a height scan: a simulation makes it, on a robot a program has to"):
-        PolicyWiring(JOINTS, made, no_reference(), {})
 
 
 @pytest.mark.parametrize("name", ["height_scan", "height_scanner"])

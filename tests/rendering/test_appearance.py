@@ -47,13 +47,10 @@ def test_colours_that_a_robot_has_are_left_as_they_are():
     np.testing.assert_array_equal(model.geom_rgba, before)
 
 
-def test_a_world_without_a_robot_has_no_box():
-    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
-    assert robot_box(model) is None
-    assert not tint_limbs(model)
-
-
-def test_the_box_of_a_robot_that_moves_holds_its_reach(pendulum):
+def test_the_box_of_a_robot_that_moves_holds_its_reach_and_a_world_without_one_has_none(pendulum):
+    nobody = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
+    assert robot_box(nobody) is None
+    assert not tint_limbs(nobody)
     at_rest = robot_box(pendulum)
     assert at_rest is not None
     np.testing.assert_allclose(at_rest, [[-0.08, -0.08, -0.68], [0.08, 0.08, 0.08]], atol=1e-6)

@@ -129,23 +129,21 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(tmp_path, document, wh
     assert not output.exists()
 
 
+URDF = "<robot name='a'><link name='b'/></robot>"
+
+
 @pytest.mark.parametrize(
-    ("options", "why"),
+    ("text", "options", "why"),
     [
-        ((), "^--robot: is missing; .* holds parameters of a robot"),
-        (("--robot", "lite"), "^--output: is missing"),
-        (("--robot", "lite", "-o", "x.yaml", "--base", "fixed"), "^--base: is fixed, which means nothing for"),
+        (None, (), "^--robot: is missing; .* holds parameters of a robot"),
+        (None, ("--robot", "lite"), "^--output: is missing"),
+        (None, ("--robot", "lite", "-o", "x.yaml", "--base", "fixed"), "^--base: is fixed, which means nothing for"),
+        (URDF, (), r"^--base: is missing; a URDF does not say it, expected floating or fixed$"),
+        (URDF, ("--base", "fixed", "--robot", "lite"), r"^--robot: is lite, which means nothing for"),
     ],
 )
-def test_options_of_a_parameter_file(tmp_path, options, why):
+def test_options_of_a_parameter_file_and_of_a_urdf(tmp_path, text, options, why):
+    (tmp_path / "robot.urdf").write_text(text or "")
+    source = written(tmp_path, bringup()) if text is None else tmp_path / "robot.urdf"
     with pytest.raises(InputError, match=why):
-        main(["convert", str(written(tmp_path, bringup())), *options])
-
-
-def test_a_urdf_takes_its_own_options(tmp_path):
-    urdf = tmp_path / "robot.urdf"
-    urdf.write_text("<robot name='a'><link name='b'/></robot>")
-    with pytest.raises(InputError, match=r"^--base: is missing; a URDF does not say it, expected floating or fixed$"):
-        main(["convert", str(urdf)])
-    with pytest.raises(InputError, match=r"^--robot: is lite, which means nothing for"):
-        main(["convert", str(urdf), "--base", "fixed", "--robot", "lite"])
+        main(["convert", str(source), *options])

@@ -103,31 +103,34 @@ def test_the_description_decides():
     assert guards_of(replace(LITE, guards=GuardSettings(following=None, limit=None, speed=None))) is None
 
 
+def mine(folder, text):
+    """The Lite's description with a text more."""
+    shipped = Path(LITE.folder, "lite.yaml").read_text(encoding="utf-8")
+    path = folder / "mine.yaml"
+    path.write_text(shipped.replace("../mjcf/lite.xml", str(LITE.mjcf_path)) + f"\n{text}\n", encoding="utf-8")
+    return path
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        (
-            "guards: {following: {effort_share: 0}}",
-            "guards.following.effort_share: is 0.0, expected a finite number > 0",
-        ),
-        ("guards: {limit: {margin: -1}}", "guards.limit.margin: is -1.0, expected a finite number > 0"),
-        (
-            "guards: {following: {effort: [1, null]}}",
-            "guards.following.effort: has 2 values, expected 14, one per joint",
-        ),
-        ("guards: {speed: {limit: [1, 2]}}", "guards.speed.limit: has 2 values, expected 14, one per joint"),
-        ("guards: {speed: {limit: 3}}", "guards.speed.limit: is 3, expected a list"),
-        ("guards: {force: null}", "guards: unknown field 'force'; known: following, limit, speed"),
+        ("following: {effort_share: 0}", "following.effort_share: is 0.0, expected a finite number > 0"),
+        ("limit: {margin: -1}", "limit.margin: is -1.0, expected a finite number > 0"),
+        ("following: {effort: [1, null]}", "following.effort: has 2 values, expected 14, one per joint"),
+        ("speed: {limit: [1, 2]}", "speed.limit: has 2 values, expected 14, one per joint"),
+        ("speed: {limit: 3}", "speed.limit: is 3, expected a list"),
+        ("force: null", " unknown field 'force'; known: following, limit, speed"),
     ],
 )
 def test_bad_parameters_are_one_line(tmp_path, text, expected):
-    shipped = Path(LITE.folder, "lite.yaml").read_text(encoding="utf-8")
-    path = tmp_path / "mine.yaml"
-    path.write_text(shipped.replace("../mjcf/lite.xml", str(LITE.mjcf_path)) + f"\n{text}\n", encoding="utf-8")
+    path = mine(tmp_path, f"guards: {{{text}}}")
     with pytest.raises(InputError) as caught:
         load_robot(path)
-    assert "\n" not in str(caught.value)
-    assert str(caught.value) == f"{path}: {expected}"
+    assert str(caught.value) == f"{path}: guards{':' if expected[0] == ' ' else '.'}{expected}"
+
+
+def test_a_yaml_turns_a_guard_off(tmp_path):
+    assert np.isinf(of(load_robot(mine(tmp_path, "guards: {following: null}"))).following_effort).all()
 
 
 def test_a_speed_limit_that_nobody_gave_is_marked():
@@ -137,14 +140,6 @@ def test_a_speed_limit_that_nobody_gave_is_marked():
         assert (name in guards.speed_assumed) == (guards.speed_limit[i] == crossing)
     robot = replace(LITE, joints=tuple(replace(joint, motor=None) for joint in LITE.joints))
     assert of(robot).speed_assumed == robot.joint_names
-
-
-def test_a_yaml_turns_a_guard_off(tmp_path):
-    shipped = Path(LITE.folder, "lite.yaml").read_text(encoding="utf-8")
-    path = tmp_path / "mine.yaml"
-    text = shipped.replace("../mjcf/lite.xml", str(LITE.mjcf_path))
-    path.write_text(f"{text}\nguards: {{following: null}}\n", encoding="utf-8")
-    assert np.isinf(of(load_robot(path)).following_effort).all()
 
 
 def test_a_header_s_document_gives_the_same_guards_again():

@@ -85,13 +85,9 @@ def test_its_soles_touch_the_floor_at_the_published_height(pose, height):
     touching = np.abs(robot.data.contact.dist) < 1e-4
     assert set(bodies[touching].ravel().tolist()) == {0, *soles}
     assert (robot.data.contact.dist > -1e-4).all()  # nothing overlaps, of legs and pelvis either
-
-
-def test_it_starts_on_its_feet_under_its_support():
-    robot = MujocoRobot(ROBOT)
+    robot = MujocoRobot(ROBOT)  # which starts on its feet, under its support
     assert robot.base_state.height == pytest.approx(0.76935, abs=1e-5)
-    assert robot.supported
-    assert robot.warnings == ()
+    assert (robot.supported, robot.warnings) == (True, ())
 
 
 @pytest.mark.parametrize("actuation", ["qfrc_applied", "affine"])

@@ -13,22 +13,17 @@ from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
 
-def test_joints_are_the_actuated_hinges_in_the_models_order(hopper):
+def test_joints_are_the_actuated_hinges_in_the_models_order_with_the_actuators_limits(hopper):
     robot = load_robot(hopper)
     assert robot.name == "hopper"
     assert robot.joint_names == ("hip", "knee")  # not the spring; the actuators come the other way round
-    assert robot.lower.tolist() == [-1.0, 0.2]
-    assert robot.upper.tolist() == [1.0, 2.0]
-
-
-def test_effort_limits_are_those_of_the_actuators(hopper):
-    assert load_robot(hopper).effort_limit.tolist() == [20.0, 40.0]  # gear 5 of a control of 4; the force range
-
-
-def test_a_joints_own_force_range_counts_if_it_is_smaller(hopper):
-    text = hopper.read_text().replace('name="hip" axis', 'name="hip" actuatorfrcrange="-7 7" axis')
-    hopper.write_text(text)
-    assert load_robot(hopper).effort_limit.tolist() == [7.0, 40.0]
+    assert (robot.lower.tolist(), robot.upper.tolist()) == ([-1.0, 0.2], [1.0, 2.0])
+    assert robot.effort_limit.tolist() == [20.0, 40.0]  # gear 5 of a control of 4; the force range
+    assert robot.initial_position == (0.0, 0.2)  # zero within the limits
+    assert robot.standby_controller_a.pose_segments == ((0.0, 0.2),)
+    assert not robot.stiffness.any()  # left to the policy
+    hopper.write_text(hopper.read_text().replace('name="hip" axis', 'name="hip" actuatorfrcrange="-7 7" axis'))
+    assert load_robot(hopper).effort_limit.tolist() == [7.0, 40.0], "a joint's own force range, if it is smaller"
 
 
 def test_without_actuators_every_hinge_of_the_floating_robot_counts(tmp_path):
@@ -81,14 +76,6 @@ def test_the_imu_is_the_site_of_the_gyro_then_one_named_so_then_the_base(hopper)
     assert load_robot(hopper).imu == "my_imu"
     hopper.write_text(hopper.read_text().replace("my_imu", "gadget"))
     assert load_robot(hopper).imu == "trunk"
-
-
-def test_poses_are_zero_within_the_limits_and_gains_are_left_to_the_policy(hopper):
-    robot = load_robot(hopper)
-    assert robot.initial_position == (0.0, 0.2)
-    assert robot.standby_controller_a.pose_segments == ((0.0, 0.2),)
-    assert not robot.stiffness.any()
-    assert not robot.stiffness.any()
 
 
 @pytest.mark.parametrize(
@@ -154,15 +141,11 @@ def test_what_is_no_robot_is_refused_in_one_line(tmp_path, text, message):
     assert "\n" not in str(caught.value)
 
 
-def own_damping(path):
-    robot = load_robot(path)
-    return own_joint_damping(bare_model(robot), robot)
-
-
 def test_the_joints_own_damping(hopper):
-    assert own_damping(hopper) == {}  # the spring's is not the robot's
-    hopper.write_text(hopper.read_text().replace('name="knee" axis', 'name="knee" damping="0.25" axis'))
-    assert own_damping(hopper) == {"knee": 0.25}
+    for text, damping in ((" axis", {}), (' damping="0.25" axis', {"knee": 0.25})):  # the spring's is not the robot's
+        hopper.write_text(hopper.read_text().replace('name="knee" axis', f'name="knee"{text}'))
+        robot = load_robot(hopper)
+        assert own_joint_damping(bare_model(robot), robot) == damping
 
 
 PREFIXED = """
@@ -200,6 +183,9 @@ def test_a_prefix_of_all_names_is_left_out_and_the_robot_is_the_same(prefixed):
     assert (robot.joint_names, robot.base.body, robot.imu) == (("hip",), "trunk", "imu")
     assert robot.effort_limit.tolist() == [4.0]
     assert prefix_line(prefixed) == "all names in scene.xml begin with 'r2/', which is left out"
+    outer = prefixed.with_name("outer.xml")  # in an included file they stay
+    outer.write_text('<mujoco><include file="scene.xml"/></mujoco>')
+    assert (load_robot(outer).joint_names, prefix_line(outer)) == (("r2/hip",), "")
     own = mujoco.MjModel.from_xml_path(str(prefixed))
     for name in ("trunk", "thigh"):
         assert model.body(name).mass.tolist() == own.body(f"r2/{name}").mass.tolist()
@@ -213,13 +199,6 @@ def test_a_prefix_that_one_name_lacks_stays(prefixed, name):
     assert robot.joint_names == (("hip",) if name == "hip" else ("r2/hip",))
     assert robot.imu == "r2/imu"
     assert prefix_line(prefixed) == ""
-
-
-def test_names_with_a_prefix_in_an_included_file_stay(prefixed, tmp_path):
-    outer = tmp_path / "outer.xml"
-    outer.write_text('<mujoco><include file="scene.xml"/></mujoco>')
-    assert load_robot(outer).joint_names == ("r2/hip",)
-    assert prefix_line(outer) == ""
 
 
 MJCF = """

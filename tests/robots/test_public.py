@@ -89,14 +89,20 @@ def test_the_public_robot_that_was_meant(name, meant):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("robot_descriptions:g1", "robot_descriptions:g1: could not be fetched: "),
         ("robot_descriptions:g7", "unknown public robot 'g7'; known: a1, "),
         ("robot_descriptions:atlas_drc", "has this robot as a URDF only; `python -m humanoid_sim.robot convert`"),
     ],
 )
-def test_a_robot_that_is_not_to_be_had_is_one_line(name, message, tmp_path):
-    run = loaded(name, tmp_path / "nowhere", "0" * 40, tmp_path / "cache")
+def test_a_robot_that_the_package_does_not_have_is_one_line(name, message):
+    with pytest.raises(InputError) as caught:
+        load_robot(name)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_robot_that_cannot_be_fetched_is_one_line(tmp_path):
+    run = loaded("robot_descriptions:g1", tmp_path / "nowhere", "0" * 40, tmp_path / "cache")
     assert run.returncode == 1
     (line,) = [line for line in run.stderr.splitlines() if line.startswith("error: ")]
-    assert message in line
+    assert "robot_descriptions:g1: could not be fetched: " in line
     assert run.stdout == ""

@@ -35,9 +35,6 @@ def test_refuses_what_is_no_duration(bad):
 def test_refuses_more_steps_than_anybody_would_wait_for(period, step):
     with pytest.raises(InputError, match=r"^physics timestep: is .* s, expected at least .* 10000 steps of a control "):
         steps_per_period(period, step)
-
-
-def test_takes_as_many_steps_as_it_names():
     assert steps_per_period(0.005, 5e-7) == MOST_STEPS
 
 

@@ -1,6 +1,5 @@
 """The URDF of a model, as an independent reader sees it, against MuJoCo's forward kinematics."""
 
-import os
 from io import BytesIO
 from pathlib import Path
 from xml.etree import ElementTree
@@ -8,16 +7,13 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pytest
+from published import POLICIES, needs_policies
 
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.robots.urdf import links_of, urdf_of
 
 yourdfpy = pytest.importorskip("yourdfpy", reason="yourdfpy is not installed (extra 'test-frontends')")
-
-_BESIDE = Path(__file__).parents[3] / "shared" / "policies"
-POLICIES = Path(os.environ.get("HUMANOID_SIM_POLICIES", _BESIDE))
-needs_policies = pytest.mark.skipif(not POLICIES.is_dir(), reason=f"no published models in {POLICIES}")
 
 SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 MANY_JOINTS = """\
@@ -39,14 +35,9 @@ def odd_robot(folder):
     return load_robot(folder / "odd.xml")
 
 
-def robots(folder):
-    for name in ("lite", "lite_neck", "lite_biped"):
-        yield name, load_robot(name)
-    yield "hopper", load_robot(Path(__file__).parents[1] / "data" / "hopper.xml")
-    yield "odd", odd_robot(folder)
-    g1 = POLICIES / "models" / "unitree_g1" / "robot.xml"
-    if g1.is_file():
-        yield "g1", load_robot(g1)
+def robot_of(name, folder):
+    hopper, g1 = Path(__file__).parents[1] / "data" / "hopper.xml", POLICIES / "models" / "unitree_g1" / "robot.xml"
+    return odd_robot(folder) if name == "odd" else load_robot({"hopper": hopper, "g1": g1}.get(name, name))
 
 
 def read(description):
@@ -60,7 +51,7 @@ def read(description):
     "name", ["lite", "lite_neck", "lite_biped", "hopper", "odd", pytest.param("g1", marks=needs_policies)]
 )
 def test_an_independent_reader_has_the_links_where_mujoco_has_them(name, tmp_path):
-    description = dict(robots(tmp_path))[name]
+    description = robot_of(name, tmp_path)
     model = bare_model(description)
     urdf, data, rng = read(description), mujoco.MjData(model), np.random.default_rng(3)
     links = [link for link in links_of(model) if link.body >= 0]
@@ -93,7 +84,7 @@ def _pose(data, body, shift):
 
 @pytest.mark.parametrize("name", ["lite", "lite_neck", "lite_biped", "hopper", "odd"])
 def test_the_loader_of_another_library_takes_it_with_its_limits(name, tmp_path):
-    description = dict(robots(tmp_path))[name]
+    description = robot_of(name, tmp_path)
     urdf = read(description)
     assert urdf.validate(), urdf.errors
     compiled = mujoco.MjModel.from_xml_string(urdf_of(bare_model(description), description))
@@ -122,7 +113,7 @@ def test_every_geom_that_is_shown_has_its_shapes():
 
 @pytest.mark.parametrize(("name", "count"), [("lite", 10), ("lite_neck", 10), ("lite_biped", 9), ("hopper", 2)])
 def test_another_library_has_the_collision_shapes_where_mujoco_has_them(name, count, tmp_path):
-    description = dict(robots(tmp_path))[name]
+    description = robot_of(name, tmp_path)
     model, urdf = bare_model(description), read(description)
     links = {link.body: link for link in links_of(model)}
     colliding = [geom for geom in range(model.ngeom) if model.geom_contype[geom] and model.geom_bodyid[geom]]

@@ -56,24 +56,18 @@ def test_a_policy_answers_nan_from_the_time_on(time):
         assert np.isnan(answer).any() == is_nan
 
 
-def test_a_safety_fault_lasts_a_tenth_of_a_second_each_time(time):
-    safety = injector(time, "safety@1", "safety@3")
-    for now, fails in (
-        (0.99, False),
-        (1.0, True),
-        (1.095, True),
-        (1.105, False),
-        (2.0, False),
-        (3.05, True),
-        (3.2, False),
-    ):
-        time[0] = now
-        statuses = safety.safety((OK,))
-        assert statuses[0] is OK
-        assert len(statuses) == 1 + fails
-        if fails:
-            assert (statuses[1].level, statuses[1].flags) == (SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT)
-            assert "deliberately" in statuses[1].message
+@pytest.mark.parametrize(
+    ("now", "fails"),
+    [(0.99, False), (1.0, True), (1.095, True), (1.105, False), (2.0, False), (3.05, True), (3.2, False)],
+)
+def test_a_safety_fault_lasts_a_tenth_of_a_second_each_time(time, now, fails):
+    time[0] = now
+    statuses = injector(time, "safety@1", "safety@3").safety((OK,))
+    assert statuses[0] is OK
+    assert len(statuses) == 1 + fails
+    if fails:
+        assert (statuses[1].level, statuses[1].flags) == (SafetyLevel.FAULT, SafetyFlag.MOTOR_FAULT)
+        assert "deliberately" in statuses[1].message
 
 
 def test_a_silent_remote_repeats_the_last_command_from_before(time):

@@ -24,19 +24,10 @@ def asked(local, *words, more=()):
 def test_an_intent_acts_in_the_next_tick_which_answers(local):
     assert asked(local, "damp") == [Answer(True, "DAMPING (damping_controller): DAMP requested")]
     assert local.told == [f"DAMP requested by asker 0 ({os.getpid()})"]
-
-
-def test_damp_is_granted_whatever_else_is_refused_in_its_tick(local):
-    local.tick(Intent.DAMP)
-    local.tick(Intent.LOAD_A)
+    assert [answer.granted for answer in asked(local, "load_b", "load_a")] == [True, False], "the first of two"
     answers = asked(local, "start_remote", "damp", "load_b", more=(Intent.QUIT,))
-    assert [answer.granted for answer in answers] == [False, True, False]
+    assert [answer.granted for answer in answers] == [False, True, False], "whatever else is refused in its tick"
     assert all("LOAD_B refused: DAMP came in the same tick" in answer.text for answer in answers)
-
-
-def test_of_two_intents_the_first_is_granted_and_the_other_told_so(local):
-    local.tick(Intent.DAMP)
-    assert [answer.granted for answer in asked(local, "load_b", "load_a")] == [True, False]
 
 
 def seen_then(local):
@@ -174,12 +165,9 @@ def test_everything_in_the_socket_is_taken_in_one_tick_and_a_flood_costs_a_bound
     assert sent <= first
 
 
-def test_the_socket_is_for_its_user_alone(local):
+def test_the_socket_is_for_its_user_alone_and_a_path_too_long_is_one_line(local, tmp_path):
     assert local.registration.intents.stat().st_mode & 0o777 == 0o600
     assert local.registration.data.stat().st_mode & 0o777 == 0o600
-
-
-def test_a_path_too_long_is_one_line(tmp_path):
     with pytest.raises(InputError, match="cannot listen: AF_UNIX path too long"):
         IntentSocket(tmp_path / ("d" * 120))
 

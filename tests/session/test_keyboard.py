@@ -4,6 +4,7 @@ import pty
 import sys
 import termios
 import time
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,38 +57,31 @@ def heard(keyboard, count):
     return intents
 
 
-def test_keys_become_intents(terminal):
-    keyboard = Keyboard()
-    try:
-        terminal.type(" dabLrRq")
-        assert heard(keyboard, 8) == [
-            Intent.DAMP,
-            Intent.DAMP,
-            Intent.LOAD_A,
-            Intent.LOAD_B,
-            Intent.START_LOCOMOTION,
-            Intent.START_REMOTE,
-            Intent.START_REMOTE,
-            Intent.QUIT,
-        ]
-        terminal.type("xyz\n1\tq")  # whatever else is on a keyboard does nothing
-        assert heard(keyboard, 1) == [Intent.QUIT]
-        assert not keyboard.finished
-    finally:
-        keyboard.close()
+@pytest.fixture
+def keyboard(terminal):
+    """`keyboard(...)`: one that listens to the terminal, until the test ends."""
+    with ExitStack() as stack:
+        yield lambda *given, **options: stack.enter_context(closing(Keyboard(*given, **options)))
 
 
-def test_a_key_that_the_loop_hears_too_late_moves_nothing(terminal):
+def test_keys_become_intents(terminal, keyboard):
+    heard_by = keyboard()
+    terminal.type(" dabLrRq")
+    names = [intent.name for intent in heard(heard_by, 8)]
+    assert names == ["DAMP", "DAMP", "LOAD_A", "LOAD_B", "START_LOCOMOTION", "START_REMOTE", "START_REMOTE", "QUIT"]
+    terminal.type("xyz\n1\tq")  # whatever else is on a keyboard does nothing
+    assert heard(heard_by, 1) == [Intent.QUIT]
+    assert not heard_by.finished
+
+
+def test_a_key_that_the_loop_hears_too_late_moves_nothing(terminal, keyboard):
     told = []
-    keyboard = Keyboard(record=told.append)
-    try:
-        terminal.type("a ")
-        time.sleep(0.8)
-        assert heard(keyboard, 1) == [Intent.DAMP]
-        (line,) = told
-        assert line.startswith("LOAD_A refused: too late, it was meant for the robot of 0.")
-    finally:
-        keyboard.close()
+    late = keyboard(record=told.append)
+    terminal.type("a ")
+    time.sleep(0.8)
+    assert heard(late, 1) == [Intent.DAMP]
+    (line,) = told
+    assert line.startswith("LOAD_A refused: too late, it was meant for the robot of 0.")
 
 
 def test_the_terminal_is_given_back_as_it_was(terminal):
@@ -100,11 +94,10 @@ def test_the_terminal_is_given_back_as_it_was(terminal):
     assert termios.tcgetattr(terminal.slave) == before
 
 
-def test_a_terminal_that_goes_away_damps(terminal):
-    keyboard = Keyboard()
+def test_a_terminal_that_goes_away_damps(terminal, keyboard):
+    orphan = keyboard()
     terminal.hang_up()
-    assert heard(keyboard, 1) == [Intent.DAMP]
-    keyboard.close()
+    assert heard(orphan, 1) == [Intent.DAMP]
 
 
 def test_without_a_terminal_there_is_no_keyboard(monkeypatch):
@@ -167,57 +160,49 @@ def test_the_help_names_every_intent():
     assert len({REACTIVATE_KEY, *HELP_KEYS, *KEYS, *VELOCITY_KEYS}) == 3 + len(KEYS) + len(VELOCITY_KEYS)
 
 
-def test_every_key_that_means_nothing_is_said(terminal):
+def test_every_key_that_means_nothing_is_said(terminal, keyboard):
     told = []
-    keyboard = Keyboard(tell=told.append)
-    terminal.type("w")  # a velocity key, where nothing walks
-    until(lambda: len(told) == 1)
-    terminal.type("x")
-    until(lambda: len(told) == 2)
-    terminal.type("\x1b[Ayz")
-    until(lambda: len(told) == 3)
-    terminal.type("e")  # no reactivation here
-    until(lambda: len(told) == 4)
-    keyboard.close()
-    shown = "mean nothing; h or ? shows those that do"
+    keyboard(tell=told.append)
+    for count, text in enumerate(("w", "x", "\x1b[Ayz", "e"), 1):  # nothing walks or can be reactivated here
+        terminal.type(text)
+        until(lambda count=count: len(told) == count)
+    shown = "nothing; h or ? shows those that do"
     assert told == [
-        "the key 'w' means nothing; h or ? shows those that do",
-        "the key 'x' means nothing; h or ? shows those that do",
-        f"the keys 'up', '\\x1byz' {shown}",
-        "the key 'e' means nothing; h or ? shows those that do",
+        *(f"the key '{key}' means {shown}" for key in "wx"),
+        f"the keys 'up', '\\x1byz' mean {shown}",
+        f"the key 'e' means {shown}",
     ]
 
 
 def test_h_and_the_question_mark_name_the_keys(terminal):
     told = []
-    keyboard = Keyboard(tell=told.append)
-    terminal.type("hH?")
-    until(lambda: len(told) == 3)
-    keyboard.close()
-    assert told == [key_help()] * 3
-    keyboard = Keyboard(VelocityCommand(np.zeros(3)), tell=told.append)
-    terminal.type("?")
-    until(lambda: len(told) == 5)
-    keyboard.close()
-    assert told[3:] == [key_help(), velocity_key_help()]
+    for velocity, text, lines in (
+        ((), "hH?", [key_help()] * 3),
+        ((VelocityCommand(np.zeros(3)),), "?", [key_help(), velocity_key_help()]),
+    ):
+        told.clear()
+        with closing(Keyboard(*velocity, tell=told.append)):
+            terminal.type(text)
+            until(lambda lines=lines: len(told) == len(lines))
+        assert told == lines
 
 
-def test_arrows_and_letters_change_the_velocity_up_to_its_limit(terminal):
+def test_arrows_and_letters_change_the_velocity_up_to_its_limit(terminal, keyboard):
     told = []
     velocity = VelocityCommand(np.zeros(3), np.array([[-0.2, 0.2], [-0.1, 0.1], [-0.1, 0.1]]))
-    keyboard = Keyboard(velocity, tell=told.append)
-    terminal.type("w,")
-    until(lambda: velocity.command.tolist() == [0.1, 0.1, 0.0])
-    terminal.type("\x1b[D")
-    until(lambda: velocity.command.tolist() == [0.1, 0.1, 0.1])
-    terminal.type("\x1b[A\x1b[B\x1b[A")
-    until(lambda: velocity.command.tolist() == [0.2, 0.1, 0.1])
+    keyboard(velocity, tell=told.append)
+    for text, command in (
+        ("w,", [0.1, 0.1, 0.0]),
+        ("\x1b[D", [0.1, 0.1, 0.1]),
+        ("\x1b[A\x1b[B\x1b[A", [0.2, 0.1, 0.1]),
+    ):
+        terminal.type(text)
+        until(lambda command=command: velocity.command.tolist() == command)
     assert told == []
     terminal.type("\x1b[A")
     until(lambda: told)
     terminal.type("0")
     until(lambda: not velocity.command.any())
-    keyboard.close()
     assert told == ["the velocity command is at its limit: 0.2 m/s, 0.1 m/s, 0.1 rad/s"]
 
 
@@ -231,13 +216,12 @@ def test_in_a_pause_only_damp_quit_and_a_stop_count(terminal):
     assert told == [f"the key '{key}' is left out: the robot's time is paused" for key in "awe"]
 
 
-def test_one_key_asks_for_a_fresh_start(terminal):
+def test_one_key_asks_for_a_fresh_start(terminal, keyboard):
     reactivation = Reactivation()
-    keyboard = Keyboard(reactivation=reactivation)
+    listening = keyboard(reactivation=reactivation)
     terminal.type("\x1be")  # alt e
     terminal.type("d")
-    heard(keyboard, 1)
+    heard(listening, 1)
     assert not reactivation.is_asked
     terminal.type("e")
     until(lambda: reactivation.is_asked)
-    keyboard.close()

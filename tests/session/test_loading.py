@@ -167,7 +167,6 @@ def test_a_request_names_files_by_absolute_paths(tmp_path, monkeypatch):
     word, _, text = load_request("x.onnx", motion="wave", command="0.3,0,0", song=None).partition(" ")
     assert word == LOAD
     assert json.loads(text) == {"policy": str(tmp_path / "x.onnx"), "motion": "wave", "command": "0.3,0,0"}
-    with pytest.raises(
-        ValueError, match=r"^unknown option gait, expected one of policy, contract, motion, song, command$"
-    ):
+    told = r"^unknown option gait, expected one of policy, contract, motion, song, command$"
+    with pytest.raises(ValueError, match=told):
         load_request("x.onnx", gait="trot")

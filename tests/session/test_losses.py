@@ -6,6 +6,7 @@ import sys
 import termios
 import time
 
+import pytest
 import rig
 from fakes import FakeRobot, FakeSink, FakeSource, LoggingSupervisor, is_damping, session
 
@@ -31,9 +32,17 @@ def ticks(interruption, clock, count=3):
     return asked
 
 
-def test_a_standstill_damps_once_and_says_how_long_it_was():
-    clock = Clock()
-    interruption = Interruption(0.02, 0.1, clock)
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def interruption(clock):
+    return Interruption(0.02, 0.1, clock)
+
+
+def test_a_standstill_damps_once_and_says_how_long_it_was(interruption, clock):
     clock.now += 50.0  # nothing stood still before the first tick
     assert ticks(interruption, clock) == []
     clock.now += 0.07
@@ -46,11 +55,12 @@ def test_a_standstill_damps_once_and_says_how_long_it_was():
     )
     assert ticks(interruption, clock) == []
     assert interruption.news() == ""
+    clock.now += 3.0
+    interruption.restart()  # that was no part of the loop
+    assert ticks(interruption, clock) == []
 
 
-def test_after_a_stop_that_was_ended_one_missed_tick_is_a_standstill():
-    clock = Clock()
-    interruption = Interruption(0.02, 0.1, clock)
+def test_after_a_stop_that_was_ended_one_missed_tick_is_a_standstill(interruption, clock):
     ticks(interruption, clock)
     interruption.note_continued()  # by a shell, to a process that ran
     assert ticks(interruption, clock) == []
@@ -59,9 +69,7 @@ def test_after_a_stop_that_was_ended_one_missed_tick_is_a_standstill():
     assert ticks(interruption, clock) == [Intent.DAMP]
 
 
-def test_a_standstill_within_a_tick_is_noticed_before_its_command_is_sent():
-    clock = Clock()
-    interruption = Interruption(0.02, 0.1, clock)
+def test_a_standstill_within_a_tick_is_noticed_before_its_command_is_sent(interruption, clock):
     ticks(interruption, clock)
     assert interruption.poll(0.0, None) == ()
     clock.now += 0.5
@@ -70,24 +78,12 @@ def test_a_standstill_within_a_tick_is_noticed_before_its_command_is_sent():
     assert not interruption.beat()
 
 
-def test_a_refused_suspension_damps_and_says_why():
-    clock = Clock()
-    interruption = Interruption(0.02, 0.1, clock)
+def test_a_refused_suspension_damps_and_says_why(interruption, clock):
     ticks(interruption, clock)
     interruption.refuse_suspension()
     assert ticks(interruption, clock) == [Intent.DAMP]
     expected = "SIGTSTP (Ctrl-Z): a process that holds motors is not suspended; DAMPING instead"
-    assert interruption.news() == expected
-    assert interruption.news() == ""
-
-
-def test_what_was_no_part_of_the_loop_is_no_standstill():
-    clock = Clock()
-    interruption = Interruption(0.02, 0.1, clock)
-    ticks(interruption, clock)
-    clock.now += 3.0
-    interruption.restart()
-    assert ticks(interruption, clock) == []
+    assert (interruption.news(), interruption.news()) == (expected, "")
 
 
 def test_the_clock_goes_on():
@@ -140,10 +136,9 @@ def test_ctrl_s_does_not_stop_the_output(monkeypatch):
     os.close(master)
 
 
-def test_what_was_decided_before_the_process_stood_still_is_not_sent_after():
+def test_what_was_decided_before_the_process_stood_still_is_not_sent_after(interruption, clock):
     """The process is stopped between a decision in STANDBY and the command."""
-    clock, stops = Clock(), [8]
-    interruption = Interruption(0.02, 0.1, clock)
+    stops = [8]
 
     def step(tick_input):
         clock.now += 0.02
@@ -182,14 +177,14 @@ class Watched:
         self.heard["gamepad"] = self.run.time
 
 
-def test_a_device_that_was_never_there_asks_for_nothing():
-    watched = Watched()
+@pytest.fixture
+def watched():
+    return Watched()
+
+
+def test_a_device_that_was_never_there_asks_for_nothing_and_lets_nothing_drive_the_joints(watched):
     watched.heard["another"] = 0.0
     assert [watched.tick() for _ in range(50)] == [()] * 50
-
-
-def test_a_device_that_was_never_there_lets_nothing_drive_the_joints():
-    watched = Watched()
     watched.tick(Intent.DAMP)
     watched.tick(Intent.LOAD_A)
     assert watched.tick() == (Intent.DAMP,)
@@ -218,8 +213,7 @@ def test_its_loss_is_a_damp_in_every_mode_within_its_timeout():
         assert watched.told == ["gamepad: lost, nothing heard for 0.2 s: DAMP"]
 
 
-def test_without_it_nothing_leaves_damping_and_with_it_again_the_operator_may():
-    watched = Watched()
+def test_without_it_nothing_leaves_damping_and_with_it_again_the_operator_may(watched):
     watched.beat()
     watched.tick(Intent.DAMP)
     for _ in range(20):
@@ -232,18 +226,11 @@ def test_without_it_nothing_leaves_damping_and_with_it_again_the_operator_may():
     assert watched.tick(Intent.LOAD_A) == ()
     assert watched.output.control_mode.controller_name == "standby_controller_a"
     assert watched.told[-1] == "gamepad: there again"
-
-
-def test_a_clock_that_is_no_number_counts_as_a_loss():
-    watched = Watched()
-    watched.beat()
-    watched.tick(Intent.DAMP)
     watched.heard["gamepad"] = float("nan")
-    assert watched.tick() == (Intent.DAMP,)
+    assert watched.tick() == (Intent.DAMP,), "a clock that is no number counts as a loss"
 
 
-def test_heartbeats_that_waited_while_motors_were_enabled_are_no_loss():
-    watched = Watched()
+def test_heartbeats_that_waited_while_motors_were_enabled_are_no_loss(watched):
     watched.beat()
     watched.run.time += 7.0
     assert watched.tick() == ()

@@ -66,9 +66,6 @@ def test_what_the_operator_should_know_is_told_with_it():
     assert reactivation.answer == Answer(True, sink.events[0])
     assert sink.events[0] == f"{DONE}; warning: wrist: its position jumped; warning: elbow: old"
     assert sink.kinds[0] is EventKind.FRESH_START
-
-
-def test_what_an_operator_is_told_to_press_is_its_key():
     assert f"press {REACTIVATE_KEY} (or: mode {REACTIVATE})" == HOW_TO_REACTIVATE
 
 

@@ -47,7 +47,7 @@ def test_no_full_collection_stops_the_loop_however_much_is_kept():
         with real_time():
             generations.clear()
             kept = [[i] for i in range(500_000)]  # many times what starts one by default
-            cycles = [weakref.ref(_cycle()) for _ in range(2000)]
+            cycles = [weakref.ref(_Node()) for _ in range(2000)]
             seen = set(generations)
     finally:
         gc.callbacks.remove(note)
@@ -61,10 +61,6 @@ class _Node:
 
     def __init__(self):
         self.own = self
-
-
-def _cycle():
-    return _Node()
 
 
 def test_what_is_not_permitted_is_said_with_what_would_permit_it(monkeypatch):
@@ -114,22 +110,20 @@ def test_a_session_takes_them_before_the_robot_is_activated_and_until_it_is_clos
     assert session(FakeRobot(), duration=0.1).run().measures == ()
 
 
-def test_a_thread_started_meanwhile_runs_as_punctually():
-    policies = []
-    with real_time() as lines:
-        thread = threading.Thread(target=lambda: policies.append(os.sched_getscheduler(0)))
-        thread.start()
-        thread.join()
-    assert (policies == [os.SCHED_FIFO]) == lines[2].startswith("SCHED_FIFO, ")
-
-
-def test_threads_may_be_made_punctual_alone():
+def test_a_thread_started_meanwhile_runs_as_punctually_and_threads_may_be_made_so_alone():
     policy, seen = os.sched_getscheduler(0), []
-    with punctual_threads(behind=10) as line:
+
+    def look():
         thread = threading.Thread(target=lambda: seen.append((os.sched_getscheduler(0), os.sched_getparam(0))))
         thread.start()
         thread.join()
+
+    with real_time() as lines:
+        look()
+    with punctual_threads(behind=10) as line:
+        look()
     assert os.sched_getscheduler(0) == policy
-    ((scheduler, parameters),) = seen
+    (together, _), (scheduler, parameters) = seen
+    assert (together == os.SCHED_FIFO) == lines[2].startswith("SCHED_FIFO, ")
     assert (scheduler == os.SCHED_FIFO) == (line == "SCHED_FIFO, priority 40")
     assert (parameters.sched_priority == 40) == (scheduler == os.SCHED_FIFO)

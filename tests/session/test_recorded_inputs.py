@@ -1,5 +1,4 @@
 from dataclasses import replace
-from itertools import chain
 
 import numpy as np
 import pytest
@@ -61,34 +60,31 @@ def test_a_clock_that_is_a_little_off_finds_the_same_tick(clock):
         assert recorded.latest()[VELOCITY_COMMAND].value[0] == value
 
 
-def test_what_the_robot_reports_itself_is_left_to_it(clock):
-    assert list(inputs(clock, [tick(0)]).latest()) == [VELOCITY_COMMAND]
-
-
 def test_a_velocity_that_somebody_sets_takes_the_recorded_ones_place(clock):
     recorded = inputs(clock, [tick(0)])
+    assert list(recorded.latest()) == [VELOCITY_COMMAND], "what the robot reports itself is left to it"
     recorded.velocity = VelocityCommand(np.zeros(3))
     assert VELOCITY_COMMAND in recorded.latest()
     recorded.velocity.press("w")
     assert recorded.latest() == {}
 
 
-def test_it_ends_where_the_run_was_about_to_end(clock):
-    recorded = inputs(clock, [tick(0), tick(1), Event(0.1, "ending", EventKind.ENDING), tick(2), tick(3)])
+@pytest.mark.parametrize(
+    "end",
+    [
+        (),
+        (Event(0.1, "ending", EventKind.ENDING), tick(2), tick(3)),
+        (Event(0.1, "reactivated", EventKind.FRESH_START), tick(2)),
+    ],
+)
+def test_it_ends_with_the_recording_where_the_run_was_about_to_end_and_where_it_began_afresh(clock, end):
+    recorded = inputs(clock, [tick(0), tick(1), *end])
     ends = []
     for now in (0.0, 0.1):
         clock.now = now
         recorded.poll(now, None)
         ends.append(recorded.finished)
     assert ends == [False, True]
-
-
-@pytest.mark.parametrize("end", [(), (Event(0.1, "reactivated", EventKind.FRESH_START), tick(2))])
-def test_it_ends_with_the_recording_and_where_a_run_began_afresh(clock, end):
-    recorded = inputs(clock, list(chain([tick(0), tick(1)], end)))
-    clock.now = 0.1
-    recorded.poll(0.1, None)
-    assert recorded.finished
 
 
 def test_an_operator_ends_the_intents_but_not_the_data(clock):

@@ -29,17 +29,16 @@ def test_motion_of_either_sign_starts_the_half_second_again():
         assert rest.update(moving(0.0))
 
 
-def test_velocities_that_nobody_knows_are_no_rest():
+@pytest.mark.parametrize(
+    "unknown",
+    [
+        {"joint_velocity": np.full(3, np.nan)},
+        *({"joint_age": np.array([0.0, age, 0.0])} for age in (0.21, 3.0, np.inf, np.nan)),  # silent while it was slow
+    ],
+)
+def test_what_nobody_knows_is_no_rest(unknown):
     rest = RestDetector(1.0)
-    unknown = rig.state(joint_velocity=np.full(3, np.nan))
-    assert not any(rest.update(unknown) for _ in range(10))
-
-
-@pytest.mark.parametrize("age", [0.21, 3.0, np.inf, np.nan])
-def test_a_joint_that_fell_silent_while_it_was_slow_is_no_rest(age):
-    rest = RestDetector(1.0)
-    silent = rig.state(joint_age=np.array([0.0, age, 0.0]))
-    assert not any(rest.update(silent) for _ in range(10))
+    assert not any(rest.update(rig.state(**unknown)) for _ in range(10))
     assert [rest.update(moving(0.0)) for _ in range(2)] == [False, True]
 
 
@@ -49,43 +48,35 @@ def damp(robot, longest=1.0, **options):
     return damp_without_supervisor(robot, CONTROLLERS, start, **settings)
 
 
-def test_keeps_the_pace_of_the_loop():
-    pauses = []
-    damp(FakeRobot(velocity=1.0), longest=0.1, pause=pauses.append)
-    assert pauses == [rig.PERIOD] * 6
-
-
 def fail(count):
     raise BrokenError
 
 
-def test_a_state_that_cannot_be_read_is_the_last_one():
+def test_keeps_the_pace_of_the_loop_and_a_state_that_cannot_be_read_is_the_last_one():
+    pauses = []
+    damp(FakeRobot(velocity=1.0), longest=0.1, pause=pauses.append)
+    assert pauses == [rig.PERIOD] * 6
     robot = FakeRobot(on_read=fail)
     damp(robot, longest=0.1)
     assert {tuple(command.position) for command in robot.commands} == {rig.KNOWN}
 
 
-def test_without_a_controller_that_works_the_command_is_zero_torque():
-    class Raises:
-        def activate(self, tick_input):
-            raise BrokenError
-
-    for controllers in ({}, {"damping_controller": Raises()}):
-        robot = FakeRobot()
-        damp_without_supervisor(robot, controllers, rig.state(), period=rig.PERIOD, longest=0.1, pause=None)
-        assert [is_zero(command) for command in robot.commands] == [True] * 6
+class Raises:
+    def activate(self, tick_input):
+        raise BrokenError
 
 
-def test_a_damping_command_that_cannot_be_sent_is_zero_torque():
-    class NotFinite:
-        def activate(self, tick_input):
-            return self
+class NotFinite:
+    def activate(self, tick_input):
+        return self
 
-        def update(self, memory, tick_input):
-            return memory, MITCommand(*[np.full(3, np.nan)] * 5)
+    def update(self, memory, tick_input):
+        return memory, MITCommand(*[np.full(3, np.nan)] * 5)
 
+
+@pytest.mark.parametrize("controllers", [{}, {"damping_controller": Raises()}, {"damping_controller": NotFinite()}])
+def test_without_a_controller_that_works_the_command_is_zero_torque(controllers):
     robot = FakeRobot()
-    controllers = {"damping_controller": NotFinite()}
     damp_without_supervisor(robot, controllers, rig.state(), period=rig.PERIOD, longest=0.1, pause=None)
     assert [is_zero(command) for command in robot.commands] == [True] * 6
 

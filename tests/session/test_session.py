@@ -86,17 +86,18 @@ def live_inputs(source):
     return LiveInputs(controller.contract, {"foot_contact": source})
 
 
+def driven_live(live):
+    """The ticks of a run to LOCOMOTION, of a policy that observes a live input."""
+    sink = FakeSink()
+    options = {} if live is None else {"live": live_inputs(live)}
+    intents = [FakeSource(TO_LOCOMOTION)]
+    session(FakeRobot(), supervisor=live_supervisor(), duration=0.4, intents=intents, sinks=[sink], **options).run()
+    return sink.records
+
+
 def test_a_callable_feeds_a_live_input_and_its_values_are_in_the_ticks():
-    sink, live = FakeSink(), live_inputs(lambda state: [state.time, 0.5])
-    session(
-        FakeRobot(),
-        supervisor=live_supervisor(),
-        duration=0.4,
-        intents=[FakeSource(TO_LOCOMOTION)],
-        live=live,
-        sinks=[sink],
-    ).run()
-    steps = [record for record in sink.records if record.output.policy_step is not None]
+    records = driven_live(lambda state: [state.time, 0.5])
+    steps = [record for record in records if record.output.policy_step is not None]
     assert len(steps) >= 3
     for record in steps:
         time = record.input.state.time
@@ -105,7 +106,7 @@ def test_a_callable_feeds_a_live_input_and_its_values_are_in_the_ticks():
     # What was decided follows from the recorded inputs alone.
     again = live_supervisor()
     memory = again.initial()
-    for record in sink.records:
+    for record in records:
         memory, output = again.step(memory, record.input)
         np.testing.assert_array_equal(output.command.position, record.output.command.position)
         assert output.control_mode == record.output.control_mode
@@ -120,28 +121,18 @@ def test_a_callable_feeds_a_live_input_and_its_values_are_in_the_ticks():
     ids=["not finite", "another shape"],
 )
 def test_a_live_input_that_is_wrong_is_a_fault_and_never_zeros(live, reason):
-    sink = FakeSink()
-    session(
-        FakeRobot(),
-        supervisor=live_supervisor(),
-        duration=0.4,
-        intents=[FakeSource(TO_LOCOMOTION)],
-        live=live_inputs(live),
-        sinks=[sink],
-    ).run()
-    modes = [record.output.control_mode for record in sink.records]
-    assert not any(record.output.policy_step for record in sink.records)
+    records = driven_live(live)
+    modes = [record.output.control_mode for record in records]
+    assert not any(record.output.policy_step for record in records)
     assert any(mode.mode is Mode.DAMPING and reason in mode.status_message for mode in modes)
 
 
 def test_without_its_live_input_the_policy_does_not_start():
-    sink = FakeSink()
-    intents = [FakeSource(TO_LOCOMOTION)]
-    session(FakeRobot(), supervisor=live_supervisor(), duration=0.4, intents=intents, sinks=[sink]).run()
-    refused = {text for record in sink.records for text in record.output.refusals}
+    records = driven_live(None)
+    refused = {text for record in records for text in record.output.refusals}
     assert refused == {"START_LOCOMOTION refused: the live input 'foot_contact' (/foot_contact) has not come yet"}
-    assert Mode.LOCOMOTION not in {record.output.control_mode.mode for record in sink.records}
-    assert not any(record.output.faults for record in sink.records)
+    assert Mode.LOCOMOTION not in {record.output.control_mode.mode for record in records}
+    assert not any(record.output.faults for record in records)
 
 
 def test_the_safety_filter_decides_what_the_supervisor_sees():
@@ -201,27 +192,21 @@ def test_quit_in_damping_stays_there_until_the_joints_rest():
     assert ended_damped(robot) == 4 + REST_TICKS + 2
 
 
-def test_quit_without_torque_ends_at_once():
-    robot = FakeRobot()
-    result = session(robot, intents=[FakeSource({3: (Intent.QUIT,)})]).run()
+def test_without_torque_quit_ends_at_once_and_a_run_brings_none():
+    result = session(FakeRobot(), intents=[FakeSource({3: (Intent.QUIT,)})]).run()
     assert (result.reason, result.ticks) == ("QUIT", 5)
-
-
-def test_quit_is_refused_in_motion_and_the_run_goes_on():
-    sink = FakeSink()
-    result = session(
-        FakeRobot(), duration=0.2, intents=[FakeSource({**TO_STANDBY, 3: (Intent.QUIT,)})], sinks=[sink]
-    ).run()
-    assert result.reason == "duration of 0.2 s reached"
-    assert sink.records[3].output.refusals == ("QUIT refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY",)
-
-
-def test_a_run_without_torque_ends_without():
     robot = FakeRobot()
     result = session(robot, duration=0.1).run()
     assert all(is_zero(command) for command in robot.commands)
     assert result.ticks == 7  # 0.00 to 0.10 s, and QUIT
     assert robot.is_closed
+
+
+def test_quit_is_refused_in_motion_and_the_run_goes_on():
+    sink, source = FakeSink(), FakeSource({**TO_STANDBY, 3: (Intent.QUIT,)})
+    result = session(FakeRobot(), duration=0.2, intents=[source], sinks=[sink]).run()
+    assert result.reason == "duration of 0.2 s reached"
+    assert sink.records[3].output.refusals == ("QUIT refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY",)
 
 
 def test_arms_that_were_held_still_are_not_at_rest_when_damping_begins():
@@ -349,20 +334,13 @@ def test_a_robot_that_takes_no_command_any_more_is_still_asked_to_damp_and_close
     assert robot.is_closed
 
 
-def test_an_exception_without_torque_does_not_bring_any():
-    robot = FakeRobot(on_read=broken_at(3))
+@pytest.mark.parametrize(("breaks", "commands"), [(broken_at(3), 4), (broken_from(0), 1)])
+def test_an_exception_without_torque_or_before_any_state_is_known_brings_none(breaks, commands):
+    robot = FakeRobot(on_read=breaks)
     with pytest.raises(BrokenError):
         session(robot).run()
-    assert len(robot.commands) == 4
-    assert all(is_zero(command) for command in robot.commands)
+    assert [is_zero(command) for command in robot.commands] == [True] * commands
     assert robot.is_closed
-
-
-def test_an_exception_before_any_state_is_known_makes_no_torque():
-    robot = FakeRobot(on_read=broken_from(0))
-    with pytest.raises(BrokenError):
-        session(robot).run()
-    assert [is_zero(command) for command in robot.commands] == [True]
 
 
 def test_an_exception_while_ending_damps_too():
@@ -414,17 +392,11 @@ def test_a_sink_that_raises_is_left_out_and_the_run_goes_on():
     assert [record.index for record in sink.records] == list(range(result.ticks))
     assert sink.events[0] == "left out from here on: FakeSink: BrokenError: deliberate"
     assert broken.log[-1] == "close sink"
-
-
-def test_a_sink_that_raises_at_an_event_is_left_out_too():
     broken, sink = FakeSink(), FakeSink()
     broken.event = raise_broken
     result = session(FakeRobot(), duration=0.1, sinks=[broken, sink]).run()
-    assert result.failures == ("FakeSink: BrokenError: deliberate",)
-    assert sink.events == [
-        "left out from here on: FakeSink: BrokenError: deliberate",
-        "ending: duration of 0.1 s reached",
-    ]
+    assert result.failures == ("FakeSink: BrokenError: deliberate",), "at an event"
+    assert sink.events == [f"left out from here on: {result.failures[0]}", "ending: duration of 0.1 s reached"]
 
 
 # Time.
@@ -488,13 +460,9 @@ def test_ticks_driven_by_hand_have_no_deadline_in_the_past(monkeypatch):
 
 def test_without_real_time_a_slow_tick_counts_but_nothing_is_waited_for(monkeypatch):
     clock = FakeClock(monkeypatch)
-
-    def stall(count):
-        if count == 2:
-            clock.now += 0.05
-
+    stall = lambda count: clock.sleep(0.05) if count == 2 else None  # noqa: E731
     result = session(FakeRobot(on_write=stall), duration=0.1).run()
-    assert (result.overruns, result.skipped, clock.slept) == (1, 0, [])
+    assert (result.overruns, result.skipped, clock.slept) == (1, 0, [0.05]), "no sleep but the tick's own"
 
 
 def test_only_a_run_without_deadlines_waits_for_a_sink_that_lags(monkeypatch):
@@ -526,15 +494,9 @@ def test_a_sink_that_never_catches_up_does_not_keep_a_run_from_being_stopped(mon
 
 def test_the_duration_of_a_tick_leaves_out_the_physics_of_a_simulated_robot(monkeypatch):
     clock = FakeClock(monkeypatch)
-
-    def physics(count):
-        clock.now += 0.003
-
+    header = SessionHeader("fake", rig.JOINTS, 0.02, 0)
     for simulated, expected in ((True, 0.0), (False, 0.003)):
-        sink = FakeSink()
+        sink, robot = FakeSink(), FakeRobot(on_write=lambda _: clock.sleep(0.003))
         settings = LoopSettings(rig.PERIOD, realtime=False, simulated=simulated, duration=0.1)
-        robot = FakeRobot(on_write=physics)
-        Session(
-            robot, rig.supervisor(), settings, header=SessionHeader("fake", rig.JOINTS, 0.02, 0), sinks=[sink]
-        ).run()
+        Session(robot, rig.supervisor(), settings, header=header, sinks=[sink]).run()
         assert sink.records[1].duration == pytest.approx(expected, abs=1e-4)

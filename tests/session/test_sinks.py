@@ -75,12 +75,6 @@ def test_closing_deals_with_what_is_left():
     assert sink.backlog == 0
 
 
-def test_one_that_was_never_started_can_be_closed():
-    sink = Kept()
-    sink.close()
-    assert sink.calls == ["close"]
-
-
 @pytest.mark.parametrize("where", ["1", "(0.5, 'half')", "pause"])
 def test_one_that_raises_keeps_the_exception_and_takes_no_more(where):
     sink = Kept(fail_at=where)
@@ -112,11 +106,14 @@ def test_one_whose_library_wants_to_exit_is_one_that_raises():
     assert sink.backlog == 0
 
 
-def test_an_exception_in_closing_is_kept_unless_there_was_one_before():
+def test_an_exception_in_closing_is_kept_and_one_that_was_never_started_can_be_closed():
     sink = Kept(fail_at="close")
     sink.start(HEADER)
     sink.close()
     assert str(sink.error) == "at close"
+    sink = Kept()
+    sink.close()
+    assert sink.calls == ["close"]
 
 
 def test_the_loop_goes_on_without_a_worker_that_raises():

@@ -37,33 +37,34 @@ def stiff(robot):
     return MITCommand(hold, np.zeros(2), np.zeros(2), np.full(2, 200.0), np.full(2, 4.0))
 
 
+HOVERING = '<option density="0"><flag contact="disable"/></option><option'
+
+
 class TestStart:
-    def test_the_lowest_part_touches_the_floor(self, hopper):
+    @pytest.mark.parametrize(
+        ("old", "new", "height"),
+        [
+            ("", "", SOLE),
+            ('pos="0.2 0 1"', 'pos="0 0 -1"', SOLE),  # it finds the floor from below too
+            ('<geom name="ground" type="plane" size="0 0 0.05"/>', "", SOLE),  # a floor that the scene adds counts
+            ("<option", HOVERING, 1.0),  # with nothing to touch it starts where the MJCF has it
+        ],
+    )
+    def test_the_lowest_part_touches_the_floor(self, hopper, old, new, height):
+        hopper.write_text(hopper.read_text().replace(old, new) if old else hopper.read_text())
         state = base_of(MujocoRobot(load_robot(hopper)))
-        assert state.position == pytest.approx([0.0, 0.0, SOLE], abs=1e-9)
-        assert state.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
-
-    def test_it_finds_the_floor_from_below_too(self, hopper):
-        hopper.write_text(hopper.read_text().replace('pos="0.2 0 1"', 'pos="0 0 -1"'))
-        assert base_of(MujocoRobot(load_robot(hopper))).height == pytest.approx(SOLE, abs=1e-9)
-
-    def test_a_floor_that_the_scene_adds_counts(self, hopper):
-        hopper.write_text(hopper.read_text().replace('<geom name="ground" type="plane" size="0 0 0.05"/>', ""))
-        assert base_of(MujocoRobot(load_robot(hopper))).height == pytest.approx(SOLE, abs=1e-9)
-
-    def test_with_nothing_to_touch_it_starts_where_the_mjcf_has_it(self, hopper):
-        hopper.write_text(
-            hopper.read_text().replace("<option", '<option density="0"><flag contact="disable"/></option><option')
-        )
-        assert base_of(MujocoRobot(load_robot(hopper))).height == 1.0
+        assert state.height == pytest.approx(height, abs=1e-9)
+        if not old:
+            assert state.position == pytest.approx([0.0, 0.0, SOLE], abs=1e-9)
+            assert state.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
 
     def test_place_heading_and_height_can_be_chosen(self, hopper):
-        state = base_of(MujocoRobot(load_robot(hopper), base_position=(3.0, -1.0), base_yaw=2.0, base_height=0.9))
+        robot = load_robot(hopper)
+        state = base_of(MujocoRobot(robot, base_position=(3.0, -1.0), base_yaw=2.0, base_height=0.9))
         assert state.position.tolist() == [3.0, -1.0, 0.9]
         assert state.yaw == pytest.approx(2.0, abs=1e-12)
         assert state.tilt == 0.0
-
-    def test_yaw_turns_an_orientation_of_the_mjcf(self, hopper):
+        assert base_of(MujocoRobot(robot, drop=0.05, base_height=0.9)).height == 0.9, "it counts more than a drop"
         hopper.write_text(hopper.read_text().replace('pos="0.2 0 1"', 'pos="0 0 1" euler="0 0.3 0"'))
         state = base_of(MujocoRobot(load_robot(hopper), base_yaw=2.0))
         assert (state.yaw, state.tilt) == (pytest.approx(2.0, abs=1e-12), pytest.approx(0.3, abs=1e-12))
@@ -80,18 +81,14 @@ class TestStart:
         run(robot, 0.02, stiff(robot))
         assert robot.data.ncon > 0
 
-    def test_a_height_that_is_given_counts_more(self, hopper):
-        assert base_of(MujocoRobot(load_robot(hopper), drop=0.05, base_height=0.9)).height == 0.9
-
-    @pytest.mark.parametrize("drop", [-0.01, math.nan, math.inf])
-    def test_a_drop_is_a_distance(self, hopper, drop):
-        with pytest.raises(InputError, match=rf"^drop: is {drop}, expected a finite number >= 0"):
-            MujocoRobot(load_robot(hopper), drop=drop)
-
-    @pytest.mark.parametrize("option", ["base_yaw", "base_height"])
-    def test_what_is_not_finite_is_refused(self, hopper, option):
-        with pytest.raises(InputError, match=rf"^{option}: is nan, expected a finite number"):
-            MujocoRobot(load_robot(hopper), **{option: math.nan})
+    @pytest.mark.parametrize(
+        ("option", "value"),
+        [("base_yaw", math.nan), ("base_height", math.nan), ("drop", -0.01), ("drop", math.nan), ("drop", math.inf)],
+    )
+    def test_what_is_not_finite_or_no_distance_is_refused(self, hopper, option, value):
+        accepted = "a finite number >= 0" if option == "drop" else "a finite number"
+        with pytest.raises(InputError, match=rf"^{option}: is {value}, expected {accepted}"):
+            MujocoRobot(load_robot(hopper), **{option: value})
 
     def test_activation_puts_it_back_and_holds_it_again(self, hopper):
         robot = MujocoRobot(load_robot(hopper), base_yaw=1.0)
@@ -107,9 +104,8 @@ class TestStart:
     def test_a_base_that_the_mjcf_does_not_have_is_refused(self, hopper):
         text = load_robot(hopper).to_json().replace('"body":"trunk"', '"body":"shank"')
         robot = RobotDescription.from_json(text, folder=str(hopper.parent))
-        with pytest.raises(
-            InputError, match=r"base\.body of 'hopper': unknown body with a free joint 'shank'; known: trunk"
-        ):
+        told = r"base\.body of 'hopper': unknown body with a free joint 'shank'; known: trunk"
+        with pytest.raises(InputError, match=told):
             build_model(robot)
 
 
@@ -273,13 +269,8 @@ def test_base_state_in_words():
     assert state.tilt == pytest.approx(0.4)
     assert state.yaw == pytest.approx(2.0)
     assert state.planar_velocity == pytest.approx([0.5, 0.0, 1.0])
-
-
-@pytest.mark.parametrize(("quaternion", "tilt"), [([1, 0, 0, 0], 0.0), ([0, 1, 0, 0], math.pi), ([0, 0, 0, 1], 0.0)])
-def test_tilt_from_upright_to_upside_down(quaternion, tilt):
-    state = BaseState(*[np.zeros(3)] * 5, np.zeros(()))
-    state = replace(state, quaternion=np.array(quaternion, dtype=float))
-    assert state.tilt == pytest.approx(tilt)
+    for quaternion, tilt in (([1, 0, 0, 0], 0.0), ([0, 1, 0, 0], math.pi), ([0, 0, 0, 1], 0.0)):
+        assert replace(state, quaternion=np.array(quaternion, dtype=float)).tilt == pytest.approx(tilt)
 
 
 def test_a_batch_of_base_states_is_its_members_bit_for_bit():

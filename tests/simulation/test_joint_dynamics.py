@@ -36,11 +36,8 @@ def test_they_take_the_place_of_the_mjcf_s(robot):
         dof = model.joint(name).dofadr[0]
         found = model.dof_armature[dof], model.dof_frictionloss[dof], model.dof_damping[dof]
         assert found == (own.armature, own.friction, own.damping)
-
-
-def test_what_is_not_measured_stays_as_it_was(robot):
     partly = planted(robot, (JointDynamics(torque_scale=0.5), JointDynamics()))
-    assert (build_model(partly).dof_armature == build_model(robot).dof_armature).all()
+    assert (build_model(partly).dof_armature == build_model(robot).dof_armature).all(), "what is not measured stays"
 
 
 def test_plants_and_batches_agree(robot):
@@ -83,13 +80,10 @@ def test_an_emulated_motor_reports_the_torque_that_it_means_to_give_and_reacts_l
     assert late[1] < -8.6, "beyond half of the limit, 17 N·m, which is all that arrives"
 
 
-def test_a_recording_keeps_them_and_says_nothing_where_there_are_none(robot):
+def test_a_recording_keeps_them_and_a_file_says_them_by_joint(robot, tmp_path):
     text = planted(robot).to_json()
     assert RobotDescription.from_json(text, robot.folder).joints[0].dynamics == TRUTH[0]
-    assert "dynamics" not in robot.to_json()
-
-
-def test_a_file_says_them_by_joint(robot, tmp_path):
+    assert "dynamics" not in robot.to_json(), "where there are none"
     path = tmp_path / "fitted.yaml"
     path.write_text(f"mjcf: {robot.mjcf_path}\njoints:\n  elbow: {{dynamics: {{friction: 0.2, delay: 0.004}}}}\n")
     assert load_robot(path).joints[1].dynamics == JointDynamics(friction=0.2, delay=0.004)

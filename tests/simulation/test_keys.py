@@ -48,14 +48,8 @@ def test_rest_travel_force_and_return_are_the_data_s(figures, timestep, implicit
     assert not keys.pressed(data.qpos).any()
 
     # Two hundredths less than the force of the data at the front edge triggers no key, two hundredths more all.
-    torque = np.where(
-        white,
-        *(
-            data_of[colour]["static_force_to_trigger_at_front_edge_N"]
-            * data_of[colour]["front_edge_distance_from_hinge_m"]
-            for colour in ("white", "black")
-        ),
-    )
+    force, lever = "static_force_to_trigger_at_front_edge_N", "front_edge_distance_from_hinge_m"
+    torque = np.where(white, *(data_of[colour][force] * data_of[colour][lever] for colour in ("white", "black")))
     settled(model, data, 0.98 * torque)
     assert keys.pressed(data.qpos).sum() == 0
     settled(model, data, 1.02 * torque)
@@ -125,12 +119,14 @@ def test_a_batch_knows_the_hardest_touch_of_every_physics_step():
     assert one.other_contacts == ()
 
 
-def test_a_robot_without_a_piano_tells_no_touches():
+def test_a_robot_without_a_piano_tells_no_touches_and_has_no_keys():
     batch = BatchSimulation(load_robot("lite"), 1, threads=1)
     with pytest.raises(RobotError, match="lite: has no piano"):
         _ = batch.key_force
     with pytest.raises(RobotError, match="lite: has no piano"):
         _ = MujocoRobot(load_robot("lite")).pressed_keys
+    with pytest.raises(InputError, match=r"^piano: unknown joint 'white_joint_0'; known: left_shoulder_pitch"):
+        PianoKeys(build_model(load_robot("lite"), scene=False))
 
 
 def test_what_touches_beside_a_hand_and_a_key_is_named():
@@ -145,11 +141,6 @@ def test_what_touches_beside_a_hand_and_a_key_is_named():
     assert all("left" in contact and "right" in contact for contact in robot.other_contacts)
     robot.forget_touches()
     assert robot.other_contacts == ()
-
-
-def test_a_robot_without_a_piano_has_no_keys():
-    with pytest.raises(InputError, match=r"^piano: unknown joint 'white_joint_0'; known: left_shoulder_pitch"):
-        PianoKeys(build_model(load_robot("lite"), scene=False))
 
 
 def test_one_robot_and_a_batch_report_the_same_keys():

@@ -35,22 +35,19 @@ WITH_ACTUATORS = """
 
 
 def test_options():
-    model = build_model(load_robot("lite"))
+    robot = load_robot("lite")
+    model = build_model(robot)
+    assert model.body(base_body(model, robot)).name == "chest"
     assert model.opt.timestep == 0.0005
     assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER
     assert model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     assert build_model(load_robot("lite"), physics_timestep=0.001).opt.timestep == 0.001
 
 
-def test_the_models_own_actuation_goes(small_robot):
-    model = build_model(small_robot(WITH_ACTUATORS, ("hinge",)))
-    assert (model.nu, model.nkey, model.nsensor) == (0, 0, 1)
-    assert model.sensor(0).name == "angle"
-
-
-def test_limits_are_the_descriptions_whatever_the_models_unit(small_robot):
+def test_the_models_own_actuation_goes_and_limits_are_the_descriptions_whatever_the_models_unit(small_robot):
     """The MJCF is in degrees (MuJoCo's default): ±3 rad must not become ±3°."""
     model = build_model(small_robot(WITH_ACTUATORS, ("hinge",)))
+    assert (model.nu, model.nkey, model.nsensor, model.sensor(0).name) == (0, 0, 1, "angle")
     hinge, free_wheel = model.joint("hinge").id, model.joint("free_wheel").id
     assert model.jnt_range[hinge].tolist() == [-3.0, 3.0]
     assert model.jnt_limited[hinge]
@@ -77,16 +74,12 @@ def test_affine_actuators_are_in_joint_order(small_robot):
     assert not model.actuator_ctrllimited.any()
 
 
-def test_joint_addresses_follow_names(small_robot):
+def test_joint_addresses_and_body_ids_follow_names(small_robot):
     model = build_model(small_robot(WITH_ACTUATORS, ("hinge",)))
     addresses = joint_addresses(model, ("hinge", "free_wheel"))
-    assert addresses.qpos.tolist() == [1, 0]
-    assert addresses.dof.tolist() == [1, 0]
+    assert (addresses.qpos.tolist(), addresses.dof.tolist()) == ([1, 0], [1, 0])
     with pytest.raises(InputError, match=r"^unknown joint 'knee'; known: free_wheel, hinge$"):
         joint_addresses(model, ("knee",))
-
-
-def test_body_ids_follow_names(small_robot):
     model = build_model(small_robot(), scene=False)
     assert body_ids(model, ["lower", "base"]) == (model.body("lower").id, model.body("base").id)
     with pytest.raises(InputError, match=r"^unknown body 'head'; known: base, upper, lower$"):
@@ -103,12 +96,6 @@ def test_an_edit_comes_last(small_robot):
     model = build_model(small_robot(), affine_actuators=True, scene=False, edit=edit)
     assert seen == ["shoulder", "elbow"]
     assert model.site("mark").bodyid[0] == model.body("lower").id
-
-
-def test_base_body_is_the_root_of_the_joints():
-    robot = load_robot("lite")
-    model = build_model(robot)
-    assert model.body(base_body(model, robot)).name == "chest"
 
 
 NAMES = [

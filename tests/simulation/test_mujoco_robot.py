@@ -99,12 +99,6 @@ def test_delays_and_sampling_are_exact(small_robot, command_steps, state_steps, 
         assert state.joint_age == pytest.approx(tick * 0.005 - sampled * 0.001, abs=1e-12)
 
 
-def test_reading_twice_gives_the_same_state(small_robot):
-    robot = MujocoRobot(small_robot())
-    robot.write(commands(1)[0])
-    assert robot.read()[0] is robot.read()[0]
-
-
 @pytest.mark.parametrize("actuation", ["qfrc_applied", "affine"])
 def test_the_same_commands_give_the_same_bits(actuation):
     description = load_robot("lite")
@@ -137,11 +131,12 @@ def test_a_second_activation_repeats_the_first_run_at_a_later_time(small_robot):
     assert robot.data.time == pytest.approx(0.1, abs=1e-9)
 
 
-def test_joint_effort_is_the_saturated_torque(small_robot):
+def test_joint_effort_is_the_saturated_torque_and_reading_twice_gives_the_same_state(small_robot):
     robot = MujocoRobot(small_robot())
     zeros = np.zeros(2)
     robot.write(MITCommand(zeros, zeros, np.array([100.0, -100.0]), zeros, zeros))
     assert robot.read()[0].joint_effort.tolist() == [5.0, -5.0]
+    assert robot.read()[0] is robot.read()[0]
 
 
 def test_an_unstable_simulation_is_critical_until_activation(small_robot):
@@ -174,21 +169,16 @@ def test_qpos_is_a_copy_for_viewers():
     assert robot.qpos.tolist() != before.tolist()
 
 
-def test_refuses_a_wrong_joint_count(small_robot):
+def test_a_wrong_joint_count_and_a_closed_robot_are_refused(small_robot):
     robot = MujocoRobot(small_robot())
     with pytest.raises(RobotError, match=r"^small: command has shape \(14,\), expected \(2,\)$"):
         robot.write(MITCommand.zeros(14))
     assert robot.time == 0.0
-
-
-def test_a_closed_robot_refuses(small_robot):
-    robot = MujocoRobot(small_robot())
     robot.close()
     robot.close()
-    with pytest.raises(RobotError, match="closed"):
-        robot.write(MITCommand.zeros(2))
-    with pytest.raises(RobotError, match="closed"):
-        robot.activate()
+    for use in (lambda: robot.write(MITCommand.zeros(2)), robot.activate):
+        with pytest.raises(RobotError, match="closed"):
+            use()
 
 
 OPTIONS = [

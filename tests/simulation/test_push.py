@@ -55,9 +55,6 @@ def test_a_robot_whose_base_is_fixed_is_pushed_at_a_body():
     robot.pushes.add(Push(0.0, 1.0, 0.0, body.name))
     robot.write(MITCommand.zeros(len(robot.joints)))
     assert robot.data.xfrc_applied[body.id][1] == pytest.approx(body.subtreemass[0] / 0.1)
-
-
-def test_a_fixed_base_is_not_pushed():
     with pytest.raises(InputError, match="push: 'lite' has a fixed base"):
         MujocoRobot(load_robot("lite"), pushes=[Push(1.0, 0.0, 1.0)])
 

@@ -16,32 +16,34 @@ def levels(model, *points):
     return Floor(model).level(np.array(points)).tolist()
 
 
-def test_a_plane_is_the_floor_everywhere_however_large_its_picture_is():
-    model = world('<geom type="plane" size="1 1 0.1" pos="0 0 -0.3"/>')
-    assert levels(model, (0, 0, 1), (50, 0, 1), (0, 0, -5)) == [-0.3, -0.3, -0.3]
-    assert Floor(model).level(np.array([0.0, 0.0, 1.0])).shape == ()
+PLANE, STEP = '<geom type="plane" size="1 1 1"/>', '<geom type="box" size="1 1 0.1" pos="5 0 0.1" rgba="0 0 0 0"/>'
+SLOPE, PLATE = '<geom type="plane" size="0 0 1" euler="0 -45 0"/>', '<geom type="box" size="3 3 0.1" pos="0 0 -0.1"/>'
+PICTURE = '<geom type="box" size="3 3 0.1" pos="0 0 0.4" contype="0" conaffinity="0"/>'
 
 
-def test_what_cannot_be_touched_is_no_floor():
-    picture = '<geom type="box" size="3 3 0.1" pos="0 0 0.4" contype="0" conaffinity="0"/>'
-    assert levels(world(f'<geom type="plane" size="0 0 1"/>{picture}'), (0, 0, 1)) == [0.0]
+@pytest.mark.parametrize(
+    ("geoms", "z", "points", "found"),
+    [
+        # A plane is the floor everywhere, however large its picture is.
+        ('<geom type="plane" size="1 1 0.1" pos="0 0 -0.3"/>', 1, [(0, 0, 1), (50, 0, 1), (0, 0, -5)], [-0.3] * 3),
+        (PLANE + PICTURE, 1, [(0, 0, 1)], [0.0]),  # what cannot be touched is none
+        # A step is the floor of who is above it and no one else's.
+        (PLANE + STEP, 1, [(5, 0, 1), (3.9, 0, 1), (50, 0, 1), (5, 0, 0.05)], [0.2, 0.0, 0.0, 0.0]),
+        (SLOPE, 1, [(1, 0, 3), (-1, 2, 3)], [1.0, -1.0]),
+        (SLOPE + PLANE, 1, [(1, 0, 3), (-1, 2, 3)], [1.0, 0.0]),  # a second plane
+        ("", 1, [(0, 0, 1)], [0.0]),
+        (PLANE, 1, [(0, 0, 5)], [0.0]),  # the robot itself is none
+        (PLATE, 2, [(0, 0, 5)], [0.0]),
+    ],
+)
+def test_the_level_of_the_floor(geoms, z, points, found):
+    assert levels(world(geoms, z), *points) == pytest.approx(found)
 
 
-def test_a_step_is_the_floor_of_who_is_above_it_and_no_one_elses():
-    step = '<geom type="box" size="1 1 0.1" pos="5 0 0.1" rgba="0 0 0 0"/>'
-    model = world(f'<geom type="plane" size="1 1 1"/>{step}')
-    found = levels(model, (5, 0, 1), (3.9, 0, 1), (50, 0, 1), (5, 0, 0.05))
-    assert found == pytest.approx([0.2, 0.0, 0.0, 0.0])
-    batch = Floor(model).level(np.array([[[5.0, 0.0, 1.0], [0.0, 0.0, 1.0]]]))
-    assert batch.shape == (1, 2)
-
-
-def test_a_slope_and_a_second_plane_depend_on_the_place():
-    slope = '<geom type="plane" size="0 0 1" euler="0 -45 0"/>'
-    assert levels(world(slope), (1, 0, 3), (-1, 2, 3)) == pytest.approx([1.0, -1.0])
-    assert levels(world(f'{slope}<geom type="plane" size="0 0 1"/>'), (1, 0, 3), (-1, 2, 3)) == pytest.approx(
-        [1.0, 0.0]
-    )
+def test_a_batch_of_places_has_its_shape():
+    floor = Floor(world(PLANE + STEP))
+    assert floor.level(np.array([0.0, 0.0, 1.0])).shape == ()
+    assert floor.level(np.array([[[5.0, 0.0, 1.0], [0.0, 0.0, 1.0]]])).shape == (1, 2)
 
 
 def test_beyond_the_edge_of_the_only_floor_one_sinks_to_its_lowest_part():
@@ -49,15 +51,6 @@ def test_beyond_the_edge_of_the_only_floor_one_sinks_to_its_lowest_part():
     on, off = levels(model, (0, 0, 1), (4, 0, 1))
     assert on == pytest.approx(0.0)
     assert off < -1.0
-
-
-def test_a_world_without_a_floor():
-    assert levels(world(""), (0, 0, 1)) == [0.0]
-
-
-def test_the_robot_itself_is_no_floor():
-    assert levels(world('<geom type="plane" size="0 0 1"/>'), (0, 0, 5)) == [0.0]
-    assert levels(world('<geom type="box" size="3 3 0.1" pos="0 0 -0.1"/>', z=2.0), (0, 0, 5)) == pytest.approx([0.0])
 
 
 def test_the_centre_of_mass_is_that_of_all_parts_together():

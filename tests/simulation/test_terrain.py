@@ -80,23 +80,14 @@ def test_the_floor_is_where_a_ray_hits_it(kind):
     assert floor.level(points[0]) == levels[0]
 
 
-def test_what_stands_on_the_field_is_a_floor_too():
+def test_what_stands_on_the_field_is_a_floor_too_and_a_ground_of_the_robots_own_is_the_only_one(small_robot):
     def with_box(spec):
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1], pos=[1.0, 0.0, 0.5])
 
     model = build_model(BIPED, scene="floor", terrain=Terrain("rough", **SMALL), edit=with_box)
     assert float(Floor(model).level(np.array([1.0, 0.0, 3.0]))) == pytest.approx(0.6)
-
-
-def test_a_robot_that_brings_a_ground_of_its_own_gets_no_other(small_robot):
-    mjcf = """
-    <mujoco><worldbody>
-      <geom type="plane" size="1 1 1"/>
-      <body name="trunk"><freejoint/><geom size="0.1"/>
-        <body><joint name="hinge"/><geom size="0.1"/></body>
-      </body>
-    </worldbody></mujoco>
-    """
+    mjcf = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body name="trunk"><freejoint/><geom size="0.1"/>
+      <body><joint name="hinge"/><geom size="0.1"/></body></body></worldbody></mujoco>"""
     robot = small_robot(mjcf, ("hinge",), imu="trunk", base={"type": "floating", "body": "trunk"})
     with pytest.raises(InputError, match=r"terrain: .* brings a ground of its own"):
         build_model(robot, scene="floor", terrain=Terrain("rough"))

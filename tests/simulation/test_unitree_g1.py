@@ -3,13 +3,12 @@
 The files are not part of the project; `HUMANOID_SIM_POLICIES` says where they are.
 """
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from published import POLICIES
 
 from humanoid_sim.controllers.reference import no_reference
 from humanoid_sim.controllers.rl_policy import RLPolicyController, RLPolicyMemory
@@ -22,7 +21,6 @@ from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.sensors import Imu
 
-POLICIES = Path(os.environ.get("HUMANOID_SIM_POLICIES", Path(__file__).parents[3] / "shared" / "policies"))
 MODELS = POLICIES / "models" / "unitree_g1"
 VELOCITY = POLICIES / "unitree_g1_velocity_v0"
 

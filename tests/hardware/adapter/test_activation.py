@@ -86,6 +86,19 @@ def test_sound_motors_are_configured_and_enabled_without_torque(robot, left, rig
     channels = [str(address) for address in robot._settings.addresses]
     assert [status.source for status in statuses] == [f"humanoid_devices_robstride/{name}" for name in channels]
     assert all(status.is_ok for status in statuses)
+    lines = {check.subject: str(check) for check in robot.checks}
+    assert "motor 11 on virtual:left-" in lines["left"]
+    for part in (
+        "rs-02, firmware 0.2.3.9, uid 0102030405060708",
+        "run_mode 0",
+        "stops 100 ms after the last command",
+        "torque limit 17 N·m; current limit 23 A",
+        "at -0.250 rad = -14.3°",
+    ):
+        assert part in lines["left"]
+    assert all(check.verdict is not Verdict.PROBLEM for check in robot.checks)
+    assert not _warnings(robot)
+    assert any("supply 48.0 V at" in line for line in lines.values())
 
 
 def test_no_limit_is_written_beyond_the_peak_of_the_motors_data_sheet(make_robot, description, left, right):
@@ -105,23 +118,6 @@ def test_no_limit_is_written_beyond_the_peak_of_the_motors_data_sheet(make_robot
     assert limits in lines["left"]
     assert "torque limit 14 N·m; current limit 15.5 A (data sheet; robot file says 16)" in lines["right"]
     assert not _warnings(robot)
-
-
-def test_the_list_says_what_was_verified(robot):
-    robot.activate()
-    lines = {check.subject: str(check) for check in robot.checks}
-    assert "motor 11 on virtual:left-" in lines["left"]
-    for part in (
-        "rs-02, firmware 0.2.3.9, uid 0102030405060708",
-        "run_mode 0",
-        "stops 100 ms after the last command",
-        "torque limit 17 N·m; current limit 23 A",
-        "at -0.250 rad = -14.3°",
-    ):
-        assert part in lines["left"]
-    assert all(check.verdict is not Verdict.PROBLEM for check in robot.checks)
-    assert not _warnings(robot)
-    assert any("supply 48.0 V at" in line for line in lines.values())
 
 
 def test_preparing_does_everything_but_enabling(robot, left):

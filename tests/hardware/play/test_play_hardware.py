@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from humanoid_sim import mode, replay
 from humanoid_sim.cli import run_program
@@ -169,8 +170,6 @@ class Terminal(io.StringIO):
     ("answers", "enables"), [("n\n", False), ("y\nn\n", False), ("y\ny\n", True)], ids=["no", "yes, no", "yes, yes"]
 )
 def test_firmware_that_no_document_mentions_is_asked_about_first(answers, enables, monkeypatch, capsys):
-    from rich.console import Console  # noqa: PLC0415
-
     robot = Asked()
     monkeypatch.setattr(sys, "stdin", Terminal(answers))
     assert run_module.bring_up(robot, PlayConfig(hardware="can0"), Console()) is enables
@@ -178,26 +177,17 @@ def test_firmware_that_no_document_mentions_is_asked_about_first(answers, enable
     assert "Drive motors with firmware 0.5.3.12 as if it were the manual's? [y/N]" in capsys.readouterr().out
 
 
-def test_a_dry_run_says_that_a_question_is_open(capsys):
-    from rich.console import Console  # noqa: PLC0415
-
+def test_neither_a_dry_run_nor_yes_answers_for_firmware_that_nobody_knows(capsys):
     assert not run_module.bring_up(Asked(), PlayConfig(hardware="can0", dry_run=True), Console(width=120))
     out = capsys.readouterr().out
     assert "question left_wrist_yaw  its firmware 0.5.3.12 is in no document" in out
     assert "verdict: not ready: nobody knows firmware 0.5.3.12; if you do, add --accept-firmware" in out
-
-
-def test_yes_does_not_answer_for_firmware_that_nobody_knows():
-    from rich.console import Console  # noqa: PLC0415
-
     with pytest.raises(InputError, match=r"^--accept-firmware: is needed for 0\.5\.3\.12, which no document mentions"):
         run_module.bring_up(Asked(), PlayConfig(hardware="can0", yes=True), Console())
 
 
 @pytest.mark.parametrize(("answer", "enables"), [("", False), ("n", False), ("yes", True)])
 def test_real_motors_are_enabled_on_a_yes_only(answer, enables, monkeypatch, capsys):
-    from rich.console import Console  # noqa: PLC0415
-
     robot = Asked(("ok", "left_elbow_pitch", "motor 14"), ("warning", "can0", "no active reports"))
     monkeypatch.setattr(sys, "stdin", Terminal(f"{answer}\n"))
     assert run_module.bring_up(robot, PlayConfig(hardware="can0"), Console()) is enables
@@ -223,16 +213,11 @@ def test_where_nobody_can_be_asked_a_yes_must_be_given(run, quick, calibrate):
 def test_a_channel_that_another_session_drives_is_refused(run, quick):
     with ChannelLock(parse_address("virtual:play")):
         result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
-    assert result.status == 2
+        dry = run("--robot", quick, "--hardware", "virtual:play", "--dry-run", *PLACEHOLDER, record=False)
     assert "problem virtual:play  is in use by another session (of this process)" in result.out
-    assert result.err == "error: lite: not enabled, 1 problem\n"
-
-
-def test_the_verdict_of_a_dry_run_that_finds_a_problem(run, quick):
-    with ChannelLock(parse_address("virtual:play")):
-        result = run("--robot", quick, "--hardware", "virtual:play", "--dry-run", *PLACEHOLDER, record=False)
-    assert result.status == 2
-    assert result.out.endswith("verdict: not ready: virtual:play\n")
+    assert (result.status, result.err) == (2, "error: lite: not enabled, 1 problem\n")
+    assert dry.status == 2
+    assert dry.out.endswith("verdict: not ready: virtual:play\n")
 
 
 def test_the_verdict_of_a_dry_run_that_finds_something_to_read(run, quick, emulate):

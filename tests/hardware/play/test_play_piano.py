@@ -38,10 +38,9 @@ def holding(folder):
     standby = lite.standby_controller_a
     n = lite.joint_count
     onnx.save(linear_model({}, inputs=n + 2 * 88, outputs=n), str(folder / "piano.onnx"))
-    fields = (lite.joint_names, pressing_pose(), standby.target_stiffness, standby.target_damping)
-    texts = dict(
-        zip(("joints", "pose", "stiffness", "damping"), (json.dumps(list(one)) for one in fields), strict=True)
-    )
+    fields = {"joints": lite.joint_names, "pose": pressing_pose()}
+    fields |= {"stiffness": standby.target_stiffness, "damping": standby.target_damping}
+    texts = {name: json.dumps(list(values)) for name, values in fields.items()}
     (folder / "contract.yaml").write_text(CONTRACT.format(**texts), encoding="utf-8")
     song = np.zeros((200, 88), dtype=np.float32)
     song[:, KEY] = 1.0

@@ -26,10 +26,8 @@ from humanoid_sim.robots.motors import MOTORS, POSITION_RANGE
 )
 def test_what_a_version_means(model, version, position_range, gain_factor, has_reports, as_status):
     firmware = firmware_of(MOTORS[model], parse_version(version))
-    assert firmware.position_range == position_range
-    assert firmware.gain_factor == gain_factor
-    assert firmware.has_active_reports == has_reports
-    assert firmware.reports_as_status == as_status
+    assert (firmware.position_range, firmware.gain_factor) == (position_range, gain_factor)
+    assert (firmware.has_active_reports, firmware.reports_as_status) == (has_reports, as_status)
     assert firmware.applied_to(MOTORS[model]).position == position_range
 
 

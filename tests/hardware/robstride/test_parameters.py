@@ -26,12 +26,8 @@ def test_whole_numbers_survive(data):
 
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False))
 def test_floats_survive(value):
-    assert (
-        parameters.unpack_value(
-            parameters.ParameterType.F32, parameters.pack_value(parameters.ParameterType.F32, value)
-        )
-        == value
-    )
+    kind = parameters.ParameterType.F32
+    assert parameters.unpack_value(kind, parameters.pack_value(kind, value)) == value
 
 
 def test_only_the_low_bytes_of_a_small_type_count():
@@ -39,49 +35,35 @@ def test_only_the_low_bytes_of_a_small_type_count():
     assert math.isnan(parameters.unpack_value(parameters.ParameterType.F32, np.float32(math.nan).tobytes()))
 
 
-@pytest.mark.parametrize("name", ["canTimeout", "cantimeout", "0x7028", "28712"])
-def test_parameters_are_found_by_name_and_index(name):
-    assert parameters.find_parameter(name).index == 0x7028
-
-
-def test_indices_and_names_are_unique():
+def test_parameters_are_found_by_name_and_index_and_their_indices_are_unique():
+    for name in ("canTimeout", "cantimeout", "0x7028", "28712"):
+        assert parameters.find_parameter(name).index == 0x7028
     assert len(parameters.PARAMETERS) == len(parameters.PARAMETERS_BY_INDEX) == 29
-    assert [p.name for p in parameters.PARAMETERS.values() if not p.is_writable] == [
-        "mechPos",
-        "iqf",
-        "mechVel",
-        "VBUS",
-    ]
+    read_only = [p.name for p in parameters.PARAMETERS.values() if not p.is_writable]
+    assert read_only == ["mechPos", "iqf", "mechVel", "VBUS"]
 
 
-def test_defaults_differ_by_model():
-    assert parameters.default_value(parameters.PARAMETERS["limit_torque"], "rs-04") == 120.0
-    assert parameters.default_value(parameters.PARAMETERS["limit_cur"], "rs-00") == 16.0
-    assert parameters.default_value(parameters.PARAMETERS["canTimeout"], "rs-00") == 0
-    assert parameters.default_value(parameters.PARAMETERS["damper"], "rs-00") == 0
-    for model in MOTORS.values():
-        assert parameters.default_value(parameters.PARAMETERS["limit_torque"], model.name) == model.peak_torque
+def test_defaults_and_the_fault_word_differ_by_model():
+    for name, model, value in (
+        ("limit_torque", "rs-04", 120.0),
+        ("limit_cur", "rs-00", 16.0),
+        ("canTimeout", "rs-00", 0),
+        ("damper", "rs-00", 0),
+        *(("limit_torque", model.name, model.peak_torque) for model in MOTORS.values()),
+    ):
+        assert parameters.default_value(parameters.PARAMETERS[name], model) == value
+    assert [parameters.fault_word(model).index for model in ("rs-04", "rs-02")] == [0x3023, 0x3022]
 
 
-def test_the_fault_word_is_elsewhere_on_rs_04():
-    assert parameters.fault_word("rs-04").index == 0x3023
-    assert parameters.fault_word("rs-02").index == 0x3022
-
-
-def test_can_timeout_ticks():
-    assert parameters.CanTimeout.to_ticks(0.1) == 2000
-    assert parameters.CanTimeout.to_ticks(1.0) == 20000
-    assert parameters.CanTimeout.to_ticks(0.0) == 0
-    assert parameters.CanTimeout.to_ticks(1e-9) == 1  # 0 would switch it off
+def test_can_timeout_ticks_and_the_report_interval():
+    # 0 would switch it off
+    for seconds, ticks in ((0.1, 2000), (1.0, 20000), (0.0, 0), (1e-9, 1)):
+        assert parameters.CanTimeout.to_ticks(seconds) == ticks
     assert parameters.CanTimeout.to_seconds(2000) == pytest.approx(0.1)
     for seconds in (-0.1, 5.1, math.nan):
         with pytest.raises(FieldError, match="expected 0 to 5 s"):
             parameters.CanTimeout.to_ticks(seconds)
-
-
-def test_report_interval():
-    assert parameters.report_interval(1) == pytest.approx(0.010)
-    assert parameters.report_interval(3) == pytest.approx(0.020)
+    assert [parameters.report_interval(value) for value in (1, 3)] == pytest.approx([0.010, 0.020])
 
 
 def test_every_model_accepts_its_own_defaults_and_its_limits():

@@ -50,15 +50,11 @@ def test_feedback_comes_by_its_own_clock_in_two_frames_while_it_is_enabled():
     assert (first.velocity, first.effort, second.position) == pytest.approx((1.0, 2.0, 0.5), abs=0.01)
     bench.tell(codec.Reset(22))
     assert bench.wait(0.1) == []
-
-
-def test_feedback_cuts_the_velocity_at_its_integer():
-    bench = Bench()
     bench.tell(ENABLE)
     bench.sensed = Sensed(0.0, -12.0)
     feedback = codec.decode(bench.wait(0.02)[0][1], MODEL)
     assert isinstance(feedback, codec.Feedback)
-    assert feedback.velocity == pytest.approx(-math.pi, abs=1e-3)
+    assert feedback.velocity == pytest.approx(-math.pi, abs=1e-3), "cut at its integer"
 
 
 def test_gains_hold_until_others_come_and_outlive_a_reset():
@@ -70,7 +66,8 @@ def test_gains_hold_until_others_come_and_outlive_a_reset():
     assert (drive.stiffness, drive.damping, drive.position) == pytest.approx((20.0, 1.0, 0.5), abs=1e-4)
     assert drive.effort == pytest.approx(0.25, abs=0.005)
     bench.tell(codec.Reset(22), ENABLE)
-    assert bench.firmware.drive(bench.state).stiffness == pytest.approx(20.0)
+    bench.wait(10.0)
+    assert bench.firmware.drive(bench.state).stiffness == pytest.approx(20.0), "nothing stops it, its host silent"
     bench.state = bench.firmware.power_on(bench.state, bench.sensed)
     bench.tell(ENABLE)
     assert bench.firmware.drive(bench.state)[:5] == (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -93,13 +90,6 @@ def test_one_that_protects_itself_falls_silent_without_a_word(trouble):
     assert not bench.state.is_running
     bench.tell(ENABLE)
     assert not bench.state.is_running
-
-
-def test_nothing_stops_it_when_its_host_is_silent():
-    bench = Bench()
-    bench.tell(ENABLE, codec.Gains(22, 20.0, 1.0), codec.Command(22, 1.0, 0.0, 0.0))
-    bench.wait(10.0)
-    assert bench.firmware.drive(bench.state).stiffness == pytest.approx(20.0)
 
 
 @pytest.mark.parametrize(("shaft", "position"), [(0.25, 0.25), (7.0, 7.0 - 2.0 * math.pi), (-4.0, 2.0 * math.pi - 4.0)])

@@ -36,24 +36,10 @@ def test_the_files_lie_in_a_folder_as_below_etc(run, tmp_path):
         "Link": {"RequiredForOnline": "no"},
         "CAN": {"BitRate": "1000000", "RestartSec": "0"},
     }
+    head, queue = ['SUBSYSTEM=="net"', 'ACTION=="add"', 'ATTR{type}=="280"'], 'ATTR{tx_queue_len}="100"'
     assert _rules(tmp_path / _PATHS[0]) == [
-        [
-            'SUBSYSTEM=="net"',
-            'ACTION=="add"',
-            'ATTR{type}=="280"',
-            'ATTRS{serial}=="0042"',
-            'ATTR{dev_port}=="1"',
-            'NAME="can_left"',
-            'ATTR{tx_queue_len}="100"',
-        ],
-        [
-            'SUBSYSTEM=="net"',
-            'ACTION=="add"',
-            'ATTR{type}=="280"',
-            'ATTRS{serial}=="0051"',
-            'NAME="can_right"',
-            'ATTR{tx_queue_len}="100"',
-        ],
+        [*head, 'ATTRS{serial}=="0042"', 'ATTR{dev_port}=="1"', 'NAME="can_left"', queue],
+        [*head, 'ATTRS{serial}=="0051"', 'NAME="can_right"', queue],
     ]
     assert all(stat.S_IMODE((tmp_path / path).stat().st_mode) == 0o644 for path in _PATHS)
     assert f"sudo cp -r {tmp_path}/. /etc/" in printed
@@ -64,10 +50,8 @@ def test_the_files_lie_in_a_folder_as_below_etc(run, tmp_path):
 
 
 def test_other_settings_reach_the_files_and_the_check_that_is_named(run, tmp_path):
-    _, printed, _ = run(
-        *("bring-up", "can0", "--output", str(tmp_path), "--bitrate", "500000"),
-        *("--restart-ms", "100", "--queue", "250"),
-    )
+    settings = ("--bitrate", "500000", "--restart-ms", "100", "--queue", "250")
+    _, printed, _ = run("bring-up", "can0", "--output", str(tmp_path), *settings)
     assert _network(tmp_path / "systemd/network/25-can0.network")["CAN"] == {"BitRate": "500000", "RestartSec": "100ms"}
     assert _rules(tmp_path / _PATHS[0]) == [
         ['SUBSYSTEM=="net"', 'ACTION=="add"', 'ATTR{type}=="280"', 'KERNEL=="can0"', 'ATTR{tx_queue_len}="250"']

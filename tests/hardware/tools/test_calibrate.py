@@ -70,15 +70,14 @@ def swept(motors, monkeypatch):
         yield
 
 
-def test_swept_joints_are_calibrated_and_the_others_kept(run, table_rows, swept, tmp_path):
-    path = tmp_path / "calibration.yaml"
+def test_swept_joints_are_calibrated_and_the_others_kept(run, table_rows, swept, path):
     old = {
         "left_elbow_pitch": CalibrationEntry(14, -1, 1.0),
         "left_wrist_roll": CalibrationEntry(16, -1, 0.5),
         "neck_yaw": CalibrationEntry(31, 1, 0.25),
     }
     save_calibration(path, old)
-    status, printed, complained = run("calibrate", _CHANNEL, "--output", str(path), *_JOINTS, "--duration", "20")
+    status, printed, complained = _calibrate(run, path, joints=_JOINTS, duration=20)
     assert (status, complained) == (0, "")
     entries = load_calibration(path, _LITE).entries
     assert list(entries) == ["left_elbow_pitch", "left_wrist_yaw", "left_wrist_roll", "neck_yaw"]
@@ -108,16 +107,24 @@ def test_no_motor_is_enabled_or_written_to(run, motors, tmp_path, monkeypatch):
     assert len(sent) >= 3  # one reading of each joint, however busy the machine is
 
 
-def _seen(monkeypatch, sweep):
+def _calibrate(run, path, *words, joints=("--joints", "left_elbow_pitch"), channel=_CHANNEL, duration=1):
+    return run("calibrate", channel, "--output", str(path), *joints, "--duration", str(duration), *words)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "calibration.yaml"
+
+
+def _seen(monkeypatch, sweep, **track):
     """The elbow was swept so; nothing else."""
-    monkeypatch.setattr(tool, "_sweep", lambda *_: {3: JointTrack(heard=time.monotonic(), sweep=sweep)})
+    seen = JointTrack(heard=time.monotonic(), sweep=sweep, **track)
+    monkeypatch.setattr(tool, "_sweep", lambda *_: {3: seen})
 
 
-def test_a_flipped_direction_is_warned_of_and_not_written(run, monkeypatch, tmp_path):
+def test_a_flipped_direction_is_warned_of_and_not_written(run, monkeypatch, path):
     _seen(monkeypatch, Sweep(-0.01, 2.37))
-    path = tmp_path / "calibration.yaml"
-    words = ("--output", str(path), "--joints", "left_elbow_pitch", "--duration", "1")
-    status, printed, complained = run("calibrate", _CHANNEL, *words)
+    status, printed, complained = _calibrate(run, path)
     assert status == 1
     assert complained == (
         "warning: left_elbow_pitch: swept outside its limits of -2.35619 to 0 rad: not used. Its direction, -1 in the "
@@ -125,7 +132,7 @@ def test_a_flipped_direction_is_warned_of_and_not_written(run, monkeypatch, tmp_
     )
     assert f"{path}: not written, no joint was calibrated" in printed
     assert not path.exists()
-    assert run("calibrate", _CHANNEL, *words, "--any-offset")[0] == 0
+    assert _calibrate(run, path, "--any-offset")[0] == 0
     assert load_calibration(path, _LITE).entries["left_elbow_pitch"].homing_offset == pytest.approx(-2.358, abs=1e-3)
 
 
@@ -141,11 +148,9 @@ def test_a_flipped_direction_is_warned_of_and_not_written(run, monkeypatch, tmp_
         ),
     ],
 )
-def test_a_sweep_that_is_not_from_stop_to_stop_is_not_used(run, monkeypatch, tmp_path, sweep, words, why):
+def test_a_sweep_that_is_not_from_stop_to_stop_is_not_used(run, monkeypatch, path, sweep, words, why):
     _seen(monkeypatch, sweep)
-    path = tmp_path / "calibration.yaml"
-    options = ("--output", str(path), "--joints", "left_elbow_pitch", "--duration", "1", *words)
-    status, _, complained = run("calibrate", _CHANNEL, *options)
+    status, _, complained = _calibrate(run, path, *words)
     assert (status, complained) == (1, f"warning: left_elbow_pitch: swept {why}\n")
     assert not path.exists()
 
@@ -184,38 +189,39 @@ def test_enter_ends_the_sweep_and_the_table_is_drawn_at_5_hz(run, motors, tmp_pa
     assert "left_elbow_pitch" in screen.getvalue()
 
 
-def test_ctrl_c_writes_nothing(run, motors, tmp_path, monkeypatch):
+def test_ctrl_c_writes_nothing(run, motors, path, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(tool, "_is_over", interrupt)
-    path = tmp_path / "calibration.yaml"
-    status, _, complained = run("calibrate", _CHANNEL, "--output", str(path), "--duration", "5")
+    status, _, complained = _calibrate(run, path, joints=(), duration=5)
     assert (status, complained) == (130, "interrupted\n")
     assert not path.exists()
 
 
-def test_status_3_where_a_motor_is_silent(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(tool, "_SILENT", 0.5)
-    path = tmp_path / "calibration.yaml"
-    channel = "virtual:bench-silent"
-    with VirtualMotors(_LITE, [channel], faults=[Fault("silent", ("left_wrist_yaw",))]):
-        status, _, complained = run("calibrate", channel, "--output", str(path), "--duration", "5")
-    assert status == 3
-    assert complained == f"error: left_wrist_yaw (motor 15) does not answer on {channel}\n"
+@pytest.mark.parametrize(
+    ("fault", "status", "problem"),
+    [
+        (Fault("silent", ("left_wrist_yaw",)), 3, "left_wrist_yaw (motor 15) does not answer on virtual:bench-fault"),
+        (Fault("bus_off", start=0.5), 2, "virtual:bench-fault: bus-off"),
+    ],
+)
+def test_a_silent_motor_or_a_channel_that_goes_down_ends_the_sweep(run, path, monkeypatch, fault, status, problem):
+    monkeypatch.setattr(tool, "_SILENT", 0.5 if status == 3 else tool._SILENT)
+    with VirtualMotors(_LITE, ["virtual:bench-fault"], faults=[fault]):
+        ended, _, complained = _calibrate(run, path, joints=(), channel="virtual:bench-fault", duration=20)
+    assert (ended, complained) == (status, f"error: {problem}\n")
     assert not path.exists()
 
 
-def test_where_nobody_answers_it_says_what_to_check(run, tmp_path, monkeypatch):
+def test_where_nobody_answers_it_says_what_to_check(run, path, monkeypatch):
     monkeypatch.setattr(tool, "_SILENT", 0.2)
-    path = tmp_path / "calibration.yaml"
-    channel = "virtual:bench-nobody"
-    status, _, complained = run("calibrate", channel, "--output", str(path), "--duration", "5")
+    status, _, complained = _calibrate(run, path, joints=(), channel="virtual:bench-nobody", duration=5)
     assert status == 3
     assert complained.splitlines() == [
         "check: a virtual channel exists inside one program only; two share udp_multicast:239.74.163.2 (python -m "
         "humanoid_sim.hardware emulate --channel udp_multicast:239.74.163.2)",
-        f"error: no motor answers on {channel}",
+        "error: no motor answers on virtual:bench-nobody",
     ]
     assert not path.exists()
 
@@ -235,15 +241,6 @@ def test_a_joint_that_was_silent_is_to_be_swept_again_until_it_has_been():
     assert unheard.split()[2:5] == ["-", "-", "-"]
 
 
-def test_a_channel_that_goes_down_ends_the_sweep(run, tmp_path):
-    path = tmp_path / "calibration.yaml"
-    channel = "virtual:bench-down"
-    with VirtualMotors(_LITE, [channel], faults=[Fault("bus_off", start=0.5)]):
-        status, _, complained = run("calibrate", channel, "--output", str(path), "--duration", "20")
-    assert (status, complained) == (2, f"error: {channel}: bus-off\n")
-    assert not path.exists()
-
-
 def test_a_motor_that_falls_silent_begins_its_sweep_anew():
     track = JointTrack()
     for time_heard, angle in ((0.0, -1.0), (0.1, 1.0), (0.9, 1.0)):
@@ -254,19 +251,16 @@ def test_a_motor_that_falls_silent_begins_its_sweep_anew():
     assert (track.sweep, track.restarts, track.is_silent(2.5)) == (Sweep(5.0, 5.0), 1, False)
 
 
-def test_a_silence_during_the_sweep_is_said(run, monkeypatch, tmp_path):
-    track = JointTrack(heard=time.monotonic(), sweep=Sweep(0.0, 0.1), restarts=1)
-    monkeypatch.setattr(tool, "_sweep", lambda *_: {3: track})
-    words = ("--output", str(tmp_path / "c.yaml"), "--joints", "left_elbow_pitch", "--duration", "1")
-    status, _, complained = run("calibrate", _CHANNEL, *words)
+def test_a_silence_during_the_sweep_is_said(run, monkeypatch, path):
+    _seen(monkeypatch, Sweep(0.0, 0.1), restarts=1)
+    status, _, complained = _calibrate(run, path)
     assert status == 1
     assert complained == "warning: fell silent during the sweep, which began anew: left_elbow_pitch\n"
 
 
-def test_an_existing_file_that_is_none_is_left_alone(run, motors, tmp_path):
-    path = tmp_path / "calibration.yaml"
+def test_an_existing_file_that_is_none_is_left_alone(run, motors, path):
     path.write_text("left_elbow_pitch: 3\n", encoding="utf-8")
-    status, _, complained = run("calibrate", _CHANNEL, "--output", str(path), "--duration", "5")
+    status, _, complained = _calibrate(run, path, joints=(), duration=5)
     assert status == 2
     assert "left_elbow_pitch: is 3, expected a mapping with id, direction, homing_offset" in complained
     assert path.read_text(encoding="utf-8") == "left_elbow_pitch: 3\n"

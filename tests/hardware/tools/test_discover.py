@@ -22,12 +22,9 @@ def test_every_motor_is_found_with_its_joint_and_firmware(run, table_rows):
     assert found[14][3:] == ["0.0.3.255", "(rs-00)", "left_elbow_pitch"]
     assert len({row[2] for row in found.values()}) == 14
     assert all(len(bytes.fromhex(row[2])) == 8 for row in found.values())
-
-
-def test_only_the_asked_ids_are_asked(run, table_rows):
     status, printed, _ = run("discover", _CHANNEL, "--first", "13", "--last", "14", "--wait", "0.1")
     assert status == 0
-    assert [row[1] for row in table_rows(printed)] == ["13", "14"]
+    assert [row[1] for row in table_rows(printed)] == ["13", "14"], "only the asked ids are asked"
 
 
 def test_status_3_where_nothing_answers(run):
@@ -52,9 +49,8 @@ def test_on_a_real_channel_it_says_what_to_measure(monkeypatch):
 
 
 def test_status_1_where_a_joint_is_missing(run):
-    status, _, complained = run(
-        "discover", _CHANNEL, "--first", "11", "--last", "26", "--wait", "0.03", "--robot", "lite"
-    )
+    words = ("--first", "11", "--last", "26", "--wait", "0.03", "--robot", "lite")
+    status, _, complained = run("discover", _CHANNEL, *words)
     assert status == 1
     assert complained == f"missing: right_wrist_pitch (motor 27 on {_CHANNEL})\n"
 

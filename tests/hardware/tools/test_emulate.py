@@ -12,17 +12,8 @@ CHANNEL = "udp_multicast:239.74.163.62"
 
 
 def test_it_says_what_happens_and_ends_with_a_summary(run):
-    status, out, err = run(
-        "emulate",
-        "--channel",
-        CHANNEL,
-        "--fault",
-        "over_temperature:14@0.05",
-        "--fault",
-        "silent@0.1",
-        "--duration",
-        "0.3",
-    )
+    faults = ("--fault", "over_temperature:14@0.05", "--fault", "silent@0.1")
+    status, out, err = run("emulate", "--channel", CHANNEL, *faults, "--duration", "0.3")
     assert (status, err) == (0, "")
     assert out.startswith(f"14 motors of lite on {CHANNEL}; ")
     assert re.search(r"0\.05\d s  left_elbow_pitch: motor_overtemperature", out)
@@ -72,13 +63,10 @@ def test_one_motor_alone_as_it_comes(run):
     assert err.startswith("error: unknown joint with a Robstride motor 'left_wrist_roll'")
 
 
-def test_without_a_channel_there_is_nowhere_to_be(run):
+def test_without_a_channel_there_is_nowhere_to_be_but_the_list_of_faults_needs_none(run):
     status, _, err = run("emulate", "--fault", "lost")
     assert status == 2
     assert err == "error: --channel: is not given, expected a channel such as vcan0 or udp_multicast:239.74.163.2\n"
-
-
-def test_the_list_of_faults(run):
     status, out, _ = run("emulate", "--fault", "help")
     assert status == 0
     assert "encoder_jump=1" in out

@@ -44,13 +44,9 @@ def test_what_a_motor_is_told_stays_within_the_torque_that_was_allowed(bench, mo
 
 
 def test_a_motor_without_a_torque_limit_is_not_enabled_with_torque(bench, motors, monkeypatch):
-    known = firmware.written_parameters
-    index = PARAMETERS["limit_torque"].index
-    monkeypatch.setattr(
-        firmware,
-        "written_parameters",
-        lambda state, i, payload: state.parameters if i == index else known(state, i, payload),
-    )
+    known, index = firmware.written_parameters, PARAMETERS["limit_torque"].index
+    stubborn = lambda state, i, payload: state.parameters if i == index else known(state, i, payload)  # noqa: E731
+    monkeypatch.setattr(firmware, "written_parameters", stubborn)
     with pytest.raises(RobotError, match=r"limit_torque reads 5\.5 N·m after 0\.5 was written"):  # noqa: SIM117
         with EnabledMotor(bench, torque=0.5):
             pass
@@ -94,19 +90,14 @@ def test_a_timeout_that_cannot_be_read_is_tried_out_without_torque(monkeypatch, 
     """Manuals that have 0x7021 to 0x7029 as write-only: the motor must have stopped by itself before it is driven."""
     told, known, hidden = [], firmware.written_parameters, PARAMETERS["canTimeout"].index
     if not is_taken:
-        monkeypatch.setattr(
-            firmware, "written_parameters", lambda state, i, value: known(state, 0 if i == hidden else i, value)
-        )
+        deaf = lambda state, i, value: known(state, 0 if i == hidden else i, value)  # noqa: E731
+        monkeypatch.setattr(firmware, "written_parameters", deaf)
+    settings, group = EmulationSettings(write_only=True), some_motors([(0, 15)], [str(_ADDRESS)], MOTORS["rs-05"])
     with (
         VirtualMotors(
-            load_robot("lite"),
-            [_ADDRESS],
-            settings=EmulationSettings(write_only=True),
-            told=lambda _, text: told.append(text),
+            load_robot("lite"), [_ADDRESS], settings=settings, told=lambda _, text: told.append(text)
         ) as motors,
-        open_bench(
-            [_ADDRESS], 0xFD, some_motors([(0, 15)], [str(_ADDRESS)], MOTORS["rs-05"]), open_channel=motors.open_bus
-        ) as channels,
+        open_bench([_ADDRESS], 0xFD, group, open_channel=motors.open_bus) as channels,
     ):
         if is_taken:
             with EnabledMotor(channels, torque=1.0) as motor:
@@ -116,10 +107,8 @@ def test_a_timeout_that_cannot_be_read_is_tried_out_without_torque(monkeypatch, 
                 EnabledMotor(channels, torque=1.0).__enter__()
         assert _nothing_runs(motors)
     words = [text.removeprefix("left_wrist_yaw: ") for text in told]
-    if is_taken:
-        assert words[-4:] == ["enabled", "stopped, in reset mode"] * 2
-    else:
-        assert words == ["enabled", "stopped, in reset mode"]
+    once = ["enabled", "stopped, in reset mode"]
+    assert (words[-4:] == once * 2) if is_taken else (words == once)
 
 
 def test_a_timeout_is_called_one(bench):
@@ -129,17 +118,14 @@ def test_a_timeout_is_called_one(bench):
             motor.command(0.0, 0.0, 0.0, 0.0)
 
 
-def _nothing_runs(motors):
-    states = []
+def _nothing_runs(motors, *, nor_was_written=False):
+    states, timeout = [], PARAMETERS["canTimeout"].index
     motors.call(lambda emulator: states.extend(emulator.motors.states))
-    return all(not state.is_running for state in states)
+    return not any(state.is_running or (nor_was_written and state.parameters[timeout] != 0) for state in states)
 
 
 def _nothing_was_written(motors):
-    states = []
-    motors.call(lambda emulator: states.extend(emulator.motors.states))
-    timeout = PARAMETERS["canTimeout"].index
-    return all(state.parameters[timeout] == 0 and not state.is_running for state in states)
+    return _nothing_runs(motors, nor_was_written=True)
 
 
 def test_a_motor_of_another_model_is_not_enabled(motors):

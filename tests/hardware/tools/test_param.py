@@ -32,16 +32,16 @@ def test_all_parameters_with_a_name_are_read(values):
     assert found["damper"] == "not"  # there, on an rs-05
 
 
-def test_named_parameters_are_read(values):
-    assert values("12", "vbus", "0x7026") == (0, {"VBUS": "48", "EPScan_time": "1"})
-
-
-def test_an_index_without_a_name_is_read_with_its_type(values):
-    assert values("12", "0x3022", "--type", "u32") == (0, {"0x3022": "0"})
-
-
-def test_status_1_where_a_motor_has_no_such_parameter(values):
-    assert values("12", "0x3999", "--type", "f32") == (1, {"0x3999": "not"})
+@pytest.mark.parametrize(
+    ("words", "read"),
+    [
+        (("12", "vbus", "0x7026"), (0, {"VBUS": "48", "EPScan_time": "1"})),
+        (("12", "0x3022", "--type", "u32"), (0, {"0x3022": "0"})),
+        (("12", "0x3999", "--type", "f32"), (1, {"0x3999": "not"})),  # a motor has no such parameter
+    ],
+)
+def test_parameters_are_read_by_name_or_by_index_and_type(values, words, read):
+    assert values(*words) == read
 
 
 def test_a_value_is_written_verified_and_said(run, values):
@@ -58,23 +58,21 @@ def test_a_value_that_the_motor_does_not_take_is_an_error(run):
     assert complained == f"error: motor 15 on {_CHANNEL}: damper reads nothing after 0 was written\n"
 
 
-def test_a_function_code_is_what_it_is_in_the_motors_model(run):
-    at = ("param", "set", _CHANNEL, "15")
-    assert run(*at, "0x3017", "1", "--type", "f32") == (
-        2,
-        "",
-        "error: 0x3017: is mechVel of an rs-05, which is read only\n",
-    )
-    assert run(*at, "0x3022", "0", "--type", "u32")[2] == (
-        "error: 0x3022: is fault_word of an rs-05, which is read only\n"
-    )
-    assert run(*at, "0x200C", "1e9", "--type", "u32")[2] == (
-        "error: stored canTimeout: is 1e+09, expected 0 to 100000\n"
-    )
-    assert run(*at, "0x200B", "1e9", "--type", "u32", "--model", "rs-04")[2] == (
-        "error: stored canTimeout: is 1e+09, expected 0 to 100000\n"
-    )
-    assert run(*at, "0x200C", "2000", "--type", "f32")[2] == "error: --type: is f32, stored canTimeout is a u32\n"
+STORED = "stored canTimeout: is 1e+09, expected 0 to 100000"
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (("0x3017", "1", "--type", "f32"), "0x3017: is mechVel of an rs-05, which is read only"),
+        (("0x3022", "0", "--type", "u32"), "0x3022: is fault_word of an rs-05, which is read only"),
+        (("0x200C", "1e9", "--type", "u32"), STORED),
+        (("0x200B", "1e9", "--type", "u32", "--model", "rs-04"), STORED),
+        (("0x200C", "2000", "--type", "f32"), "--type: is f32, stored canTimeout is a u32"),
+    ],
+)
+def test_a_function_code_is_what_it_is_in_the_motors_model(run, words, problem):
+    assert run("param", "set", _CHANNEL, "15", *words) == (2, "", f"error: {problem}\n")
 
 
 @pytest.mark.parametrize(

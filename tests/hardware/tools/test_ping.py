@@ -25,24 +25,21 @@ def test_a_motor_says_who_it_is_and_how_it_is(run, lite_motors):
     assert "position" not in values
 
 
-def test_the_status_is_read_enabled_and_the_motor_left_stopped(run, lite_motors):
-    status, printed, _ = run("ping", _CHANNEL, "13", "--count", "1", "--read-status")
+@pytest.mark.parametrize(("words", "model"), [((), "rs-00"), (("--model", "rs-03"), "rs-03")])
+def test_the_status_is_read_enabled_and_the_motor_left_stopped(run, lite_motors, words, model):
+    status, printed, _ = run("ping", _CHANNEL, "13", "--count", "1", "--read-status", *words)
     values = _values(printed)
-    assert status == 0
-    assert (values["model"], values["firmware"], values["faults"]) == ("rs-00", "0.0.3.255", "none")
+    assert (status, values["model"]) == (0, model)
+    if words:
+        return
+    assert (values["firmware"], values["faults"]) == ("0.0.3.255", "none")
     assert float(values["position"].split()[0]) == pytest.approx(float(values["mechPos"].split()[0]), abs=2e-3)
     assert abs(float(values["effort"].split()[0])) < 1e-3
     assert values["temperature"] == "25.0 °C"
     with motor_bench(_CHANNEL, 13, 0xFD) as channels:
         assert read_value(channels, PARAMETERS["canTimeout"]) == 0  # as before
         write_value(channels, PARAMETERS["zero_sta"], 0)
-        sample = channels.table.slots[0].sample
-        assert sample.status.mode.name == "RESET"
-
-
-def test_a_model_that_is_given_is_used(run, lite_motors):
-    status, printed, _ = run("ping", _CHANNEL, "13", "--count", "1", "--read-status", "--model", "rs-03")
-    assert (status, _values(printed)["model"]) == (0, "rs-03")
+        assert channels.table.slots[0].sample.status.mode.name == "RESET"
 
 
 def test_firmware_that_scales_gains_is_mentioned_where_none_are_asked_for(run):
@@ -55,19 +52,16 @@ def test_firmware_that_scales_gains_is_mentioned_where_none_are_asked_for(run):
     )
 
 
-def test_a_motor_in_another_run_mode_is_not_enabled(run):
-    with VirtualMotors(load_robot("lite"), ["virtual:bench-ping"]):
+def test_a_motor_in_another_run_mode_or_a_faulty_one_is_reported_and_left_stopped(run, inject):
+    words = ("ping", "virtual:bench-ping", "13", "--count", "1", "--read-status")
+    with VirtualMotors(load_robot("lite"), ["virtual:bench-ping"]) as motors:
         with motor_bench("virtual:bench-ping", 13, 0xFD) as channels:
             write_value(channels, PARAMETERS["run_mode"], 2)
-        status, printed, complained = run("ping", "virtual:bench-ping", "13", "--count", "1", "--read-status")
+        status, printed, complained = run(*words)
         assert status == 2
         assert "motor 13 on virtual:bench-ping: run_mode is 2, in which enabling may move it" in complained
         assert "temperature" not in printed
-
-
-def test_a_faulty_motor_is_reported_and_stopped(run, inject):
-    with VirtualMotors(load_robot("lite"), ["virtual:bench-ping"]) as motors:
+        with motor_bench("virtual:bench-ping", 13, 0xFD) as channels:
+            write_value(channels, PARAMETERS["run_mode"], 0)
         inject(motors, Fault("encoder_fault", ("left_shoulder_yaw",)))
-        status, _, complained = run("ping", "virtual:bench-ping", "13", "--count", "1", "--read-status")
-        assert status == 2
-        assert complained == "error: motor 13 on virtual:bench-ping: reports encoder_fault\n"
+        assert run(*words)[::2] == (2, "error: motor 13 on virtual:bench-ping: reports encoder_fault\n")

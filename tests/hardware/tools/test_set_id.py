@@ -43,39 +43,32 @@ def test_a_motor_that_has_the_id_is_left_alone(run):
     assert printed.endswith("it has the id 127 already: nothing was changed\n")
 
 
-def test_several_motors_are_refused_with_one_id_too(run):
-    with lone_motors(_CHANNEL, (3, 4)) as motors:
+@pytest.mark.parametrize("indices", [(3, 4), range(14)], ids=["with one id", "a whole robot"])
+def test_several_motors_are_refused(run, indices):
+    whole = len(indices) == 14
+    with VirtualMotors(load_robot("lite"), [_CHANNEL]) if whole else lone_motors(_CHANNEL, indices) as motors:
+        before = _ids(motors, *indices)
         status, _, complained = run("set-id", _CHANNEL, "14", "--yes")
-        assert _ids(motors, 3, 4) == [127, 127]
+        assert _ids(motors, *indices) == before == ([*range(11, 18), *range(21, 28)] if whole else [127, 127])
     assert status == 2
-    assert complained.startswith(f"error: {_CHANNEL}: 2 motors answer, expected one alone on the bus: 127 (unique id ")
+    found = f"{len(indices)} motors answer, expected one alone on the bus: {before[0]} (unique id "
+    assert complained.startswith(f"error: {_CHANNEL}: {found}")
 
 
-def test_a_whole_robot_is_refused(run):
-    with VirtualMotors(load_robot("lite"), [_CHANNEL]) as motors:
-        status, _, complained = run("set-id", _CHANNEL, "14", "--yes")
-        assert _ids(motors, 0, 13) == [11, 27]
-    assert status == 2
-    assert "14 motors answer, expected one alone on the bus: 11 (unique id " in complained
+ANSWERS = {"yes\n": "", "y\n": "the id was not changed: not confirmed", "": "the id was not changed: not confirmed"}
 
 
-@pytest.mark.parametrize(("answer", "expected"), [("yes\n", (0, 14)), ("y\n", (2, 127)), ("", (2, 127))])
-def test_an_operator_confirms(run, monkeypatch, answer, expected):
-    terminal = io.StringIO(answer)
-    monkeypatch.setattr(terminal, "isatty", lambda: True)
+@pytest.mark.parametrize(
+    ("answer", "problem"), [*ANSWERS.items(), (None, "--yes: is needed where standard input is not a terminal")]
+)
+def test_an_operator_confirms(run, monkeypatch, answer, problem):
+    terminal = io.StringIO(answer or "")
+    monkeypatch.setattr(terminal, "isatty", lambda: answer is not None)
     monkeypatch.setattr("sys.stdin", terminal)
     with lone_motors(_CHANNEL) as motors:
         status, _, complained = run("set-id", _CHANNEL, "14")
-        assert (status, *_ids(motors, 3)) == expected
-    assert complained == ("" if status == 0 else "error: the id was not changed: not confirmed\n")
-
-
-def test_without_a_terminal_and_yes_nothing_is_changed(run, monkeypatch):
-    monkeypatch.setattr("sys.stdin", io.StringIO())
-    with lone_motors(_CHANNEL) as motors:
-        status, _, complained = run("set-id", _CHANNEL, "14")
-        assert _ids(motors, 3) == [127]
-    assert (status, complained) == (2, "error: --yes: is needed where standard input is not a terminal\n")
+        assert (status, *_ids(motors, 3)) == ((2, 127) if problem else (0, 14))
+    assert complained == (f"error: {problem}\n" if problem else "")
 
 
 @pytest.mark.parametrize(("lost", "expected"), [(2, 0), (3, 2)])

@@ -206,13 +206,8 @@ def test_an_encoder_that_is_off_moves_the_motor_as_well():
 
 
 def test_an_imu_that_is_off_stays_off_by_the_same():
-    off = BatchSimulation(
-        BIPED,
-        8,
-        control_period=PERIOD,
-        threads=1,
-        randomisation=Randomisation(orientation_bias=0.05, angular_velocity_bias=0.1, linear_acceleration_bias=0.2),
-    )
+    biases = Randomisation(orientation_bias=0.05, angular_velocity_bias=0.1, linear_acceleration_bias=0.2)
+    off = BatchSimulation(BIPED, 8, control_period=PERIOD, threads=1, randomisation=biases)
     errors = []
     for _ in range(2):
         true, seen = off.truth(), off.state()
@@ -220,14 +215,13 @@ def test_an_imu_that_is_off_stays_off_by_the_same():
         angle = 2.0 * np.arccos(np.minimum(dot, 1.0))
         assert 0.01 < angle.max() < 0.05 * np.sqrt(3.0) + 1e-6
         # It feels gravity where it takes the vertical to be.
-        lag = rotate_inverse(seen.imu_quaternion, np.array([0.0, 0.0, 9.81]))
-        true_lag = rotate_inverse(true.imu_quaternion, np.array([0.0, 0.0, 9.81]))
-        np.testing.assert_allclose(
-            np.linalg.norm(true.imu_linear_acceleration - true_lag, axis=1),
-            np.linalg.norm(seen.imu_linear_acceleration - lag, axis=1),
-            rtol=0,
-            atol=0.2 * np.sqrt(3.0),
-        )
+        felt = [
+            np.linalg.norm(
+                state.imu_linear_acceleration - rotate_inverse(state.imu_quaternion, np.array([0.0, 0.0, 9.81])), axis=1
+            )
+            for state in (true, seen)
+        ]
+        np.testing.assert_allclose(*felt, rtol=0, atol=0.2 * np.sqrt(3.0))
         errors.append(angle)
         off.step(MITCommand.zeros(8, 14))
     np.testing.assert_allclose(*errors, rtol=0, atol=1e-9)
@@ -278,11 +272,6 @@ def test_pushes_speed_a_robot_up_by_what_was_drawn_once_in_every_interval():
     assert np.abs(pushed.base.linear_velocity - still.base.linear_velocity)[:, :2].max() > 0.1
 
 
-def test_a_fixed_base_cannot_be_pushed():
-    with pytest.raises(InputError, match="push: 'lite' has a fixed base, which no push moves"):
-        batch(1, Randomisation(push=(0.1, 0.2)))
-
-
 def test_factors_on_gains_are_the_motors():
     weak = batch(1, Randomisation(stiffness=(0.5, 0.5), damping=(0.25, 0.25)))
     reference = batch(1, Randomisation())
@@ -300,17 +289,14 @@ def test_factors_on_gains_are_the_motors():
 def test_noise_is_seen_and_not_felt():
     step = 0.0005  # as little physics as there can be
     quiet = batch(200, Randomisation(), period=step)
-    noisy = batch(
-        200,
-        Randomisation(
-            joint_position_noise=0.01,
-            joint_velocity_noise=0.1,
-            orientation_noise=0.02,
-            angular_velocity_noise=0.3,
-            linear_acceleration_noise=0.5,
-        ),
-        period=step,
-    )
+    deviations = {
+        "joint_position": 0.01,
+        "joint_velocity": 0.1,
+        "imu_angular_velocity": 0.3,
+        "imu_linear_acceleration": 0.5,
+    }
+    noises = {f"{name.removeprefix('imu_')}_noise": deviation for name, deviation in deviations.items()}
+    noisy = batch(200, Randomisation(orientation_noise=0.02, **noises), period=step)
     reports = []
     for _ in range(2):
         quiet.step(hold(200))
@@ -318,12 +304,7 @@ def test_noise_is_seen_and_not_felt():
         np.testing.assert_array_equal(quiet.qpos, noisy.qpos)
         true, seen = quiet.state(), noisy.state()
         np.testing.assert_array_equal(true.joint_effort, seen.joint_effort)
-        for name, deviation in (
-            ("joint_position", 0.01),
-            ("joint_velocity", 0.1),
-            ("imu_angular_velocity", 0.3),
-            ("imu_linear_acceleration", 0.5),
-        ):
+        for name, deviation in deviations.items():
             error = getattr(seen, name) - getattr(true, name)
             assert error.std() == pytest.approx(deviation, rel=0.1)
             assert error.mean() == pytest.approx(0.0, abs=0.1 * deviation)
@@ -358,10 +339,9 @@ def test_a_bad_value_is_named(options, message):
         Randomisation(**options)
 
 
-def test_jitter_is_in_whole_physics_steps():
+def test_what_does_not_fit_the_robot_is_named_and_ranges_of_lists_are_tuples():
     with pytest.raises(InputError, match=r"command_jitter: 0\.0007 s is not a multiple of the physics step"):
         batch(1, Randomisation(command_jitter=0.0007))
-
-
-def test_ranges_of_lists_are_tuples():
+    with pytest.raises(InputError, match="push: 'lite' has a fixed base, which no push moves"):
+        batch(1, Randomisation(push=(0.1, 0.2)))
     assert Randomisation(mass=[0.5, 1]).mass == (0.5, 1.0)

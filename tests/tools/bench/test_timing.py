@@ -47,11 +47,12 @@ def test_a_row_of_repetitions_is_their_median_and_range():
     assert row_of("x", [3.0, 1.0, 7.0], "µs") == Row("x", 3.0, "µs", 1.0, 7.0)
 
 
-@pytest.mark.parametrize(("value", "target", "met"), [(2.5, 2.5, True), (2.51, 2.5, False), (99.0, None, True)])
-def test_a_target_is_an_upper_bound(value, target, met):
-    assert Row("x", value, "ratio", 0.0, 100.0, target).is_met == met
-
-
-@pytest.mark.parametrize(("value", "target", "met"), [(1.9, 1.9, True), (1.89, 1.9, False), (0.1, None, True)])
-def test_a_target_of_a_speed_is_a_lower_bound(value, target, met):
-    assert Row("x", value, "ratio", 0.0, 100.0, target, at_least=True).is_met == met
+@pytest.mark.parametrize(
+    ("value", "target", "at_least", "met"),
+    [
+        (2.5, 2.5, False, True), (2.51, 2.5, False, False), (99.0, None, False, True),
+        (1.9, 1.9, True, True), (1.89, 1.9, True, False), (0.1, None, True, True),
+    ],
+)  # fmt: skip
+def test_a_target_is_an_upper_bound_and_that_of_a_speed_a_lower_one(value, target, at_least, met):
+    assert Row("x", value, "ratio", 0.0, 100.0, target, at_least=at_least).is_met == met
