@@ -4,15 +4,17 @@ import fcntl
 import os
 import pty
 import signal
+import struct
 import subprocess
 import sys
+import termios
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
-from humanoid_sim import replay
+from humanoid_sim import mode, replay
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode, TickRecord
@@ -22,7 +24,8 @@ from humanoid_sim.play.run import bring_up
 from humanoid_sim.recording.reader import open_recording
 
 SCRIPT = "damp; load_a; wait; start_locomotion; hold 60"
-OPTIONS = ("--policy", "placeholder", "--pace", "realtime")
+PLACEHOLDER = ("--policy", "placeholder")  # which loads no network
+OPTIONS = (*PLACEHOLDER, "--pace", "realtime")
 
 
 def usual_signals():
@@ -133,7 +136,7 @@ def test_a_run_under_nohup_outlives_its_terminal(folder, quick):
     code = (
         "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); from humanoid_sim.play import main; "
         f"sys.exit(main(['--robot', {quick!r}, '--script', 'hold 1', '--pace', 'realtime', '--viewer', 'none', "
-        "'--record', 'none']))"
+        "'--record', 'none', '--policy', 'placeholder']))"
     )
     with subprocess.Popen([sys.executable, "-c", code], cwd=folder, stdout=subprocess.PIPE, text=True) as process:
         wait_for(process, "ZERO_TORQUE")
@@ -146,7 +149,7 @@ def test_a_run_under_nohup_outlives_its_terminal(folder, quick):
 def test_the_keyboard_drives_a_run(folder, quick):
     master, slave = pty.openpty()
     try:
-        with playing(folder, "--robot", quick, "--manual", stdin=slave) as process:
+        with playing(folder, "--robot", quick, "--manual", *PLACEHOLDER, stdin=slave) as process:
             os.close(slave)
             out = wait_for(process, "started")
             assert "keys: space or d DAMP, a LOAD_A" in out
@@ -168,25 +171,23 @@ def test_the_keyboard_drives_a_run(folder, quick):
     assert ticks[-1].output.quit
 
 
-def test_an_operator_in_another_terminal_takes_over(folder, quick):
-    def mode(word, session, status=0):
-        command = [sys.executable, "-m", "humanoid_sim.mode", word, "--session", str(session)]
-        result = subprocess.run(command, check=False, capture_output=True, text=True)
-        assert result.returncode == status
-        return result.stdout.partition("): ")[2]
+def test_an_operator_in_another_terminal_takes_over(folder, quick, capfd):
+    def ask(word, status=0):
+        assert run_program(mode.main, [word, "--session", str(process.pid)]) == status
+        return capfd.readouterr().out.partition("): ")[2]
 
-    with playing(folder, "--robot", quick, "--script", "damp; hold 60; load_a", "--pace", "realtime") as process:
+    with playing(folder, "--robot", quick, "--script", "damp; hold 60; load_a", *OPTIONS) as process:
         wait_for(process, "DAMPING")
-        assert mode("load_b", process.pid).startswith("STANDBY (standby_controller_b): LOAD_B requested")
-        assert "QUIT refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY" in mode("quit", process.pid, status=1)
-        assert mode("damp", process.pid).startswith("DAMPING")
-        mode("quit", process.pid)
+        assert ask("load_b").startswith("STANDBY (standby_controller_b): LOAD_B requested")
+        assert "QUIT refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY" in ask("quit", status=1)
+        assert ask("damp").startswith("DAMPING")
+        ask("quit")
         finished(process)
     assert process.returncode == 0
 
 
 def test_a_reader_that_leaves_does_not_stop_the_run(folder, quick):
-    with playing(folder, "--robot", quick, "--script", "damp; hold 1", "--summary", "s.json", *OPTIONS) as process:
+    with playing(folder, "--robot", quick, "--script", "damp; hold 0.5", "--summary", "s.json", *OPTIONS) as process:
         wait_for(process, "DAMPING")
         process.stdout.close()
         process.wait(timeout=30.0)
@@ -201,7 +202,7 @@ def test_a_reader_that_is_gone_before_anything_is_printed_does_not_keep_a_run_fr
     read, write = os.pipe()
     os.close(read)
     options = ["--viewer", "none", "--record", "r.mcap", "--robot", quick, "--script", "damp; hold 0.2"]
-    command = [sys.executable, "-m", "humanoid_sim.play", *options]
+    command = [sys.executable, "-m", "humanoid_sim.play", *options, *PLACEHOLDER]
     run = subprocess.run(command, cwd=folder, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
     os.close(write)
     assert (run.returncode, run.stderr) == (0, "")
@@ -252,7 +253,7 @@ def report(*arguments):
     before(*arguments)
 run.print_report = report
 options = ["--viewer", "none", "--record", "none", "--summary", "s.json", "--snapshot", "p.png", "--script", "hold 0.1"]
-sys.exit(run_program(main, [*options, "--robot", {quick!r}]))"""
+sys.exit(run_program(main, [*options, "--policy", "placeholder", "--robot", {quick!r}]))"""
     run = subprocess.run([sys.executable, "-c", line], cwd=folder, capture_output=True, text=True, check=False)
     assert run.returncode == 1
     assert run.stderr == "failed: standard output cannot be written: No space left on device\n"
@@ -276,7 +277,7 @@ def unread(folder, *options):
         preexec_fn=usual_signals,  # noqa: PLW1509
     ) as process:
         try:
-            yield process
+            yield process, read
         finally:
             process.kill()
             os.close(read)
@@ -288,7 +289,7 @@ CHATTER = "; ".join(["damp", "hold 0.05", "load_a", "hold 0.05"] * 20)
 
 def test_a_pipe_that_nobody_reads_does_not_keep_a_run_from_ending(folder, quick):
     options = ("--robot", quick, "--script", CHATTER, "--pace", "fast", "--summary", "s.json")
-    with unread(folder, *options) as process:
+    with unread(folder, *options) as (process, _):
         _, err = process.communicate(timeout=40.0)
     assert process.returncode == 1
     assert err == "failed: console: did not finish within 5 s\n"
@@ -297,10 +298,14 @@ def test_a_pipe_that_nobody_reads_does_not_keep_a_run_from_ending(folder, quick)
 
 
 def test_a_signal_after_the_robot_is_closed_ends_the_process(folder, quick):
-    with unread(folder, "--robot", quick, "--script", f"{CHATTER}; hold 60", *OPTIONS) as process:
-        time.sleep(5.0)
-        process.send_signal(signal.SIGINT)
-        time.sleep(3.0)  # for the arms to rest, or longer; then nothing but the console is left to close
+    options = ("--robot", quick, "--script", f"{CHATTER}; hold 60", "--pace", "realtime")
+    with unread(folder, *options) as (process, pipe):
+        waiting = [0]
+        while len(waiting) < 4 or not 2596 < waiting[-4] == waiting[-1]:  # until nothing more fits into it
+            assert len(waiting) < 300
+            time.sleep(0.2)
+            waiting.append(struct.unpack("i", fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)))[0])
+        # The first ends the run and the second does not wait for rest; then only the console is left to close.
         for _ in range(100):
             process.send_signal(signal.SIGINT)
             with suppress(subprocess.TimeoutExpired):
