@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from recorded_run import COUNT, PERIOD, Wobble, run
+from recorded_run import COUNT, PERIOD, Wobble, run, wobbled
 from recording_samples import write_recording
 
 from humanoid_sim.cli import run_program
@@ -22,7 +22,7 @@ from humanoid_sim.stack import rebuild_supervisor
 
 @pytest.fixture(scope="module")
 def sample():
-    return run(Wobble())
+    return wobbled()
 
 
 @pytest.fixture
@@ -69,7 +69,7 @@ def test_a_policy_that_failed_fails_again(recorded, capsys):
     ],
 )
 def test_the_kind_of_an_event_says_whether_the_stack_began_again(recorded, event, begins_again):
-    header, ticks = run(Wobble())
+    header, ticks = wobbled()
     starts = []
 
     def build(header, policy):
@@ -83,7 +83,7 @@ def test_the_kind_of_an_event_says_whether_the_stack_began_again(recorded, event
 @pytest.mark.parametrize("reason", [STARTED, NOT_DRIVEN])
 def test_a_fresh_start_is_repeated_with_its_reason(recorded, reason):
     """The reason is that of the run; everything else of the tick is computed again."""
-    header, ticks = run(Wobble())
+    header, ticks = wobbled()
     stack = rebuild_supervisor(header, Wobble())
     _, output = stack.step(stack.initial(reason), replace(ticks[0].input, intents=()))
     assert output.control_mode.status_message == reason
