@@ -34,16 +34,18 @@ def usual_signals():
         signal.signal(number, signal.SIG_DFL)
 
 
+PLAY = (sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap")
+
+
 @contextmanager
-def playing(folder, *options, stdin=None):
+def playing(folder, *options, stdin=None, stdout=subprocess.PIPE, stderr=subprocess.STDOUT):
     """A process that plays and records into `r.mcap`; killed at the end if it still runs."""
-    command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", *options]
     with subprocess.Popen(
-        command,
+        [*PLAY, *options],
         cwd=folder,
         stdin=stdin,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
+        stdout=stdout,
+        stderr=stderr,
         text=True,
         preexec_fn=usual_signals,  # noqa: PLW1509 - no thread of the tests runs here
     ) as process:
@@ -201,8 +203,7 @@ def test_a_reader_that_leaves_does_not_stop_the_run(folder, quick):
 def test_a_reader_that_is_gone_before_anything_is_printed_does_not_keep_a_run_from_running(folder, quick):
     read, write = os.pipe()
     os.close(read)
-    options = ["--viewer", "none", "--record", "r.mcap", "--robot", quick, "--script", "damp; hold 0.2"]
-    command = [sys.executable, "-m", "humanoid_sim.play", *options, *PLACEHOLDER]
+    command = [*PLAY, "--robot", quick, "--script", "damp; hold 0.2", *PLACEHOLDER]
     run = subprocess.run(command, cwd=folder, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
     os.close(write)
     assert (run.returncode, run.stderr) == (0, "")
@@ -227,7 +228,7 @@ def test_a_question_that_nobody_reads_enables_nothing(monkeypatch):
 
 
 def test_an_output_that_is_full_is_noticed_before_anything_moves(folder, quick):
-    command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", "--robot", quick]
+    command = [*PLAY, "--robot", quick]
     with Path("/dev/full").open("w") as full:
         run = subprocess.run(command, cwd=folder, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert (run.returncode, run.stderr) == (1, "error: standard output cannot be written: No space left on device\n")
@@ -266,22 +267,13 @@ def unread(folder, *options):
     """A process that plays into a pipe that nobody reads, with room for the introduction but not for the run."""
     read, write = os.pipe()
     size = fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
-    command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", *options]
     os.write(write, b" " * (size - 1500))
-    with subprocess.Popen(
-        command,
-        cwd=folder,
-        stdout=write,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=usual_signals,  # noqa: PLW1509
-    ) as process:
-        try:
+    try:
+        with playing(folder, *options, stdout=write, stderr=subprocess.PIPE) as process:
             yield process, read
-        finally:
-            process.kill()
-            os.close(read)
-            os.close(write)
+    finally:
+        os.close(read)
+        os.close(write)
 
 
 CHATTER = "; ".join(["damp", "hold 0.05", "load_a", "hold 0.05"] * 20)
