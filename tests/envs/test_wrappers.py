@@ -55,7 +55,8 @@ def test_normalize_observation():
     assert envs.obs_rms.count == pytest.approx(21 * COUNT, abs=1e-3)
 
 
-def test_pictures_of_a_vector_are_those_of_its_environments():
+def test_pictures_of_a_vector_are_those_of_its_environments(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "off")  # OpenGL in software takes seconds; tests/rendering compares the two
     size = {"render_mode": "rgb_array", "width": 48, "height": 32}
     env, envs = single(**size), several(**size)
     env.reset(seed=1)
