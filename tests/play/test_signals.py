@@ -4,18 +4,18 @@ import fcntl
 import os
 import pty
 import signal
-import struct
 import subprocess
 import sys
-import termios
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
+from waiting import until
 
 from humanoid_sim import mode, replay
 from humanoid_sim.cli import run_program
+from humanoid_sim.client import Feed, running_sessions
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.play.console import PlayConsole
@@ -270,10 +270,16 @@ def unread(folder, *options):
     os.write(write, b" " * (size - 1500))
     try:
         with playing(folder, *options, stdout=write, stderr=subprocess.PIPE) as process:
-            yield process, read
+            yield process
     finally:
         os.close(read)
         os.close(write)
+
+
+def running(process):
+    """Its session, once others can find it."""
+    assert process.poll() is None
+    return next((session for session in running_sessions() if session.process == process.pid), None)
 
 
 CHATTER = "; ".join(["damp", "hold 0.05", "load_a", "hold 0.05"] * 20)
@@ -281,7 +287,7 @@ CHATTER = "; ".join(["damp", "hold 0.05", "load_a", "hold 0.05"] * 20)
 
 def test_a_pipe_that_nobody_reads_does_not_keep_a_run_from_ending(folder, quick):
     options = ("--robot", quick, "--script", CHATTER, "--pace", "fast", "--summary", "s.json")
-    with unread(folder, *options) as (process, _):
+    with unread(folder, *options) as process:
         _, err = process.communicate(timeout=40.0)
     assert process.returncode == 1
     assert err == "failed: console: did not finish within 5 s\n"
@@ -291,12 +297,14 @@ def test_a_pipe_that_nobody_reads_does_not_keep_a_run_from_ending(folder, quick)
 
 def test_a_signal_after_the_robot_is_closed_ends_the_process(folder, quick):
     options = ("--robot", quick, "--script", f"{CHATTER}; hold 60", "--pace", "realtime")
-    with unread(folder, *options) as (process, pipe):
-        waiting = [0]
-        while len(waiting) < 4 or not 2596 < waiting[-4] == waiting[-1]:  # until nothing more fits into it
-            assert len(waiting) < 300
-            time.sleep(0.2)
-            waiting.append(struct.unpack("i", fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)))[0])
+    with unread(folder, *options) as process:
+        with Feed(until(lambda: running(process))) as feed:
+
+            def has_said_all():
+                tick = feed.latest()
+                return tick is not None and feed.decode(tick)["time"] > 3.0
+
+            until(has_said_all)
         # The first ends the run and the second does not wait for rest; then only the console is left to close.
         for _ in range(100):
             process.send_signal(signal.SIGINT)
