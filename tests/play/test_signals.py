@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -298,19 +298,19 @@ def test_a_pipe_that_nobody_reads_does_not_keep_a_run_from_ending(folder, quick)
 def test_a_signal_after_the_robot_is_closed_ends_the_process(folder, quick):
     options = ("--robot", quick, "--script", f"{CHATTER}; hold 60", "--pace", "realtime")
     with unread(folder, *options) as process:
-        with Feed(until(lambda: running(process))) as feed:
+        session = until(lambda: running(process))
+        with Feed(session) as feed:
 
             def has_said_all():
                 tick = feed.latest()
                 return tick is not None and feed.decode(tick)["time"] > 3.0
 
             until(has_said_all)
-        # The first ends the run and the second does not wait for rest; then only the console is left to close.
-        for _ in range(100):
-            process.send_signal(signal.SIGINT)
-            with suppress(subprocess.TimeoutExpired):
-                _, err = process.communicate(timeout=0.5)
-                break
+        process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGINT)  # does not wait for rest
+        until(lambda: not Path(session.intents).exists())  # closed after the robot; the console is yet to close
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=40.0)
     assert process.returncode in (130, -signal.SIGINT)  # by itself, or by one signal more as Python ends
     assert "did not finish" not in err
     assert "Traceback" not in err
