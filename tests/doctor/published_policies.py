@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from published import HOLOSOMA_REST, POLICIES
+from published import G1, HOLOSOMA_REST, POLICIES, TRACES
 
 from humanoid_sim.assets import policy_path
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy
@@ -13,9 +13,7 @@ from humanoid_sim.doctor.examined_policy import load_examined as load
 from humanoid_sim.robots.description import load_robot
 
 CHECKPOINTS = {
-    "unitree": "unitree_g1_velocity_v0/exported/policy.onnx",
-    "waltz": "beyondmimic_g1/Waltz.onnx",
-    "holosoma": "holosoma_g1_loco/ppo_g1_29dof.onnx",
+    **{name: TRACES[name][0] for name in ("unitree", "waltz", "holosoma")},
     "berkeley": "berkeley_humanoid_lite_biped_50hz/checkpoints/policy_biped_50hz.onnx",
     "playground": "playground_berkeley_humanoid/bh_policy.onnx",
 }
@@ -25,7 +23,6 @@ ROBOTS = {
     "berkeley": "models/berkeley_humanoid_lite_biped/scene.xml",
     "playground": "models/playground_berkeley_humanoid/scene_native.xml",
 }
-G1 = "models/unitree_g1/scene.xml"
 
 
 def playground_contract() -> dict[str, Any]:

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -24,9 +25,10 @@ MOST = 140
 """The space is bounded: a search has to end."""
 
 
-@pytest.fixture(params=sorted(CONTRACTS))
-def contract(request):
-    return CONTRACTS[request.param]()
+@cache
+def space(name):
+    """The single edits of a sample contract, which does not change."""
+    return singles(CONTRACTS[name](), FACTS)
 
 
 def named(found, name):
@@ -40,12 +42,13 @@ def cures(wrong, right):
     return [cause for found in singles(wrong, FACTS) if contract_key(found.contract) == key for cause in found.causes]
 
 
-def test_every_single_edit_changes_something_and_no_two_the_same(contract):
-    found = singles(contract, FACTS)
+@pytest.mark.parametrize("name", sorted(CONTRACTS))
+def test_every_single_edit_changes_something_and_no_two_the_same(name):
+    found = space(name)
     assert FEWEST <= len(found) <= MOST
     wirings = {hypothesis.name: contract_key(hypothesis.contract) for hypothesis in found}
     assert len(wirings) == len(found) == len(set(wirings.values()))
-    assert contract_key(contract) not in wirings.values()
+    assert contract_key(CONTRACTS[name]()) not in wirings.values()
     for hypothesis in found:
         assert len(hypothesis.explanation) > 10
         assert "\n" not in hypothesis.explanation
@@ -59,7 +62,7 @@ def test_the_present_contract_is_a_hypothesis_without_edits():
 
 
 def test_what_the_issue_lists_is_in_the_space():
-    causes = {cause for make in CONTRACTS.values() for h in singles(make(), FACTS) for cause in h.causes}
+    causes = {cause for name in CONTRACTS for h in space(name) for cause in h.causes}
     assert causes >= {
         "joint order", "term order", "projected_gravity sign", "base_ang_vel frame", "base_lin_vel frame",
         "motion_anchor_pos_b frame", "anchor body", "motion_anchor_ori_b layout", "motion_anchor_ori_b direction",
@@ -123,7 +126,7 @@ def test_the_action_scale_of_a_g1_follows_from_its_gains_where_its_model_has_no_
 
 
 def test_names_in_another_order_keep_the_values_in_their_places():
-    changed = named(singles(walker(), FACTS), "joint order the robot's, values stay in place")
+    changed = named(space("walker"), "joint order the robot's, values stay in place")
     assert changed.joint_names == JOINTS
     np.testing.assert_array_equal(changed.joint_stiffness, walker().joint_stiffness)
     # Place by place: left_knee was third, right_hip is now.
@@ -132,7 +135,7 @@ def test_names_in_another_order_keep_the_values_in_their_places():
 
 
 def test_an_observation_in_another_order_takes_the_values_along():
-    changed = named(singles(walker(), FACTS), "joint order the robot's, values move along")
+    changed = named(space("walker"), "joint order the robot's, values move along")
     assert changed.joint_names == JOINTS
     assert changed.joint_stiffness.tolist() == [40.0, 42.0, 41.0, 43.0]
     assert changed.default_joint_pos.tolist() == [-0.1, 0.3, -0.2, 0.4]
@@ -144,7 +147,7 @@ def test_an_observation_in_another_order_takes_the_values_along():
 
 
 def test_values_listed_in_another_order_find_their_joints():
-    changed = named(singles(walker(), FACTS), "gains listed in the robot's order")
+    changed = named(space("walker"), "gains listed in the robot's order")
     # The list 40, 41, 42, 43 was meant for left_hip, left_knee, right_hip, right_knee.
     assert dict(zip(changed.joint_names, changed.joint_stiffness.tolist(), strict=True)) == {
         "left_hip": 40.0,
@@ -155,7 +158,7 @@ def test_values_listed_in_another_order_find_their_joints():
 
 
 def test_a_new_default_pose_moves_the_action_with_it():
-    changed = named(singles(walker(), FACTS), "default pose the robot's initial position")
+    changed = named(space("walker"), "default pose the robot's initial position")
     assert changed.default_joint_pos.tolist() == [0.1, 0.1, 0.2, 0.2]
     assert np.asarray(changed.action_offset).tolist() == [0.2, 0.1, 0.1]
     absolute = replace(walker(), action_offset=0.0)
@@ -177,7 +180,7 @@ def test_mirrored_names():
 
 
 def test_a_joint_that_turns_the_other_way_is_found_again():
-    changed = named(singles(walker(), FACTS), "left_hip turned round")
+    changed = named(space("walker"), "left_hip turned round")
     assert changed.action_scale.tolist() == [0.5, -0.6, 0.7]
     assert changed.default_joint_pos.tolist() == [0.1, -0.2, 0.3, 0.4]
     assert np.asarray(changed.action_offset).tolist() == [0.3, 0.1, -0.2]
@@ -212,9 +215,8 @@ def test_gains_that_are_alike_on_both_sides_stay_so():
 
 
 def test_pairs_are_of_two_causes_and_begin_with_the_most_promising():
-    contract = tracker()
-    ranked = singles(contract, FACTS)
-    found = list(pairs(contract, ranked))
+    ranked = space("tracker")
+    found = list(pairs(tracker(), ranked))
     assert len(found) > len(ranked)
     assert all(len(pair.edits) == len(set(pair.causes)) == 2 for pair in found)
     place = {hypothesis.name: i * (4 if hypothesis.is_detail else 1) for i, hypothesis in enumerate(ranked, 1)}
@@ -233,7 +235,7 @@ def test_two_mistakes_are_undone_by_a_pair():
 
 
 def test_an_order_of_terms_leaves_what_else_is_changed_about_them():
-    found = {h.name: h for h in singles(walker(), FACTS)}
+    found = {h.name: h for h in space("walker")}
     flipped, swapped = (
         found["projected_gravity sign flipped"],
         found["terms base_ang_vel and projected_gravity swapped"],
@@ -245,7 +247,7 @@ def test_an_order_of_terms_leaves_what_else_is_changed_about_them():
 
 
 def test_the_models_own_damping_is_a_hypothesis_where_there_is_one():
-    assert not any("model's joint damping" in hypothesis.name for hypothesis in singles(walker(), FACTS))
+    assert not any("model's joint damping" in hypothesis.name for hypothesis in space("walker"))
     robot = replace(FACTS, own_damping={"left_hip": 0.5})
     assert named(singles(walker(), robot), "the model's joint damping dropped").model_joint_damping == "drop"
     dropped = replace(walker(), model_joint_damping="drop")

@@ -1,5 +1,7 @@
 """Every deliberate mistake of the published policies as a wrong contract: it loses the robot or leaves its figures."""
 
+from functools import cache
+
 import pytest
 from mistakes import MISTAKES, MJCF_JOINTS
 from published import needs_policies
@@ -23,6 +25,18 @@ def trials(tmp_path_factory):
     return {name: TrialRunner(load_examined(name, tmp_path_factory.mktemp(name))) for name in TRIALS}
 
 
+@pytest.fixture(scope="module")
+def outcome_of(trials):
+    """What becomes of a robot with one of the mistakes."""
+
+    @cache
+    def outcome(mistake):
+        tried = trials[mistake.policy]
+        return tried.run(mistake.edit(tried.examined.contract), TRIALS[mistake.policy])
+
+    return outcome
+
+
 def within_band(policy, outcome):
     parts = outcome.quality
     return not outcome.lost and all(
@@ -37,10 +51,8 @@ def test_the_right_contract_stays_within_its_figures(policy, trials):
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: f"{mistake.policy}: {mistake.name}")
-def test_a_mistake_loses_the_robot_or_leaves_its_figures(mistake, trials):
-    tried = trials[mistake.policy]
-    outcome = tried.run(mistake.edit(tried.examined.contract), TRIALS[mistake.policy])
-    assert not within_band(mistake.policy, outcome)
+def test_a_mistake_loses_the_robot_or_leaves_its_figures(mistake, outcome_of):
+    assert not within_band(mistake.policy, outcome_of(mistake))
 
 
 @pytest.mark.parametrize(
@@ -55,11 +67,10 @@ def test_a_mistake_loses_the_robot_or_leaves_its_figures(mistake, trials):
         ("holosoma", "action scale 1", 0.3, 0.7),
     ],
 )
-def test_robots_fall_when_the_readme_says(policy, name, earliest, latest, trials):
+def test_robots_fall_when_the_readme_says(policy, name, earliest, latest, outcome_of):
     (mistake,) = (mistake for mistake in MISTAKES if (mistake.policy, mistake.name) == (policy, name))
     assert earliest < mistake.lost_at < latest
-    tried = trials[policy]
-    assert earliest < tried.run(mistake.edit(tried.examined.contract), TRIALS[policy]).time_up < latest
+    assert earliest < outcome_of(mistake).time_up < latest
 
 
 def test_the_robot_is_the_one_of_the_joint_order(trials):

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +70,12 @@ def written(present, text):
     """The contract of a checkpoint that is stamped with `present` and has the text as its contract.yaml."""
     stamp = metadata_contract({STAMP_KEY: encode(present)}, "policy.onnx")
     return merge([*stamp, *parse_contract(yaml.safe_load(text), "contract.yaml", "contract.yaml")], "policy.onnx")
+
+
+@cache
+def changed(make):
+    """The single edits of a sample contract by their names."""
+    return {hypothesis.name: hypothesis.contract for hypothesis in singles(make(), FACTS)}
 
 
 def tried(contract, facts):
@@ -170,32 +177,27 @@ def test_nothing_to_write_for_the_same_contract():
 
 
 def test_only_what_differs_is_written():
-    contract = walker()
-    changed = {hypothesis.name: hypothesis.contract for hypothesis in singles(contract, FACTS)}
-    assert overrides(contract, changed["projected_gravity sign flipped"]) == {
-        "terms": {"projected_gravity": {"scale": -1.0}}
-    }
-    assert overrides(contract, changed["rate 25 Hz"]) == {"policy_dt": 0.04}
-    text = PASTING.text(contract, changed["rate 25 Hz"])
+    contract, flipped, slow = walker(), *map(changed(walker).get, ("projected_gravity sign flipped", "rate 25 Hz"))
+    assert overrides(contract, flipped) == {"terms": {"projected_gravity": {"scale": -1.0}}}
+    assert overrides(contract, slow) == {"policy_dt": 0.04}
+    text = PASTING.text(contract, slow)
     assert text == "# into contract.yaml\noverride: {policy_dt: 0.04}\n"
 
 
 def test_changes_show_the_value_before_and_after():
-    contract = tracker()
-    changed = {hypothesis.name: hypothesis.contract for hypothesis in singles(contract, FACTS)}
-    assert change_lines(contract, changed["joint_damping × 2"]) == [
-        "joint_damping: [1, 1.1, … 4 in all] → [2, 2.2, … 4 in all]"
-    ]
-    assert change_lines(contract, changed["actions scaled"]) == ["terms.actions.form: raw → scaled"]
-    assert change_lines(contract, changed["reference not aligned"]) == ["align_reference: true → false"]
-    assert change_lines(contract, changed["action scale 0.5"]) == ["action_scale: [0.5, 0.6, … 4 in all] → 0.5"]
+    for name, line in (
+        ("joint_damping × 2", "joint_damping: [1, 1.1, … 4 in all] → [2, 2.2, … 4 in all]"),
+        ("actions scaled", "terms.actions.form: raw → scaled"),
+        ("reference not aligned", "align_reference: true → false"),
+        ("action scale 0.5", "action_scale: [0.5, 0.6, … 4 in all] → 0.5"),
+    ):
+        assert change_lines(tracker(), changed(tracker)[name]) == [line]
 
 
 def test_a_whole_reordering_is_one_line_and_a_default_says_so():
-    contract = tracker()
-    changed = {hypothesis.name: hypothesis.contract for hypothesis in singles(contract, FACTS)}
-    moved = next(name for name in changed if name.startswith("joint order") and name.endswith("values move along"))
-    assert change_lines(contract, changed[moved]) == ["all lists per joint reordered"]
+    contract, edits = tracker(), changed(tracker)
+    moved = next(name for name in edits if name.startswith("joint order") and name.endswith("values move along"))
+    assert change_lines(contract, edits[moved]) == ["all lists per joint reordered"]
     absolute = replace(
         contract, observation=tuple(replace(t, relative=False) if t.name == "joint_pos" else t for t in contract.terms)
     )

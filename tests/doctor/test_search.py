@@ -10,12 +10,11 @@ from mistakes import turned_round
 
 from humanoid_sim.doctor import search as module
 from humanoid_sim.doctor.edits import set_fields
+from humanoid_sim.doctor.hypotheses import _contract_key as contract_key
 from humanoid_sim.doctor.hypotheses import same_contract, singles, spared
 from humanoid_sim.doctor.ranking import Ranking, Verdict
 from humanoid_sim.doctor.search import make_plan, search
 from humanoid_sim.doctor.trials import Outcome
-
-"""Share of the time up, and cost."""
 
 
 def names(result):
@@ -82,8 +81,22 @@ def examine(monkeypatch):
     return run
 
 
+def by_contract(*judgements):
+    """A judge that knows some contracts; each judgement is a share of the time up, and a cost."""
+    known = {contract_key(contract): judgement for contract, judgement in judgements}
+    return lambda contract: known.get(contract_key(contract), (0.2, 5.0))
+
+
 def right_only(right):
-    return lambda contract: (1.0, 1.0) if same_contract(contract, right) else (0.2, 5.0)
+    return by_contract((right, (1.0, 1.0)))
+
+
+def two_mistakes():
+    """The right contract, the wrong one, either cure alone, and what changes nothing but the stiffness."""
+    right = tracker()
+    wrong = set_fields(anchor_body="pelvis", align_reference=False)(right)
+    halves = (set_fields(anchor_body="torso")(wrong), set_fields(align_reference=True)(wrong))
+    return right, wrong, halves, set_fields(joint_stiffness=0.5 * wrong.joint_stiffness)(wrong)
 
 
 def test_one_mistake_is_found(examine):
@@ -96,8 +109,7 @@ def test_one_mistake_is_found(examine):
 
 
 def test_two_mistakes_are_found_though_neither_cure_helps_alone(examine):
-    right = tracker()
-    wrong = set_fields(anchor_body="pelvis", align_reference=False)(right)
+    right, wrong, *_ = two_mistakes()
     assert names(examine(wrong, right_only(right)))[0] == "anchor body torso + reference aligned"
     assert "+" not in names(examine(wrong, right_only(right), pairs=0))[0]
 
@@ -129,45 +141,23 @@ def test_close_edits_of_one_cause_are_all_tried_at_length(examine):
     contract = tracker()
     scales = {"action scale 1": 2.0, "action scale 0.5": 2.1, "action scale 0.25": 9.0}
     found = {h.name: h.contract for h in singles(contract, FACTS) if h.name in scales}
-
-    def judge(tried):
-        match = [scales[name] for name, made in found.items() if same_contract(made, tried)]
-        return (1.0, match[0]) if match else (0.2, 5.0)
-
+    judge = by_contract(*((made, (1.0, scales[name])) for name, made in found.items()))
     thorough = {name for name, item in examine(contract, judge).verdicts.items() if item.is_thorough}
     assert {"action scale 1", "action scale 0.5"} <= thorough
     assert "action scale 0.25" not in thorough
 
 
 def test_two_mistakes_are_found_though_a_third_change_keeps_the_robot_up(examine):
-    right = tracker()
-    wrong = set_fields(anchor_body="pelvis", align_reference=False)(right)
-    softer = set_fields(joint_stiffness=0.5 * wrong.joint_stiffness)(wrong)
-
-    def judge(contract):
-        if same_contract(contract, softer):
-            return 1.0, 4.0  # by chance: it falls over no more, but does nothing right
-        halves = (set_fields(anchor_body="torso")(wrong), set_fields(align_reference=True)(wrong))
-        if any(same_contract(contract, half) for half in halves):
-            return 0.6, 5.0  # each cure alone only delays the fall
-        return right_only(right)(contract)
-
+    """By chance: it falls over no more, but does nothing right. Each cure alone only delays the fall."""
+    right, wrong, halves, softer = two_mistakes()
+    judge = by_contract((right, (1.0, 1.0)), (softer, (1.0, 4.0)), *((half, (0.6, 5.0)) for half in halves))
     assert names(examine(wrong, judge))[0] == "anchor body torso + reference aligned"
 
 
 def test_two_mistakes_are_found_though_either_cure_alone_is_worse_and_a_third_change_keeps_the_robot_up(examine):
-    right = tracker()
-    wrong = set_fields(anchor_body="pelvis", align_reference=False)(right)
-    halves = (set_fields(anchor_body="torso")(wrong), set_fields(align_reference=True)(wrong))
-    softer = set_fields(joint_stiffness=0.5 * wrong.joint_stiffness)(wrong)
-
-    def judge(contract):
-        if any(same_contract(contract, half) for half in halves):
-            return 0.1, 9.0  # no other change is as bad
-        if same_contract(contract, softer):
-            return 1.0, 4.0
-        return right_only(right)(contract)
-
+    """No other change is as bad as either cure."""
+    right, wrong, halves, softer = two_mistakes()
+    judge = by_contract((right, (1.0, 1.0)), (softer, (1.0, 4.0)), *((half, (0.1, 9.0)) for half in halves))
     result = examine(wrong, judge, pairs=6000)
     assert names(result)[0] == "anchor body torso + reference aligned"
     assert result.pairs_tried == result.pairs_known > 1000
@@ -186,12 +176,7 @@ def test_a_right_value_is_not_altered_along_with_a_wrong_one(examine):
     (right,) = (h for h in spared(wrong, coarse) if "but not terms.joint_vel" in h.name)
 
     def judge(is_part_better):
-        def judged(contract):
-            if same_contract(contract, coarse.contract):
-                return 1.0, 3.0
-            return (1.0, 2.0 if is_part_better else 9.0) if same_contract(contract, right.contract) else (0.2, 5.0)
-
-        return judged
+        return by_contract((coarse.contract, (1.0, 3.0)), (right.contract, (1.0, 2.0 if is_part_better else 9.0)))
 
     single = "base_ang_vel scaled by 0.25"  # the same contract, found by itself
     assert names(examine(wrong, judge(is_part_better=True), pairs=0))[0] in (right.name, single)
@@ -240,8 +225,7 @@ class Clocked(Invented):
 
 @pytest.mark.parametrize("pace", [0.2, 2.0, 20.0])
 def test_a_search_ends_with_its_budget_and_says_what_was_not_tried(pace, monkeypatch):
-    right = tracker()
-    wrong = set_fields(anchor_body="pelvis", align_reference=False)(right)
+    right, wrong, *_ = two_mistakes()
     clock = Clocked(monkeypatch, pace, right_only(right))
     result = Ranking()
     told = []
@@ -282,7 +266,8 @@ def test_a_joint_is_tried_at_a_glance_first(examine):
 
 def test_pairs_are_tried_until_past_the_fall_of_nearly_all_single_changes(monkeypatch):
     contract = tracker()
-    trials = Invented(lambda tried: (0.1 if same_contract(tried, contract) else 0.4, 5.0))
+    present = contract_key(contract)
+    trials = Invented(lambda tried: (0.1 if contract_key(tried) == present else 0.4, 5.0))
     monkeypatch.setattr(module, "TrialRunner", trials)
     plan = make_plan(contract, motion_seconds=9.0, pairs=500)
     search(Patient(contract), FACTS, plan, Ranking(), lambda *_: None)

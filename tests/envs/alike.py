@@ -3,13 +3,14 @@
 from typing import Any
 
 import gymnasium
+import msgspec
 import numpy as np
 from gymnasium.vector import SyncVectorEnv
 from models import contract_of
 
 import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.robots.description import RobotDescription
+from humanoid_sim.robots.description import RobotDescription, load_robot
 
 EVERYTHING: dict[str, Any] = {
     "mass": (0.8, 1.2), "centre_of_mass": 0.01, "payload": (0.0, 0.5), "friction": (0.5, 1.2),
@@ -25,6 +26,18 @@ PUSHED = EVERYTHING | {"push": (0.1, 0.5), "push_interval": 0.2}
 """That of one whose base is free."""
 FIELD: dict[str, Any] = {"kind": "mixed", "levels": 2, "variants": 3, "tile": 3.0, "platform": 1.2}
 """Ground."""
+
+
+def hasty(name: str = "lite") -> RobotDescription:
+    """A shipped robot that reaches its standby poses in 0.2 s."""
+    robot = load_robot(name)
+    short = {
+        field: msgspec.structs.replace(
+            getattr(robot, field), segment_durations=(0.1,) * len(getattr(robot, field).segment_durations)
+        )
+        for field in ("standby_controller_a", "standby_controller_b")
+    }
+    return msgspec.structs.replace(robot, **short)
 
 
 def growing(progress: float) -> dict[str, float]:

@@ -4,9 +4,9 @@ import copy
 import json
 
 import gymnasium
-import msgspec
 import numpy as np
 import pytest
+from alike import hasty
 
 import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.envs.modes_env import ModesEnv
@@ -124,19 +124,8 @@ def test_a_value_of_another_shape_is_a_mistake_in_the_program(contract):
 
 def standing(contract, live):
     """The whole stack at the end of its standby, whose segments are short."""
-    brief = {
-        name: msgspec.structs.replace(
-            getattr(LITE, name), segment_durations=(0.1,) * len(getattr(LITE, name).segment_durations)
-        )
-        for name in ("standby_controller_a", "standby_controller_b")
-    }
-    env = gymnasium.make(
-        "humanoid_sim/LiteModes-v0",
-        robot=msgspec.structs.replace(LITE, **brief),
-        policy=str(contract),
-        motion=None,
-        live=live,
-    ).unwrapped
+    options = {"robot": hasty(), "policy": str(contract), "motion": None, "live": live}
+    env = gymnasium.make("humanoid_sim/LiteModes-v0", **options).unwrapped
     assert isinstance(env, ModesEnv)
     env.reset(seed=0)
     shown = {}

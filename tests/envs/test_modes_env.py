@@ -2,29 +2,17 @@ import gymnasium
 import msgspec
 import numpy as np
 import pytest
+from alike import hasty
 
 from humanoid_sim.envs.modes_env import ModesEnv
 from humanoid_sim.envs.spaces import INTENTS
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Intent, Mode, SafetyLevel
-from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import GuardSettings
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*recommend using a symmetric and normalized space")
 
 LITE = {"policy": "lite_tracking", "motion": "wave"}
-
-
-def hasty(name="lite"):
-    """A shipped robot that reaches its standby poses in 0.2 s."""
-    robot = load_robot(name)
-    short = {
-        field: msgspec.structs.replace(
-            getattr(robot, field), segment_durations=(0.1,) * len(getattr(robot, field).segment_durations)
-        )
-        for field in ("standby_controller_a", "standby_controller_b")
-    }
-    return msgspec.structs.replace(robot, **short)
 
 
 class Operator:

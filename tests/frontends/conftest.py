@@ -1,10 +1,4 @@
-"""Lets the modules here import their helpers: importlib mode leaves sys.path alone."""
-
 import os
-import sys
-from pathlib import Path
-
-sys.path += [str(Path(__file__).parents[1] / name) for name in ("frontends", "frontends/dds", "play", "policy")]
 
 from fates import folder, rows
 

@@ -10,6 +10,7 @@ import time
 from contextlib import contextmanager
 
 import pytest
+from dds_bridge import program
 from local_session import ticking
 
 from humanoid_sim.client import Feed
@@ -21,7 +22,7 @@ from humanoid_sim.mit import MITCommand, MITState
 from humanoid_sim.play.front_ends import wanted_front_ends
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
+from humanoid_sim.session.feed import MODEL_BLOB
 from humanoid_sim.simulation.model import build_model, model_bytes
 from humanoid_sim.stack import run_header
 
@@ -32,14 +33,9 @@ client = pytest.importorskip("websockets.sync.client", reason="websockets is not
 @contextmanager
 def served(*options):
     """`python -m humanoid_sim.foxglove` on a free port, once it listens."""
-    command = [sys.executable, "-m", "humanoid_sim.foxglove", "--port", "0", *options]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            line = process.stdout.readline()
-            assert line.startswith("open a connection to ws://127.0.0.1:"), line
-            yield int(line.partition("127.0.0.1:")[2].partition(",")[0]), process
-        finally:
-            process.kill()
+    says = "open a connection to ws://127.0.0.1:"
+    with program("foxglove", "--port", "0", *options, says=says) as (process, line):
+        yield int(line.removeprefix(says).partition(",")[0]), process
 
 
 class Client:
@@ -180,12 +176,8 @@ def test_with_control_it_offers_every_intent_with_a_warning(local, page):
 @pytest.mark.slow
 def test_a_late_subscriber_gets_the_robots_description_and_a_loop_that_stands_still_is_told(local, page):
     lite = load_robot("lite")
-    local.feed.close()
-    local.registration.close()
     header = run_header(lite, 0.005, None, settings={})
-    local.feed = FeedWriter(header, {MODEL_BLOB: model_bytes(build_model(lite))})
-    local.stack.callback(local.feed.close)
-    local.registration.register(robot="lite", policy="none", hardware="", feed=local.feed.path)
+    local.publish(header, {MODEL_BLOB: model_bytes(build_model(lite))}, robot="lite")
     output = TickOutput(MITCommand.zeros(14), ControlMode(Mode.DAMPING, "damping_controller"))
     local.feed.tick(TickRecord(0, TickInput(MITState.unknown(14, 1.0)), output, 0.0, False))
     with served() as (port, _):

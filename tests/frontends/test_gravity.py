@@ -1,13 +1,11 @@
 import os
 import signal
-import subprocess
-import sys
 import time
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from dds_bridge import program
 
 from humanoid_sim.client import Feed
 from humanoid_sim.frontends.attach import Attachment
@@ -15,7 +13,7 @@ from humanoid_sim.gravity import GravityProducer, gravity_command
 from humanoid_sim.messages import ControlMode, Mode, SessionHeader, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand, MITState, mit_torque
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
+from humanoid_sim.session.feed import MODEL_BLOB
 from humanoid_sim.simulation.kinematics import GravityTorque
 from humanoid_sim.simulation.model import build_model, model_bytes
 
@@ -35,12 +33,8 @@ def attachment(local, lite):
     """To a session of the Lite, whose description names an MJCF that is not there: the feed must do."""
     document = lite.to_json().replace("../mjcf/lite.xml", "nowhere.xml")
     assert "nowhere" in document
-    local.feed.close()
-    local.registration.close()
     header = SessionHeader("lite", lite.joint_names, 0.005, 0, {"robot": document})
-    local.feed = FeedWriter(header, {MODEL_BLOB: model_bytes(build_model(lite))})
-    local.stack.callback(local.feed.close)
-    local.registration.register(robot="lite", policy="none", hardware="", feed=local.feed.path)
+    local.publish(header, {MODEL_BLOB: model_bytes(build_model(lite))}, robot="lite")
     with Feed(local.info) as feed:
         yield Attachment(local.info, feed, local.intake("gravity"))
 
@@ -92,22 +86,14 @@ def test_a_state_that_is_not_known_sends_nothing(attachment, pose):
     assert GravityProducer(attachment, "effort").command(record(unknown, remote=True)) is None
 
 
-@contextmanager
 def front_end(*arguments):
     """`python -m humanoid_sim.gravity`, once it says that it works."""
-    with subprocess.Popen(
-        [sys.executable, "-m", "humanoid_sim.gravity", *arguments], stdout=subprocess.PIPE, text=True
-    ) as process:
-        try:
-            assert process.stdout.readline().startswith("gravity compensation (effort) for session ")
-            yield process
-        finally:
-            process.kill()
+    return program("gravity", *arguments, says="gravity compensation (effort) for session ")
 
 
 def test_as_a_program_it_answers_each_tick_and_ends_with_the_session(attachment, local, pose):
     local.inbox._joints = attachment.feed.joint_names
-    with front_end("--session", str(os.getpid())) as process:
+    with front_end("--session", str(os.getpid())) as (process, _):
         deadline = time.monotonic() + 10.0
         index = 0
         while local.inbox.accepted < 3:
@@ -124,13 +110,13 @@ def test_as_a_program_it_answers_each_tick_and_ends_with_the_session(attachment,
 
 
 def test_it_ends_when_the_session_is_killed(attachment, local, pose):
-    with front_end() as process:
+    with front_end() as (process, _):
         local.registration.close()  # the lock is all that tells
         assert process.wait(5.0) == 0
 
 
 def test_stopped_and_killed_ones_leave_the_loop_alone(attachment, local, pose):
-    with front_end() as process:
+    with front_end() as (process, _):
         os.kill(process.pid, signal.SIGSTOP)
         for index in range(500):
             local.feed.tick(replace(record(pose, remote=True), index=index))

@@ -1,18 +1,16 @@
 """A session that begins without a policy, from outside: `play` in a process of its own, its feed and its intake."""
 
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager
 from pathlib import Path
 
+import fates
 import pytest
+from waiting import until
 
 from humanoid_sim import replay
 from humanoid_sim.cli import run_program
-from humanoid_sim.client import Feed, Intake, find_session, running_sessions
+from humanoid_sim.client import Intake
 from humanoid_sim.messages import Event, Mode, TickRecord
 from humanoid_sim.recording.reader import open_recording
 
@@ -22,21 +20,19 @@ LONG = 120.0
 """s for anything that only has to happen."""
 
 
-@dataclass
-class Session:
+class Session(fates.Played):
     """`play` in a process of its own."""
 
-    process: subprocess.Popen[bytes]
-    feed: Feed
-    intake: Intake
-    folder: Path
+    @property
+    def intake(self) -> Intake:
+        return self.operator
 
     def until(self, condition: Callable[[], object]) -> None:
-        deadline = time.monotonic() + LONG
-        while not condition():
-            assert self.process.poll() is None, (self.folder / "out.txt").read_text(encoding="utf-8")
-            assert time.monotonic() < deadline, "it never came"
-            time.sleep(0.005)
+        def is_so() -> object:
+            assert self.process.poll() is None, self.said
+            return condition()
+
+        until(is_so, LONG)
 
     def tick(self) -> dict[str, object]:
         sample = self.feed.latest()
@@ -58,22 +54,8 @@ class Session:
 
 @contextmanager
 def playing(folder: Path, *options: str) -> Iterator[Session]:
-    results = ("--viewer", "none", "--video", "none", "--record", "r.mcap", "--summary", "s.json")
-    command = [sys.executable, "-m", "humanoid_sim.play", "--script", "hold 1000", *options, *results]
-    with ExitStack() as stack:
-        out = stack.enter_context(open(folder / "out.txt", "wb"))
-        process = stack.enter_context(
-            subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=out, stderr=out)
-        )
-        stack.callback(process.kill)
-        deadline = time.monotonic() + LONG
-        while not running_sessions():
-            assert process.poll() is None, (folder / "out.txt").read_text(encoding="utf-8")
-            assert time.monotonic() < deadline, "it never came"
-            time.sleep(0.02)
-        info = find_session()
-        feed, intake = stack.enter_context(Feed(info)), stack.enter_context(Intake(info, "test"))
-        yield Session(process, feed, intake, folder)
+    with fates.playing(folder, "--script", "hold 1000", *options) as play:
+        yield Session(**vars(play))
 
 
 def quit_and_replay(session: Session, capfd: pytest.CaptureFixture[str]) -> tuple[list[TickRecord], list[Event]]:

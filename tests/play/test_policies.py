@@ -84,12 +84,13 @@ def test_without_onnxruntime_zeros_stand_in_and_say_so(monkeypatch):
     assert np.asarray(choice.loaded.policy(np.ones(width, dtype=np.float32), 3)).tolist() == [0.0] * 14
 
 
-def test_a_run_without_onnxruntime_goes_on_loudly(tmp_path):
+def test_a_run_without_onnxruntime_goes_on_loudly(tmp_path, quick):
     blocked = tmp_path / "blocked"
     blocked.mkdir()
     (blocked / "onnxruntime.py").write_text("raise ImportError('no shared library')\n", encoding="utf-8")
+    options = ("--viewer", "none", "--record", "none", "--robot", quick, "--motion", "reach", "--policy-seconds", "0.5")
     run = subprocess.run(
-        [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "none", "--motion", "reach"],
+        [sys.executable, "-m", "humanoid_sim.play", *options],
         env={**os.environ, "PYTHONPATH": str(blocked)},
         cwd=tmp_path,
         capture_output=True,

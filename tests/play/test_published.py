@@ -1,25 +1,16 @@
 """Published G1 policies through `play`, against the figures measured with them in plain MuJoCo (their READMEs)."""
 
 import pytest
-from published import HOLOSOMA_REST, POLICIES, needs_policies
+from published import G1, POLICIES, TRACES, contract_beside, needs_policies
 
 pytestmark = needs_policies
 
-G1 = str(POLICIES / "models" / "unitree_g1" / "scene.xml")
-UNITREE = str(POLICIES / "unitree_g1_velocity_v0" / "exported" / "policy.onnx")
-WALTZ = str(POLICIES / "beyondmimic_g1" / "Waltz.onnx")
-HOLOSOMA = str(POLICIES / "holosoma_g1_loco" / "ppo_g1_29dof.onnx")
+UNITREE, WALTZ, HOLOSOMA = (str(POLICIES / TRACES[name][0]) for name in ("unitree", "waltz", "holosoma"))
 
 
 def walk(run, policy, *options, seconds, step="0.005"):
     script = f"damp; load_a; wait; start_locomotion; {'motion' if seconds == 0 else f'hold {seconds}'}; damp"
-    return run("--policy", policy, "--robot", G1, "--physics-timestep", step, "--script", script, *options)
-
-
-def contract_file(folder):
-    path = folder / "holosoma.yaml"
-    path.write_text(HOLOSOMA_REST, encoding="utf-8")
-    return str(path)
+    return run("--policy", policy, "--robot", str(G1), "--physics-timestep", step, "--script", script, *options)
 
 
 def test_the_unitree_policy_walks(run):
@@ -43,7 +34,7 @@ def test_the_waltz_is_danced(run):
 
 
 def test_the_holosoma_policy_walks(run, tmp_path):
-    options = ("--contract", contract_file(tmp_path), "--command", "0.5,0,0")
+    options = ("--contract", str(contract_beside("holosoma", tmp_path)), "--command", "0.5,0,0")
     result = walk(run, HOLOSOMA, *options, seconds=6)
     assert result.status == 0
     assert result.summary["base"]["fall"] is None
@@ -83,7 +74,7 @@ def test_the_whole_waltz(run):
 
 @pytest.mark.slow
 def test_twenty_seconds_of_the_holosoma_policy(run, tmp_path):
-    options = ("--contract", contract_file(tmp_path), "--command", "0.5,0,0")
+    options = ("--contract", str(contract_beside("holosoma", tmp_path)), "--command", "0.5,0,0")
     base = walk(run, HOLOSOMA, *options, seconds=20).summary["base"]
     assert base["fall"] is None
     assert base["velocity"][0] == pytest.approx(0.393, abs=0.02)

@@ -7,13 +7,15 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from waiting import until
 
-from humanoid_sim import replay
+from humanoid_sim import mode, replay
 from humanoid_sim.cli import run_program
+from humanoid_sim.client import Feed, running_sessions
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.play.console import PlayConsole
@@ -22,7 +24,8 @@ from humanoid_sim.play.run import bring_up
 from humanoid_sim.recording.reader import open_recording
 
 SCRIPT = "damp; load_a; wait; start_locomotion; hold 60"
-OPTIONS = ("--policy", "placeholder", "--pace", "realtime")
+PLACEHOLDER = ("--policy", "placeholder")  # which loads no network
+OPTIONS = (*PLACEHOLDER, "--pace", "realtime")
 
 
 def usual_signals():
@@ -31,16 +34,18 @@ def usual_signals():
         signal.signal(number, signal.SIG_DFL)
 
 
+PLAY = (sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap")
+
+
 @contextmanager
-def playing(folder, *options, stdin=None):
+def playing(folder, *options, stdin=None, stdout=subprocess.PIPE, stderr=subprocess.STDOUT):
     """A process that plays and records into `r.mcap`; killed at the end if it still runs."""
-    command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", *options]
     with subprocess.Popen(
-        command,
+        [*PLAY, *options],
         cwd=folder,
         stdin=stdin,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
+        stdout=stdout,
+        stderr=stderr,
         text=True,
         preexec_fn=usual_signals,  # noqa: PLW1509 - no thread of the tests runs here
     ) as process:
@@ -133,7 +138,7 @@ def test_a_run_under_nohup_outlives_its_terminal(folder, quick):
     code = (
         "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); from humanoid_sim.play import main; "
         f"sys.exit(main(['--robot', {quick!r}, '--script', 'hold 1', '--pace', 'realtime', '--viewer', 'none', "
-        "'--record', 'none']))"
+        "'--record', 'none', '--policy', 'placeholder']))"
     )
     with subprocess.Popen([sys.executable, "-c", code], cwd=folder, stdout=subprocess.PIPE, text=True) as process:
         wait_for(process, "ZERO_TORQUE")
@@ -146,7 +151,7 @@ def test_a_run_under_nohup_outlives_its_terminal(folder, quick):
 def test_the_keyboard_drives_a_run(folder, quick):
     master, slave = pty.openpty()
     try:
-        with playing(folder, "--robot", quick, "--manual", stdin=slave) as process:
+        with playing(folder, "--robot", quick, "--manual", *PLACEHOLDER, stdin=slave) as process:
             os.close(slave)
             out = wait_for(process, "started")
             assert "keys: space or d DAMP, a LOAD_A" in out
@@ -168,25 +173,23 @@ def test_the_keyboard_drives_a_run(folder, quick):
     assert ticks[-1].output.quit
 
 
-def test_an_operator_in_another_terminal_takes_over(folder, quick):
-    def mode(word, session, status=0):
-        command = [sys.executable, "-m", "humanoid_sim.mode", word, "--session", str(session)]
-        result = subprocess.run(command, check=False, capture_output=True, text=True)
-        assert result.returncode == status
-        return result.stdout.partition("): ")[2]
+def test_an_operator_in_another_terminal_takes_over(folder, quick, capfd):
+    def ask(word, status=0):
+        assert run_program(mode.main, [word, "--session", str(process.pid)]) == status
+        return capfd.readouterr().out.partition("): ")[2]
 
-    with playing(folder, "--robot", quick, "--script", "damp; hold 60; load_a", "--pace", "realtime") as process:
+    with playing(folder, "--robot", quick, "--script", "damp; hold 60; load_a", *OPTIONS) as process:
         wait_for(process, "DAMPING")
-        assert mode("load_b", process.pid).startswith("STANDBY (standby_controller_b): LOAD_B requested")
-        assert "QUIT refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY" in mode("quit", process.pid, status=1)
-        assert mode("damp", process.pid).startswith("DAMPING")
-        mode("quit", process.pid)
+        assert ask("load_b").startswith("STANDBY (standby_controller_b): LOAD_B requested")
+        assert "QUIT refused: requires ZERO_TORQUE or DAMPING, mode is STANDBY" in ask("quit", status=1)
+        assert ask("damp").startswith("DAMPING")
+        ask("quit")
         finished(process)
     assert process.returncode == 0
 
 
 def test_a_reader_that_leaves_does_not_stop_the_run(folder, quick):
-    with playing(folder, "--robot", quick, "--script", "damp; hold 1", "--summary", "s.json", *OPTIONS) as process:
+    with playing(folder, "--robot", quick, "--script", "damp; hold 0.5", "--summary", "s.json", *OPTIONS) as process:
         wait_for(process, "DAMPING")
         process.stdout.close()
         process.wait(timeout=30.0)
@@ -200,8 +203,7 @@ def test_a_reader_that_leaves_does_not_stop_the_run(folder, quick):
 def test_a_reader_that_is_gone_before_anything_is_printed_does_not_keep_a_run_from_running(folder, quick):
     read, write = os.pipe()
     os.close(read)
-    options = ["--viewer", "none", "--record", "r.mcap", "--robot", quick, "--script", "damp; hold 0.2"]
-    command = [sys.executable, "-m", "humanoid_sim.play", *options]
+    command = [*PLAY, "--robot", quick, "--script", "damp; hold 0.2", *PLACEHOLDER]
     run = subprocess.run(command, cwd=folder, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
     os.close(write)
     assert (run.returncode, run.stderr) == (0, "")
@@ -226,7 +228,7 @@ def test_a_question_that_nobody_reads_enables_nothing(monkeypatch):
 
 
 def test_an_output_that_is_full_is_noticed_before_anything_moves(folder, quick):
-    command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", "--robot", quick]
+    command = [*PLAY, "--robot", quick]
     with Path("/dev/full").open("w") as full:
         run = subprocess.run(command, cwd=folder, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert (run.returncode, run.stderr) == (1, "error: standard output cannot be written: No space left on device\n")
@@ -252,7 +254,7 @@ def report(*arguments):
     before(*arguments)
 run.print_report = report
 options = ["--viewer", "none", "--record", "none", "--summary", "s.json", "--snapshot", "p.png", "--script", "hold 0.1"]
-sys.exit(run_program(main, [*options, "--robot", {quick!r}]))"""
+sys.exit(run_program(main, [*options, "--policy", "placeholder", "--robot", {quick!r}]))"""
     run = subprocess.run([sys.executable, "-c", line], cwd=folder, capture_output=True, text=True, check=False)
     assert run.returncode == 1
     assert run.stderr == "failed: standard output cannot be written: No space left on device\n"
@@ -265,22 +267,19 @@ def unread(folder, *options):
     """A process that plays into a pipe that nobody reads, with room for the introduction but not for the run."""
     read, write = os.pipe()
     size = fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 4096)
-    command = [sys.executable, "-m", "humanoid_sim.play", "--viewer", "none", "--record", "r.mcap", *options]
     os.write(write, b" " * (size - 1500))
-    with subprocess.Popen(
-        command,
-        cwd=folder,
-        stdout=write,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=usual_signals,  # noqa: PLW1509
-    ) as process:
-        try:
+    try:
+        with playing(folder, *options, stdout=write, stderr=subprocess.PIPE) as process:
             yield process
-        finally:
-            process.kill()
-            os.close(read)
-            os.close(write)
+    finally:
+        os.close(read)
+        os.close(write)
+
+
+def running(process):
+    """Its session, once others can find it."""
+    assert process.poll() is None
+    return next((session for session in running_sessions() if session.process == process.pid), None)
 
 
 CHATTER = "; ".join(["damp", "hold 0.05", "load_a", "hold 0.05"] * 20)
@@ -297,15 +296,21 @@ def test_a_pipe_that_nobody_reads_does_not_keep_a_run_from_ending(folder, quick)
 
 
 def test_a_signal_after_the_robot_is_closed_ends_the_process(folder, quick):
-    with unread(folder, "--robot", quick, "--script", f"{CHATTER}; hold 60", *OPTIONS) as process:
-        time.sleep(5.0)
+    options = ("--robot", quick, "--script", f"{CHATTER}; hold 60", "--pace", "realtime")
+    with unread(folder, *options) as process:
+        session = until(lambda: running(process))
+        with Feed(session) as feed:
+
+            def has_said_all():
+                tick = feed.latest()
+                return tick is not None and feed.decode(tick)["time"] > 3.0
+
+            until(has_said_all)
         process.send_signal(signal.SIGINT)
-        time.sleep(3.0)  # for the arms to rest, or longer; then nothing but the console is left to close
-        for _ in range(100):
-            process.send_signal(signal.SIGINT)
-            with suppress(subprocess.TimeoutExpired):
-                _, err = process.communicate(timeout=0.5)
-                break
+        process.send_signal(signal.SIGINT)  # does not wait for rest
+        until(lambda: not Path(session.intents).exists())  # closed after the robot; the console is yet to close
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=40.0)
     assert process.returncode in (130, -signal.SIGINT)  # by itself, or by one signal more as Python ends
     assert "did not finish" not in err
     assert "Traceback" not in err

@@ -15,6 +15,15 @@ needs_policies = pytest.mark.skipif(
 MJLAB = "mjlab_1_6_g1_velocity_flat/g1_velocity_flat.onnx", "mjlab_1_6_g1_velocity_flat/g1_velocity_flat.trace.npz"
 """What mjlab 1.6 exported, and 60 steps of its own environment."""
 
+G1 = POLICIES / "models" / "unitree_g1" / "scene.xml"
+TRACES = {
+    "unitree": ("unitree_g1_velocity_v0/exported/policy.onnx", "unitree_g1_velocity_v0/trace.npz"),
+    "waltz": ("beyondmimic_g1/Waltz.onnx", "beyondmimic_g1/trace_Waltz.npz"),
+    "holosoma": ("holosoma_g1_loco/ppo_g1_29dof.onnx", "holosoma_g1_loco/trace_ppo.npz"),
+    "mjlab": MJLAB,
+}
+"""Checkpoints of the G1, and a run of each where it was trained."""
+
 HOLOSOMA_REST = """\
 # What ppo_g1_29dof.onnx does not say of itself.
 default_joint_pos: [-0.312, 0, 0, 0.669, -0.363, 0,  -0.312, 0, 0, 0.669, -0.363, 0,  0, 0, 0,
@@ -34,3 +43,14 @@ action_clip: 100
 policy_dt: 0.02
 phase: {period: 1.0, offsets: [0.0, 3.141592653589793], standing_threshold: 0.01}
 """
+
+
+def contract_beside(name: str, folder: Path, text: str = "") -> Path | None:
+    """Write what a checkpoint of the G1 does not say of itself, and more; None where that is nothing."""
+    if name == "holosoma":
+        text = HOLOSOMA_REST + text
+    if not text:
+        return None
+    path = folder / "rest.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path

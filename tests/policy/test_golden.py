@@ -196,11 +196,18 @@ def _with(document, array, **changes):
     return {**document, "arrays": {**arrays, array: {**arrays[array], **changes}}}
 
 
+@pytest.fixture
+def sampled(walker):
+    """The checkpoint, and samples of its own as they are stamped."""
+    checkpoint = load_checkpoint(walker)
+    return checkpoint, encode_samples(own_samples(checkpoint, count=2))
+
+
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_fuzzed_samples_never_raise_anything_else(walker, data):
-    checkpoint = load_checkpoint(walker)
-    document = json.loads(encode_samples(own_samples(checkpoint, count=2)))
+def test_fuzzed_samples_never_raise_anything_else(sampled, data):
+    checkpoint, text = sampled
+    document = json.loads(text)
     places = [*document, *(f"arrays/{name}" for name in document["arrays"])]
     for place in data.draw(st.lists(st.sampled_from(places), min_size=1, max_size=3)):
         json_value = st.recursive(

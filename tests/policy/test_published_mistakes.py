@@ -1,10 +1,10 @@
-"""The deliberate mistakes that the published policies describe: a stamped copy that is wired so is refused."""
+"""The deliberate mistakes that the published policies describe, written beside them: golden vectors name each."""
 
+import json
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
-from published import HOLOSOMA_REST, MJLAB, POLICIES, needs_policies
+from published import G1, POLICIES, TRACES, contract_beside, needs_policies
 
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.policy.golden.make import trainer_samples
@@ -15,79 +15,70 @@ from humanoid_sim.robots.description import load_robot
 
 pytestmark = [needs_policies, pytest.mark.usefixtures("near_ends")]
 
-FILES = {
-    "unitree": ("unitree_g1_velocity_v0/exported/policy.onnx", "unitree_g1_velocity_v0/trace.npz"),
-    "waltz": ("beyondmimic_g1/Waltz.onnx", "beyondmimic_g1/trace_Waltz.npz"),
-    "holosoma": ("holosoma_g1_loco/ppo_g1_29dof.onnx", "holosoma_g1_loco/trace_ppo.npz"),
-    "mjlab": MJLAB,
-}
+
+@pytest.fixture(scope="module")
+def robot():
+    return load_robot(str(G1))
 
 
 @pytest.fixture(scope="module")
-def loaded(tmp_path_factory):
+def loaded(robot, tmp_path_factory):
     """Each policy with golden vectors of its trace."""
-    rest = tmp_path_factory.mktemp("rest") / "rest.yaml"
-    rest.write_text(HOLOSOMA_REST, encoding="utf-8")
-    robot = load_robot(str(POLICIES / "models" / "unitree_g1" / "scene.xml"))
     policies = {}
-    for name, (model, trace) in FILES.items():
-        checkpoint = load_checkpoint(POLICIES / model, rest if name == "holosoma" else None, robot.joint_names)
+    for name, (model, trace) in TRACES.items():
+        beside = contract_beside(name, tmp_path_factory.mktemp(name))
+        checkpoint = load_checkpoint(POLICIES / model, beside, robot.joint_names)
         bodies = body_reader(robot, checkpoint.contract.anchor_body, checkpoint.contract.velocity_points)
-        run = read_trace(Path(POLICIES / trace), checkpoint.contract, bodies)
+        run = read_trace(POLICIES / trace, checkpoint.contract, bodies)
         policies[name] = checkpoint, trainer_samples(checkpoint, run)
+        assert golden_problem(*policies[name]) == ""
     return policies
 
 
-def term(name, **options):
-    """A change of one term's options."""
-    return lambda wiring: {
-        "observation": [replace(term, **options) if term.name == name else term for term in wiring.terms]
-    }
+MISTAKES = {
+    "gravity sign": ("unitree", "{terms: {projected_gravity: {scale: -1}}}", "projected_gravity"),
+    "no gyro": ("unitree", "{terms: {base_ang_vel: {scale: 0}}}", "base_ang_vel"),
+    "absolute joints": ("unitree", "{terms: {joint_pos_rel: {relative: false}}}", "joint_pos_rel"),
+    "no joint velocity": ("unitree", "{terms: {joint_vel_rel: {scale: 0}}}", "joint_vel_rel"),
+    "no last action": ("unitree", "{terms: {last_action: {scale: 0}}}", "last_action"),
+    "scaled last action": ("unitree", "{terms: {last_action: {form: scaled}}}", "last_action"),
+    "MJCF joint order": ("waltz", "{joint_names: ROBOT}", "joint_pos"),
+    "gyro in the world": ("waltz", "{terms: {base_ang_vel: {frame: world}}}", "base_ang_vel"),
+    "two rows": ("waltz", "{terms: {motion_anchor_ori_b: {layout: two_rows}}}", "motion_anchor_ori_b"),
+    "column-major": ("waltz", "{terms: {motion_anchor_ori_b: {layout: columns}}}", "motion_anchor_ori_b"),
+    "inverse rotation": ("waltz", "{terms: {motion_anchor_ori_b: {inverse: true}}}", "motion_anchor_ori_b"),
+    "no actions": ("waltz", "{terms: {actions: {scale: 0}}}", "actions"),
+    "scaled actions": ("waltz", "{terms: {actions: {form: scaled}}}", "actions"),
+    "relative command": ("waltz", "{terms: {command: {relative: true}}}", "command"),
+    "pelvis as anchor": ("waltz", "{anchor_body: pelvis}", "motion_anchor_pos_b"),
+    "velocity in the world": ("waltz", "{terms: {base_lin_vel: {frame: world}}}", "base_lin_vel"),
+    "no velocity": ("waltz", "{terms: {base_lin_vel: {scale: 0}}}", "base_lin_vel"),
+    "anchor in the world": ("waltz", "{terms: {motion_anchor_pos_b: {frame: world}}}", "motion_anchor_pos_b"),
+    "no anchor position": ("waltz", "{terms: {motion_anchor_pos_b: {scale: 0}}}", "motion_anchor_pos_b"),
+    "velocity in the base's world": ("mjlab", "{terms: {base_lin_vel: {frame: world}}}", "base_lin_vel"),
+    "mjlab's absolute joints": ("mjlab", "{terms: {joint_pos: {relative: false}}}", "joint_pos"),
+    "no command": ("mjlab", "{terms: {command: {scale: 0}}}", "command"),
+    "listed order": (
+        "holosoma",
+        "{observation: [base_ang_vel, projected_gravity, command_lin_vel, command_ang_vel, dof_pos, dof_vel, actions, "
+        "sin_phase, cos_phase]}",
+        "projected_gravity",
+    ),
+    "no scales": ("holosoma", "{terms: {base_ang_vel: {scale: 1}, dof_vel: {scale: 1}}}", "base_ang_vel"),
+    "no scale of velocities": ("holosoma", "{terms: {dof_vel: {scale: 1}}}", "dof_vel"),
+}
 
 
-def mjcf_order(wiring):
-    """The robot's own joint order taken for the policy's."""
-    names = load_robot(str(POLICIES / "models" / "unitree_g1" / "scene.xml")).joint_names
-    return {"joint_names": names, "action_joint_names": names}
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_the_mistake_is_named(loaded, robot, mistake, tmp_path):
+    policy, override, named = MISTAKES[mistake]
+    override = override.replace("ROBOT", json.dumps(list(robot.joint_names)))
+    beside = contract_beside(policy, tmp_path, f"override: {override}\n")
+    wrong = load_checkpoint(POLICIES / TRACES[policy][0], beside, robot.joint_names)
+    assert f": observation {named}[" in golden_problem(wrong, loaded[policy][1])
 
 
-MISTAKES = [
-    ("unitree", "gravity sign", term("projected_gravity", scale=-1.0), "projected_gravity"),
-    ("unitree", "gyro zero", term("base_ang_vel", scale=0.0), "base_ang_vel"),
-    ("unitree", "absolute positions", term("joint_pos_rel", relative=False), "joint_pos_rel"),
-    ("unitree", "velocities zero", term("joint_vel_rel", scale=0.0), "joint_vel_rel"),
-    ("unitree", "last action zero", term("last_action", scale=0.0), "last_action"),
-    ("unitree", "last action scaled", term("last_action", form="scaled"), "last_action"),
-    ("waltz", "MJCF joint order", mjcf_order, "command"),
-    ("waltz", "gyro in world frame", term("base_ang_vel", frame="world"), "base_ang_vel"),
-    ("waltz", "two rows", term("motion_anchor_ori_b", layout="two_rows"), "motion_anchor_ori_b"),
-    ("waltz", "column-major", term("motion_anchor_ori_b", layout="columns"), "motion_anchor_ori_b"),
-    ("waltz", "inverse rotation", term("motion_anchor_ori_b", inverse=True), "motion_anchor_ori_b"),
-    ("waltz", "last action zero", term("actions", scale=0.0), "actions"),
-    ("waltz", "last action scaled", term("actions", form="scaled"), "actions"),
-    ("waltz", "relative command", term("command", relative=True), "command"),
-    ("waltz", "pelvis as anchor", lambda _: {"anchor_body": "pelvis"}, "motion_anchor_pos_b"),
-    ("waltz", "velocity in world frame", term("base_lin_vel", frame="world"), "base_lin_vel"),
-    ("waltz", "velocity zero", term("base_lin_vel", scale=0.0), "base_lin_vel"),
-    ("waltz", "anchor in world frame", term("motion_anchor_pos_b", frame="world"), "motion_anchor_pos_b"),
-    ("waltz", "anchor zero", term("motion_anchor_pos_b", scale=0.0), "motion_anchor_pos_b"),
-    ("holosoma", "scales 1", term("dof_vel", scale=1.0), "dof_vel"),
-    ("holosoma", "listed order", lambda wiring: {"observation": wiring.terms[::-1]}, "sin_phase"),
-    ("mjlab", "velocity in world frame", term("base_lin_vel", frame="world"), "base_lin_vel"),
-    ("mjlab", "absolute positions", term("joint_pos", relative=False), "joint_pos"),
-    ("mjlab", "no command", term("command", scale=0.0), "command"),
-]
-
-
-@pytest.mark.parametrize(("policy", "what", "change", "named"), MISTAKES, ids=[f"{m[0]}: {m[1]}" for m in MISTAKES])
-def test_the_mistake_is_named(loaded, policy, what, change, named):
-    checkpoint, samples = loaded[policy]
-    assert golden_problem(checkpoint, samples) == ""
-    wrong = replace(checkpoint, contract=replace(checkpoint.contract, **change(checkpoint.contract)))
-    assert f": observation {named}[" in golden_problem(wrong, samples), what
-
-
-@pytest.mark.parametrize("policy", FILES)
+@pytest.mark.parametrize("policy", TRACES)
 def test_a_forgotten_action_scale_shows_in_the_targets(loaded, policy):
     checkpoint, samples = loaded[policy]
     wrong = replace(checkpoint, contract=replace(checkpoint.contract, action_scale=1.0))

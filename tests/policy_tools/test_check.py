@@ -9,7 +9,7 @@ import pytest
 from findings import errors, found, lite_contract
 from models import linear_model
 from msgspec.structs import replace as change
-from published import HOLOSOMA_REST, MJLAB, POLICIES, needs_policies
+from published import G1, POLICIES, TRACES, contract_beside, needs_policies
 from trainer import contract, network, save_checkpoint, terms
 
 from humanoid_sim.controllers.terms import Term
@@ -24,8 +24,6 @@ from humanoid_sim.policy.contract_json import STAMP_KEY, encode
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy_tools.check import check_checkpoint
 from humanoid_sim.policy_tools.stamp import add_metadata
-
-G1 = POLICIES / "models" / "unitree_g1" / "scene.xml"
 
 
 def test_a_sound_checkpoint_has_no_errors(walker, robot):
@@ -237,18 +235,12 @@ def test_golden_vectors_that_do_not_fit(stamped, robot):
 @needs_policies
 @pytest.mark.usefixtures("near_ends")
 def test_published_policies(cli, tmp_path):
-    rest = tmp_path / "rest.yaml"
-    rest.write_text(HOLOSOMA_REST, encoding="utf-8")
-    for model, *extra in (
-        ("unitree_g1_velocity_v0/exported/policy.onnx",),
-        ("beyondmimic_g1/Waltz.onnx",),
-        (MJLAB[0],),
-        ("holosoma_g1_loco/ppo_g1_29dof.onnx", "--contract", rest),
-    ):
-        status, out, error = cli("check", POLICIES / model, "--robot", G1, *extra)
+    for name, (model, _) in TRACES.items():
+        rest = contract_beside(name, tmp_path)
+        status, out, error = cli("check", POLICIES / model, "--robot", G1, *(("--contract", rest) if rest else ()))
         assert (status, error) == (0, ""), out
         assert "0 error(s)" in out
-    status, out, _ = cli("check", POLICIES / "beyondmimic_g1/Waltz.onnx", "--robot", G1, "--hardware")
+    status, out, _ = cli("check", POLICIES / TRACES["waltz"][0], "--robot", G1, "--hardware")
     assert status == 1
     for term in ("base_lin_vel", "motion_anchor_pos_b"):
         assert f"observation term {term}: needs" in out

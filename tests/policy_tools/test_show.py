@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import onnx
 import pytest
-from published import HOLOSOMA_REST, MJLAB, POLICIES, needs_policies
+from published import G1, POLICIES, TRACES, contract_beside, needs_policies
 from trainer import JOINTS, contract, save_checkpoint, terms
 
 from humanoid_sim.doctor import DoctorConfig
@@ -17,7 +17,20 @@ from humanoid_sim.policy.describe import field_lines, term_lines
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy_tools.stamp import add_metadata
 
-G1 = POLICIES / "models" / "unitree_g1" / "scene.xml"
+
+@pytest.fixture
+def bare(tmp_path, walker):
+    """The walker without a word about itself."""
+    path = tmp_path / "bare.onnx"
+    model = onnx.load(str(walker))
+    del model.metadata_props[:]
+    onnx.save(model, str(path))
+    return path
+
+
+def rows(out):
+    """The cells of the tables that were printed."""
+    return [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if line.startswith("│")]
 
 
 def test_tables(cli, stamped):
@@ -25,18 +38,9 @@ def test_tables(cli, stamped):
     assert (status, error) == (0, "")
     assert "32 values in 8 terms" in out
     assert "8 samples of the trainer's run (trace.npz)" in out
-    lines = {
-        line.split("│")[2].strip(): line for line in out.splitlines() if line.startswith("│") and line.count("│") > 4
-    }
+    lines = {cells[1]: cells[2:] for cells in rows(out) if len(cells) > 3}
     assert "held at 0" in lines["left_knee"]
-    assert [cell.strip() for cell in lines["right_knee"].split("│")[3:-1]] == [
-        "0.5",
-        "51",
-        "2.1",
-        "action 0",
-        "0.25",
-        "0.5",
-    ]
+    assert lines["right_knee"] == ["0.5", "51", "2.1", "action 0", "0.25", "0.5"]
     assert "3 steps, oldest first" in out
     assert "period 0.8 s" in out
     assert "vx -1 to 1, vy -0.5 to 0.5" in out
@@ -120,21 +124,14 @@ def test_sources_and_assumptions():
 
 @needs_policies
 def test_published_policies(cli, tmp_path):
-    rest = tmp_path / "rest.yaml"
-    rest.write_text(HOLOSOMA_REST, encoding="utf-8")
-    for arguments, texts in (
-        (("unitree_g1_velocity_v0/exported/policy.onnx", "--robot", G1), ("deploy.yaml and the robot", "vx -0.5 to 1")),
-        (
-            ("beyondmimic_g1/Waltz.onnx",),
-            ("assumed (mjlab)", "in the model: 945 frames", "torso_link", "policy_dt 0.02 s (50 Hz)"),
-        ),
-        (
-            (MJLAB[0],),
-            ("assumed (mjlab)", "at imu", "no source states it: policy_dt 0.02 s (50 Hz); terms' at of base_lin"),
-        ),
-        (("holosoma_g1_loco/ppo_g1_29dof.onnx", "--contract", rest), ("holosoma metadata", "rest.yaml")),
+    rest = contract_beside("holosoma", tmp_path)
+    for name, options, texts in (
+        ("unitree", ("--robot", G1), ("deploy.yaml and the robot", "vx -0.5 to 1")),
+        ("waltz", (), ("assumed (mjlab)", "in the model: 945 frames", "torso_link", "policy_dt 0.02 s (50 Hz)")),
+        ("mjlab", (), ("at imu", "no source states it: policy_dt 0.02 s (50 Hz); terms' at of base_lin")),
+        ("holosoma", ("--contract", rest), ("holosoma metadata", "rest.yaml")),
     ):
-        status, out, error = cli("show", POLICIES / arguments[0], *arguments[1:])
+        status, out, error = cli("show", POLICIES / TRACES[name][0], *options)
         assert (status, error) == (0, "")
         for text in texts:
             assert text in out
@@ -142,19 +139,15 @@ def test_published_policies(cli, tmp_path):
 
 @needs_policies
 def test_joints_by_place_are_shown_by_their_places_without_the_robot(cli):
-    status, out, error = cli("show", POLICIES / "unitree_g1_velocity_v0/exported/policy.onnx")
+    status, out, error = cli("show", POLICIES / TRACES["unitree"][0])
     assert (status, error) == (0, "")
     assert out.startswith("no source names the joints, so they are shown by their places on the robot; --robot gives")
     assert "joint 28 of the robot" in out
 
 
-def test_bad_input_is_one_line(cli, tmp_path, walker):
+def test_bad_input_is_one_line(cli, tmp_path, bare):
     text = tmp_path / "text.onnx"
     text.write_text("no model")
-    bare = tmp_path / "bare.onnx"
-    model = onnx.load(str(walker))
-    del model.metadata_props[:]
-    onnx.save(model, str(bare))
     stamp = ["stamp", "-o", tmp_path / "out.onnx"]
     for path in (tmp_path / "missing.onnx", tmp_path, text, bare):
         for verb in (["show"], stamp) if path != bare else (stamp,):
@@ -173,21 +166,19 @@ action_clip: .inf
 """
 
 
-def test_what_is_known_of_a_contract_that_lacks_fields(cli, tmp_path, walker):
-    bare = tmp_path / "bare.onnx"
-    model = onnx.load(str(walker))
-    del model.metadata_props[:]
-    onnx.save(model, str(bare))
+def test_what_is_known_of_a_contract_that_lacks_fields(cli, tmp_path, bare):
     (tmp_path / "contract.yaml").write_text(PARTLY)
     status, out, error = cli("show", bare)
     assert (status, error) == (1, "")
     assert "missing: default_joint_pos, action_scale, policy_dt; write them into " in out
     assert f"into {tmp_path / 'contract.yaml'}, which --skeleton FILE begins (docs/contract.md)" in out
-    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if line.startswith("│")]
-    assert ["1", "left_knee", "41.5", "1.25"] in rows
-    assert ["observation.projected_gravity.scale", "-1", "contract.yaml"] in rows
-    assert ["action_joint_names", "all joints", "follows from joint_names"] in rows
-    assert ["inputs", "obs [1, 32]"] in rows
+    for row in (
+        ["1", "left_knee", "41.5", "1.25"],
+        ["observation.projected_gravity.scale", "-1", "contract.yaml"],
+        ["action_joint_names", "all joints", "follows from joint_names"],
+        ["inputs", "obs [1, 32]"],
+    ):
+        assert row in rows(out)
 
     status, out, _ = cli("show", bare, "--json")
     assert status == 1
@@ -198,26 +189,18 @@ def test_what_is_known_of_a_contract_that_lacks_fields(cli, tmp_path, walker):
     assert document["model"]["inputs"][0]["shape"] == [1, 32]
 
 
-def test_a_network_of_which_nothing_is_known_shows_its_tensors_and_what_is_missing(cli, tmp_path, walker):
-    bare = tmp_path / "bare.onnx"
-    model = onnx.load(str(walker))
-    del model.metadata_props[:]
-    onnx.save(model, str(bare))
+def test_a_network_of_which_nothing_is_known_shows_its_tensors_and_what_is_missing(cli, bare):
     status, out, error = cli("show", bare)
     assert (status, error) == (1, "")
-    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if line.startswith("│")]
-    assert ["inputs", "obs [1, 32]"] in rows
+    assert ["inputs", "obs [1, 32]"] in rows(out)
     assert "missing: joint_names, " in out
     assert "known so far" not in out
     status, out, _ = cli("show", bare, "--json")
     assert (status, json.loads(out)["known"]) == (1, {})
 
 
-def test_a_skeleton_states_nothing_until_it_is_filled_in(cli, tmp_path, walker):
-    bare, file = tmp_path / "bare.onnx", tmp_path / "bare.contract.yaml"
-    model = onnx.load(str(walker))
-    del model.metadata_props[:]
-    onnx.save(model, str(bare))
+def test_a_skeleton_states_nothing_until_it_is_filled_in(cli, tmp_path, walker, bare):
+    file = tmp_path / "bare.contract.yaml"
     _, out, _ = cli("show", bare, "--json")
     missing = json.loads(out)["missing"]
     assert missing[:4] == ["joint_names", "joint_stiffness", "joint_damping", "default_joint_pos"]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import onnx
 import pytest
-from published import HOLOSOMA_REST, MJLAB, POLICIES, needs_policies
+from published import G1, MJLAB, POLICIES, TRACES, contract_beside, needs_policies
 from trainer import Run, contract, save_checkpoint, save_trace
 
 from humanoid_sim.assets import asset_path
@@ -20,25 +20,13 @@ from humanoid_sim.policy.onnx_policy import TENSORS_KEY, read_header
 from humanoid_sim.policy_tools.stamp import add_metadata
 from humanoid_sim.robots.description import load_robot
 
-G1 = POLICIES / "models" / "unitree_g1" / "scene.xml"
-PUBLISHED = {
-    "unitree": ("unitree_g1_velocity_v0/exported/policy.onnx", "unitree_g1_velocity_v0/trace.npz", ""),
-    "waltz": ("beyondmimic_g1/Waltz.onnx", "beyondmimic_g1/trace_Waltz.npz", ""),
-    "holosoma": ("holosoma_g1_loco/ppo_g1_29dof.onnx", "holosoma_g1_loco/trace_ppo.npz", HOLOSOMA_REST),
-    "mjlab": (*MJLAB, ""),
-}
-
 
 @needs_policies
 @pytest.mark.usefixtures("near_ends")
-@pytest.mark.parametrize("name", PUBLISHED)
+@pytest.mark.parametrize("name", TRACES)
 def test_published_policy(cli, tmp_path, name):
-    model, trace, rest = PUBLISHED[name]
-    extra = []
-    if rest:
-        file = tmp_path / "rest.yaml"
-        file.write_text(rest, encoding="utf-8")
-        extra = ["--contract", file]
+    (model, trace), rest = TRACES[name], contract_beside(name, tmp_path)
+    extra = ["--contract", rest] if rest else []
     folder = tmp_path / "alone"
     folder.mkdir()
     output = folder / "stamped.onnx"
@@ -49,7 +37,7 @@ def test_published_policy(cli, tmp_path, name):
     assert [path.name for path in folder.iterdir()] == ["stamped.onnx"]
 
     joints = load_robot(str(G1)).joint_names
-    original = load_checkpoint(POLICIES / model, extra[1] if extra else None, joints)
+    original = load_checkpoint(POLICIES / model, rest, joints)
     copy = load_checkpoint(output)  # no robot, no contract, no tensors beside it
     assert "trainer's run" in copy.golden
     rng = np.random.default_rng(3)
@@ -117,27 +105,23 @@ def test_without_a_trace_the_samples_only_show_drift(cli, walker, tmp_path):
     assert "drift only" in cli("show", output)[1]
 
 
-def test_external_tensors_move_into_the_copy(cli, walker, tmp_path):
-    folder = tmp_path / "external"
+def outside(model, folder):
+    """A copy whose tensors lie in a file beside it, and that file."""
     folder.mkdir()
-    model = folder / "policy.onnx"
     arguments = {"save_as_external_data": True, "location": "policy.onnx.data", "size_threshold": 0}
-    onnx.save(onnx.load(str(walker)), str(model), **arguments)
-    assert (folder / "policy.onnx.data").is_file()
+    onnx.save(onnx.load(str(model)), str(folder / "policy.onnx"), **arguments)
+    return folder / "policy.onnx", folder / "policy.onnx.data"
+
+
+def test_external_tensors_move_into_the_copy(cli, walker, tmp_path):
+    model, data = outside(walker, tmp_path / "external")
+    assert data.is_file()
     output = tmp_path / "out.onnx"
     assert cli("stamp", model, "-o", output)[0] == 0
     expected = load_checkpoint(model)
-    shutil.rmtree(folder)
+    shutil.rmtree(model.parent)
     observation = np.linspace(-1.0, 1.0, expected.observation_width, dtype=np.float32)
     np.testing.assert_array_equal(load_checkpoint(output).policy(observation, 0), expected.policy(observation, 0))
-
-
-def outside(stamped, folder):
-    """A stamped model whose tensors somebody has taken out again, and their file."""
-    folder.mkdir()
-    arguments = {"save_as_external_data": True, "location": "policy.onnx.data", "size_threshold": 0}
-    onnx.save(onnx.load(str(stamped)), str(folder / "policy.onnx"), **arguments)
-    return folder / "policy.onnx", folder / "policy.onnx.data"
 
 
 def test_external_tensors_of_another_model_are_told_though_they_are_as_long(cli, stamped, tmp_path):
@@ -170,10 +154,8 @@ def test_golden_vectors_name_external_tensors_where_no_digest_tells(stamped, tmp
 
 
 def test_missing_external_tensors_are_one_line(cli, walker, tmp_path):
-    model = tmp_path / "policy.onnx"
-    arguments = {"save_as_external_data": True, "location": "policy.onnx.data", "size_threshold": 0}
-    onnx.save(onnx.load(str(walker)), str(model), **arguments)
-    (tmp_path / "policy.onnx.data").unlink()
+    model, data = outside(walker, tmp_path / "external")
+    data.unlink()
     status, _, error = cli("stamp", model, "-o", tmp_path / "out.onnx")
     assert status == 2
     assert error.startswith(f"error: {model}: ")

@@ -1,5 +1,7 @@
 """A run of the real control stack through all five modes, for tests of replay."""
 
+from functools import cache
+
 import numpy as np
 
 from humanoid_sim import messages
@@ -73,3 +75,10 @@ def run(policy, settings=None) -> tuple[messages.SessionHeader, list[messages.Ti
     settings = settings or {"policy": "placeholder"}
     header = run_header(description, PERIOD, loaded, settings=settings, remote=True)
     return header, ticks
+
+
+@cache
+def wobbled() -> tuple[messages.SessionHeader, tuple[messages.TickRecord, ...]]:
+    """Such a run of the policy that breaks by itself."""
+    header, ticks = run(Wobble())
+    return header, tuple(ticks)

@@ -27,7 +27,7 @@ def test_round_trip(record):
     assert bits(decode_tick(encoder.encode(record))) == bits(record)
 
 
-@given(st.lists(tick_records(joints=2), max_size=4))
+@given(st.lists(tick_records(joints=2), max_size=2))
 def test_one_encoder_for_many_ticks(records):
     encoder = TickEncoder(2)
     messages = [encoder.encode(record) for record in (*records, *records)]

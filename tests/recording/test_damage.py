@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from recorded_run import Wobble, run
+from recorded_run import wobbled
 from recording_samples import bits, chunks, make_tick, spoil, write_recording
 from test_reader import COUNT, small_recording
 
@@ -23,7 +23,7 @@ TICKS = 320
 
 @pytest.fixture(scope="module")
 def sample():
-    header, ticks = run(Wobble())
+    header, ticks = wobbled()
     return header, ticks[:TICKS]
 
 

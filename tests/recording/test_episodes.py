@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recorded_run import PERIOD, Wobble, run
+from recorded_run import PERIOD, wobbled
 from recording_samples import write_recording
 
 from humanoid_sim.errors import InputError
@@ -16,7 +16,7 @@ BOTH = frozenset((Mode.LOCOMOTION, Mode.REMOTE))
 @pytest.fixture
 def record(tmp_path):
     def record(ticks):
-        write_recording(tmp_path / "run.mcap", ticks, run(Wobble())[0])
+        write_recording(tmp_path / "run.mcap", ticks, wobbled()[0])
         return open_recording(tmp_path / "run.mcap")
 
     return record
@@ -36,7 +36,7 @@ def episodes(recording, modes=BOTH, fps=None):
 
 
 def test_one_episode_for_each_stretch(record):
-    _, ticks = run(Wobble())
+    ticks = list(wobbled()[1])
     locomotion, remote = episodes(record(ticks))
     assert (locomotion.mode, locomotion.fps) == (Mode.LOCOMOTION, pytest.approx(25.0))  # a policy step every other tick
     assert (remote.mode, remote.fps) == (Mode.REMOTE, 50.0)
@@ -55,12 +55,12 @@ def test_one_episode_for_each_stretch(record):
 
 
 def test_only_the_modes_that_are_asked_for(record):
-    recording = record(run(Wobble())[1])
+    recording = record(wobbled()[1])
     assert [episode.mode for episode in episodes(recording, frozenset((Mode.REMOTE,)))] == [Mode.REMOTE]
 
 
 def test_another_rate(record):
-    _, ticks = run(Wobble())
+    ticks = list(wobbled()[1])
     recording = record(ticks)
     every, fifth = episodes(recording, fps=50.0)[0], episodes(recording, fps=10.0)[0]
     assert len(every) == len(in_mode(ticks, Mode.LOCOMOTION))
@@ -72,7 +72,7 @@ def test_another_rate(record):
 
 @pytest.mark.parametrize("gap", ["time", "ticks"])
 def test_a_gap_ends_an_episode(record, gap):
-    _, ticks = run(Wobble())
+    ticks = list(wobbled()[1])
     first = ticks.index(in_mode(ticks, Mode.REMOTE)[0])
     cut = first + 20
     late = [shifted(tick, 3 * PERIOD) for tick in ticks[cut:]]
@@ -83,14 +83,14 @@ def test_a_gap_ends_an_episode(record, gap):
 
 
 def test_an_uneven_clock_is_no_gap(record):
-    _, ticks = run(Wobble())
+    ticks = list(wobbled()[1])
     rng = np.random.default_rng(0)
     made = [shifted(tick, float(rng.uniform(-0.2, 0.2)) * PERIOD) for tick in ticks]
     assert len(episodes(record(made))) == 2
 
 
 def test_a_joint_that_was_never_heard(record):
-    _, ticks = run(Wobble())
+    ticks = list(wobbled()[1])
     silent = in_mode(ticks, Mode.REMOTE)[10]
     position = silent.input.state.joint_position.copy()
     position[3] = np.nan
@@ -101,6 +101,6 @@ def test_a_joint_that_was_never_heard(record):
 
 
 def test_a_stretch_of_one_frame_is_no_episode(record):
-    _, ticks = run(Wobble())
+    ticks = list(wobbled()[1])
     first = in_mode(ticks, Mode.REMOTE)[0].index
     assert [episode.mode for episode in episodes(record(ticks[: first + 1]))] == [Mode.LOCOMOTION]

@@ -8,13 +8,14 @@ import numpy as np
 import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
-from recorded_run import PERIOD, Wobble, run
+from recorded_run import PERIOD, run, wobbled
 from recording_samples import write_recording
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.policy.checkpoint import file_digest, placeholder_checkpoint
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
+from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.replay import main as replay_main
 from humanoid_sim.robots.description import load_robot
 
@@ -42,13 +43,14 @@ def save_model(path, seed=0, width=WIDTH):
     return path
 
 
-@pytest.fixture
-def recorded(tmp_path):
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
     """A run of a model: the recording and the model."""
-    model = save_model(tmp_path / "policy.onnx")
+    folder = tmp_path_factory.mktemp("run")
+    model = save_model(folder / "policy.onnx")
     header, ticks = run(OnnxPolicy(model), {"policy": str(model), "policy_sha256": file_digest(model)})
-    write_recording(tmp_path / "run.mcap", ticks, header)
-    return tmp_path / "run.mcap", model
+    write_recording(folder / "run.mcap", ticks, header)
+    return folder / "run.mcap", model
 
 
 def test_the_same_model_answers_the_same(recorded, capsys):
@@ -78,7 +80,7 @@ def test_another_model_is_named_and_measured(recorded, tmp_path, capsys):
 
 
 def test_a_changed_action_is_found_without_the_model_that_made_it(recorded, tmp_path, capsys):
-    header, ticks = run(Wobble())
+    header, ticks = wobbled()
     write_recording(tmp_path / "wobble.mcap", ticks, header)
     assert replay([str(tmp_path / "wobble.mcap"), "--policy", str(recorded[1]), "--json"]) == 1
     result = json.loads(capsys.readouterr().out)["infer"]
@@ -104,7 +106,7 @@ def test_a_model_that_says_nothing_of_itself_runs_on_the_recorded_contract(recor
 
 
 def test_infer_needs_a_model(tmp_path, capsys):
-    header, ticks = run(Wobble())
+    header, ticks = wobbled()
     path = tmp_path / "wobble.mcap"
     write_recording(path, ticks, header)
     assert replay([str(path), "--infer"]) == 2
@@ -144,8 +146,8 @@ def test_the_status_says_whether_answers_are_the_same_within_the_tolerance(recor
 
 
 def test_without_policy_steps_nothing_was_compared_and_that_is_no_success(recorded, tmp_path, capsys):
-    header, ticks = run(OnnxPolicy(recorded[1]), {"policy": str(recorded[1])})
-    write_recording(tmp_path / "short.mcap", ticks[:50], header)
+    whole = open_recording(recorded[0])
+    write_recording(tmp_path / "short.mcap", list(whole.ticks())[:50], whole.header)
     assert replay([str(tmp_path / "short.mcap")]) == 0
     assert replay([str(tmp_path / "short.mcap"), "--infer"]) == 1
     assert "infer: no policy step was reached, so nothing was compared" in capsys.readouterr().out

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 import pytest
-from recorded_run import COUNT, PERIOD, Wobble, run
+from recorded_run import COUNT, PERIOD, wobbled
 from recording_samples import write_recording
 
 from humanoid_sim.cli import run_program
@@ -17,7 +17,7 @@ record = partial(run_program, record_main)
 
 @pytest.fixture(scope="module")
 def sample():
-    return run(Wobble())
+    return wobbled()
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from recorded_run import COUNT, PERIOD, Wobble, run
+from recorded_run import COUNT, PERIOD, Wobble, run, wobbled
 from recording_samples import write_recording
 
 from humanoid_sim.cli import run_program
@@ -22,7 +22,7 @@ from humanoid_sim.stack import rebuild_supervisor
 
 @pytest.fixture(scope="module")
 def sample():
-    return run(Wobble())
+    return wobbled()
 
 
 @pytest.fixture
@@ -69,7 +69,7 @@ def test_a_policy_that_failed_fails_again(recorded, capsys):
     ],
 )
 def test_the_kind_of_an_event_says_whether_the_stack_began_again(recorded, event, begins_again):
-    header, ticks = run(Wobble())
+    header, ticks = wobbled()
     starts = []
 
     def build(header, policy):
@@ -83,7 +83,7 @@ def test_the_kind_of_an_event_says_whether_the_stack_began_again(recorded, event
 @pytest.mark.parametrize("reason", [STARTED, NOT_DRIVEN])
 def test_a_fresh_start_is_repeated_with_its_reason(recorded, reason):
     """The reason is that of the run; everything else of the tick is computed again."""
-    header, ticks = run(Wobble())
+    header, ticks = wobbled()
     stack = rebuild_supervisor(header, Wobble())
     _, output = stack.step(stack.initial(reason), replace(ticks[0].input, intents=()))
     assert output.control_mode.status_message == reason
@@ -101,6 +101,11 @@ def test_json(sample, recorded, capsys):
     assert result["identical"] is True
     assert result["complete"] is True
     assert result["difference"] is None
+
+
+def with_output(ticks, index, output):
+    """The run with another output in one tick."""
+    return [*ticks[:index], replace(ticks[index], output=output), *ticks[index + 1 :]]
 
 
 def flipped(array, index, bit=0):
@@ -155,9 +160,8 @@ FIELDS = [
 def test_a_changed_bit_is_found_and_named(sample, recorded, capsys, field, index):
     header, ticks = sample
     assert ticks[index].output.policy_step is not None or index != IN_LOCOMOTION
-    ticks = list(ticks)
-    ticks[index] = replace(ticks[index], output=changed_output(field, ticks[index].output))
-    assert replay([str(recorded(header, ticks)), "--json"]) == 1
+    changed = with_output(ticks, index, changed_output(field, ticks[index].output))
+    assert replay([str(recorded(header, changed)), "--json"]) == 1
     result = json.loads(capsys.readouterr().out)
     assert (result["tick"], result["ticks"]) == (index, index)
     assert result["time"] == pytest.approx(index * PERIOD)
@@ -171,13 +175,11 @@ def test_a_changed_bit_is_found_and_named(sample, recorded, capsys, field, index
 
 def test_a_changed_action_is_found_in_the_command_that_it_made(sample, recorded, capsys):
     header, ticks = sample
-    ticks = list(ticks)
     output = changed_output("policy_step.action", ticks[IN_LOCOMOTION].output)
     action = np.array(output.policy_step.action)
     action[5] += 0.5
     output = replace(output, policy_step=replace(output.policy_step, action=action))
-    ticks[IN_LOCOMOTION] = replace(ticks[IN_LOCOMOTION], output=output)
-    assert replay([str(recorded(header, ticks))]) == 1
+    assert replay([str(recorded(header, with_output(ticks, IN_LOCOMOTION, output)))]) == 1
     assert f"command.position of {header.joint_names[5]}: recorded " in capsys.readouterr().out
 
 
@@ -185,8 +187,7 @@ def test_a_policy_step_that_is_missing_or_too_many_is_found(sample, recorded, ca
     header, ticks = sample
     step = ticks[IN_LOCOMOTION].output.policy_step
     for index, change, field in ((IN_LOCOMOTION, None, "faults"), (IN_STANDBY, step, "policy_step")):
-        changed = list(ticks)
-        changed[index] = replace(ticks[index], output=replace(ticks[index].output, policy_step=change))
+        changed = with_output(ticks, index, replace(ticks[index].output, policy_step=change))
         assert replay([str(recorded(header, changed)), "--json"]) == 1
         result = json.loads(capsys.readouterr().out)
         assert result["tick"] == index
@@ -207,15 +208,12 @@ def test_a_changed_input_is_found_where_it_matters(sample, recorded, field):
 
 def test_equal_digits_show_their_bits(sample, recorded, capsys):
     header, ticks = sample
-    ticks = list(ticks)
-    effort = np.array(ticks[IN_LOCOMOTION].output.command.effort)
+    output = ticks[IN_LOCOMOTION].output
+    effort = np.array(output.command.effort)
     assert effort[2] == 0.0
     effort[2] = -0.0
-    output = ticks[IN_LOCOMOTION].output
-    ticks[IN_LOCOMOTION] = replace(
-        ticks[IN_LOCOMOTION], output=replace(output, command=replace(output.command, effort=effort))
-    )
-    assert replay([str(recorded(header, ticks))]) == 1
+    output = replace(output, command=replace(output.command, effort=effort))
+    assert replay([str(recorded(header, with_output(ticks, IN_LOCOMOTION, output)))]) == 1
     out = capsys.readouterr().out
     assert f"{IN_LOCOMOTION} ticks identical; tick {IN_LOCOMOTION}, t = 4.400 s, differs" in out
     assert f"command.effort of {header.joint_names[2]}: recorded -0.0, replayed 0.0" in out

@@ -73,6 +73,16 @@ class LocalSession:
     def info(self) -> SessionInfo:
         return find_session(os.getpid())
 
+    def publish(
+        self, header: SessionHeader, blobs: Mapping[str, bytes] | None = None, *, robot: str, hardware: str = ""
+    ) -> None:
+        """Register again, as a session of another robot."""
+        self.feed.close()
+        self.registration.close()
+        self.feed = FeedWriter(header, blobs or {})
+        self.stack.callback(self.feed.close)
+        self.registration.register(robot=robot, policy="none", hardware=hardware, feed=self.feed.path)
+
     def intake(self, name: str = "test") -> Intake:
         return self.stack.enter_context(Intake(self.info, name))
 

@@ -17,7 +17,6 @@ from humanoid_sim.frontends.console.turn import Steering
 from humanoid_sim.frontends.console.wishes import Beat, LetGo, Press, Snap, Steer, Take
 from humanoid_sim.messages import Intent, Mode, SessionHeader, TickRecord
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.session.feed import FeedWriter
 
 NAME = f"console ({os.getpid()})"
 N = len(rig.JOINTS)
@@ -90,12 +89,7 @@ class Desk:
 def desk(local, monkeypatch):
     time = [10**12]
     monkeypatch.setattr("humanoid_sim.client.monotonic_ns", lambda: time[0])
-    local.feed.close()
-    local.registration.close()
-    header = SessionHeader("three", rig.JOINTS, rig.PERIOD, 0, {"robot": robot()})
-    local.feed = FeedWriter(header)
-    local.stack.callback(local.feed.close)
-    local.registration.register(robot="three", policy="none", hardware="", feed=local.feed.path)
+    local.publish(SessionHeader("three", rig.JOINTS, rig.PERIOD, 0, {"robot": robot()}), robot="three")
     with Feed(local.info) as feed:
         attachment = Attachment(local.info, feed, local.intake("console"))
         commanding = Commanding(attachment, lambda: time[0])

@@ -19,6 +19,12 @@ from humanoid_sim.messages import Event
 from humanoid_sim.recording.reader import open_recording
 
 
+@pytest.fixture(scope="module")
+def played(start_play):
+    """One run for all tests, at half the ticks: the last test replays them all."""
+    return start_play("--control-frequency", "100")
+
+
 def get(played, path, **headers):
     connection = http.client.HTTPConnection(played.authority, timeout=10)
     try:
@@ -57,6 +63,14 @@ def ask(page, word):
     page.send(json.dumps({"ask": word, "seen": time.monotonic()}))
     answers = until(page, lambda told: told.get("answers"))["answers"]
     return answers[-1]
+
+
+def answers_to(page, message):
+    """The text with which a message is refused."""
+    page.send(json.dumps(message) if isinstance(message, dict) else message)
+    answers = until(page, lambda told: told.get("answers"))["answers"]
+    assert answers[-1]["granted"] is False
+    return str(answers[-1]["text"])
 
 
 def test_pages_need_the_token_and_the_printed_address(played):
@@ -178,21 +192,33 @@ def test_a_page_has_the_robot_enabled_afresh(played):
         until(other, lambda told: told.get("mode") == "ZERO_TORQUE")
 
 
-def test_a_page_that_floods_is_bounded_and_its_damp_is_not(played):
+@pytest.mark.parametrize(
+    ("flood", "refused", "left_out"),
+    [
+        ({"ask": "load_a"}, {"ask": "start_remote"}, "start_remote left out: more than 5 requests a second"),
+        (
+            {"do": "press", "key": "0"},
+            {"do": "take", "joint": "left_elbow_pitch"},
+            "left out: more requests than are taken in a second",
+        ),
+    ],
+    ids=["intents", "wishes"],
+)
+def test_a_page_that_floods_is_bounded_and_its_damp_is_not(played, flood, refused, left_out):
     """Nor does what waited when the DAMP came move the robot after it."""
+
+    def send(message, count):
+        for _ in range(count):
+            page.send(json.dumps(message | ({"seen": time.monotonic()} if "ask" in message else {})))
+
     with socket(played.control) as page:
         ask(page, "damp")
         assert ask(page, "load_a")["granted"] is True
         until(page, lambda told: told.get("mode") == "STANDBY")
-        for _ in range(500):
-            page.send(json.dumps({"ask": "load_a", "seen": time.monotonic()}))
+        send(flood, 500)
         page.send(json.dumps({"ask": "damp"}))
         until(page, lambda told: told.get("mode") == "DAMPING")
-        for _ in range(50):
-            page.send(
-                json.dumps({"ask": "start_remote", "seen": time.monotonic()})
-            )  # refused in DAMPING, as far as it is asked for at all
-        left_out = "start_remote left out: more than 5 requests a second"
+        send(refused, 50 if "ask" in refused else 500)  # in DAMPING, as far as it is asked for at all
         told = until(page, lambda told: any(answer["text"] == left_out for answer in told.get("answers", ())))
         assert told["mode"] == "DAMPING"
 
@@ -258,17 +284,14 @@ def test_a_page_that_does_not_say_what_it_saw_is_told_to_reload(played):
     with socket(played.control) as page:
         ask(page, "damp")
         for seen in ({}, {"seen": None}, {"seen": "now"}, {"seen": -1.0}, {"seen": True}):
-            told = answers_to(page, json.dumps({"ask": "load_a", **seen}))
+            told = answers_to(page, {"ask": "load_a", **seen})
             assert told == "load_a refused: the page does not say what it had seen; reload it"
 
 
-@pytest.mark.parametrize("message", ["", "{", "[]", '{"ask": 1}', '{"ask": "fly"}', "[" * 5000, b"\x00\x01"])
-def test_what_is_not_understood_is_answered(played, message):
+def test_what_is_not_understood_is_answered(played):
     with socket(played.control) as page:
-        page.send(message)
-        (answer,) = until(page, lambda told: told.get("answers"))["answers"]
-        assert answer["granted"] is False
-        assert answer["text"].startswith("not understood, expected one of damp, load_a")
+        for message in ("", "{", "[]", '{"ask": 1}', '{"ask": "fly"}', "[" * 5000, b"\x00\x01"):
+            assert answers_to(page, message).startswith("not understood, expected one of damp, load_a"), message
 
 
 def test_a_new_page_is_told_what_happened_before(played):
@@ -278,21 +301,15 @@ def test_a_new_page_is_told_what_happened_before(played):
     assert told["age"] < 0.5
 
 
-def answers_to(page, message):
-    page.send(message)
-    answers = until(page, lambda told: told.get("answers"))["answers"]
-    assert answers[-1]["granted"] is False
-    return str(answers[-1]["text"])
-
-
 def test_a_wish_is_refused_with_its_reason(played):
     with socket(played.control) as page:
         known = until(page, lambda told: "session" in told)
         assert (known["no_sliders"], known["velocity"]) == ("", None)
         ask(page, "damp")
         until(page, lambda told: told.get("mode") == "DAMPING")
-        taking = json.dumps({"do": "take", "joint": "left_elbow_pitch"})
-        assert answers_to(page, taking) == "sliders: require REMOTE; mode is DAMPING"
+        assert (
+            answers_to(page, {"do": "take", "joint": "left_elbow_pitch"}) == "sliders: require REMOTE; mode is DAMPING"
+        )
         assert answers_to(page, '{"do": "snap"}') == "sliders: require REMOTE; mode is DAMPING"
         assert answers_to(page, '{"do": "press", "key": "w"}').startswith("velocity: the policy takes no command")
         assert answers_to(page, '{"do": "beat", "seen": NaN}').startswith("not understood: ")
@@ -303,21 +320,6 @@ def test_a_page_for_watching_only_moves_nothing(played):
     with socket(played.read_only) as page:
         for wish in ('{"do": "take", "joint": "left_elbow_pitch"}', '{"do": "press", "key": "0"}', '{"do": "let_go"}'):
             assert answers_to(page, wish) == "this address is for watching only"
-
-
-def test_a_page_that_floods_wishes_is_bounded_and_its_damp_is_not(played):
-    with socket(played.control) as page:
-        ask(page, "damp")
-        assert ask(page, "load_a")["granted"] is True
-        until(page, lambda told: told.get("mode") == "STANDBY")
-        for _ in range(500):
-            page.send(json.dumps({"do": "press", "key": "0"}))
-        page.send(json.dumps({"ask": "damp"}))
-        until(page, lambda told: told.get("mode") == "DAMPING")
-        for _ in range(500):
-            page.send(json.dumps({"do": "take", "joint": "left_elbow_pitch"}))
-        left_out = "left out: more requests than are taken in a second"
-        until(page, lambda told: any(answer["text"] == left_out for answer in told.get("answers", ())))
 
 
 def rows(page):
@@ -339,17 +341,16 @@ def test_a_page_plots_what_it_chooses_whoever_opened_it(played):
         page.send(json.dumps({"plot": [0, 30]}))
         assert [rows(page)[0], rows(page)[0]] == [0, 30]
         _, table = rows(page)
-        assert np.all(np.diff(table[0]) > 0.015)  # 50 a second, of a loop of 200
-        page.send(json.dumps({"plot": [10_000]}))
-        (answer,) = until(page, lambda told: told.get("answers"))["answers"]
-        assert answer["text"].startswith("plots not understood, expected at most 24 numbers from 0 to ")
+        assert np.all(np.diff(table[0]) > 0.015)  # 50 a second, of a loop of 100
+        refused = answers_to(page, {"plot": [10_000]})
+        assert refused.startswith("plots not understood, expected at most 24 numbers from 0 to ")
 
 
 def test_a_page_is_told_the_loops_rate_its_recording_and_its_link_to_the_session(played):
     with socket(played.read_only) as page:
         vitals = until(page, lambda told: told.get("vitals", {}).get("rate", [None])[0])["vitals"]
-        assert 10.0 < vitals["rate"][0] < 210.0  # the machine may be loaded
-        assert vitals["rate"][1] == 200.0
+        assert 10.0 < vitals["rate"][0] < 110.0  # the machine may be loaded
+        assert vitals["rate"][1] == 100.0
         assert vitals["recording"] == {"file": str(played.folder / "run.mcap"), "error": None}
         assert vitals["base"] is None
         page.send(json.dumps({"ping": ["?"]}))  # not answered
@@ -384,15 +385,11 @@ def test_the_figures_in_the_view_are_switched_for_all_pages_by_an_operator_alone
     with socket(played.control) as page, socket(played.read_only) as other:
         figures = until(other, lambda told: "figures" in told)["figures"]
         assert (figures["reference"]["on"], figures["command"]["on"]) == (True, False)
-        other.send(json.dumps({"show": "command", "on": True}))
-        (answer,) = until(other, lambda told: told.get("answers"))["answers"]
-        assert answer == {"granted": False, "text": "this address is for watching only"}
+        assert answers_to(other, {"show": "command", "on": True}) == "this address is for watching only"
         page.send(json.dumps({"show": "command", "on": True}))
         until(other, lambda told: told.get("figures", {}).get("command", {}).get("on"))
         for wrong in ({"show": "command", "on": 1}, {"show": ["command"], "on": True}, {"show": "halo", "on": True}):
-            page.send(json.dumps(wrong))
-            (answer,) = until(page, lambda told: told.get("answers"))["answers"]
-            assert answer["text"].startswith("show")
+            assert answers_to(page, wrong).startswith("show")
         page.send(json.dumps({"show": "command", "on": False}))
         until(other, lambda told: told.get("figures", {"command": {"on": True}})["command"]["on"] is False)
 
@@ -400,18 +397,11 @@ def test_the_figures_in_the_view_are_switched_for_all_pages_by_an_operator_alone
 def test_a_page_loads_a_policy_and_every_page_begins_anew_with_it(played):
     """From here on the session has another motion."""
     with socket(played.control) as page, socket(played.read_only) as other:
-        page.send(json.dumps({"load": {"policy": "nothing.onnx"}, "seen": time.monotonic()}))
-        refused = until(page, lambda told: told.get("answers"))["answers"][-1]
-        assert not refused["granted"]
-        assert refused["text"].startswith("load refused: ")
-        for message, reason in (
-            ({"load": 3}, "load not understood"),
-            ({"load": {"robot": "x"}}, "load not understood"),
-        ):
-            assert answers_to(page, json.dumps(message)).startswith(reason)
-        assert (
-            answers_to(other, json.dumps({"load": {"policy": "lite_tracking"}})) == "this address is for watching only"
-        )
+        unknown = {"load": {"policy": "nothing.onnx"}, "seen": time.monotonic()}
+        assert answers_to(page, unknown).startswith("load refused: ")
+        for message in ({"load": 3}, {"load": {"robot": "x"}}):
+            assert answers_to(page, message).startswith("load not understood")
+        assert answers_to(other, {"load": {"policy": "lite_tracking"}}) == "this address is for watching only"
         ask(page, "damp")
         chosen = {"policy": "lite_tracking", "motion": "circle", "command": ""}
         page.send(json.dumps({"load": chosen, "seen": time.monotonic()}))

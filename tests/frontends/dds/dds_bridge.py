@@ -1,4 +1,4 @@
-"""A bridge as a program, and a DDS domain that nobody else on the machine is in."""
+"""Front ends as programs, the bridge among them, and a DDS domain that nobody else on the machine is in."""
 
 import os
 import socket
@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 
 def free_domain() -> int:
@@ -22,12 +23,20 @@ def free_domain() -> int:
 
 
 @contextmanager
-def bridge() -> Iterator[subprocess.Popen[str]]:
-    """`python -m humanoid_sim.dds` on the only session, once it is ready."""
-    with subprocess.Popen([sys.executable, "-m", "humanoid_sim.dds"], stdout=subprocess.PIPE, text=True) as process:
+def program(name: str, *options: str, says: str, **streams: Any) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """`python -m humanoid_sim.NAME`, once its first line begins so, and that line; killed at the end."""
+    command = [sys.executable, "-u", "-m", f"humanoid_sim.{name}", *options]
+    with subprocess.Popen(command, text=True, **{"stdout": subprocess.PIPE, **streams}) as process:
         try:
             line = process.stdout.readline()
-            assert line.startswith("domain "), line
-            yield process
+            assert line.startswith(says), line
+            yield process, line
         finally:
             process.kill()
+
+
+@contextmanager
+def bridge() -> Iterator[subprocess.Popen[str]]:
+    """`python -m humanoid_sim.dds` on the only session, once it is ready."""
+    with program("dds", says="domain ") as (process, _):
+        yield process

@@ -16,7 +16,7 @@ from stranger import Float32MultiArray, MultiArrayLayout, client, newest, until
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput, TickRecord
 from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
-from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
+from humanoid_sim.session.feed import MODEL_BLOB
 from humanoid_sim.simulation.model import build_model, model_bytes
 from humanoid_sim.stack import run_header
 from humanoid_sim.testing import healthy_state
@@ -30,11 +30,8 @@ def cyclone(domain):
 
 def test_a_lite_on_a_bus_shows_its_body_under_the_lites_prefix(local, cyclone):
     neck = load_robot("lite_neck")
-    local.feed.close()
-    local.registration.close()
-    local.feed = FeedWriter(run_header(neck, 0.02, None, settings={}), {MODEL_BLOB: model_bytes(build_model(neck))})
-    local.stack.callback(local.feed.close)
-    local.registration.register(robot="lite_neck", policy="none", hardware="can0", feed=local.feed.path)
+    blobs = {MODEL_BLOB: model_bytes(build_model(neck))}
+    local.publish(run_header(neck, 0.02, None, settings={}), blobs, robot="lite_neck", hardware="can0")
     state = healthy_state([0.0] * 17, 3.5)
     output = TickOutput(MITCommand.zeros(17), ControlMode(Mode.DAMPING, "damping_controller", "Grüße"))
     local.feed.tick(TickRecord(0, TickInput(state), output, 0.0, False))

@@ -2,10 +2,9 @@
 
 import signal
 import subprocess
-import sys
-from contextlib import contextmanager
 
 import pytest
+from dds_bridge import program
 from emulated_keyboard import on_fifo
 from local_session import LocalSession, ticking
 from waiting import until
@@ -70,22 +69,14 @@ def test_each_period_tells_which_keys_are_down_and_when_that_was_known(session, 
     assert after.input.state.extern["key_pressed"] is last.input.state.extern["key_pressed"], "nobody knows any more"
 
 
-@contextmanager
 def running(session, *options, **streams):
     """The program, once it listens."""
-    command = [sys.executable, "-u", "-m", "humanoid_sim.midi", "--session", str(session.info.process), *options]
-    outputs = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, **streams}
-    with subprocess.Popen(command, text=True, **outputs) as process:
-        try:
-            line = process.stdout.readline()
-            assert line.startswith("the keys of "), line
-            yield process
-        finally:
-            process.kill()
+    given = ("--session", str(session.info.process), *options)
+    return program("midi", *given, says="the keys of ", stderr=subprocess.STDOUT, **streams)
 
 
 def test_the_program_plays_stops_loses_and_finds_the_keyboard(session, keyboard, tmp_path):
-    with running(session, "--device", keyboard.path, "--transpose", "12") as process:
+    with running(session, "--device", keyboard.path, "--transpose", "12") as (process, _):
         with ticking(session) as records:
             keyboard.press(48, 52)
             until(lambda: down(records[-1]) == [39, 43])
@@ -109,7 +100,7 @@ def test_the_program_plays_stops_loses_and_finds_the_keyboard(session, keyboard,
 
 
 def test_standard_input_ends_it(session):
-    with ticking(session) as records, running(session, "--device", "-", stdin=subprocess.PIPE) as process:
+    with ticking(session) as records, running(session, "--device", "-", stdin=subprocess.PIPE) as (process, _):
         process.stdin.buffer.write(bytes((0x90, 60, 64)))
         process.stdin.flush()
         until(lambda: down(records[-1]) == [39])
