@@ -76,7 +76,8 @@ class PoseRenderer:
     """Pictures of a model's poses. Nothing is loaded before the first; draw and close on the same thread.
 
     Width and height are in pixels. `camera` is one of the model's, or one that its owner moves between pictures; None
-    looks at the robot from the front. With `fastest` it draws with what is fastest here, measured, instead of with OpenGL wherever there is one.
+    looks at the robot from the front. With `fastest` it draws with what is fastest here, measured, instead of with
+    OpenGL wherever there is one.
     """
 
     backend = ""

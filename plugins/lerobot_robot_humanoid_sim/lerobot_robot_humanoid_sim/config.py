@@ -20,7 +20,7 @@ class HumanoidSimCameraConfig(CameraConfig):
     """`outside`, from the front; `ego`, from the head; or the name of a camera in the robot's MJCF."""
     body: str = ""
     """Body that carries the camera of `ego`. Default: the head, or else the torso, by their names."""
-    pitch: float = 35.0
+    pitch: float = 45.0
     """Degrees by which `ego` looks down."""
     fovy: float = 70.0
     """Degrees of height that `ego` sees."""

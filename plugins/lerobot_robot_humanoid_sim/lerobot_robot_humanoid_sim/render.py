@@ -1,4 +1,4 @@
-"""The process that renders a camera: pictures of a session's newest ticks to standard output, RGB bytes one after another.
+"""The process that renders a camera: pictures of a session's newest ticks to standard output, as RGB bytes.
 
 Started with the options as JSON. It only reads the session's feed, and draws with OpenGL or the software painter,
 whichever is faster here. A reader that is slow holds up this process alone.
@@ -31,7 +31,7 @@ class Eye:
         """Find the body. Raises `InputError` if there is none."""
         names = [model.body(index).name for index in range(1, model.nbody)]
         found = [name for word in ([body] if body else ["head", "torso", "chest"]) for name in names if word in name]
-        if body and body not in names or not found:
+        if (body and body not in names) or not found:
             raise InputError(f"camera: body '{body or 'head'}' is not in the model; it has: {', '.join(names)}")
         self._model, self._data = model, mujoco.MjData(model)
         self._body = model.body(body or found[0]).id

@@ -112,9 +112,7 @@ class HumanoidSimTeleoperator(Teleoperator):
         now = time.monotonic()
         reach = self.config.max_joint_speed * min(now - self._time, 0.1)
         self._time = now
-        goal = self._inverse.solve(
-            self._position, self._rotation, self._q, posture=self._home, iterations=_ITERATIONS
-        )
+        goal = self._inverse.solve(self._position, self._rotation, self._q, posture=self._home, iterations=_ITERATIONS)
         self._q = self._q + np.clip(goal - self._q, -reach, reach)
         self._leash()
         return dict(zip(self.action_features, self._q.tolist(), strict=True))
