@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -254,6 +255,31 @@ def test_a_client_that_is_lost_leaves_the_passive_hold(fate, tmp_path):
         finally:
             process.kill()
             process.communicate()
+
+
+def test_connect_may_wait_and_the_end_of_remote_ends_it(tmp_path):
+    from lerobot.utils.errors import DeviceNotConnectedError  # noqa: PLC0415
+    from lerobot_robot_humanoid_sim import HumanoidSim, HumanoidSimConfig  # noqa: PLC0415
+
+    options = dict.fromkeys(("velocities", "efforts", "imu"), True)
+    with session(tmp_path / "run.mcap", "damp; load_b; wait; hold 900", Mode.STANDBY) as feed:
+        robot = HumanoidSim(HumanoidSimConfig(wait_s=60.0, calibration_dir=tmp_path, **options))
+        with Intake(feed.session, "operator") as intake, ThreadPoolExecutor() as threads:
+            connected = threads.submit(robot.connect)
+            wait_for(lambda: intake.ask("start_remote").granted)
+            connected.result(60)
+            wait_for(lambda: is_commanded(feed))  # held before the first action
+            seen = robot.get_observation()
+            assert list(seen) == list(robot.observation_features)
+            assert len(seen) == 3 * 14 + 10
+            action = {name: seen[name] for name in robot.action_features}
+            assert robot.send_action(action) == action
+            with pytest.raises(ValueError, match=r"left_elbow_pitch\.pos: is nan, expected a finite number"):
+                robot.send_action(action | {"left_elbow_pitch.pos": np.nan})
+            intake.ask("damp")
+            with pytest.raises(DeviceNotConnectedError, match="is in DAMPING, expected REMOTE"):
+                robot.send_action(action)
+        robot.disconnect()
 
 
 def test_actions_are_joined_by_lines_and_approached_after_a_pause():

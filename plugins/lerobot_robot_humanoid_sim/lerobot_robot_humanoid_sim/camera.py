@@ -16,7 +16,7 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 
 from lerobot_robot_humanoid_sim.config import HumanoidSimCameraConfig
 
-_START = 60.0
+_START = 180.0
 """s in which the first picture must come: the process imports and compiles what draws."""
 
 

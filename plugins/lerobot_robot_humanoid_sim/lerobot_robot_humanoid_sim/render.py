@@ -17,6 +17,7 @@ from humanoid_sim.client import SessionError
 from humanoid_sim.errors import InputError
 from humanoid_sim.frontends.attach import attached
 from humanoid_sim.rendering.offscreen import PoseRenderer
+from humanoid_sim.simulation.model import joint_addresses
 
 _WORLD = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 """Where a robot looks in its initial pose, and which way is up."""
@@ -70,17 +71,23 @@ def main(options: dict[str, Any]) -> None:
         camera = None if options["view"] == "outside" else options["view"] if eye is None else eye.camera
         pictures = PoseRenderer(lambda: model, options["width"], options["height"], camera, fastest=True)
         number, feed = 0, attachment.feed
+        qpos, addresses = model.qpos0.copy(), joint_addresses(model, feed.joint_names).qpos
         while feed.is_running():
             begin = time.monotonic()
             sample = feed.wait(number, 0.5)
             if sample is None:
                 continue
             number, tick = sample.number, feed.decode(sample)
-            if not tick["has_qpos"] or not np.isfinite(tick["qpos"]).all():
+            if tick["has_qpos"]:
+                qpos[:] = tick["qpos"]
+            else:  # motors, which say how the joints are; one that was not heard stays as it was
+                known = np.isfinite(tick["joint_position"])
+                qpos[addresses[known]] = tick["joint_position"][known]
+            if not np.isfinite(qpos).all():
                 continue
             if eye is not None:
-                eye.look(tick["qpos"])
-            view = memoryview(np.ascontiguousarray(pictures.draw(tick["qpos"]))).cast("B")
+                eye.look(qpos)
+            view = memoryview(np.ascontiguousarray(pictures.draw(qpos))).cast("B")
             while view:  # a pipe takes as much as it has room for
                 view = view[os.write(1, view) :]
             time.sleep(max(begin + 1.0 / options["fps"] - time.monotonic(), 0.0))

@@ -90,7 +90,7 @@ class HumanoidSim(Robot):
             raise DeviceAlreadyConnectedError(f"{self} is already connected")
         tick = self._look()
         description = RobotDescription.from_json(self._feed.document("robot"))
-        sender = Sender(self._session, description, self.config.approach_speed)
+        sender = Sender(self._session, description, self._feed.control_period, self.config.approach_speed)
         started = []
         try:
             if self.config.wait_s > 0.0:
@@ -129,6 +129,9 @@ class HumanoidSim(Robot):
         self._look()
         self._require_remote()
         goal = {name: float(action[name]) for name in self.action_features}
+        bad = [f"{name}: is {value}" for name, value in goal.items() if not np.isfinite(value)]
+        if bad:
+            raise ValueError(f"{bad[0]}, expected a finite number")
         self._sender.add(np.array(list(goal.values())), _commanded(self._tick))
         return goal
 

@@ -9,7 +9,7 @@ from humanoid_sim.client import Intake, SessionError, SessionInfo, monotonic_ns
 from humanoid_sim.robots.description import RobotDescription
 
 _PERIOD = 0.01
-"""s between two commands."""
+"""s between two commands, at least; the session's period where that is longer."""
 _SLOWEST = 0.25
 """s between two actions; more is a pause, after which the next action is approached from where the robot is."""
 
@@ -55,9 +55,12 @@ class Trajectory:
 class Sender:
     """A thread that commands a session, as old as what LeRobot last asked for: silence ends in the passive hold."""
 
-    def __init__(self, session: SessionInfo, description: RobotDescription, approach_speed: float) -> None:
+    def __init__(
+        self, session: SessionInfo, description: RobotDescription, control_period: float, approach_speed: float
+    ) -> None:
         """Prepare; nothing is sent before `start`."""
         self._session, self._description = session, description
+        self._period = max(_PERIOD, control_period)
         stale_after = 1e-3 * description.remote_policy_controller.stale_command_timeout_ms
         self._trajectory = Trajectory(approach_speed, stale_after)
         self._held: np.ndarray | None = None
@@ -87,20 +90,19 @@ class Sender:
             self._has_action = True
 
     def _run(self) -> None:
-        description = self._description
-        zeros = [0.0] * len(description.joint_names)
-        gains = description.stiffness.tolist(), description.damping.tolist()
-        with Intake(self._session, "lerobot") as intake:
-            while not self._stopped.wait(_PERIOD):
-                with self._lock:
-                    now, stamp = time.monotonic(), monotonic_ns()
-                    position = self._trajectory.position(now) if self._has_action else self._held
-                    age = self._trajectory.age(now) if self._has_action else 0.0
-                if position is None:
-                    continue
-                try:
-                    intake.remote(
-                        description.joint_names, position.tolist(), zeros, zeros, *gains, stamp=stamp - round(1e9 * age)
-                    )
-                except SessionError:  # it has ended, which LeRobot's next observation says
-                    return
+        try:
+            with Intake(self._session, "lerobot") as intake:
+                while not self._stopped.wait(self._period):
+                    self._send(intake)
+        except SessionError:  # it has ended, which LeRobot's next observation says
+            return
+
+    def _send(self, intake: Intake) -> None:
+        with self._lock:
+            now, stamp = time.monotonic(), monotonic_ns()
+            position = self._trajectory.position(now) if self._has_action else self._held
+            stamp -= round(1e9 * self._trajectory.age(now)) if self._has_action else 0
+        if position is not None:
+            zeros = [0.0] * len(position)
+            gains = self._description.stiffness.tolist(), self._description.damping.tolist()
+            intake.remote(self._description.joint_names, position.tolist(), zeros, zeros, *gains, stamp=stamp)
