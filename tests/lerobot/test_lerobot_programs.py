@@ -311,7 +311,7 @@ def test_slow_loops_keep_their_actions_in_force_until_the_next():
     assert path.position(0.7) == pytest.approx([0.25])
 
 
-def test_the_eye_stays_in_front_of_the_head_and_names_bodies(recorded):
+def test_the_eye_stays_in_front_of_the_head_and_names_bodies():
     from lerobot_robot_humanoid_sim.render import Eye  # noqa: PLC0415
 
     from humanoid_sim.errors import InputError  # noqa: PLC0415

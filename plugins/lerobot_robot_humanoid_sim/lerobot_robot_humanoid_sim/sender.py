@@ -61,8 +61,8 @@ class Sender:
         """Prepare; nothing is sent before `start`."""
         self._session, self._description = session, description
         self._period = max(_PERIOD, control_period)
-        stale_after = 1e-3 * description.remote_policy_controller.stale_command_timeout_ms
-        self._trajectory = Trajectory(approach_speed, stale_after)
+        self._stale_after = 1e-3 * description.remote_policy_controller.stale_command_timeout_ms
+        self._trajectory = Trajectory(approach_speed, self._stale_after)
         self._held: np.ndarray | None = None
         self._has_action = False
         self._lock, self._stopped = threading.Lock(), threading.Event()
@@ -101,8 +101,9 @@ class Sender:
         with self._lock:
             now, stamp = time.monotonic(), monotonic_ns()
             position = self._trajectory.position(now) if self._has_action else self._held
-            stamp -= round(1e9 * self._trajectory.age(now)) if self._has_action else 0
-        if position is not None:
+            age = self._trajectory.age(now) if self._has_action else 0.0
+        if position is not None and age < self._stale_after:  # a stale one would be refused, and told
+            stamp -= round(1e9 * age)
             zeros = [0.0] * len(position)
             gains = self._description.stiffness.tolist(), self._description.damping.tolist()
             intake.remote(self._description.joint_names, position.tolist(), zeros, zeros, *gains, stamp=stamp)
