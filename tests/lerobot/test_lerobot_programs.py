@@ -85,7 +85,10 @@ def start(name, *options):
 def lerobot(name, *options):
     """Run a program of LeRobot's to its end; gives its status and what it printed."""
     with start(name, *options) as process:
-        printed = process.communicate(timeout=300)[0].decode(errors="replace")
+        try:
+            printed = process.communicate(timeout=300)[0].decode(errors="replace")
+        finally:
+            process.kill()
     return process.returncode, printed
 
 
