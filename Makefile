@@ -5,6 +5,7 @@ BIN    := $(VENV)/bin
 # LeRobot bounds NumPy, PyAV and others lower than the rest needs, and brings PyTorch with CUDA: an environment of its own.
 LEROBOT := .venv-lerobot
 LEROBOT_EXTRAS := .[lerobot,wandb,test,test-video]
+PLUGINS := $(wildcard plugins/*)
 # ROS 2's wheels restart every Python of the environment that they are in: one of their own, whose nodes the tests start.
 ROS := .venv-ros
 # mjlab has a MuJoCo and a PyTorch of its own choice: in their own environment they export and record, once, and the tests
@@ -39,7 +40,7 @@ test-slow: $(VENV)/slow.done  ## the tests that take longer, or need a cluster, 
 test-train: $(VENV)/test.done $(VENV)/train.done  ## the tests of training, which need PyTorch
 	$(BIN)/python -m pytest tests/training tests/tools/samples $(ARGS)
 
-test-lerobot: $(LEROBOT)/test.done  ## the tests with LeRobot datasets; installs about 9 GB at the first time
+test-lerobot: $(LEROBOT)/test.done  ## the tests with LeRobot, its datasets and its programs; installs about 9 GB at the first time
 	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python -m pytest -m lerobot $(ARGS)
 
 test-ros: $(VENV)/test.done $(VENV)/dds.done $(ROS)/interfaces.done  ## with ROS 2's rclpy, in network namespaces; needs cmake, ninja and g++
@@ -121,9 +122,9 @@ $(VENV)/slow.done: $(VENV)/test.done $(VENV)/train.done
 	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[cluster,notebooks,rl,test-frontends,menagerie,midi,minari]'
 	touch $@
 
-$(LEROBOT)/test.done: pyproject.toml constraints-lerobot.txt
+$(LEROBOT)/test.done: pyproject.toml constraints-lerobot.txt $(PLUGINS:=/pyproject.toml)
 	$(PYTHON) -m venv $(LEROBOT)
-	$(call twice,$(LEROBOT)/bin/pip install $(PIP) -c constraints-lerobot.txt -e '$(LEROBOT_EXTRAS)')
+	$(call twice,$(LEROBOT)/bin/pip install $(PIP) -c constraints-lerobot.txt -e '$(LEROBOT_EXTRAS)' $(PLUGINS:%=-e %))
 	touch $@
 
 $(VENV)/dds.done: $(VENV)/play.done

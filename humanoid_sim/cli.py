@@ -87,9 +87,8 @@ VERBS = {
     "policy": "show, check, stamp or diagnose a checkpoint",
     "mode": "send an intent to a running session",
     "replay": "repeat a recording bit for bit",
-    "record": "look into a recording, recover one that was cut off, or export it (URDF, CSV, MP4, rerun)",
+    "record": "look into a recording, recover one that was cut off, export it, or make a LeRobot dataset of it",
     "prepare": "check a motion from elsewhere on the robot and convert it; fetch a checkpoint",
-    "record_dataset": "make a LeRobot dataset of recordings",
     "compare": "how far apart recordings of one policy are, frame by frame",
     "plants": "how far the faster plants are from the truth, on a robot and a motion",
     "piano": "how well a recorded run played its song; which keys a robot reaches",
@@ -217,6 +216,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return run_program(_print_completion, rest)
         case [verb, *rest] if verb in VERBS:
             return run_program(partial(_run_verb, verb), rest)
+        case ["record_dataset", *rest]:  # as it was called
+            return run_program(partial(_run_verb, "record"), ["dataset", *rest])
         case [verb, *_]:
             complain(f"error: {known_names('verb', verb, VERBS)}")
     return ExitStatus.BAD_INPUT

@@ -1,4 +1,4 @@
-"""`python -m humanoid_sim.record info|recover|export`: look into a recording, save what is sound, or export it."""
+"""`python -m humanoid_sim.record info|recover|export|dataset`: look into a recording, save what is sound, export it."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.failure import DEFINITIONS, differing
 from humanoid_sim.evaluation.joint_use import JointUse, describe_effort
 from humanoid_sim.files import output_file, whole_file
+from humanoid_sim.record_dataset import RecordDataset, record_dataset
 from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.recording.recover import default_output, recover
 from humanoid_sim.recording.summary import Summary, summarize
@@ -226,10 +227,11 @@ class Recover:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `record` with command-line arguments; returns the exit status."""
-    command: Info | Recover | Export = parse(
+    command: Info | Recover | Export | RecordDataset = parse(
         Commands(
-            "Look into a recording, recover one that was cut off or damaged, or export it for other programs.",
-            {"info": Info, "recover": Recover, "export": Export},
+            "Look into a recording, recover one that was cut off or damaged, export it for other programs, or make a "
+            "LeRobot dataset of several.",
+            {"info": Info, "recover": Recover, "export": Export, "dataset": RecordDataset},
             for_file="info",
         ),
         "record",
@@ -243,6 +245,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _recover(command)
         case Export():
             return export(command)
+        case RecordDataset():
+            return record_dataset(command)
         case _:
             assert_never(command)
     return 0

@@ -1,4 +1,7 @@
-"""`python -m humanoid_sim.record_dataset`: recordings become a LeRobot dataset (format v3.0)."""
+"""`python -m humanoid_sim.record dataset`: recordings become a LeRobot dataset (format v3.0).
+
+Its former name, `python -m humanoid_sim.record_dataset`, does the same.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ if TYPE_CHECKING:
     from humanoid_sim.recording.episodes import Episode
     from humanoid_sim.recording.reader import Recording
 
-_PURPOSE = "record_dataset"
+_PURPOSE = "record dataset"
 _IMU = ("quaternion.w", "quaternion.x", "quaternion.y", "quaternion.z",
         "gyro.x", "gyro.y", "gyro.z", "acceleration.x", "acceleration.y", "acceleration.z")  # fmt: skip
 
@@ -55,12 +58,13 @@ class RecordDataset:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `record_dataset` with command-line arguments; returns the exit status."""
+    """Run `record dataset` by its former name, with command-line arguments; returns the exit status."""
     config = parse(RecordDataset, "record_dataset", arguments, positional=True)
-    return _record_dataset(config)
+    return record_dataset(config)
 
 
-def _record_dataset(config: RecordDataset) -> int:
+def record_dataset(config: RecordDataset) -> int:
+    """Write the dataset; returns the exit status. Raises `InputError` if it cannot be made."""
     from humanoid_sim.prepare.lerobot_dataset import import_lerobot  # noqa: PLC0415 - brings PyTorch
     from humanoid_sim.recording.reader import open_recording  # noqa: PLC0415
 

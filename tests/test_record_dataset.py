@@ -1,4 +1,4 @@
-"""What `record_dataset` refuses before it needs `lerobot`; tests/lerobot has the rest."""
+"""What `record dataset` refuses before it needs `lerobot`; tests/lerobot has the rest."""
 
 import sys
 

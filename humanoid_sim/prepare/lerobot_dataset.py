@@ -258,7 +258,7 @@ def _find(source: str, columns: Mapping[str, FloatArray], roles: Mapping[str, st
             lacks = f"{source} has no feature '{feature}'{meant(feature, columns)}"
             raise InputError(f"--features: {lacks}; it has {', '.join(sorted(columns))}")
         found[role] = feature
-    # What `record_dataset --reference` adds: the motion itself, next to what the robot made of it.
+    # What `record dataset --reference` adds: the motion itself, next to what the robot made of it.
     references = [key for key in columns if key.startswith("reference.")]
     for role, known in ROLES.items():
         for word in known:

@@ -48,7 +48,7 @@ _costs: dict[tuple[str, int, int, int], tuple[float, float]] = {}
 
 
 def make_renderer(
-    model: mujoco.MjModel, width: int, height: int, camera: str | None = None, *, choice: Choice
+    model: mujoco.MjModel, width: int, height: int, camera: str | mujoco.MjvCamera | None = None, *, choice: Choice
 ) -> _OpenGLRenderer | Painter:
     """Give a renderer that works: an OpenGL that cannot make a context gives way to the painter, and `backend` says so.
 
@@ -75,8 +75,9 @@ def make_renderer(
 class PoseRenderer:
     """Pictures of a model's poses. Nothing is loaded before the first; draw and close on the same thread.
 
-    Width and height are in pixels. `camera` is one of the model's; None looks at the robot from the front. With
-    `fastest` it draws with what is fastest here, measured, instead of with OpenGL wherever there is one.
+    Width and height are in pixels. `camera` is one of the model's, or one that its owner moves between pictures; None
+    looks at the robot from the front. With `fastest` it draws with what is fastest here, measured, instead of with
+    OpenGL wherever there is one.
     """
 
     backend = ""
@@ -87,7 +88,7 @@ class PoseRenderer:
         model_factory: Callable[[], mujoco.MjModel],
         width: int,
         height: int,
-        camera: str | None = None,
+        camera: str | mujoco.MjvCamera | None = None,
         *,
         fastest: bool = False,
     ) -> None:
@@ -151,12 +152,18 @@ def _cost(renderer: _OpenGLRenderer | Painter, data: mujoco.MjData) -> float:
     return perf_counter() - begin
 
 
-def make_camera(model: mujoco.MjModel, name: str | None = None, aspect: float = 4 / 3) -> mujoco.MjvCamera:
+def make_camera(
+    model: mujoco.MjModel, name: str | mujoco.MjvCamera | None = None, aspect: float = 4 / 3
+) -> mujoco.MjvCamera:
     """Return the model's camera `name`, or a front three-quarter view at the distance at which the whole robot fits.
+
+    A camera is returned as it is.
 
     `aspect` is the picture's width over its height. A model in which nothing has a joint is framed as its
     `<statistic center= extent=>` says. A robot with a floating base is followed; one at a piano is seen from above.
     """
+    if isinstance(name, mujoco.MjvCamera):
+        return name
     camera = mujoco.MjvCamera()
     if name is not None:
         camera.fixedcamid = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)

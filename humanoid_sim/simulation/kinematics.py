@@ -43,12 +43,17 @@ class _Posed:
 class ForwardKinematics(_Posed):
     """Poses of named bodies relative to the base: the body that holds the arms, the chest of the Lite."""
 
-    def __init__(self, description: RobotDescription, bodies: tuple[str, ...] | None = None) -> None:
-        """Build the model; `bodies` None stands for the description's hands.
+    def __init__(
+        self,
+        description: RobotDescription,
+        bodies: tuple[str, ...] | None = None,
+        model: mujoco.MjModel | None = None,
+    ) -> None:
+        """Build the model, or take one, as `_Posed`; `bodies` None stands for the description's hands.
 
         Raises `InputError` if a body is not in the model; the message lists those that are.
         """
-        super().__init__(description)
+        super().__init__(description, model)
         self.bodies = description.hands if bodies is None else tuple(bodies)
         with blaming(description.name, InputError):
             self._ids = list(body_ids(self._model, self.bodies))
@@ -127,9 +132,19 @@ def damped_step(jacobian: FloatArray, error: FloatArray, damping: float, pull: F
 class InverseKinematics(_Posed):
     """Joint positions that bring bodies to given poses in the base frame, within the joints' limits."""
 
-    def __init__(self, description: RobotDescription, bodies: tuple[str, ...], *, damping: float = 0.01) -> None:
-        """Build the model of the B bodies; `damping`, m/rad, is steadier near singular poses and slower if larger."""
-        super().__init__(description)
+    def __init__(
+        self,
+        description: RobotDescription,
+        bodies: tuple[str, ...],
+        *,
+        damping: float = 0.01,
+        model: mujoco.MjModel | None = None,
+    ) -> None:
+        """Build the model of the B bodies, or take one, as `_Posed`.
+
+        `damping`, m/rad, is steadier near singular poses and slower if larger.
+        """
+        super().__init__(description, model)
         self._ids = [self._model.body(name).id for name in bodies]
         self._lower, self._upper = description.lower, description.upper
         self._damping = damping

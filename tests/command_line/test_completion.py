@@ -11,7 +11,7 @@ from humanoid_sim.cli import main
 from humanoid_sim.command_line.completion import SHELLS
 
 OFFERED = [
-    ("re", ["replay", "record", "record_dataset", "regress", "rerun"]),
+    ("re", ["replay", "record", "regress", "rerun"]),
     ("play --vi", ["--viewer", "--video"]),
     ("play --viewer n", ["none", "native"]),
     ("play --robot lite_bi", ["lite_biped"]),

@@ -1,0 +1,6 @@
+"""Hands of a humanoid_sim robot, led from the keyboard, as a teleoperator of LeRobot: `--teleop.type=humanoid_sim`."""
+
+from lerobot_teleoperator_humanoid_sim.config import HumanoidSimTeleoperatorConfig
+from lerobot_teleoperator_humanoid_sim.teleoperator import HumanoidSimTeleoperator
+
+__all__ = ["HumanoidSimTeleoperator", "HumanoidSimTeleoperatorConfig"]
