@@ -92,6 +92,11 @@ def lerobot(name, *options):
     return process.returncode, printed
 
 
+def replay(root):
+    """As `lerobot`, for the first episode of a dataset; without speech, for which LeRobot needs a program."""
+    return lerobot("replay", ROBOT, *dataset_options(root, episode=0), "--play_sounds=false")
+
+
 def dataset_options(root, **others):
     given = {"repo_id": f"local/{root.name}", "root": root, **others}
     return [f"--dataset.{name}={value}" for name, value in given.items()]
@@ -121,7 +126,7 @@ def recorded(tmp_path_factory):
     """A dataset of three episodes in which keys lead the hands, and the session's recording."""
     folder = tmp_path_factory.mktemp("recorded")
     with session(folder / "run.mcap"):
-        keys = "--teleop.keys=" + 20 * "r" + 20 * "w" + "....2" + 10 * "a" + 100 * "." + "0" + 20 * "f"
+        keys = "--teleop.keys=" + 10 * "r." + 10 * "w." + "....2" + 10 * "a" + 100 * "." + "0" + 20 * "f"
         options = recording_options(folder / "reach", 3, 2.5)
         status, printed = lerobot("record", *options, "--teleop.type=humanoid_sim", keys)
     assert status == 0, printed[-3000:]
@@ -176,18 +181,18 @@ def test_three_episodes_with_videos(recorded):
 
 
 def test_keys_lead_the_hands(recorded):
-    """20 presses of 5 mm up and forward; the commanded hands go where they are led."""
+    """10 presses of 5 mm up and forward; the commanded hands go where they are led."""
     _, action = frames(recorded / "reach", 0)
     path = hands(action)
     moved = path[-1] - path[0]
-    assert moved[:, 2].min() > 0.06
-    assert moved[:, 0].min() > 0.03
+    assert moved[:, 2].min() > 0.03
+    assert moved[:, 0].min() > 0.015
 
 
 def test_a_replay_brings_the_hands_where_they_were(recorded):
     replayed = recorded / "replayed.mcap"
     with session(replayed) as feed:
-        status, printed = lerobot("replay", ROBOT, *dataset_options(recorded / "reach", episode=0))
+        status, printed = replay(recorded / "reach")
         assert status == 0, printed[-3000:]
         assert mode_of(feed) is Mode.REMOTE
         wait_for(lambda: not is_commanded(feed), 5.0)
@@ -228,7 +233,7 @@ def test_a_run_becomes_a_dataset_that_replays(tmp_path):
     assert play(["--record", str(run), "--video", "none", "--viewer", "none", "--script", script]) == 0
     assert run_program(record, ["dataset", str(run), "-o", str(tmp_path / "wave"), "--fps", "25"]) == 0
     with session(tmp_path / "replayed.mcap"):
-        status, printed = lerobot("replay", ROBOT, *dataset_options(tmp_path / "wave", episode=0))
+        status, printed = replay(tmp_path / "wave")
     assert status == 0, printed[-3000:]
     _, action = frames(tmp_path / "wave", 0)
     ticks = [tick for tick in open_recording(tmp_path / "replayed.mcap").ticks() if tick.input.remote is not None]
@@ -238,7 +243,7 @@ def test_a_run_becomes_a_dataset_that_replays(tmp_path):
 
 def test_connect_names_the_mode_that_is_missing(recorded, tmp_path):
     with session(tmp_path / "run.mcap", "damp; hold 900", Mode.DAMPING) as feed:
-        status, printed = lerobot("replay", ROBOT, *dataset_options(recorded / "reach", episode=0))
+        status, printed = replay(recorded / "reach")
         assert status != 0
         assert "is in DAMPING, expected REMOTE; an operator enters it from STANDBY" in printed
         assert mode_of(feed) is Mode.DAMPING
