@@ -28,7 +28,9 @@ class Caller:
     def __call__(self, word):
         self._program.stdin.write(word + "\n")
         self._program.stdin.flush()
-        return json.loads(self._program.stdout.readline())
+        while not (line := self._program.stdout.readline()).startswith("["):
+            assert line, "the client has ended"  # what Fast DDS logs comes in between
+        return json.loads(line)
 
     def on_time(self, word):
         """Call until no busy machine has made it late."""
