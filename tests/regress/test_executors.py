@@ -2,8 +2,6 @@
 
 import pickle
 import socket
-import subprocess
-import sys
 
 import pytest
 from policies import SAMPLE, noisy_copy
@@ -46,16 +44,3 @@ def test_a_cluster_that_is_not_there():
         address = f"127.0.0.1:{free.getsockname()[1]}"
         with pytest.raises(InputError, match=f"--ray: is '{address}', and nobody answers there: "):
             RayExecutor(address)
-
-
-@pytest.mark.slow
-def test_two_workers_of_a_local_ray_give_the_same_file(tmp_path):
-    """In processes of their own: Ray leaves threads behind, and takes its time."""
-    yaml_suite(tmp_path)
-
-    def regress(output, *options):
-        command = [sys.executable, "-m", "humanoid_sim.regress", str(SAMPLE), "--suite", "suite.yaml", "--quiet"]
-        subprocess.run([*command, "--json", output, *options], cwd=tmp_path, check=True, timeout=300)
-        return (tmp_path / output).read_bytes()
-
-    assert regress("cluster.json", "--ray", "local", "--threads", "2") == regress("one.json")

@@ -1,0 +1,118 @@
+"""The console's page in a real Chromium, without a head, its 3D drawn in software."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
+
+PATIENCE = 120_000
+"""ms; a busy machine draws 3D slowly, and the page waits for it."""
+CHROMIUM = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+OPEN = """(address) => new Promise((resolve) => {
+    const socket = new WebSocket(address);
+    socket.onopen = () => { socket.close(); resolve("open"); };
+    socket.onerror = () => resolve("refused");
+})"""
+"""Whether the page that asks gets a websocket."""
+
+
+@pytest.fixture
+def address(tmp_path, runtime):
+    """Of the page that commands, of a session that runs in real time."""
+    for package in ("viser", "mjviser", "plotly", "websockets"):
+        pytest.importorskip(package)
+    command = [sys.executable, "-m", "humanoid_sim.play", "--manual", "--console", "--pace", "realtime"]
+    nothing = ["--viewer", "none", "--video", "none", "--record", "none"]
+    with subprocess.Popen(
+        [*command, *nothing],
+        stdin=subprocess.DEVNULL,  # no terminal: the operator is at the page
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "NO_COLOR": "1"},
+    ) as process:
+        try:
+            said = ""
+            for line in process.stdout:
+                said += line
+                addresses = re.findall(r"console: .* (http://\S+)", said)
+                if len(addresses) == 2:  # the second one is for watching
+                    break
+            else:
+                pytest.fail(said)
+            yield addresses[0]
+        finally:
+            process.terminate()
+            try:
+                process.communicate(timeout=60.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                raise
+
+
+@pytest.fixture
+def browser():
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("there is no chromium here (apt-get install chromium)")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium, args=CHROMIUM, timeout=PATIENCE)
+        yield browser
+        browser.close()
+
+
+def opened(browser, address):
+    page = browser.new_page(viewport={"width": 800, "height": 500})
+    page.set_default_timeout(PATIENCE)
+    page.goto(address)
+    return page
+
+
+def shown(mode):
+    return f'#mode[data-mode="{mode}"]'
+
+
+def press(page, word, mode):
+    """Press a button as soon as it is offered, and anew if nothing came of it: clicks can come late."""
+    from playwright.sync_api import TimeoutError as TookTooLong  # noqa: PLC0415 - an optional package
+
+    button = f'#intents [data-ask="{word}"]:not(.refused)'
+    for _ in range(10):
+        page.wait_for_selector(f"{button}, {shown(mode)}")
+        try:
+            if not page.locator(shown(mode)).count():
+                page.click(button, timeout=60_000)
+            page.wait_for_selector(shown(mode), timeout=60_000)
+        except TookTooLong:
+            continue
+        return
+    raise AssertionError(f"{word}: {page.inner_text('#answer')}")
+
+
+def test_an_operator_clicks_through_the_modes_and_a_stranger_is_refused(address, browser):
+    socket = address.replace("http", "ws", 1) + "console"
+    errors = []
+    page = opened(browser, "about:blank")
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(address)
+    page.wait_for_selector("#cover", state="hidden")
+    page.keyboard.press("Space")
+    page.wait_for_selector(shown("DAMPING"))
+    page.frame_locator("#view").locator("canvas").first.wait_for()
+    press(page, "load_a", "STANDBY")
+    press(page, "start_locomotion", "LOCOMOTION")  # once the pose is reached
+    stranger = opened(browser, "data:text/html,stranger")
+    assert stranger.evaluate(OPEN, socket) == "refused"
+    assert page.evaluate(OPEN, socket) == "open"
+    stranger.close()
+    assert page.locator(shown("LOCOMOTION")).count() == 1
+    page.click("#damp")
+    page.wait_for_selector(shown("DAMPING"))
+    assert errors == []

@@ -1,0 +1,24 @@
+"""Episodes on a real Ray are those of one machine."""
+
+import subprocess
+import sys
+
+import pytest
+from policies import SAMPLE
+from regress_runs import yaml_suite
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
+
+
+def test_two_workers_of_a_local_ray_give_the_same_file(tmp_path, runtime, monkeypatch):
+    """In processes of their own: Ray leaves threads behind, and takes its time."""
+    pytest.importorskip("ray")
+    monkeypatch.setenv("RAY_TMPDIR", str(runtime))  # its logs and sockets, whose paths must be short
+    yaml_suite(tmp_path)
+
+    def regress(output, *options):
+        command = [sys.executable, "-m", "humanoid_sim.regress", str(SAMPLE), "--suite", "suite.yaml", "--quiet"]
+        subprocess.run([*command, "--json", output, *options], cwd=tmp_path, check=True, timeout=300)
+        return (tmp_path / output).read_bytes()
+
+    assert regress("cluster.json", "--ray", "local", "--threads", "2") == regress("one.json")
