@@ -119,7 +119,7 @@ for i in itertools.count():
 """
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("name", _WRITERS)
 def test_one_that_is_killed_leaves_the_old_file_or_the_new_one(name, tmp_path):
     moments, path = random.Random(name), tmp_path / "file.onnx"

@@ -73,36 +73,11 @@ def test_what_cannot_be_scored_is_one_line(motion, width, message, tmp_path, cap
     assert message in capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_reach_of_a_robot_s_hands(tmp_path, capsys):
-    picture = tmp_path / "reach.png"
-    assert piano.main(["reach", "--picture", str(picture)]) == 0
-    assert capsys.readouterr().out == "left   D1 to E5, keys 5 to 55\nright  F3 to G7, keys 32 to 82\n"
-    with Image.open(picture) as image:
-        assert image.width == 1280
-
-
 def test_a_robot_without_a_piano_reaches_nothing(capsys):
     assert run_program(piano.main, ["reach", "--robot", "lite"]) == 2
     assert capsys.readouterr().err.startswith(
         "error: lite: has no piano, expected a robot with one, such as lite_piano"
     )
-
-
-@pytest.mark.slow
-def test_a_table_of_songs(capsys):
-    """Of the policy, and open loop; a key that is touched too hard would make the status 1."""
-    status = piano.main(["table", "five_fingers", "random:0", "--actuation", "implicit", "--json"])
-    document = json.loads(capsys.readouterr().out)
-    assert list(document["songs"]) == ["five_fingers", "random:0"]
-    assert document["problems"] == []
-    assert status == 0
-    for row in document["songs"].values():
-        for by in ("policy", "open_loop"):
-            assert row[by]["score"]["steps"]["precision"] > 0.9
-            assert row[by]["score"]["steps"]["f1"] > 0.8
-            assert row[by]["contacts"] == []
-        assert row["policy"]["score"]["notes"]["f1"] > 0.85, "its notes begin on time"
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,8 @@
 
 import gc
 import json
-import os
-import signal
 import subprocess
 import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -15,7 +12,7 @@ import pandas as pd
 import pytest
 
 import humanoid_sim
-from humanoid_sim import Policy, Recording, Simulation, diagnose, open_recording, python_api, run_suite, simulate
+from humanoid_sim import Policy, Recording, Simulation, open_recording, python_api, simulate
 from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.policy_tools import main as policy_program
@@ -134,24 +131,6 @@ def test_it_is_called_from_the_main_thread_which_gets_ctrl_c() -> None:
         pool.submit(simulate, "placeholder").result()
 
 
-def test_ctrl_c_ends_a_run_through_damping_and_leaves_nothing(tmp_path: Path) -> None:
-    call = "simulate('placeholder', script='hold 600', pace='realtime')"
-    with subprocess.Popen(
-        [sys.executable, "-c", f"from humanoid_sim import simulate; {call}"],
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "TMPDIR": str(tmp_path)},
-    ) as program:
-        deadline = time.monotonic() + 60.0
-        while not list(tmp_path.glob("*/run.mcap*")) and time.monotonic() < deadline:
-            time.sleep(0.05)
-        assert list(tmp_path.glob("*/run.mcap*"))
-        program.send_signal(signal.SIGINT)
-        _, told = program.communicate(timeout=60.0)
-    assert "KeyboardInterrupt" in told
-    assert list(tmp_path.glob("*/run.mcap*")) == []
-
-
 def test_a_run_without_ticks_has_empty_arrays_and_a_figure(run: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
     nothing = Recording(run.recording.path, run.recording.header)
     monkeypatch.setattr(nothing, "ticks", lambda: iter(()))
@@ -173,24 +152,3 @@ def test_a_policy_is_what_policy_show_prints(
     assert policy.provenance["joint_names"] == "metadata"
     assert repr(policy).endswith("tracking, 14 joints, 5 observation terms)")
     assert simulate(policy, script="damp; hold 0.1; damp").summary["policy"] == str(policy.path)
-
-
-def test_a_suite_is_run_and_its_episodes_are_a_table(capsys: pytest.CaptureFixture[str]) -> None:
-    found = run_suite("lite_tracking", "lite_tracking", only="wave", seeds=2)
-    assert found.passed
-    assert capsys.readouterr().out == ""
-    assert "PASS lite_tracking" in str(found)
-    frame = found.frame()
-    assert len(frame) == 4
-    assert set(frame["seed"]) == {0, 1}
-    assert frame["body_position_error"].notna().all()
-    assert found.document()["candidates"][0]["passed"] is True
-
-
-@pytest.mark.slow
-def test_a_diagnosis_ranks_changes(capsys: pytest.CaptureFixture[str]) -> None:
-    found = diagnose("lite_tracking", "lite", motion="wave", seconds=0.3, pairs=0, budget=20)
-    assert capsys.readouterr().out == ""
-    assert found.ranking[0]["rank"] == 1
-    assert list(found.frame()["rank"]) == [row["rank"] for row in found.ranking]
-    assert found.conclusion.split(".")[0] in " ".join(str(found).split())

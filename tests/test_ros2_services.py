@@ -7,15 +7,14 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
 
 from humanoid_sim import client, ros2_services
-from humanoid_sim.messages import Mode, SafetyStatus
+from humanoid_sim.messages import Mode
 from humanoid_sim.ros2.dds import domain
-from humanoid_sim.ros2_services import SERVICES, Diagnosis, ServiceError, answer, loopback_environment
+from humanoid_sim.ros2_services import SERVICES, ServiceError, answer, loopback_environment
 
 FILE = Path(ros2_services.__file__)
 
@@ -103,37 +102,6 @@ def test_the_services_of_a_namespace_answer_for_no_other_session(local, monkeypa
 def test_the_modes_have_their_names():
     assert tuple(mode.name for mode in Mode) == ros2_services.MODES
     assert ros2_services.mode_name(9) == "mode 9"
-
-
-def test_diagnostics_say_how_loop_mode_safety_buses_and_motors_are(local):
-    diagnosis = Diagnosis(None)
-    assert diagnosis.look() == (("session", 2, f"{local.info}: has not begun", {}),)
-    local.safety = (SafetyStatus(1, 4, "humanoid_devices_robstride/can0", "2 answers are late"),)
-    local.tick()
-    bus = {"source": "can0", "counters": {"sent": 7, "received": 5}}
-    figures = {"channels": [bus], "temperature": {"elbow": 41.06, "wrist": None}, "faults": {}}
-    local.feed.status({"robot": figures})
-    loop, mode, safety, channel, motors = diagnosis.look()
-    assert loop == ("three: loop", 0, "not measured yet", {"wanted": "50.0 Hz"})
-    assert mode[:2] == ("three: mode", 0)
-    assert mode.values == {"mode": "ZERO_TORQUE", "controller": "zero_torque_controller"}
-    name = "three: safety of humanoid_devices_robstride/can0"
-    assert safety == (name, 1, "2 answers are late", {"flags": "0x4"})
-    assert channel == ("three: bus can0", 1, "7 frames sent, 5 received", {"sent": "7", "received": "5"})
-    assert motors == ("three: motors", 0, "warmest: elbow, 41.1 °C", {"elbow": "41.1 °C"})
-    time.sleep(0.2)
-    loop = diagnosis.look()[0]
-    assert (loop.level, loop.message[:11]) == (2, "no tick for")
-    local.tick()
-    loop = diagnosis.look()[0]
-    assert loop.level == 1, "one tick in 0.2 s is far from 50 Hz"
-    assert loop.message.endswith(" Hz")
-    local.feed.status({"robot": {**figures, "faults": {"wrist": ["overheated"], "elbow": []}}})
-    assert diagnosis.look()[-1][1:3] == (2, "wrist: overheated")
-    local.registration.close()
-    (gone,) = diagnosis.look()
-    assert (gone.level, gone.message.endswith("has ended")) == (2, True)
-    assert diagnosis.look() == (("session", 2, "no session is running; start one with play", {}),)
 
 
 def test_a_damp_of_several_succeeds_if_all_are_damped(local, monkeypatch):

@@ -16,21 +16,6 @@ def test_the_quick_loader_reads_what_the_other_reads():
     assert strict_yaml.load_strictly(text) == yaml.load(text, strict_yaml.StrictLoader)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "a: " + "[" * 200_000 + "]" * 200_000,
-        "{a: " * 200_000,
-        "- " * 200_000,
-        "\n".join(" " * i + "a:" for i in range(3000)),
-    ],
-    ids=["brackets", "braces", "dashes", "indentation"],
-)
-def test_no_depth_ends_the_process(text):
-    with pytest.raises((yaml.YAMLError, *strict_yaml.UNREADABLE)):
-        strict_yaml.load_strictly(text)
-
-
 @pytest.mark.parametrize("text", ["a: 1\na: 2\n", 'a: "\\0"', "a: !!python/object:os.system {}\n"])
 def test_both_loaders_are_strict(text):
     with pytest.raises(yaml.YAMLError) as strict:

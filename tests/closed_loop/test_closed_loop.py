@@ -118,19 +118,6 @@ def energy(drive):
     return float(data.energy.sum())
 
 
-def test_damping_only_ever_takes_energy_out():
-    drive = Drive()
-    drive.stand()
-    drive.step(Intent.DAMP)
-    energies = []
-    for _ in range(1000):
-        drive.step()
-        energies.append(energy(drive))
-    assert np.diff(energies).max() < 0.0
-    assert energies[0] - energies[-1] > 1.0
-    assert drive.outputs[-1].control_mode.mode is Mode.DAMPING
-
-
 def test_arms_that_are_let_go_sink_slowly():
     speeds = {}
     for intent in (Intent.DAMP, None):

@@ -187,59 +187,7 @@ def gains_swapped(one: str, other: str) -> Edit:
     return edit
 
 
-def scaled_actions(factor: float) -> Edit:
-    return lambda contract: replace(contract, action_scale=factor * contract.action_scale)
-
-
-def other_foot(contract: PolicyContract) -> PolicyContract:
-    return replace(contract, phase=replace(contract.phase, offsets=contract.phase.offsets[::-1]))
-
-
-SINGLES = (
-    Mistake("unitree", "left knee turned round", turned_round("left_knee_joint"), "joint direction"),
-    Mistake("unitree", "IMU a quarter about z", imu_axes("y -x z"), "IMU axes"),
-    Mistake("unitree", "left and right swapped", sides_swapped("left", "right"), "joint order"),
-    Mistake(
-        "unitree",
-        "gains of knee and wrist swapped",
-        gains_swapped("left_knee_joint", "left_wrist_pitch_joint"),
-        "gains of two joints",
-    ),
-    Mistake("holosoma", "right hip roll turned round", turned_round("right_hip_roll_joint"), "joint direction"),
-    Mistake("holosoma", "IMU a quarter about x", imu_axes("x z -y"), "IMU axes"),
-    Mistake("holosoma", "clock from the other foot", other_foot, "gait clock start"),
-    Mistake("waltz", "left shoulder turned round", turned_round("left_shoulder_pitch_joint"), "joint direction"),
-    Mistake("waltz", "IMU half about z", imu_axes("-x -y z"), "IMU axes"),
-    Mistake("berkeley", "gravity flipped", gravity_flipped, "projected_gravity sign"),
-    Mistake("berkeley", "left knee turned round", turned_round("leg_left_knee_pitch_joint"), "joint direction"),
-    Mistake("berkeley", "IMU a quarter about z", imu_axes("-y x z"), "IMU axes"),
-    Mistake("berkeley", "left and right swapped", sides_swapped("left", "right"), "joint order"),
-    Mistake("berkeley", "actions doubled", scaled_actions(2.0), "action scale"),
-    Mistake("playground", "velocity zero", term("base_lin_vel", scale=0.0), "base_lin_vel zeroed"),
-    Mistake("playground", "left hip turned round", turned_round("LL_HFE"), "joint direction"),
-    Mistake("playground", "IMU half about x", imu_axes("x -y -z"), "IMU axes"),
-    Mistake("playground", "clock from the other foot", other_foot, "gait clock start"),
-    Mistake("playground", "gains of knee and ankle swapped", gains_swapped("LL_KFE", "LL_FAA"), "gains of two joints"),
-    Mistake("playground", "joint positions absolute", term("joint_pos", relative=False), "joint_pos relative"),
-    Mistake("legs", "right knee turned round", turned_round("right_knee_pitch"), "joint direction"),
-    Mistake("legs", "IMU a quarter about z", imu_axes("y -x z"), "IMU axes"),
-    Mistake("legs", "left and right swapped", sides_swapped("left", "right"), "joint order"),
-    Mistake("legs", "actions halved", scaled_actions(0.5), "action scale"),
-    Mistake("arms", "left elbow turned round", turned_round("left_elbow_pitch"), "joint direction"),
-)
 """Of one thing each, on five robots."""
-GRAVITY = "projected_gravity sign"
-DOUBLES = (
-    ("unitree", gravity_flipped, turned_round("left_knee_joint"), ("joint direction", GRAVITY)),
-    ("unitree", imu_axes("y -x z"), term("last_action", scale=0.0), ("IMU axes", "last_action zeroed")),
-    ("waltz", orientation(inverse=True), action_scale_one, ("action scale", "motion_anchor_ori_b direction")),
-    ("holosoma", scales_one, listed_terms, ("observation scales", "term order")),
-    ("holosoma", gravity_flipped, action_scale_one, ("action scale", GRAVITY)),
-    ("berkeley", gravity_flipped, scaled_actions(2.0), ("action scale", GRAVITY)),
-    ("berkeley", turned_round("leg_left_knee_pitch_joint"), gravity_flipped, ("joint direction", GRAVITY)),
-    ("playground", gravity_flipped, term("joint_pos", relative=False), ("joint_pos relative", GRAVITY)),
-    ("playground", term("joint_pos", relative=False), imu_axes("-y x z"), ("IMU axes", "joint_pos relative")),
-    ("legs", gravity_flipped, scaled_actions(0.5), ("action scale", GRAVITY)),
-    ("legs", sides_swapped("left", "right"), gravity_flipped, ("joint order", GRAVITY)),
-)
+
+
 """Of two things at once: policy, both edits, what the doctor calls them, sorted."""

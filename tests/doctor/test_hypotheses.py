@@ -214,26 +214,6 @@ def test_gains_that_are_alike_on_both_sides_stay_so():
     assert [h.contract.joint_stiffness.tolist() for h in found] == [[41.0, 40.0, 41.0, 40.0]]
 
 
-def test_pairs_are_of_two_causes_and_begin_with_the_most_promising():
-    ranked = space("tracker")
-    found = list(pairs(tracker(), ranked))
-    assert len(found) > len(ranked)
-    assert all(len(pair.edits) == len(set(pair.causes)) == 2 for pair in found)
-    place = {hypothesis.name: i * (4 if hypothesis.is_detail else 1) for i, hypothesis in enumerate(ranked, 1)}
-    products = [place[pair.edits[0].name] * place[pair.edits[1].name] for pair in found]
-    assert products == sorted(products)
-    first = {edit.name for pair in found[: 3 * len(ranked)] for edit in pair.edits}
-    assert first & {hypothesis.name for hypothesis in [each for each in ranked if not each.is_detail][-2:]}
-
-
-def test_two_mistakes_are_undone_by_a_pair():
-    right = tracker()
-    wrong = fields(anchor_body="pelvis")(term("actions", form="scaled")(right))
-    key = contract_key(right)
-    found = [pair.causes for pair in pairs(wrong, singles(wrong, FACTS)) if contract_key(pair.contract) == key]
-    assert found == [("actions form", "anchor body")]
-
-
 def test_an_order_of_terms_leaves_what_else_is_changed_about_them():
     found = {h.name: h for h in space("walker")}
     flipped, swapped = (

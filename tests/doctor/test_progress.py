@@ -29,10 +29,3 @@ def test_where_there_is_no_terminal_every_stage_is_a_line_and_so_are_ten_seconds
 
 def test_without_a_budget_none_is_named():
     assert lines(Plan((), (), 100))[0] == "single changes: 3"
-
-
-def test_on_a_terminal_there_is_a_bar_instead():
-    text = "\n".join(lines(Plan((), (), 100, 60.0), terminal=True))
-    assert "ends after 60 s" in text
-    assert "so far" not in text
-    assert "the best of them" in text

@@ -1,12 +1,9 @@
-from dataclasses import replace
-
 import msgspec
 import mujoco
 import numpy as np
 import pytest
 from models import contract_of
 
-from humanoid_sim.doctor import trials as module
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy
 from humanoid_sim.doctor.trials import Trial, TrialRunner
 from humanoid_sim.robots.description import load_robot
@@ -110,16 +107,6 @@ def test_joints_that_run_away_end_a_trial_quietly(capfd, tmp_path_factory, monke
     assert not heard
     assert capfd.readouterr().err == ""
     assert list(folder.iterdir()) == []
-
-
-def test_so_many_robots_and_no_more_are_kept(trials, monkeypatch):
-    monkeypatch.setattr(module, "_ROBOTS", 3)
-    fresh = TrialRunner(trials.examined)
-    contract = trials.examined.contract
-    poses = [contract.default_joint_pos + 0.01 * i for i in range(6)]
-    outcomes = [fresh.run(replace(contract, default_joint_pos=pose), Trial(0.04)) for pose in poses]
-    assert len(fresh._robots) == 3
-    assert fresh.run(replace(contract, default_joint_pos=poses[0]), Trial(0.04)) == outcomes[0]
 
 
 def test_robots_are_kept_and_used_again(trials):

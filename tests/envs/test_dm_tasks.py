@@ -184,7 +184,7 @@ print(len(steps), round(window._runtime.get_time(), 6), window._status._value["E
 """
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="xvfb-run is not installed (xvfb)")
 def test_the_viewer_opens_it():
     pytest.importorskip("glfw")

@@ -213,22 +213,3 @@ def test_a_point_that_the_robot_lacks(folder):
     for make in (lambda: PolicyEnv(wired, robot), lambda: PolicyVectorEnv(2, wired, robot, threads=1)):
         with pytest.raises(InputError, match=f"^{message}$"):
             make()
-
-
-def test_play_says_which_frame_of_an_mjcf_it_takes(folder, capsys):
-    path = network()
-    options = ("--viewer", "none", "--robot", "stool.xml", "--policy", path, "--script", "damp")
-    for more, imu, says in (
-        ((), "trunk", "the base 'trunk' itself (no site of the model is clearly the IMU)"),
-        (
-            ("--imu-site", "head_site"),
-            "head_site",
-            "site 'head_site' on 'head', not the base 'trunk' (as it was given)",
-        ),
-    ):
-        assert main([*options, "--record", f"{imu}.mcap", *more]) == 0
-        assert f"note: IMU: {says}; --imu-site takes another" in capsys.readouterr().out
-        header = open_recording(folder / f"{imu}.mcap").header
-        assert f'"imu":"{imu}"' in header.documents["robot"]
-    assert main(["--again", "head_site.mcap", "--viewer", "none", "--script", "damp", "--record", "none"]) == 0
-    assert "IMU: site 'head_site' on 'head'" in capsys.readouterr().out

@@ -308,7 +308,7 @@ def test_a_window_needs_a_display(monkeypatch):
         env.reset()
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="xvfb-run is not installed (xvfb)")
 @pytest.mark.parametrize("name", ["LiteTracking-v0", "LiteModes-v0"])
 def test_windows_open_one_at_a_time_and_gymnasium_s_checker_sees_every_render_mode(name):

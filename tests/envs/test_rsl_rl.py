@@ -16,7 +16,7 @@ pytest.importorskip("rsl_rl")
 NAME = "humanoid_sim/LiteTracking-v0"
 ROBOT = load_robot("lite")
 
-pytestmark = pytest.mark.slow  # importing PyTorch alone takes seconds
+pytestmark = pytest.mark.peers
 
 
 def adapter(envs, **options):

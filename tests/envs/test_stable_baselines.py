@@ -16,7 +16,7 @@ from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv  # noqa: E4
 NAME = "humanoid_sim/LiteTracking-v0"
 ROBOT = load_robot("lite")
 
-pytestmark = pytest.mark.slow  # importing PyTorch alone takes seconds
+pytestmark = pytest.mark.peers
 
 
 def adapted(count, **options):

@@ -148,7 +148,7 @@ def test_every_step_is_that_of_single_environments(both):
     assert native.fault_count == sum(env.unwrapped.fault_count for env in sync.envs) >= 1
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("both", [(LITE, {"joint_noise": 0.0})], indirect=True)
 def test_a_whole_motion_ends_as_in_single_environments(both):
     native, sync = both

@@ -17,7 +17,7 @@ COUNT = 2
 
 
 @needs_policies
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("policy", "timestep"),
     [("beyondmimic_g1/Waltz.onnx", 0.0025), ("unitree_g1_velocity_v0/exported/policy.onnx", 0.005)],
@@ -55,7 +55,7 @@ def resident_megabytes():
     return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.timeout(1200)
 @pytest.mark.skipif(not _STATM.exists(), reason="needs Linux's /proc")
 def test_many_vector_steps_hold_their_memory(request):

@@ -5,9 +5,7 @@ import pytest
 
 from humanoid_sim.envs.scenario import make_scenario
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.key_poses import KeyPoses
-from humanoid_sim.evaluation.piano_player import PianoPlayer
-from humanoid_sim.evaluation.piano_run import PlayedSong, play_open_loop, play_with_policy
+from humanoid_sim.evaluation.piano_run import PlayedSong, play_with_policy
 from humanoid_sim.evaluation.piano_score import PianoScore, Ratio
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot
@@ -35,11 +33,6 @@ def test_the_sample_policy_plays_two_notes():
     motion = Motion(TABLE, (), 0.02, task_type="piano", robot="lite_piano")
     scenario = make_scenario("lite_piano", ROBOT, motion, actuation="implicit")
     check(play_with_policy(scenario.description, scenario.wiring, scenario.policy, TABLE, "implicit"))
-
-
-def test_the_player_plays_two_notes():
-    player = PianoPlayer(ROBOT, 0.02, poses=KeyPoses.of(ROBOT, [*range(28, 32), *range(55, 59)]))
-    check(play_open_loop(ROBOT, player, TABLE, 0.02, "implicit"))
 
 
 def test_a_policy_that_answers_nonsense_is_one_line():

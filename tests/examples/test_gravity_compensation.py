@@ -59,7 +59,7 @@ def line_with(process, text):
     raise AssertionError(f"ended without: {text}")
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_arms_are_held_in_both_forms_and_a_killed_client_leaves_them_damped(tmp_path, domain, request, runtime):
     held = 20.0 if request.config.getoption("--complete") else 8.0
     record = tmp_path / "run.mcap"

@@ -64,7 +64,7 @@ def struck(folder, mode, names, blow, *, on_display=True, **given):
     pytest.fail("the machine is too busy: the mode was over before the blow fell", pytrace=False)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("blow", BLOWS)
 @pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
 @pytest.mark.parametrize("alone", ["", *(name for name in ROWS if ROWS[name].instead)])
@@ -79,7 +79,7 @@ def test_those_who_look_on_leave_the_control_log_as_it_is(alone, mode, blow, unw
     rows += [(name, blow, mode.name, "simulated", f"{len(log.ticks)} ticks, bit for bit") for name in names]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_window_whose_display_is_lost_leaves_the_control_log_as_it_is(unwatched, folder, rows):
     names = [name for name in available(ROWS) if ROWS[name].window]
     if not names:
@@ -105,7 +105,7 @@ def velocity(tick):
     return state.extern[VELOCITY_COMMAND].at(state.time)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("blow", BLOWS)
 @pytest.mark.parametrize("name", PRODUCERS)
 def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(name, blow, folder, rows, request):
@@ -124,7 +124,7 @@ def test_a_producer_for_remote_leaves_the_robot_passive_within_100_ms(name, blow
     rows.append((name, blow, "REMOTE", "simulated", f"passive {1e3 * took:.0f} ms after its last command"))
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("blow", BLOWS)
 @pytest.mark.parametrize("mode", Mode, ids=lambda mode: mode.name)
 def test_what_a_lost_source_of_velocity_commanded_is_zero_within_its_timeout(mode, blow, folder, rows, request):

@@ -95,6 +95,7 @@ def test_a_combination_that_is_held_acts_once_and_in_any_order(local, pads, pad)
     assert desk.mode is Mode.STANDBY
 
 
+@pytest.mark.soak
 def test_what_was_pressed_while_the_program_stood_still_moves_nothing_but_damps(local, pads, pad):
     desk = Desk(local, pads)
     desk.look()

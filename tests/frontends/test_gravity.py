@@ -106,15 +106,17 @@ def test_as_a_program_it_answers_each_tick_and_ends_with_the_session(attachment,
         assert latest.command.position.tolist() == pose.tolist()
         assert np.abs(latest.command.effort).max() > 1.0
         local.feed.close()
-        assert process.wait(5.0) == 0
+        assert process.wait(60.0) == 0
 
 
+@pytest.mark.soak
 def test_it_ends_when_the_session_is_killed(attachment, local, pose):
     with front_end() as (process, _):
         local.registration.close()  # the lock is all that tells
-        assert process.wait(5.0) == 0
+        assert process.wait(60.0) == 0
 
 
+@pytest.mark.soak
 def test_stopped_and_killed_ones_leave_the_loop_alone(attachment, local, pose):
     with front_end() as (process, _):
         os.kill(process.pid, signal.SIGSTOP)

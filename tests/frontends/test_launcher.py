@@ -14,6 +14,8 @@ from humanoid_sim.errors import InputError, MissingPackageError
 from humanoid_sim.frontends import Wanted, launcher, require_packages
 from humanoid_sim.frontends.launcher import FrontEnds
 
+pytestmark = pytest.mark.soak
+
 POPEN = subprocess.Popen
 WAIT = FrontEnds._wait_until_ready
 STAYS = "import time; print('up', flush=True); time.sleep(60)"

@@ -39,12 +39,14 @@ def test_the_status_says_what_is_shown_or_that_it_is_the_past():
 
 
 @needs_rerun
+@pytest.mark.peers
 def test_play_starts_it_in_place_of_the_window(monkeypatch):
     monkeypatch.setenv("DISPLAY", ":0")
     assert wanted_front_ends(PlayConfig(viewer="rerun")) == (Wanted("rerun"),)
 
 
 @needs_rerun
+@pytest.mark.peers
 def test_a_session_without_a_body_is_refused(local):
     local.tick()
     with pytest.raises(InputError, match=r"^session \d+ .*: does not describe its robot's body$"):
@@ -52,7 +54,7 @@ def test_a_session_without_a_body_is_refused(local):
 
 
 @needs_rerun
-@pytest.mark.slow
+@pytest.mark.peers
 def test_its_page_is_served_on_this_machine_alone_and_gone_with_the_session(tmp_path, runtime):
     options = ("--robot", quick_robot(tmp_path), "--policy", "placeholder", "--script", "damp; hold 4; damp")
     with playing(tmp_path, *options, "--viewer", "rerun") as play:

@@ -81,7 +81,7 @@ def test_the_window_is_a_process_of_its_own(config, wanted, monkeypatch):
     assert wanted_front_ends(config) == wanted
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.skipif(shutil.which("Xvfb") is None, reason="Xvfb is not installed (xvfb)")
 def test_a_robot_without_a_session_has_a_window_that_draws_it_and_ends_with_its_display(runtime):
     """In a process of its own: a window leaves GLFW, and its display, behind."""

@@ -80,7 +80,7 @@ def motors():
         yield motors
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.usefixtures("motors")
 @pytest.mark.parametrize("title", ["Who is there", "One motor's answers", "Directions", "Room on the buses"])
 def test_a_tool_prints_what_the_list_expects(run, monkeypatch, title):
@@ -106,7 +106,7 @@ def test_the_check_of_the_interfaces(run, monkeypatch):
     assert readings == ["verdict: set up as wanted"]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_dry_run(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     status, printed, readings = run("Everything but enabling")

@@ -265,6 +265,7 @@ def started(terminal, told=OPERATOR):
     return sink
 
 
+@pytest.mark.soak
 def test_it_stays_at_the_bottom_beside_a_long_list(terminal):
     for index in range(40):  # longer than the screen, as the check list of a real robot is
         terminal.console.print(f"ok      joint_{index}  at 0.000 rad")
@@ -282,6 +283,7 @@ def test_it_stays_at_the_bottom_beside_a_long_list(terminal):
     assert shown(terminal)[-1] == "  13.000 s  reactivated"
 
 
+@pytest.mark.soak
 def test_it_follows_the_size_of_the_terminal(terminal):
     termios.tcsetwinsize(terminal.slave, (24, 160))
     terminal.screen.resize(24, 160)
@@ -294,6 +296,7 @@ def test_it_follows_the_size_of_the_terminal(terminal):
     sink.close()
 
 
+@pytest.mark.soak
 def test_a_terminal_that_knows_no_control_sequences_has_it_too(terminal, monkeypatch):
     monkeypatch.setenv("TERM", "dumb")
     sink = started(terminal, Told())
@@ -306,6 +309,7 @@ def test_a_terminal_that_knows_no_control_sequences_has_it_too(terminal, monkeyp
     sink.close()
 
 
+@pytest.mark.soak
 def test_a_terminal_that_takes_nothing_never_makes_a_tick_wait(terminal):
     sink = started(terminal)
     longest = 0.0

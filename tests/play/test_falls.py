@@ -124,7 +124,6 @@ def test_a_robot_stands_whose_base_frame_lies_at_the_ground(run, folder):
     ("default", "action", "lowest", "fell"),
     [
         (1.2, 0.0, (0.9, 1.1), False),  # it walks in a squat: that is how high it stands
-        (0.0, 0.75, (0.7, 0.9), False),  # it squats from standing, its weight above its feet
         (0.0, 1.35, (0.3, 0.6), True),  # down to where nobody can tell it from a fall
     ],
 )
@@ -134,25 +133,8 @@ def test_a_low_posture_is_no_fall(run, folder, default, action, lowest, fell):
     assert (base["fall"] is not None) is fell
 
 
-def test_a_fall_is_told_when_it_happens_and_at_the_end_with_what_to_do(run, folder):
+def test_a_fall_is_an_event_of_the_recording(run, folder):
     result = run(*write(folder, (1.6, 0.0)), "--policy-seconds", "3")
-    assert result.status == 1
-    base = result.summary["base"]
-    assert 0.05 < base["fall"] < 1.5
-    assert base["fell"].startswith("fell: ")
-    told = result.out.index(base["fell"])
-    assert told < result.out.index("support holds the base") < result.out.index("Modes")
-    end = result.out.index(f"the robot fell after {base['fall']:.2f} s: {base['fell']}")
-    assert end > result.out.index("Modes")
-    doctor = "python -m humanoid_sim.policy doctor p.onnx --robot walker.xml"
-    assert f"which wiring would keep it up: {doctor}" in result.out
-    assert result.summary["doctor"] == doctor
-    assert (base["velocity"], base["yaw_rate"], base["tilt_max"]) == (None, None, None)
-
-
-@pytest.mark.parametrize("seconds", ["3", "0.5"])  # the second run ends just after the fall
-def test_a_fall_is_an_event_of_the_recording(run, folder, seconds):
-    result = run(*write(folder, (1.6, 0.0)), "--policy-seconds", seconds)
     base = result.summary["base"]
     recording = open_recording(folder / "r.mcap")
     (fall,) = [item for item in recording.entries() if isinstance(item, Event) and item.kind is EventKind.FALL]

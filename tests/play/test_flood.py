@@ -6,7 +6,11 @@ import sys
 import threading
 import time
 
+import pytest
+
 from humanoid_sim.client import Feed, Intake, running_sessions
+
+pytestmark = pytest.mark.soak
 
 FLOOD = """
 import sys, time

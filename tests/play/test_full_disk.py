@@ -24,7 +24,7 @@ def in_namespace(*commands):
     return subprocess.run([*unshare, "sh", "-c", " && ".join(commands)], check=False, capture_output=True, text=True)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_run_goes_on_where_its_recording_has_no_room_and_shared_memory_none(runtime):
     run = in_namespace(
         SMALL.format(size="1m", folder=runtime),
@@ -40,7 +40,7 @@ def test_a_run_goes_on_where_its_recording_has_no_room_and_shared_memory_none(ru
     assert "the recording is not complete" in replayed
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_session_that_cannot_be_found_by_others_does_not_begin(runtime):
     filled = "head -c 1m /dev/zero > filler"
     run = in_namespace(

@@ -49,7 +49,7 @@ def test_play_makes_it_records_it_and_replays_it(run, quick, folder):
     assert run_program(replay.main, ["r.mcap"]) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_on_a_robot_the_policy_does_not_start_where_no_program_sends_it(run, quick, folder):
     policy = seeing(folder / "seeing.onnx")
     script = "damp; load_a; wait; start_locomotion; hold 0.2"

@@ -168,6 +168,7 @@ def test_a_safety_status_damps_in_that_very_tick(run, quick):
     assert all(tick.output.control_mode.mode is Mode.DAMPING for tick in result.ticks[i:])
 
 
+@pytest.mark.soak
 def test_gravity_compensation_as_remote_until_its_process_is_killed(run, quick):
     answers = []
 
@@ -273,18 +274,6 @@ def test_no_file_is_left_where_none_is_wanted(run, quick, folder):
     options = ("--robot", quick, "--duration", "0.1", "--record", "none", *PLACEHOLDER)
     assert run(*options, record=False).status == 0
     assert list(folder.iterdir()) == []
-
-
-def test_pictures_of_a_run(run, quick, folder, monkeypatch):
-    monkeypatch.setenv("MUJOCO_GL", "off")  # OpenGL in software takes seconds
-    options = ("--robot", quick, "--script", "hold 0.2", "--video", "v.mp4", "--snapshot", "p.png", *PLACEHOLDER)
-    result = run(*options, "--record", "none", record=False)
-    assert result.status == 0
-    assert (folder / "p.png").read_bytes()[:4] == b"\x89PNG"
-    assert b"ftyp" in (folder / "v.mp4").read_bytes()[:16]
-    assert sorted(path.name for path in folder.iterdir()) == ["p.png", "v.mp4"]
-    for line in ("video      v.mp4", "snapshot   p.png"):
-        assert line in result.out
 
 
 def test_a_file_that_cannot_be_written_in_the_end_spares_the_others(run, quick, folder, monkeypatch):

@@ -15,9 +15,8 @@ from humanoid_sim.messages import SessionHeader
 from humanoid_sim.play import policies
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.policies import choose_policy, with_recorded_options
-from humanoid_sim.policy.motion import Motion, parse_motion, read_motion, write_motion
+from humanoid_sim.policy.motion import Motion, read_motion, write_motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
-from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.recording.recorder import McapRecorder
 from humanoid_sim.robots.description import load_robot
 
@@ -165,16 +164,6 @@ def test_another_policy_comes_with_a_contract_of_its_own(tmp_path):
     other = with_recorded_options(PlayConfig(again=path, policy="new.onnx"))
     assert (other.policy, other.contract, other.robot) == ("new.onnx", None, "lite_biped")
     assert with_recorded_options(PlayConfig(again=path, policy="new.onnx", contract="new.yaml")).contract == "new.yaml"
-
-
-def test_a_failure_that_regress_found_is_played_again(folder, quick, run):
-    """With the options that regress writes: the policy walks up and follows the motion that the file carries."""
-    options = {"policy": str(SAMPLE_POLICY), "robot": quick, "actuation": "affine", "action_limit": 100.0}
-    path = recording(folder, {"options": options})
-    result = run("--again", path, "--duration", "4")
-    assert result.status == 0
-    assert "LOCOMOTION" in result.modes
-    assert parse_motion(open_recording(folder / "r.mcap").header.attachments["motion.mcap"], "motion").duration == 7.0
 
 
 def test_the_walking_policy_is_the_default_of_simulated_legs():

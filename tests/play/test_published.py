@@ -41,7 +41,7 @@ def test_the_holosoma_policy_walks(run, tmp_path):
     assert result.summary["base"]["velocity"][0] == pytest.approx(0.393, abs=0.04)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("step", ["0.001", "0.005"])
 @pytest.mark.parametrize(
     ("command", "speed", "height"),
@@ -63,7 +63,7 @@ def test_twenty_seconds_of_the_unitree_policy(run, step, command, speed, height)
     assert height[0] <= base["height"][0] <= base["height"][2] <= height[1]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_whole_waltz(run):
     anchor = walk(run, WALTZ, "--yaw", "2", seconds=0).summary["anchor"]
     assert anchor["samples"] == 945
@@ -72,7 +72,7 @@ def test_the_whole_waltz(run):
     assert anchor["anchor_position"][1] <= 0.30
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_twenty_seconds_of_the_holosoma_policy(run, tmp_path):
     options = ("--contract", str(contract_beside("holosoma", tmp_path)), "--command", "0.5,0,0")
     base = walk(run, HOLOSOMA, *options, seconds=20).summary["base"]

@@ -4,10 +4,14 @@ import os
 import threading
 import time
 
+import pytest
+
 from humanoid_sim import mode, replay
 from humanoid_sim.cli import run_program
 from humanoid_sim.client import running_sessions
 from humanoid_sim.messages import Mode
+
+pytestmark = pytest.mark.soak
 
 DONE = "reactivated: the robot is verified and enabled afresh"
 

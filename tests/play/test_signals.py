@@ -66,7 +66,7 @@ def wait_for(process, text):
 
 
 def finished(process):
-    out, _ = process.communicate(timeout=30.0)
+    out, _ = process.communicate(timeout=120.0)
     return out
 
 
@@ -89,7 +89,9 @@ def recorded(folder):
     return ticks, [entry.text for entry in entries if not isinstance(entry, TickRecord)]
 
 
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.soak)]
+)
 def test_a_signal_in_motion_ends_through_damping(number, status, folder, hanging):
     with playing(folder, "--robot", hanging, "--script", SCRIPT, *OPTIONS) as process:
         wait_for(process, "STANDBY → LOCOMOTION")
@@ -124,6 +126,7 @@ def test_a_second_signal_does_not_wait_for_the_arms_to_rest(folder, quick):
     assert ticks[-1].output.quit
 
 
+@pytest.mark.soak
 def test_a_signal_without_torque_ends_at_once(folder, quick):
     with playing(folder, "--robot", quick, "--script", "hold 60", *OPTIONS) as process:
         wait_for(process, "ZERO_TORQUE")
@@ -134,6 +137,7 @@ def test_a_signal_without_torque_ends_at_once(folder, quick):
     assert {tick.output.control_mode.mode for tick in ticks} == {Mode.ZERO_TORQUE}
 
 
+@pytest.mark.soak
 def test_a_run_under_nohup_outlives_its_terminal(folder, quick):
     code = (
         "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); from humanoid_sim.play import main; "
@@ -148,6 +152,7 @@ def test_a_run_under_nohup_outlives_its_terminal(folder, quick):
     assert "ending: script finished" in out
 
 
+@pytest.mark.soak
 def test_the_keyboard_drives_a_run(folder, quick):
     master, slave = pty.openpty()
     try:
@@ -173,6 +178,7 @@ def test_the_keyboard_drives_a_run(folder, quick):
     assert ticks[-1].output.quit
 
 
+@pytest.mark.soak
 def test_an_operator_in_another_terminal_takes_over(folder, quick, capfd):
     def ask(word, status=0):
         assert run_program(mode.main, [word, "--session", str(process.pid)]) == status
@@ -188,6 +194,7 @@ def test_an_operator_in_another_terminal_takes_over(folder, quick, capfd):
     assert process.returncode == 0
 
 
+@pytest.mark.soak
 def test_a_reader_that_leaves_does_not_stop_the_run(folder, quick):
     with playing(folder, "--robot", quick, "--script", "damp; hold 0.5", "--summary", "s.json", *OPTIONS) as process:
         wait_for(process, "DAMPING")
@@ -200,6 +207,7 @@ def test_a_reader_that_leaves_does_not_stop_the_run(folder, quick):
     assert (folder / "s.json").is_file()
 
 
+@pytest.mark.soak
 def test_a_reader_that_is_gone_before_anything_is_printed_does_not_keep_a_run_from_running(folder, quick):
     read, write = os.pipe()
     os.close(read)
@@ -227,6 +235,7 @@ def test_a_question_that_nobody_reads_enables_nothing(monkeypatch):
         bring_up(Asking(), PlayConfig(hardware="can0"), console)
 
 
+@pytest.mark.soak
 def test_an_output_that_is_full_is_noticed_before_anything_moves(folder, quick):
     command = [*PLAY, "--robot", quick]
     with Path("/dev/full").open("w") as full:
@@ -235,6 +244,7 @@ def test_an_output_that_is_full_is_noticed_before_anything_moves(folder, quick):
     assert not (folder / "r.mcap").exists()
 
 
+@pytest.mark.soak
 def test_an_output_that_fails_in_mid_run_does_not_stop_it(folder, quick):
     """`ulimit -f` lets files grow to 1 KiB only; a recording would not fit either."""
     options = f"--viewer none --record none --robot {quick} --script 'damp; hold 0.5; load_a; hold 0.2' --pace fast"
@@ -246,6 +256,7 @@ def test_an_output_that_fails_in_mid_run_does_not_stop_it(folder, quick):
     assert "File too large" in run.stderr
 
 
+@pytest.mark.soak
 def test_an_output_that_fails_after_the_run_is_one_line(folder, quick):
     line = f"""import os, sys; from humanoid_sim.cli import run_program; from humanoid_sim.play import main, run
 before = run.print_report
@@ -285,16 +296,18 @@ def running(process):
 CHATTER = "; ".join(["damp", "hold 0.05", "load_a", "hold 0.05"] * 20)
 
 
+@pytest.mark.soak
 def test_a_pipe_that_nobody_reads_does_not_keep_a_run_from_ending(folder, quick):
     options = ("--robot", quick, "--script", CHATTER, "--pace", "fast", "--summary", "s.json")
     with unread(folder, *options) as process:
-        _, err = process.communicate(timeout=40.0)
+        _, err = process.communicate(timeout=120.0)
     assert process.returncode == 1
     assert err == "failed: console: did not finish within 5 s\n"
     assert len(recorded(folder)[1]) == 1
     assert (folder / "s.json").is_file()
 
 
+@pytest.mark.soak
 def test_a_signal_after_the_robot_is_closed_ends_the_process(folder, quick):
     options = ("--robot", quick, "--script", f"{CHATTER}; hold 60", "--pace", "realtime")
     with unread(folder, *options) as process:
@@ -310,7 +323,7 @@ def test_a_signal_after_the_robot_is_closed_ends_the_process(folder, quick):
         process.send_signal(signal.SIGINT)  # does not wait for rest
         until(lambda: not Path(session.intents).exists())  # closed after the robot; the console is yet to close
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=40.0)
+        _, err = process.communicate(timeout=120.0)
     assert process.returncode in (130, -signal.SIGINT)  # by itself, or by one signal more as Python ends
     assert "did not finish" not in err
     assert "Traceback" not in err

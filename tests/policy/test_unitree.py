@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import yaml
-from targets import DEPLOY as GOOD
 
 from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import InputError
@@ -14,6 +13,23 @@ from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.policy.readers.unitree import find_deploy, read_deploy
 
 ROBOT = ("a", "b", "c", "d")
+
+GOOD = {
+    "joint_ids_map": [2, 0, 3, 1],
+    "step_dt": 0.02,
+    "stiffness": [10.0, 11.0, 12.0, 13.0],
+    "damping": [1.0, 1.1, 1.2, 1.3],
+    "default_joint_pos": [0.2, 0.0, 0.3, 0.1],
+    "commands": {
+        "base_velocity": {"ranges": {"lin_vel_x": [-1, 1], "lin_vel_y": [0, 0], "ang_vel_z": [-2, 2], "heading": None}}
+    },
+    "actions": {"JointPositionAction": {"clip": None, "joint_names": [".*"], "scale": [0.25] * 4, "offset": [0.0] * 4}},
+    "observations": {
+        "base_ang_vel": {"params": {}, "clip": None, "scale": [0.2, 0.2, 0.2], "history_length": 5},
+        "joint_pos_rel": {"params": {}, "clip": [-10, 10], "scale": None, "history_length": 0},
+        "gait_phase": {"params": {"period": 0.6}, "clip": None, "scale": [1.0, 1.0]},
+    },
+}
 
 
 def written(path, **changes):

@@ -53,21 +53,10 @@ def test_bodies_that_the_robot_can_reach(contract):
     assert max(check.worst_frame for check in findings.bodies) < 300
 
 
-@pytest.mark.parametrize("order", [(2, 3, 0, 1), (1, 0, 2, 3), (0, 3, 2, 1)])
+@pytest.mark.parametrize("order", [(2, 3, 0, 1)])
 def test_bodies_in_each_others_place_cannot_be_reached(contract, order):
     with pytest.raises(InputError, match="no pose of the robot that was found puts body"):
         found(bodies_alone(order), contract)
-
-
-@pytest.mark.parametrize(("length", "conjugate"), [(100.0, False), (1.0, True), (1000.0, True)])
-def test_bodies_alone_in_other_units(contract, length, conjugate):
-    motion = bodies_alone()
-    wrong = bodies_alone(
-        body_position=length * motion.body_position,
-        body_quaternion=motion.body_quaternion * ([1.0, -1.0, -1.0, -1.0] if conjugate else 1.0),
-    )
-    with pytest.raises(InputError, match="its lengths in --length-unit, its orientations in rows, or"):
-        found(wrong, contract)
 
 
 def test_bodies_in_the_world_without_joints(contract):

@@ -8,7 +8,6 @@ from msgspec.structs import replace
 from regress_runs import episode, run, tiny_suite, values
 
 from humanoid_sim.regress.compare import (
-    POWER,
     compare_runs,
     detectable_changes,
     judge,
@@ -157,20 +156,6 @@ def test_no_false_alarm_with_other_seeds():
         for seed in range(20)
     ]
     assert verdicts.count("worse beyond tolerance") == 0
-
-
-def test_the_change_that_is_announced_is_found_as_often_as_announced():
-    """Of 100 candidates that are worse by just that much, with other seeds, about 80 are found."""
-    suite = tiny_suite()
-    found = 0
-    for seed in range(100):
-        baseline = measured(1.0, seed=seed, spread=0.3)
-        announced = detectable_changes(suite, suite.metrics, baseline)[0]
-        assert announced.power == POWER
-        worse = 1.0 + announced.change / announced.baseline
-        candidate = measured(worse, seed=1000 + seed, seeds=range(10, 20), spread=0.3)
-        found += compare(suite, baseline, candidate).verdict == "worse beyond tolerance"
-    assert 65 <= found <= 95
 
 
 def test_what_is_announced_depends_on_the_number_of_seeds():

@@ -18,7 +18,7 @@ from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.run import run_policy
 from humanoid_sim.regress.suite import load_suite
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.soak
 
 TRACKING = {"body_position_error", "body_orientation_error", "joint_error"}
 

@@ -112,7 +112,7 @@ def test_the_baseline_is_of_the_shipped_policy():
     assert not any(episode["failure"] for episode in baseline["episodes"])
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_shipped_policy_passes_against_it(capsys):
     arguments = ["--suite", "lite_piano", "--baseline", str(BASELINE), "--only", "ode_to_joy", "--quiet"]
     assert main([str(PIANO_POLICY), *arguments]) == 0

@@ -108,13 +108,6 @@ def test_two_seeds_that_cannot_judge_are_undecided_and_no_pass(suite, tmp_path, 
     assert unclear.startswith("  unclear: body_position_error ")
 
 
-def test_margins(suite, capsys):
-    assert main([str(SAMPLE), "--suite", suite, "--margins", "--baseline", str(SAMPLE)]) == 0
-    printed = capsys.readouterr().out
-    assert "robustness margins" in printed
-    assert "gains down" in printed
-
-
 def test_few_seeds_are_warned_of(suite, tmp_path, capsys):
     out = tmp_path / "out.json"
     arguments = [str(SAMPLE), "--suite", suite, "--baseline", str(SAMPLE), "--json", str(out), "--quiet"]

@@ -18,7 +18,7 @@ def test_it_is_of_the_shipped_policy():
     assert sum(bool(episode["failure"]) for episode in baseline["episodes"]) == 3
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_shipped_policy_passes_against_it(capsys):
     arguments = ["--suite", "velocity", "--robot", "lite_biped", "--baseline", str(BASELINE), "--only", "forward"]
     assert main([str(WALKING_POLICY), *arguments, "--quiet"]) == 0

@@ -97,11 +97,6 @@ def test_every_svg_is_well_formed(worse_html):
         assert root.get("viewBox")
 
 
-@pytest.mark.slow
-def test_the_same_results_give_the_same_bytes(worse_html):
-    assert report_page(invented.worse(with_margins=True)) == worse_html
-
-
 def test_the_page_follows_a_dark_system(worse_html):
     body = worse_html.partition("</style>")[2]
     assert "prefers-color-scheme: dark" in worse_html
@@ -214,88 +209,6 @@ def test_what_few_seeds_could_not_judge_is_undecided():
     assert "PASSED" not in page.text
     assert "FAILED" not in page.text
     assert "b against a: undecided; 2 seeds are too few to judge body position error." in page.text
-
-
-@pytest.mark.slow
-def test_without_a_baseline_values_are_shown():
-    page = Page(report_page(invented.results(invented.run(Behaviour(failing=(("wave", 0),))))))
-    assert "No baseline was given" in page.text
-    assert "PASSED" not in page.text
-    assert "mean over the episodes" in page.text
-    assert "wave, seed 0" in page.text
-
-
-@pytest.mark.slow
-def test_other_seeds_than_the_baselines():
-    new, old = invented.run(Behaviour(), invented.seeds(100)), invented.run(Behaviour(name="last week"))
-    page = Page(report_page(invented.results(new, baseline=old)))
-    assert "compared case by case, because the seeds differ" in page.text
-    assert "change of" not in page.text
-
-
-@pytest.mark.slow
-def test_several_candidates():
-    old = invented.run(Behaviour(name="last week"))
-    runs = [invented.run(Behaviour(name=f"try {i}", factors={"effort": 1.0 + 0.1 * i})) for i in range(5)]
-    page = Page(report_page(invented.results(*runs, baseline=old)))
-    for i in range(5):
-        assert f"verdict-{i}" in page.ids
-        assert f"Worst episodes of try {i}" in page.text
-    assert "try 0 against last week: passed." in page.text
-    assert "worse beyond tolerance effort +39.9 % (+38.6 to +41.2 %)" in page.text
-
-
-@pytest.mark.slow
-def test_names_from_files_are_text():
-    nasty = Behaviour(name='<script>alert("$x_1$")</script> & co')
-    html = report_page(invented.results(invented.run(nasty), baseline=invented.run(Behaviour(name="a<b"))))
-    page = Page(html)
-    assert "script" not in page.elements
-    assert nasty.name in page.text
-    assert "&lt;script&gt;alert(" in html
-
-
-@pytest.mark.slow
-def test_episodes_without_values_and_traces_with_holes():
-    old = invented.run(Behaviour(name="last week"))
-    broken = []
-    for i, episode in enumerate(invented.run(Behaviour()).episodes):
-        holes = {name: (None, *values[1:-1], None) for name, values in episode.traces.items()}
-        changed = msgspec.structs.replace(episode, traces=holes)
-        if i % 5 == 0:
-            nothing = dict.fromkeys(episode.metrics) | {"losses": 0.0}
-            changed = msgspec.structs.replace(
-                episode, metrics=nothing, steps=0, duration=0.0, failure="NaN", kind="fault", trace_times=(), traces={}
-            )
-        broken.append(changed)
-    page = Page(
-        report_page(invented.results(msgspec.structs.replace(old, name="new", episodes=tuple(broken)), baseline=old))
-    )
-    assert "10 of 48 episodes failed" in page.text
-
-
-@pytest.mark.slow
-def test_every_episode_failed():
-    lost = Behaviour(failing=tuple((case, seed) for case in invented.CASES for seed in range(12)))
-    page = Page(report_page(invented.results(invented.run(lost), baseline=invented.run(Behaviour(name="old")))))
-    assert "48 of 48 episodes failed" in page.text
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("count", [1, 61])
-def test_few_and_many_seeds(count):
-    new = invented.run(Behaviour(factors={"effort": 1.5}), invented.seeds(count=count))
-    old = invented.run(Behaviour(name="old"), invented.seeds(count=count))
-    page = Page(report_page(invented.results(new, baseline=old)))
-    assert f"4 cases × {count} seeds" in page.text
-    assert "cases" in page.ids
-
-
-@pytest.mark.slow
-def test_margins_without_a_baseline():
-    page = Page(report_page(invented.results(invented.run(Behaviour(), with_margins=True))))
-    assert "≥ 2×" in page.text
-    assert "20 ms" in page.text
 
 
 def test_without_matplotlib_one_line_says_what_to_install(monkeypatch):

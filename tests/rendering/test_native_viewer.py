@@ -48,7 +48,7 @@ def test_a_display_that_does_not_answer_is_refused_too(pendulum, monkeypatch):
         NativeViewerSink(lambda: pendulum)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="xvfb-run is not installed (xvfb)")
 def test_a_window_opens_follows_and_closes():
     # In a process of its own: a window leaves GLFW, and its display, behind.

@@ -1,4 +1,3 @@
-import ctypes.util
 from io import BytesIO
 
 import mujoco
@@ -10,14 +9,12 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.rendering import offscreen
 from humanoid_sim.rendering.backend import Choice
 from humanoid_sim.rendering.offscreen import (
-    PoseRenderer,
     animated_poses,
     animated_webp,
     make_camera,
     make_renderer,
     update_pose,
 )
-from humanoid_sim.rendering.painter import Painter
 
 BALL = '<geom type="sphere" size="0.1" mass="{mass}"/>'
 OSMESA, PAINTER = Choice("osmesa", "asked for"), Choice("none", "asked for")
@@ -39,49 +36,6 @@ def silhouette(model, choice):
         renderer.close()
     assert picture.shape == (240, 320, 3)
     return renderer.backend, picture[..., 0] > 1.8 * picture[..., 2]
-
-
-@pytest.mark.skipif(ctypes.util.find_library("OSMesa") is None, reason="libOSMesa is not installed (libosmesa6)")
-def test_osmesa_and_the_painter_show_the_same(pendulum):
-    name, reference = silhouette(pendulum, OSMESA)
-    assert name == "osmesa (asked for)"
-    painter_name, painted = silhouette(pendulum, PAINTER)
-    assert painter_name == "software painter (asked for)"
-    assert reference.sum() > 500
-    assert (reference & painted).sum() / (reference | painted).sum() > 0.93
-
-
-@pytest.mark.skipif(ctypes.util.find_library("OSMesa") is None, reason="libOSMesa is not installed (libosmesa6)")
-def test_pictures_may_be_larger_than_the_models_buffer(pendulum):
-    renderer = make_renderer(pendulum, 800, 600, choice=OSMESA)
-    data = mujoco.MjData(pendulum)
-    update_pose(pendulum, data, np.zeros(1))
-    assert renderer.backend == "osmesa (asked for)"
-    assert renderer.render(data).shape == (600, 800, 3)
-    renderer.close()
-
-
-@pytest.mark.skipif(ctypes.util.find_library("OSMesa") is None, reason="libOSMesa is not installed (libosmesa6)")
-@pytest.mark.parametrize(("ground", "drawn_by"), [("plane", "software painter"), ("hfield", "osmesa")])
-def test_a_height_field_is_never_left_to_the_painter(ground, drawn_by, monkeypatch):
-    """It is faster, but has no surface for one."""
-    spec = mujoco.MjSpec()
-    if ground == "hfield":
-        spec.add_hfield(name="bumps", nrow=2, ncol=2, size=[1, 1, 0.1, 0.1], userdata=[0, 1, 1, 0])
-        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname="bumps")
-    else:
-        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
-    ball = spec.worldbody.add_body()
-    ball.add_freejoint()
-    ball.add_geom(size=[0.1, 0, 0])
-    model = spec.compile()
-    monkeypatch.setattr(offscreen, "choose_backend", lambda: OSMESA)
-    monkeypatch.setattr(offscreen, "_costs", {})
-    monkeypatch.setattr(offscreen, "_cost", lambda renderer, _: 0.0 if isinstance(renderer, Painter) else 1.0)
-    pictures = PoseRenderer(lambda: model, 64, 48, fastest=True)
-    pictures.draw(model.qpos0)
-    assert pictures.backend.startswith(drawn_by)
-    pictures.close()
 
 
 def test_a_window_that_cannot_be_opened_gives_way_to_the_painter_every_time(pendulum, monkeypatch):

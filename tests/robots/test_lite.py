@@ -4,6 +4,7 @@ import json
 from itertools import pairwise
 from pathlib import Path
 
+import msgspec
 import mujoco
 import numpy as np
 import pytest
@@ -191,3 +192,15 @@ def test_sites_and_looks(robot):
         "left_shoulder_yaw", "left_wrist_yaw", "left_hand",
         "right_shoulder_yaw", "right_wrist_yaw", "right_hand",
     }  # fmt: skip
+
+
+def test_the_lite_is_the_original_s():
+    lite = load_robot("lite")
+    assert (lite.hardware.control_frequency, lite.simulation.control_frequency) == (50.0, 200.0)
+    for standby in (lite.standby_controller_a, lite.standby_controller_b):
+        assert standby.segment_durations == (2.0, 2.0)
+        assert standby.pose_segments[0] == (0.0,) * 14
+    a, b = (msgspec.structs.asdict(one) for one in (lite.standby_controller_a, lite.standby_controller_b))
+    assert {name for name in a if a[name] != b[name]} == {"pose_segments"}
+    ready = (0.3, -1.0, 0.0, -1.7, -1.2, 0.0, 0.3, 0.3, 1.0, 0.0, -1.7, 1.2, 0.0, -0.3)
+    assert lite.standby_controller_a.pose_segments[1] == ready

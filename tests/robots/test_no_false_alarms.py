@@ -52,11 +52,9 @@ def case_of(suite, policy, name, robot=None, contract=None):
     return next(case for case in prepare_policy(prepared, policy, contract).cases if case.case.name == name)
 
 
-@pytest.mark.parametrize(
-    "motion", ["drum", *(pytest.param(name, marks=pytest.mark.slow) for name in ("wave", "reach", "circle"))]
-)
-def test_no_alarm_in_a_sample_motion(motion, monkeypatch):
-    case = case_of("lite_tracking", SAMPLE_POLICY, motion)
+@pytest.mark.soak
+def test_no_alarm_in_a_sample_motion(monkeypatch):
+    case = case_of("lite_tracking", SAMPLE_POLICY, "drum")
     guards = guards_of(case.scenario.description)
     assert guards is not None
     with watched(monkeypatch, guards) as (alarms, shares):
@@ -66,7 +64,7 @@ def test_no_alarm_in_a_sample_motion(motion, monkeypatch):
     assert max(shares) <= 0.5, "with room to spare"
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @needs_policies
 @pytest.mark.parametrize(
     ("policy", "robot", "name", "push", "falls"),

@@ -9,6 +9,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot, public_name
 
 pytest.importorskip("robot_descriptions")
+pytestmark = pytest.mark.peers
 
 SCENE = """<mujoco model="g1"><worldbody><body name="pelvis"><freejoint/><geom size="0.1" mass="3"/>
 <body name="leg"><joint name="hip" range="-1 1" axis="0 1 0"/><geom size="0.05" mass="1"/></body>

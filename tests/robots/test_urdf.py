@@ -13,7 +13,8 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.mjcf import bare_model
 from humanoid_sim.robots.urdf import links_of, urdf_of
 
-yourdfpy = pytest.importorskip("yourdfpy", reason="yourdfpy is not installed (extra 'test-frontends')")
+pytestmark = pytest.mark.peers
+yourdfpy = pytest.importorskip("yourdfpy", reason="yourdfpy is not installed (extra 'test-peers')")
 
 SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 MANY_JOINTS = """\

@@ -106,6 +106,7 @@ print(*(intent.name for intent in heard))
 """
 
 
+@pytest.mark.soak
 def test_keys_typed_while_the_process_was_stopped_only_damp():
     """What was meant for a shell moves nothing."""
     master, slave = pty.openpty()

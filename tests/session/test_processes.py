@@ -47,6 +47,7 @@ def program(text, *, niceness=0):
             process.kill()
 
 
+@pytest.mark.soak
 def test_readers_that_are_slow_stopped_or_killed_leave_the_feed_as_it_is(local):
     with (
         program(READER.format(pause=0)) as stopped,
@@ -77,6 +78,7 @@ def until(local, condition):
         local.time = time.monotonic()  # the robot's clock keeps real time here
 
 
+@pytest.mark.soak
 def test_what_a_killed_producer_commanded_ends_within_its_timeout(local):
     local.time = time.monotonic()
     local.enter_remote()
@@ -139,7 +141,7 @@ def _tick_times(local, seconds):
     return times
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_hundred_readers_cost_the_loop_no_more_than_as_many_processes_that_read_something_else(local):
     readers = READER.format(pause=0.02)
     others = 'data = bytes(400_000)\nprint("ready", flush=True)\nwhile True:\n    data[::7]\n    time.sleep(0.02)\n'

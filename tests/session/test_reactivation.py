@@ -1,3 +1,4 @@
+import pytest
 from fakes import FakeRobot, FakeSink, FakeSource, session
 
 from humanoid_sim.client import Answer
@@ -106,6 +107,7 @@ def test_a_sticky_fault_is_gone_if_the_activation_cleared_it():
     assert [record.input.safety for record in sink.records[4:8]] == [(fault,), (fault,), (), ()]
 
 
+@pytest.mark.soak
 def test_activation_takes_its_time_and_misses_no_deadline(monkeypatch):
     from time import sleep  # noqa: PLC0415
 

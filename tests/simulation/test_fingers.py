@@ -52,15 +52,3 @@ def test_holding_torque_is_gravity_and_the_key_s_force(fingers):
         (fingers.place(1, pose + step * np.eye(7)[i])[0][2] - fingers.place(1, pose)[0][2]) / step for i in range(7)
     ]
     assert free - pressing == pytest.approx(2.0 * np.array(lowered), abs=1e-4)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("robot", "expected"),
-    [("lite_piano", [(5, 55, 51), (32, 82, 51)]), ("lite_piano_nikomaku", [(4, 55, 52), (32, 83, 52)])],
-)
-def test_which_keys_each_hand_reaches(robot, expected):
-    description = load_robot(robot)
-    reach = [Fingers(description).reachable(hand) for hand in (0, 1)]
-    assert [(min(keys), max(keys), len(keys)) for keys in reach] == expected
-    assert tuple(map(tuple, reach)) == tuple(map(tuple, description.piano.hands))

@@ -50,20 +50,6 @@ def test_a_third_intent_that_hides_damp_is_found():
     assert "'DAMP']" in str(caught.value)
 
 
-def test_a_tick_is_taken_back():
-    """Each is asked from the same instant: a defect of the tick after a report would need two."""
-    ticks = set()
-
-    class Counts(Stack):
-        def after(self, memory, given, output):
-            if given.safety:
-                ticks.add((output.control_mode.mode, given.state.time))
-            return memory, output
-
-    every_report_and_intent(machine(Counts))
-    assert len({time for mode, time in ticks if mode is Mode.ZERO_TORQUE}) == 1
-
-
 def test_a_mode_that_fails_on_the_way_is_named():
     class RefusesToRest(Stack):
         def after(self, memory, given, output):

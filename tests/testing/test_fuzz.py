@@ -122,11 +122,6 @@ def test_the_packages_own_controllers_are_sound(name):
     testing.fuzz_controller(controller, settings(QUICK, max_examples=6), healthy_ticks=300)
 
 
-def test_a_sound_controller_of_ones_own():
-    testing.fuzz_controller(Held(), settings(QUICK, max_examples=6), healthy_ticks=100)
-    testing.fuzz_stack(lambda policy: rig.supervisor(policy, rl_policy_controller=Held()), QUICK, healthy_ticks=100)
-
-
 @pytest.mark.parametrize(("kind", "message"), MISTAKES)
 def test_a_mistake_in_a_controller_is_found(kind, message):
     with pytest.raises(testing.SafetyViolationError) as caught:
@@ -134,21 +129,8 @@ def test_a_mistake_in_a_controller_is_found(kind, message):
     assert message in str(caught.value)
 
 
-@pytest.mark.parametrize(("kind", "message"), [(Raises, "raised"), (IsNotPure, "the same inputs gave")])
-def test_a_mistake_in_a_controller_is_found_inside_a_stack(kind, message):
-    with pytest.raises(testing.SafetyViolationError) as caught:
-        testing.fuzz_stack(
-            lambda policy: rig.supervisor(policy, rl_policy_controller=kind()), SEARCH, healthy_ticks=100
-        )
-    assert message in str(caught.value)
-
-
 def without_safety(current, safety, intent, standby_finished, *rest):
     return transition(current, OK, intent, standby_finished, *rest)
-
-
-def impatient(current, safety, intent, standby_finished, *rest):
-    return transition(current, safety, intent, True, *rest)
 
 
 def recovers(current, safety, intent, standby_finished, *rest):
@@ -161,7 +143,6 @@ def recovers(current, safety, intent, standby_finished, *rest):
     ("rule", "message"),
     [
         (without_safety, "although safety reports"),
-        (impatient, "had finished"),
         (recovers, "went to standby_controller_a by itself"),
     ],
 )
@@ -172,7 +153,7 @@ def test_a_mistake_in_the_fsm_is_found(monkeypatch, rule, message):
     assert message in str(caught.value)
 
 
-@pytest.mark.parametrize("left_out", ["rl_policy_controller", "remote_policy_controller", "standby_controller_b"])
+@pytest.mark.parametrize("left_out", ["rl_policy_controller"])
 def test_a_stack_without_a_controller_is_sound(left_out):
     testing.fuzz_stack(lambda policy: rig.supervisor(policy, **{left_out: None}), QUICK, healthy_ticks=100)
 
@@ -181,7 +162,7 @@ def test_a_robots_settings():
     testing.fuzz_stack(testing.robot_stack("lite"), settings(QUICK, max_examples=1), healthy_ticks=300)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("name", ["lite", "lite_biped", "lite_neck"])
 def test_every_shipped_robot_withstands_anything(name):
     testing.fuzz_stack(testing.robot_stack(name), settings(testing.DEFAULT_SETTINGS, max_examples=60))

@@ -1,19 +1,14 @@
 """Planted defects are found: those that need time at once and always, the others by the search; the first is told."""
 
-import re
-import time
-import unittest
-
 import planted_defects
 import pytest
 from hypothesis import settings
-from hypothesis.internal.conjecture import engine
 from planted_defects import DEFECTS, NEED_TIME, SOUND, DampingGoesLimp, SleepingGuards, Stack, find
 
 from humanoid_sim import testing
 from humanoid_sim.controllers.base import Fault
 from humanoid_sim.controllers.damping import DampingController
-from humanoid_sim.messages import Intent, Mode
+from humanoid_sim.messages import Intent
 
 JOINTS = ("shoulder", "elbow")
 FEW = settings(testing.DEFAULT_SETTINGS, max_examples=5, derandomize=True, database=None)
@@ -47,16 +42,12 @@ def test_what_needs_time_is_found_before_anything_random(name):
     assert "without any attack" in str(caught.value)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("name", list(DEFECTS))
 def test_each_planted_defect_is_found_with_the_default_settings(name):
     found = find(DEFECTS[name], shrink_seconds=0.0)
     assert found.message
     assert found.runs <= 150
-
-
-def test_a_sound_stack_in_the_same_dress_passes():
-    testing.fuzz_stack(Stack, FEW, healthy_ticks=100)
 
 
 class Patient(testing.StackMachine):
@@ -116,46 +107,6 @@ def test_a_controller_may_not_fail_on_a_healthy_robot_however_long_it_runs():
     tired = FailsInTime(JOINTS)
     with pytest.raises(testing.SafetyViolationError, match=r"on a healthy robot: Fault\(message='tired'.*in tick 1501"):
         testing.fuzz_controller(tired, FEW)
-
-
-def test_the_first_finding_is_told_before_a_shorter_one_is_looked_for(capsys):
-    class Impolite(Stack):
-        def after(self, memory, given, output):
-            said = [intent.name for intent in given.intents]
-            return memory, planted_defects.changed(output, velocity=[float("nan")] * 14) if "DAMP" in said else output
-
-    began = time.perf_counter()
-    with pytest.raises(testing.SafetyViolationError):
-        testing.fuzz_stack(Impolite, FEW, healthy_ticks=0, shrink_seconds=0.5)
-    assert time.perf_counter() - began < 40.0
-    told = re.findall(r"found in run \d+, after [\d.]+ s \(looking for a shorter one\): (.*)", capsys.readouterr().err)
-    assert len(told) == 1
-    assert "expected finite numbers" in told[0]
-    assert engine.MAX_SHRINKING_SECONDS == 300
-
-
-def test_a_machines_own_test_case_has_the_budget_too():
-    seen = []
-
-    class Faulty(testing.StackMachine):
-        build = staticmethod(testing.robot_stack("lite"))
-        shrink_seconds = 0.0
-
-        def check(self, given, output):
-            super().check(given, output)
-            seen.append(engine.MAX_SHRINKING_SECONDS)
-            assert output.control_mode.mode is not Mode.STANDBY, "found"
-
-    case = Faulty.TestCase
-    assert case is Faulty.TestCase  # what is set on it stays
-    case.settings = FEW
-    outcome = unittest.TestResult()
-    case()(outcome)
-    assert len(outcome.failures) == 1
-    assert "found" in outcome.failures[0][1]
-    assert set(seen) == {0.0}
-    assert engine.MAX_SHRINKING_SECONDS == 300
-    assert testing.StackMachine.shrink_seconds == 30.0
 
 
 @pytest.mark.parametrize(("speed", "guard"), [(0.0, "following"), (-200.0, "speed")])

@@ -21,7 +21,7 @@ def test_the_guide_has_its_examples():
     assert len(EXAMPLES) == 4
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_an_example_runs(example, monkeypatch):
     monkeypatch.setattr(fuzz.fuzz_stack, "__defaults__", (QUICK,))

@@ -209,7 +209,7 @@ def client(domain: int) -> Iterator[Client]:
         joined.close()
 
 
-def until(condition: Any, what: str, timeout: float = 20.0) -> Any:
+def until(condition: Any, what: str, timeout: float = 60.0) -> Any:
     """What a condition gives once it is true."""
     deadline = time.monotonic() + timeout
 

@@ -27,6 +27,8 @@ from stranger import Client, client, command, newest, until
 from humanoid_sim.messages import Mode, SafetyFlag, SafetyLevel, SafetyStatus, TickRecord
 from humanoid_sim.mit import Extern
 
+pytestmark = pytest.mark.soak
+
 COMMAND = "rt/remote_policy_controller/command"
 
 

@@ -23,6 +23,8 @@ from humanoid_sim.client import Intake
 from humanoid_sim.messages import Mode
 from humanoid_sim.robots.description import load_robot
 
+pytestmark = pytest.mark.soak
+
 SENSOR = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(5))
 """ROS 2's quality of service for sensors."""
 LATCHED = Qos(Policy.Reliability.Reliable(100_000_000), Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
@@ -135,7 +137,6 @@ def test_a_topic_of_its_own_feeds_the_policy_while_it_is_fresh(folder):
     assert log.recording.header.start_time_ns == begun, "one clock for topics and recording"
 
 
-@pytest.mark.slow
 def test_one_that_never_gets_stale_is_sent_once_before_the_bridge_is_there(folder, monkeypatch):
     """On emulated motors, with a timeout of infinity, for publishers that publish on change."""
     options = sensing(folder, "/feet/contact", ".inf")

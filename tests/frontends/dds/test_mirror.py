@@ -1,14 +1,8 @@
 """A robot from its topics alone."""
 
-import os
 import re
-import subprocess
-import sys
-import time
-import urllib.request
 from dataclasses import replace
 from enum import IntEnum
-from importlib.util import find_spec
 
 import mujoco
 import numpy as np
@@ -228,26 +222,3 @@ def test_its_header_describes_the_body_that_viewers_draw(participant, name):
 
 def at(body, value):
     return body.hinged_poses(np.full(len(body.hinged), value))
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(find_spec("rerun") is None, reason="rerun-sdk is not installed (rerun)")
-def test_rerun_shows_it_on_a_page_until_a_signal_ends_it(participant, domain):
-    robot = Robot(participant, load_robot("lite_biped"))
-    robot.describe()
-    program = [sys.executable, "-m", "humanoid_sim.rerun", "--dds", "--interface", "lo", "--web"]
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
-    with subprocess.Popen(program, env=environment, stdout=subprocess.PIPE) as process:
-        os.set_blocking(process.stdout.fileno(), False)
-        said, deadline = "", time.monotonic() + 60.0
-        while "rerun's page: http://127.0.0.1:" not in said:
-            assert time.monotonic() < deadline, said
-            assert process.poll() is None, said
-            robot.state(0.2, 60.0 - (deadline - time.monotonic()))
-            said += (process.stdout.read() or b"").decode()
-            time.sleep(0.02)
-        address = said.partition("rerun's page: ")[2].split(",")[0]
-        with urllib.request.urlopen(address, timeout=20.0) as answer:
-            assert b"<canvas" in answer.read()
-        process.terminate()
-        assert process.wait(20.0) == 0

@@ -13,7 +13,7 @@ from waiting import until
 from humanoid_sim.messages import Mode
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_pressed_keys_are_on_dds(folder):
     robot = quick_robot(folder, "lite_piano", change=press_in_standby)
     fast = ("--pace", "realtime", "--actuation", "affine")

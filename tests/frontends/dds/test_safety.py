@@ -113,7 +113,7 @@ def test_what_the_session_publishes_does_not_come_back(robot):
     until(lambda: [one for one in reader.take(100) if (one.source, one.level) == ("can0", 2)], "the robot's fault")
     robot.local.safety = (OwnStatus(source="can0"),)
     until(lambda: [one for one in reader.take(100) if (one.source, one.level) == ("can0", 0)], "its end")
-    time.sleep(0.2)
+    time.sleep(0.1)
     assert {name: level for name, level in robot.levels().items() if name.startswith("can0")} == {"can0": 0}
 
 

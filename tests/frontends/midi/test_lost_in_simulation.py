@@ -7,7 +7,7 @@ from play_fixtures import quick_robot
 
 from humanoid_sim.messages import Mode
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.soak
 
 PERIOD = 0.005
 """s"""

@@ -75,6 +75,7 @@ def running(session, *options, **streams):
     return program("midi", *given, says="the keys of ", stderr=subprocess.STDOUT, **streams)
 
 
+@pytest.mark.soak
 def test_the_program_plays_stops_loses_and_finds_the_keyboard(session, keyboard, tmp_path):
     with running(session, "--device", keyboard.path, "--transpose", "12") as (process, _):
         with ticking(session) as records:

@@ -71,6 +71,7 @@ def test_a_motor_that_does_not_confirm_is_named(make_robot, left, right):
     assert not any("virtual:" in thread.name for thread in threading.enumerate() if "motors" not in thread.name)
 
 
+@pytest.mark.soak
 @pytest.mark.usefixtures("impatient")
 def test_the_channels_are_free_after_a_close_that_failed(make_robot, left):
     first = make_robot()
@@ -146,6 +147,7 @@ def _moving_while_answers_are_lost(robot, left):
     left.heard.clear()
 
 
+@pytest.mark.soak
 def test_a_silent_joint_is_not_taken_to_rest(robot, left, monkeypatch):
     monkeypatch.setattr(control, "_LONGEST", 0.7)
     _moving_while_answers_are_lost(robot, left)
@@ -157,6 +159,7 @@ def test_a_silent_joint_is_not_taken_to_rest(robot, left, monkeypatch):
     assert left.mode is MotorMode.RESET
 
 
+@pytest.mark.soak
 @pytest.mark.usefixtures("impatient")
 def test_a_motor_lost_in_a_reactivation_is_answered_for_at_the_end(robot, left):
     robot.activate()

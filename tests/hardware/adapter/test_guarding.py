@@ -26,6 +26,8 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.session.realtime import punctual_threads
 
+pytestmark = pytest.mark.soak
+
 _PROGRAM = Path(__file__).parent / "guarded_robot.py"
 _ROBOT = load_robot("lite_sito")
 _WRISTS = [i for i, joint in enumerate(_ROBOT.joints) if joint.motor is not None and joint.motor.family == "sito"]
@@ -118,7 +120,6 @@ def _is_only_damped(emulated):
     return bool((np.abs(truth.joint_effort - expected)[_WRISTS] < 0.1 + 0.2 * np.abs(expected)[_WRISTS]).all())
 
 
-@pytest.mark.slow
 def test_the_wrists_of_a_killed_program_are_damped_and_then_reset(channel, emulated):
     with _holding(channel) as process:
         assert any(gains.stiffness == pytest.approx(STIFFNESS) for _, gains in emulated.gains(0.0))
@@ -138,7 +139,6 @@ def test_the_wrists_of_a_killed_program_are_damped_and_then_reset(channel, emula
     assert emulated.resets(killed)
 
 
-@pytest.mark.slow
 def test_a_stopped_program_is_displaced_and_may_begin_afresh(channel, emulated):
     with _holding(channel, "reactivate") as process:
         process.send_signal(signal.SIGSTOP)
@@ -161,7 +161,6 @@ def test_a_stopped_program_is_displaced_and_may_begin_afresh(channel, emulated):
         until(lambda: _names(_WRISTS) <= set(emulated.stopped(killed)))
 
 
-@pytest.mark.slow
 def test_a_displaced_program_closes_its_robot_after_the_guardian_has_finished(channel, emulated):
     with _holding(channel, "close") as process:
         process.send_signal(signal.SIGSTOP)
@@ -179,7 +178,6 @@ def test_a_displaced_program_closes_its_robot_after_the_guardian_has_finished(ch
         assert [gains for _, gains in emulated.gains(stopped + 0.05) if gains.stiffness > 0.0] == []
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("emulated")
 def test_a_dead_guardian_is_a_warning_and_a_closed_robot_leaves_none(channel, monkeypatch):
     brake_briefly(monkeypatch.setattr)

@@ -90,15 +90,6 @@ def test_it_is_refused_without_leave_to_drive_motors_that_nothing_stops():
     )
 
 
-@pytest.mark.parametrize(("rate", "told"), [(80.0, False), (90.0, True)])
-def test_the_gains_and_feedback_of_sito_motors_count_where_reports_are_to_find_room(rate, told):
-    """The bus may be loaded to 60 %: 18 frames each way, and ten reports every 10 ms, are 61 % at 90 Hz."""
-    with rig(control_period=1.0 / rate) as (robot, _, _):
-        robot.prepare()
-        text = "no active reports: they would load the bus to 62 %"
-        assert any(text in str(check) for check in robot.checks) is told
-
-
 def test_from_limp_to_holding_to_disabled():
     with rig() as (robot, motors, told):
         robot.prepare()
@@ -124,7 +115,7 @@ def test_from_limp_to_holding_to_disabled():
         assert len([text for text in told if text.endswith((": disabled", "stopped, in reset mode"))]) == 14
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_one_that_is_silent_after_enabling_is_a_problem_and_nothing_stays_enabled(monkeypatch):
     monkeypatch.setattr(session, "_FIRST_FEEDBACK", 0.1)
     with rig(before=lambda motors: motors.inject(Fault("unplugged", ("left_wrist_roll",)))) as (robot, _, told):
@@ -167,7 +158,7 @@ def test_zero_gains_and_zero_current_come_before_enabling_and_in_the_first_frame
         assert all(message == limp[0] for message in later), "until the loop commands"
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_torque_that_nobody_asked_for_is_a_problem(monkeypatch):
     """A motor on which gains have no effect, as far as its feedback tells."""
     monkeypatch.setattr(session, "_STRAY_EFFORT", -1.0)
@@ -177,7 +168,7 @@ def test_torque_that_nobody_asked_for_is_a_problem(monkeypatch):
         assert len([text for text in told if text.endswith(": disabled")]) == 4
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_silent_wrist_is_heard_of_and_does_not_confirm_that_it_is_disabled():
     with rig() as (robot, motors, _):
         robot.activate()

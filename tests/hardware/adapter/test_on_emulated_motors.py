@@ -20,6 +20,8 @@ from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.schema import HardwareSettings
 
+pytestmark = pytest.mark.soak
+
 LITE = load_robot("lite")
 N = LITE.joint_count
 ZEROS = np.zeros(N)
@@ -68,7 +70,7 @@ def _drive(robot, command, seconds, until=lambda _: False):
     return state, bad
 
 
-@pytest.mark.parametrize("channel_count", [2, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("channel_count", [2, 1])
 def test_an_assembled_robot_is_read_where_it_is_and_moved_where_it_should_be(channel_count):
     channels, offsets = _channels(channel_count), _offsets()
     target = np.array(LITE.initial_position) + 0.1
@@ -100,7 +102,6 @@ def test_an_assembled_robot_is_read_where_it_is_and_moved_where_it_should_be(cha
         assert wait_until(lambda: np.abs(motors.truth.joint_effort).max() == 0.0), "nobody drives the joints any more"
 
 
-@pytest.mark.slow
 def test_nothing_recovers_by_itself_and_reactivating_does():
     channels = _channels(1)
     settings = EmulationSettings(physics_timestep=0.001)
@@ -122,7 +123,6 @@ def test_nothing_recovers_by_itself_and_reactivating_does():
         assert bad == []
 
 
-@pytest.mark.slow
 def test_the_motors_stop_when_the_host_falls_silent():
     channels = _channels(1)
     settings = EmulationSettings(physics_timestep=0.001)

@@ -2,7 +2,6 @@ import errno
 import itertools
 import threading
 import time
-from types import SimpleNamespace
 
 import can
 import pytest
@@ -10,7 +9,6 @@ from scripted_bus import ScriptedBus, error_frame
 from waiting import wait_until
 
 from humanoid_sim.errors import RobotError
-from humanoid_sim.hardware.bus import channel as channel_module
 from humanoid_sim.hardware.bus.address import BusAddress
 from humanoid_sim.hardware.bus.channel import Channel, Outbox
 from humanoid_sim.hardware.bus.events import BusEvent, ChannelCounters
@@ -93,22 +91,6 @@ def test_a_frame_is_as_old_as_its_stamp(heard, bus, scripted):
     assert ages[1] > 5.0
     assert 0.0 <= ages[2] < 0.3
     assert 0.0 <= ages[3] < 0.3
-
-
-@pytest.mark.parametrize("step", [3600.0, -3600.0])
-def test_a_system_clock_that_is_set_makes_no_frame_old(heard, bus, scripted, monkeypatch, step):
-    waiting = _message()
-    clock = SimpleNamespace(time=lambda: time.time() + step, monotonic=time.monotonic, sleep=time.sleep)
-    monkeypatch.setattr(channel_module, "time", clock)
-    bus.incoming.put(waiting)  # stamped before
-    assert wait_until(lambda: bool(heard.frames))
-    assert time.monotonic() - heard.frames[0][1] < 5.0
-    time.sleep(0.25)
-    late = _message()
-    late.timestamp += step - 7.0
-    bus.incoming.put(late)
-    assert wait_until(lambda: len(heard.frames) == 2)
-    assert time.monotonic() - heard.frames[1][1] >= 7.0, "stamps of the new time count again"
 
 
 def test_frames_of_other_processes_of_this_machine_count(heard, bus, scripted):
@@ -285,18 +267,15 @@ def test_a_frame_that_cannot_leave_an_interface_that_is_down_never_leaves(bus, s
 
 
 def test_sending_never_waits_for_the_driver(bus, address, heard):
-    stuck = threading.Event()
-    bus.on_send = lambda _: stuck.wait(5.0) and None
+    stuck, returned = threading.Event(), []
+    bus.on_send = lambda _: returned.append(stuck.wait(60.0))
     channel = Channel(address, heard, open_bus=lambda _: bus)
-    longest = 0.0
     for number in range(20):
-        begin = time.perf_counter()
         channel.send([(joint, Frame(number, bytes(8))) for joint in range(14)])
-        longest = max(longest, time.perf_counter() - begin)
         time.sleep(0.005)
+    assert returned == [], "the driver's first call has not come back"
     stuck.set()
     channel.close()
-    assert longest < 0.1, "one call of the driver takes 5 s"
     assert channel.counters.overruns > 0
 
 
@@ -409,6 +388,7 @@ def test_a_frame_that_could_not_leave_gives_way_to_a_newer_one():
     assert outbox.counters.superseded == 1
 
 
+@pytest.mark.soak
 def test_taking_waits_for_a_frame_and_no_longer():
     outbox = Outbox(4, ChannelCounters())
     timer = threading.Timer(0.02, outbox.put, [[("left", _frame(1))]])

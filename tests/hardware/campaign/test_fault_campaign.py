@@ -14,6 +14,8 @@ from humanoid_sim.hardware.emulation.faults import FAULTS, Fault
 from humanoid_sim.messages import Mode, SafetyFlag
 from humanoid_sim.robots.description import load_robot
 
+pytestmark = pytest.mark.soak
+
 ELBOW = ("left_elbow_pitch",)
 DURATION = 0.5
 """s that a fault lasts."""
@@ -102,7 +104,6 @@ def test_every_fault_has_a_case():
     assert {case.fault.kind for case in CASES.values() if case.fault is not None} == set(FAULTS) - no_flag
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
 @pytest.mark.parametrize("name", CASES)
 def test_fault_in_mode(name, mode, table, request):
@@ -111,7 +112,6 @@ def test_fault_in_mode(name, mode, table, request):
     _find(name, CASES[name], mode, "lite", table)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
 @pytest.mark.parametrize("name", SITO_CASES)
 def test_fault_of_a_sito_or_beside_one(name, mode, table, request):

@@ -19,6 +19,8 @@ from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.messages import Intent, Mode
 from humanoid_sim.robots.schema import GuardSettings, SpeedGuard
 
+pytestmark = pytest.mark.soak
+
 SLOWNESS = (1.0, 2.0, 4.0, 8.0, 16.0)
 INTENTS = {Mode.STANDBY: Intent.LOAD_A, Mode.LOCOMOTION: Intent.START_LOCOMOTION, Mode.REMOTE: Intent.START_REMOTE}
 TOO_LATE = 0.035
@@ -29,8 +31,6 @@ MARGIN = 0.15
 """rad beyond its limit that a joint may be."""
 SPEEDS = {"lite": 8.0, "lite_sito": 3.11}
 """rad/s: what a robot's file says, or what a Sito can report."""
-QUICK = "flipped direction"
-"""The row that every run of the tests has."""
 AFTERWARDS = 0.5
 """s that are watched once a guard has tripped."""
 SKEW = 0.3
@@ -128,9 +128,7 @@ SAMPLED = {"wrong zero, Sito", "command beyond the limit, Sito", "beyond the lim
 """Rows whose guard another Sito row shows already."""
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) for name in ROWS if name != QUICK] + [QUICK]
-)
+@pytest.mark.parametrize("name", ROWS)
 def test_it_ends_in_damping(name, table, request):
     if name in SAMPLED and not request.config.getoption("--complete"):
         pytest.skip("with --complete")

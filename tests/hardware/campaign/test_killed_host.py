@@ -14,7 +14,7 @@ from drive_rig import CAN_TIMEOUT, PERIOD
 from humanoid_sim.hardware.bus.address import open_bus, parse_address
 from humanoid_sim.messages import Mode
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.soak
 
 _HOST = Path(__file__).parent / "campaign_host.py"
 _SLACK = 0.05

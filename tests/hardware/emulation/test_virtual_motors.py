@@ -17,6 +17,8 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.sensors import live_inputs
 
+pytestmark = pytest.mark.soak
+
 ELBOW = "left_elbow_pitch"
 
 

@@ -10,7 +10,7 @@ from producers import PRODUCERS, skip_unless_installed, virtual_pad
 from humanoid_sim.client import monotonic_ns
 from humanoid_sim.messages import Intent, Mode
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.soak
 
 PERIOD = 0.02
 """s"""

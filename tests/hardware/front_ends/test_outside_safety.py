@@ -10,7 +10,7 @@ from waiting import until
 
 from humanoid_sim.messages import Mode
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.soak
 
 MONITOR = """
 import sys, time

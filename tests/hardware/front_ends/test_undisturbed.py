@@ -24,7 +24,7 @@ from waiting import until
 
 from humanoid_sim.messages import Mode
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.soak
 
 PERIOD = 0.02
 """s"""

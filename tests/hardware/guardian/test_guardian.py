@@ -21,6 +21,8 @@ from humanoid_sim.hardware.guardian import guardian as guardian_module
 from humanoid_sim.hardware.guardian.guardian import Guardian, can_share
 from humanoid_sim.messages import SafetyLevel
 
+pytestmark = pytest.mark.soak
+
 _LOOP = Path(__file__).parent / "guarded_loop.py"
 _LATE = 0.15
 """s that this machine may be late."""
@@ -155,7 +157,6 @@ def test_a_stopped_loop_is_displaced_and_commands_nothing_when_it_continues(chan
         assert listener.times(DAMPING, continued) != []
 
 
-@pytest.mark.slow
 def test_resets_go_on_for_as_long_as_a_loop_might_come_back(channel, listener):
     with _looping(channel) as loop:
         until(lambda: len(listener.times(COMMAND)) > 20)
@@ -165,7 +166,6 @@ def test_resets_go_on_for_as_long_as_a_loop_might_come_back(channel, listener):
         assert 0.1 < resets[-1] - resets[-2] < 0.2 + _LATE
 
 
-@pytest.mark.slow
 def test_a_displaced_loop_that_gives_way_may_send_once_the_guardian_has_ended(channel, listener):
     with _looping(channel, "release") as loop:
         until(lambda: len(listener.times(COMMAND)) > 20)
@@ -180,7 +180,6 @@ def test_a_displaced_loop_that_gives_way_may_send_once_the_guardian_has_ended(ch
     assert listener.frames[-1][1:] == (RESET, b"loop")
 
 
-@pytest.mark.slow
 def test_a_terminals_signals_leave_the_guardian_alone(channel, listener):
     with _looping(channel) as loop:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP):
@@ -264,7 +263,6 @@ def test_a_guardian_that_is_released_sends_nothing(channel, listener):
     guardian.beat()  # a late one harms nobody
 
 
-@pytest.mark.slow
 def test_motors_that_are_not_known_to_be_disabled_are_braked_at_the_end(channel, listener):
     guardian = Guardian(plan(channel))
     guardian.standby()
@@ -303,7 +301,6 @@ def test_a_guardian_that_cannot_open_its_channel_is_an_error():
     assert "\n" not in str(raised.value)
 
 
-@pytest.mark.slow
 def test_a_guardian_that_says_nothing_is_an_error(channel, monkeypatch):
     monkeypatch.setattr(guardian_module, "_START", 0.0)
     with pytest.raises(RobotError, match=r"^the guardian does not start: no answer within 0 s$"):

@@ -116,6 +116,7 @@ def test_a_device_is_configured_and_heard(device, imu):
     assert reading.quaternion == pytest.approx([1.0, 0.0, 0.0, 0.0])
 
 
+@pytest.mark.soak
 def test_silence_is_a_fault_with_the_last_values(device, imu):
     device.rate = (1.0, 0.0, 0.0)
     imu.open()
@@ -150,6 +151,7 @@ def test_damage_on_the_line_is_counted_and_never_read(device, imu):
         time.sleep(0.001)
 
 
+@pytest.mark.soak
 def test_a_packet_without_a_measurement_is_refused(device, imu):
     imu.open()
     device.attitude = (0.0, 0.0, 0.0, 0.0)
@@ -193,6 +195,7 @@ def test_a_device_that_refuses_is_named(device, imu, errors, message):
         imu.open()
 
 
+@pytest.mark.soak
 def test_nothing_on_the_line(device, imu):
     device.mute = True
     with pytest.raises(RobotError, match="no MicroStrain IMU answers Set To Idle within 1 s"):

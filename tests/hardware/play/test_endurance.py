@@ -14,7 +14,7 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.pace import Pace
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.soak
 
 WALK = "hold 0.5; damp; hold 1; load_a; wait; start_locomotion; hold 100"
 SCRIPT = ("--policy", "lite_tracking", "--allow-script", "--script", WALK)

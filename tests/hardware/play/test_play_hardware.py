@@ -32,7 +32,7 @@ PLACEHOLDER = ("--policy", "placeholder")
 WALK = "hold 0.1; damp; hold 0.1; load_a; wait; start_locomotion; hold 0.5; damp; hold 0.1"
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_walk_up_and_down_over_the_bus(run, quick):
     result = run("--robot", quick, *HARDWARE, "--script", WALK, *PLACEHOLDER)
     assert (result.status, result.err) == (0, "")
@@ -87,7 +87,7 @@ def test_a_problem_is_in_the_list_and_nothing_is_enabled(run, quick, emulate):
     assert list(result.folder.iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_problem_that_comes_after_the_list_is_one_line(run, quick, emulate, monkeypatch):
     """A plug that comes off while the operator reads."""
     motors = emulate()
@@ -105,6 +105,7 @@ def test_a_problem_that_comes_after_the_list_is_one_line(run, quick, emulate, mo
     assert list(result.folder.iterdir()) == []  # the recording of nothing is gone, and its name is free
 
 
+@pytest.mark.soak
 def test_without_an_operators_word_nothing_moves(run, quick):
     statuses = []
 
@@ -227,7 +228,7 @@ def test_the_verdict_of_a_dry_run_that_finds_something_to_read(run, quick, emula
     assert "verdict: ready to be enabled, once you have read the warnings about left_elbow_pitch\n" in result.out
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_emulated_motors_are_assembled_as_the_calibration_says(run, quick, calibrate):
     draw = np.random.default_rng(5)
     calibrate(lambda: draw.uniform(-3.0, 3.0), "mine.yaml")
@@ -250,7 +251,7 @@ def test_gains_that_the_motors_cannot_be_told_are_refused_before_anything_is_ope
     assert result.out == ""
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_fault_on_the_bus_damps_and_the_summary_has_it(run, quick, monkeypatch):
     lite = load_robot("lite")
 

@@ -19,6 +19,7 @@ def device():
     emulated.close()
 
 
+@pytest.mark.soak
 def test_what_it_feels_is_the_robots_state(run, quick, device):
     device.rate = (0.1, 0.2, 0.3)
     result = run("--robot", quick, *HARDWARE, "--imu", f"microstrain:{device.port}", "--script", "hold 0.2")
@@ -28,7 +29,7 @@ def test_what_it_feels_is_the_robots_state(run, quick, device):
         assert [status.source for status in tick.input.safety] == ["humanoid_devices_robstride/virtual:imu", "imu"]
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_one_that_goes_silent_is_a_fault(run, quick, device):
     def fall_silent(data):
         if time.monotonic() > began + 2.0:

@@ -48,7 +48,7 @@ def holding(folder):
     return "--policy", str(folder / "piano.onnx"), "--motion", str(folder / "song.mcap")
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_policy_hears_the_keys_that_it_presses_on_emulated_motors(run, make_robot, folder, capfd):
     walk = "hold 0.3; damp; hold 0.1; load_a; wait; hold 0.5; start_locomotion; hold 2; damp; hold 0.1"
     robot = make_robot("lite_piano", change=press_in_standby)

@@ -20,7 +20,7 @@ def test_it_is_refused_unless_the_operator_accepts_motors_that_nothing_stops(run
     assert result.err.endswith("--allow-no-timeout accepts that\n")
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_all_modes(run, make_robot):
     options = ("--allow-no-timeout", "--allow-script", "--remote", "gravity", "--script", WALK)
     result = run("--robot", make_robot("lite_sito"), *HARDWARE, *options)

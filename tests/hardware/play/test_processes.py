@@ -20,7 +20,7 @@ from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.realtime import punctual_threads
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.soak
 
 CAN_TIMEOUT = 0.1
 """s, which the adapter writes into the motors."""

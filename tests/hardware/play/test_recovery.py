@@ -13,7 +13,7 @@ from humanoid_sim.hardware.emulation.faults import parse_fault
 from humanoid_sim.messages import Mode
 from humanoid_sim.robots.description import load_robot
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.soak
 
 FAULTS = {
     "bus_off": "BUS_OFF",

@@ -13,7 +13,7 @@ from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.realtime import punctual_threads
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.soak
 
 
 class Terminal:

@@ -28,7 +28,7 @@ from humanoid_sim.recording.reader import open_recording
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.session.realtime import punctual_threads
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.soak
 
 TICK = 0.02
 """s"""

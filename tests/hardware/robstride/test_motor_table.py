@@ -254,7 +254,7 @@ def test_many_random_frames():
     assert _fuzz(0.0, 20_000, 1) == 20_000
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_random_frames_for_minutes(fuzzing_seconds):
     seed = random.SystemRandom().getrandbits(32)
     print(f"seed {seed}: {_fuzz(fuzzing_seconds, 1, seed)} frames")

@@ -85,6 +85,7 @@ def test_a_motor_that_loses_its_mode_is_noticed(bench, motors, inject):
             motor.command(0.0, 0.0, 0.0, 0.0)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("is_taken", [True, False])
 def test_a_timeout_that_cannot_be_read_is_tried_out_without_torque(monkeypatch, is_taken):
     """Manuals that have 0x7021 to 0x7029 as write-only: the motor must have stopped by itself before it is driven."""
@@ -111,6 +112,7 @@ def test_a_timeout_that_cannot_be_read_is_tried_out_without_torque(monkeypatch, 
     assert (words[-4:] == once * 2) if is_taken else (words == once)
 
 
+@pytest.mark.soak
 def test_a_timeout_is_called_one(bench):
     with EnabledMotor(bench) as motor:
         time.sleep(2.0 * CAN_TIMEOUT)

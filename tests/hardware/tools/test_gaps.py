@@ -14,6 +14,8 @@ from humanoid_sim.hardware.tools import enabled_motor
 from humanoid_sim.hardware.tools import identify as tool
 from humanoid_sim.robots.description import load_robot
 
+pytestmark = pytest.mark.soak
+
 _NAP = 0.002
 """s"""
 

@@ -94,14 +94,7 @@ def test_ctrl_c_in_the_middle_leaves_the_motor_stopped(run, lite_motors, monkeyp
     assert _is_stopped_as_before(15)
 
 
-def test_nothing_moves_without_leave(run, lite_motors, monkeypatch):
-    monkeypatch.setattr("sys.stdin", io.StringIO())
-    status, _, complained = run(*_WRIST[:-1])
-    assert status == 2
-    assert complained == "error: --yes: is needed where standard input is not a terminal\n"
-
-
-@pytest.mark.parametrize(("answer", "expected"), [("yes\n", 0), ("y\n", 2), ("\n", 2)])
+@pytest.mark.parametrize(("answer", "expected"), [("yes\n", 0), ("y\n", 2)])
 def test_leave_is_asked_for_on_a_terminal(run, lite_motors, monkeypatch, answer, expected):
     terminal = io.StringIO(answer)
     monkeypatch.setattr(terminal, "isatty", lambda: True)

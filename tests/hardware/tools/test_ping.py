@@ -1,7 +1,6 @@
 import pytest
 
 from humanoid_sim.hardware.emulation.faults import Fault
-from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.hardware.robstride.parameters import PARAMETERS
 from humanoid_sim.hardware.tools.bench import motor_bench, read_value, write_value
@@ -25,13 +24,10 @@ def test_a_motor_says_who_it_is_and_how_it_is(run, lite_motors):
     assert "position" not in values
 
 
-@pytest.mark.parametrize(("words", "model"), [((), "rs-00"), (("--model", "rs-03"), "rs-03")])
-def test_the_status_is_read_enabled_and_the_motor_left_stopped(run, lite_motors, words, model):
-    status, printed, _ = run("ping", _CHANNEL, "13", "--count", "1", "--read-status", *words)
+def test_the_status_is_read_enabled_and_the_motor_left_stopped(run, lite_motors):
+    status, printed, _ = run("ping", _CHANNEL, "13", "--count", "1", "--read-status")
     values = _values(printed)
-    assert (status, values["model"]) == (0, model)
-    if words:
-        return
+    assert (status, values["model"]) == (0, "rs-00")
     assert (values["firmware"], values["faults"]) == ("0.0.3.255", "none")
     assert float(values["position"].split()[0]) == pytest.approx(float(values["mechPos"].split()[0]), abs=2e-3)
     assert abs(float(values["effort"].split()[0])) < 1e-3
@@ -40,16 +36,6 @@ def test_the_status_is_read_enabled_and_the_motor_left_stopped(run, lite_motors,
         assert read_value(channels, PARAMETERS["canTimeout"]) == 0  # as before
         write_value(channels, PARAMETERS["zero_sta"], 0)
         assert channels.table.slots[0].sample.status.mode.name == "RESET"
-
-
-def test_firmware_that_scales_gains_is_mentioned_where_none_are_asked_for(run):
-    settings = EmulationSettings(firmware={"rs-02": "0.2.3.5"})
-    with VirtualMotors(load_robot("lite"), ["virtual:bench-ping"], settings=settings):
-        status, printed, complained = run("ping", "virtual:bench-ping", "11", "--count", "1", "--read-status")
-    assert (status, _values(printed)["model"]) == (0, "rs-02")
-    assert complained == (
-        "warning: motor 11 on virtual:bench-ping: its firmware 0.2.3.5 multiplies K_p and K_d by 1.4167: update it\n"
-    )
 
 
 def test_a_motor_in_another_run_mode_or_a_faulty_one_is_reported_and_left_stopped(run, inject):

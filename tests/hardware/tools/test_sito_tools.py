@@ -13,6 +13,8 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.robots.motors import MOTORS
 from humanoid_sim.session.realtime import punctual_threads
 
+pytestmark = pytest.mark.soak
+
 ROBOT = load_robot("lite_sito")
 CHANNEL = "virtual:bench-sito"
 ON = ("--robot", "lite_sito")
@@ -67,7 +69,6 @@ def test_identify_asks_for_leave_twice_over_and_bounds_by_the_position(motors, t
     assert told[-1] == "left_wrist_roll: disabled"
 
 
-@pytest.mark.slow
 def test_calibrate_enables_them_limp_for_the_sweep(motors, told, run, tmp_path):
     path = tmp_path / "calibration.yaml"
     words = ("calibrate", CHANNEL, *ON, "--output", str(path), "--joints", "left_wrist_roll", "--duration", "3")
@@ -86,7 +87,6 @@ def test_calibrate_enables_them_limp_for_the_sweep(motors, told, run, tmp_path):
     assert told == ["left_wrist_roll: enabled", "left_wrist_roll: disabled"]
 
 
-@pytest.mark.slow
 def test_identify_has_a_guardian_where_the_channel_can_be_shared(run):
     channel, told = "udp_multicast:239.74.166.21", []
     with punctual_threads(behind=10):
