@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 # LeRobot bounds NumPy, PyAV and others lower than the rest needs, and brings PyTorch with CUDA: an environment of its own.
 LEROBOT := .venv-lerobot
-LEROBOT_EXTRAS := .[lerobot,wandb,test,test-video]
+LEROBOT_EXTRAS := .[lerobot,wandb,test]
 PLUGINS := $(wildcard plugins/*)
 # ROS 2's wheels restart every Python of the environment that they are in: one of their own, whose nodes the tests start.
 ROS := .venv-ros
@@ -13,12 +13,14 @@ ROS := .venv-ros
 PEERS := .venv-peers
 # What pip downloads is shown, and how far it is. Where nobody watches (CI), a line for each package.
 PIP := --disable-pip-version-check --progress-bar $(if $(CI),off,on)
+# Half of a test of motors is waiting for other threads: one worker more than there are cores.
+WORKERS := $(shell echo $$(($$(nproc) + 1)))
 # A download of gigabytes that is cut short goes on at the second try, from what pip has kept of the first.
 twice = $(1) || $(1)
 # The tests start hundreds of Pythons. Where bytecode is not kept, as containers often ask for, each compiles the package again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: play test test-slow test-train test-lerobot test-ros test-peers test-mutants docs picture notebooks bench lint format types train train-walking train-piano clean
+.PHONY: play test test-integration test-lerobot test-ros test-peers soak docs picture notebooks bench lint format types train train-walking train-piano clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -27,39 +29,36 @@ play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
 	@echo '  make play ARGS="--robot lite_biped --command 0.3,0,0"   a policy that walks'
 	@echo '  . $(BIN)/activate; python -m humanoid_sim                what else there is'
 
-test: $(VENV)/test.done  ## lint, the direction of imports, types, and the tests that finish in minutes
+test: $(VENV)/test.done  ## lint, the direction of imports, types, and the tests that need neither time nor anything outside
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
 
-test-slow: $(VENV)/slow.done  ## the tests that take longer, or need a cluster, an RL library or a notebook's kernel
-	$(BIN)/python -m pytest -m slow $(ARGS)
+test-integration: $(VENV)/integration.done  ## what only a real part shows: browser, DDS, motors' own clock, wheel, notebooks, Ray
+	$(BIN)/python -m pytest -m integration tests/integration $(ARGS)
 
-test-train: $(VENV)/test.done $(VENV)/train.done  ## the tests of training, which need PyTorch
-	$(BIN)/python -m pytest tests/training tests/tools/samples $(ARGS)
+soak: $(VENV)/test.done  ## in real time, on a machine with nothing else to do: missed deadlines, endurance, memory, long fuzzing
+	$(BIN)/python -m pytest -m soak $(ARGS)
 
 test-lerobot: $(LEROBOT)/test.done  ## the tests with LeRobot, its datasets and its programs; installs about 9 GB at the first time
 	HF_HUB_OFFLINE=1 $(LEROBOT)/bin/python -m pytest -m lerobot $(ARGS)
 
-test-ros: $(VENV)/test.done $(VENV)/dds.done $(ROS)/interfaces.done  ## with ROS 2's rclpy, in network namespaces; needs cmake, ninja and g++
+test-ros: $(VENV)/test.done $(ROS)/interfaces.done  ## with ROS 2's rclpy, in network namespaces; needs cmake, ninja and g++
 	$(BIN)/python -m pytest -m ros tests/ros2_live $(ARGS)
 
-test-peers: $(VENV)/test.done $(PEERS)/exports.done  ## with what mjlab and rsl_rl really export; installs about 2 GB at the first time
-	$(BIN)/python -m pytest -m peers tests/peers $(ARGS)
-
-test-mutants: $(VENV)/test.done  ## change what decides about motion, 60 small things, and run its tests; ARGS: --count, --seed, --part, --list
-	$(BIN)/python -m tools.mutation $(ARGS)
+test-peers: $(VENV)/peers.done $(PEERS)/exports.done  ## with what mjlab and rsl_rl really export, and other programs; installs about 3 GB at the first time
+	$(BIN)/python -m pytest -m peers $(ARGS)
 
 docs: $(VENV)/docs.done  ## the documentation as a site, in build/site, its links checked; ARGS=--serve serves it
 	$(BIN)/python docs/build.py $(ARGS)
 
-picture: $(VENV)/slow.done  ## README's moving picture and the console's pictures, from real runs; build/moving-picture keeps scenes
+picture: $(VENV)/integration.done $(VENV)/train.done  ## README's moving picture and the console's pictures, from real runs; build/moving-picture keeps scenes
 	$(BIN)/python docs/moving_picture.py
 	$(BIN)/python docs/console_pictures.py
 
-notebooks: $(VENV)/slow.done  ## run the notebooks, and store what they show in them; ARGS names some, or is --check
+notebooks: $(VENV)/integration.done $(VENV)/train.done  ## run the notebooks, and store what they show in them; ARGS names some, or is --check
 	$(BIN)/python notebooks/store.py $(ARGS)
 
 bench: $(VENV)/play.done  ## this machine's figures
@@ -84,7 +83,7 @@ train: $(VENV)/train.done  ## make the sample motions and train the sample polic
 	$(BIN)/python -m humanoid_sim.policy stamp $(VENV)/lite_tracking.onnx --trace $(VENV)/lite_tracking.npz \
 	    --motion assets/motions/wave.mcap --overwrite --output assets/policies/lite_tracking.onnx
 
-train-walking: $(VENV)/slow.done  ## train the policy that walks again; resumed where it was left
+train-walking: $(VENV)/peers.done  ## train the policy that walks again; resumed where it was left
 	$(BIN)/python -m tools.samples train-walking --resume --output $(VENV)/lite_biped_velocity.onnx $(ARGS)
 	$(BIN)/python -m tools.samples trace-walking --policy $(VENV)/lite_biped_velocity.onnx \
 	    --output $(VENV)/lite_biped_velocity.npz
@@ -111,24 +110,24 @@ $(VENV)/play.done: pyproject.toml constraints.txt | $(VENV)/bin/pip
 	touch $@
 
 $(VENV)/test.done: $(VENV)/play.done
-	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[test]'
+	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[test,console,dds,gamepad,midi]'
 	touch $@
 
 $(VENV)/train.done: $(VENV)/play.done
 	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[train]'
 	touch $@
 
-$(VENV)/slow.done: $(VENV)/test.done $(VENV)/train.done
-	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[cluster,notebooks,rl,test-frontends,menagerie,midi,minari]'
+$(VENV)/integration.done: $(VENV)/test.done
+	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[test-integration]'
+	touch $@
+
+$(VENV)/peers.done: $(VENV)/test.done
+	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[test-peers]'
 	touch $@
 
 $(LEROBOT)/test.done: pyproject.toml constraints-lerobot.txt $(PLUGINS:=/pyproject.toml)
 	$(PYTHON) -m venv $(LEROBOT)
 	$(call twice,$(LEROBOT)/bin/pip install $(PIP) -c constraints-lerobot.txt -e '$(LEROBOT_EXTRAS)' $(PLUGINS:%=-e %))
-	touch $@
-
-$(VENV)/dds.done: $(VENV)/play.done
-	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[console,dds]'
 	touch $@
 
 $(VENV)/docs.done: $(VENV)/play.done

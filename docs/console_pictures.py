@@ -1,7 +1,7 @@
 """Take the pictures of docs/console.md: `make picture`, or `python docs/console_pictures.py`.
 
 Each is a page of a real session in Chromium, which draws 3D in software: some minutes in all. Needs the extra
-`test-frontends` and a Chromium.
+`test-integration` and a Chromium.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Four scenes, one after the other: the arms follow a motion, the biped walks, hands play the piano, and somebody makes
 the biped walk from the console. What the runs leave lies in `build/moving-picture`, where a scene that is there is not
-run again; remove the folder after a change of a policy. Needs the extra `test-frontends` and a Chromium.
+run again; remove the folder after a change of a policy. Needs the extra `test-integration` and a Chromium.
 """
 
 from __future__ import annotations
