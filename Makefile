@@ -33,7 +33,8 @@ test: $(VENV)/test.done  ## lint, the direction of imports, types, and the tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-logo
-	$(BIN)/mypy
+	@# mypy takes one core; on another the tests are compiled, once, and not by each worker for itself.
+	$(BIN)/python -m pytest --collect-only -qq >/dev/null 2>&1 & $(BIN)/mypy; types=$$?; wait; exit $$types
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
 
 test-integration: $(VENV)/integration.done  ## what only a real part shows: browser, DDS, motors' own clock, wheel, notebooks, Ray
