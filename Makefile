@@ -40,7 +40,7 @@ test: $(VENV)/test.done  ## lint, the direction of imports, types, and the tests
 test-integration: $(VENV)/integration.done  ## what only a real part shows: browser, DDS, motors' own clock, wheel, notebooks, Ray
 	$(BIN)/python -m pytest -m integration tests/integration $(ARGS)
 
-soak: $(VENV)/test.done  ## in real time, on a machine with nothing else to do: missed deadlines, endurance, memory, long fuzzing
+soak: $(VENV)/integration.done  ## in real time, on a machine with nothing else to do: missed deadlines, endurance, memory, long fuzzing
 	$(BIN)/python -m pytest -m soak $(ARGS)
 
 test-lerobot: $(LEROBOT)/test.done  ## the tests with LeRobot, its datasets and its programs; installs about 9 GB at the first time

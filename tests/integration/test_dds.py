@@ -27,8 +27,8 @@ def until(condition):
 
 with RobotClient("lite", interface=sys.argv[1]) as robot:
     def mode():
-        told = robot.control_mode()
-        return told and told.mode
+        received = robot.control_mode()
+        return received and received.mode
 
     first = until(lambda: robot.state(0.1))
     until(lambda: mode() is Mode.REMOTE)
@@ -53,7 +53,6 @@ with RobotClient("lite", interface=sys.argv[1]) as robot:
 @pytest.fixture
 def machines(tmp_path):
     """The robot's computer and another one, joined by a cable."""
-    pytest.importorskip("cyclonedds", reason="cyclonedds is not installed (dds)")
     if shutil.which("unshare") is None or shutil.which("ip") is None:
         pytest.skip("needs unshare (util-linux) and ip (iproute2)")
     try:

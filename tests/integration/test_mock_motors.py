@@ -23,8 +23,8 @@ COURSE = [Mode.ZERO_TORQUE, Mode.DAMPING, Mode.STANDBY, Mode.LOCOMOTION, Mode.DA
 PLAY = """
 import functools, runpy
 from humanoid_sim.play import hardware_robot
-told = open("told.txt", "w", buffering=1)
-note = lambda time, text: print(text, file=told)
+events = open("events.txt", "w", buffering=1)
+note = lambda time, text: print(text, file=events)
 hardware_robot.VirtualMotors = functools.partial(hardware_robot.VirtualMotors, told=note)
 runpy.run_module("humanoid_sim.play", run_name="__main__", alter_sys=True)
 """
@@ -61,7 +61,7 @@ class Run:
     def motors(self):
         """By joint, what its motor went through."""
         found = {name: [] for name in LITE.joint_names}
-        for line in (self.folder / "told.txt").read_text(encoding="utf-8").splitlines():
+        for line in (self.folder / "events.txt").read_text(encoding="utf-8").splitlines():
             joint, _, text = line.partition(": ")
             found[joint].append(text)
         return found
@@ -86,10 +86,10 @@ def play(folder):
 
 
 def check_what_always_holds(run):
-    """However busy the machine: damped at the end, motors off, joints heard, and a recording that repeats."""
+    """However busy the machine: damped at the end, motors off, joints measured, and a recording that repeats."""
     assert run.ticks[-1].output.control_mode.mode is Mode.DAMPING
-    assert {told[-1] for told in run.motors.values()} == {"stopped, in reset mode"}
-    assert all("enabled" in told for told in run.motors.values())
+    assert {events[-1] for events in run.motors.values()} == {"stopped, in reset mode"}
+    assert all("enabled" in events for events in run.motors.values())
     for tick in run.ticks:
         assert np.isfinite(tick.input.state.joint_age).all()
         assert np.isfinite(tick.input.state.joint_position).all()

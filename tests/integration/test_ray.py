@@ -12,7 +12,6 @@ pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
 def test_two_workers_of_a_local_ray_give_the_same_file(tmp_path, runtime, monkeypatch):
     """In processes of their own: Ray leaves threads behind, and takes its time."""
-    pytest.importorskip("ray")
     monkeypatch.setenv("RAY_TMPDIR", str(runtime))  # its logs and sockets, whose paths must be short
     yaml_suite(tmp_path)
 

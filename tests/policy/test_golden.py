@@ -191,10 +191,3 @@ def test_broken_stamps_are_one_line(stamped):
 def _with(document, array, **changes):
     arrays = document["arrays"]
     return {**document, "arrays": {**arrays, array: {**arrays[array], **changes}}}
-
-
-@pytest.fixture
-def sampled(walker):
-    """The checkpoint, and samples of its own as they are stamped."""
-    checkpoint = load_checkpoint(walker)
-    return checkpoint, encode_samples(own_samples(checkpoint, count=2))
