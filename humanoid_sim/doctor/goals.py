@@ -22,7 +22,7 @@ _SETTLED = 1.0
 """s until the velocity counts: the robot starts at rest."""
 _VELOCITY, _TURNING, _TILT, _HEIGHT = 0.2, 0.5, 0.1, 0.02
 """m/s, rad/s, rad, and m of standard deviation, at which an onlooker begins to notice, as all below. Policies that are
-wired right are about 0.1 m/s slower than commanded: tests/doctor/test_mistakes.py."""
+wired right are about 0.1 m/s slower than commanded."""
 _JOINTS, _POSITION, _ANGLE = 0.1, 0.3, 0.2
 """rad, mean over the joints; m and rad of the body that is compared."""
 _HAND_POSITION, _HAND_ANGLE = 0.1, 0.3

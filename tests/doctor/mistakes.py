@@ -185,9 +185,3 @@ def gains_swapped(one: str, other: str) -> Edit:
         )
 
     return edit
-
-
-"""Of one thing each, on five robots."""
-
-
-"""Of two things at once: policy, both edits, what the doctor calls them, sorted."""
