@@ -155,7 +155,7 @@ class Run:
             ),
             header=header,
             intents=sources if self.script is None else (OverriddenScript(self.script, sources, self._is_paused),),
-            remote=plan.injector.remote(inbox if self._inputs is None else self._inputs.remote(inbox)),
+            remote=inbox if self._inputs is None else self._inputs.remote(inbox),
             sinks=[sink for sink in sinks if sink is not None],
             safety_filter=self._with_other_safety,
             externs=self._externs(),
@@ -328,9 +328,9 @@ class Run:
         return self.session.state if MODES[self.session.memory.controller] is Mode.STANDBY else None
 
     def _with_other_safety(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
-        """Add recorded statuses, those of other programs and injected ones to the robot's own; the script looks on."""
+        """Add recorded statuses and those of other programs to the robot's own; the script looks on."""
         recorded = statuses if self._inputs is None else self._inputs.safety(statuses)
-        statuses = self.plan.injector.safety(self._outside_safety(recorded))
+        statuses = self._outside_safety(recorded)
         if self.script is not None:
             self.script.note_safety(statuses)
         return statuses

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -24,7 +24,6 @@ from humanoid_sim.play.options import NO_POLICY, SIMULATED, PlayConfig, parse_br
 from humanoid_sim.policy.checkpoint import PLACEHOLDER
 from humanoid_sim.policy.onnx_policy import check_file
 from humanoid_sim.rendering.backend import has_display
-from humanoid_sim.session.inject import Injection
 from humanoid_sim.session.outside_safety import parse_watchdogs
 from humanoid_sim.session.script import parse_script
 from humanoid_sim.session.sources import velocity_numbers
@@ -80,8 +79,8 @@ def checkpoint_path(config: PlayConfig) -> Path | None:
     return policy_path(config.checkpoint or "", option, also=(PLACEHOLDER, NO_POLICY))
 
 
-def refuse_conflicts(config: PlayConfig, injections: Sequence[Injection]) -> None:
-    """Refuse options that exclude each other, and values out of range; `injections` are those of --inject."""
+def refuse_conflicts(config: PlayConfig) -> None:
+    """Refuse options that exclude each other, and values out of range."""
     parse_watchdogs(config.watchdog)
     for one, other in _EITHER:
         refuse_both(one, other, config.is_given)
@@ -93,7 +92,7 @@ def refuse_conflicts(config: PlayConfig, injections: Sequence[Injection]) -> Non
     if config.hardware is not None and config.script is not None and not config.allow_script:
         raise InputError("--script: would move a real robot with nobody at the keys; add --allow-script if it may")
     if config.shadow is not None:
-        _refuse_to_drive(config, injections)
+        _refuse_to_drive(config)
     if config.motion_topic is not None and config.motion is None:
         raise InputError(f"--motion-topic: is {config.motion_topic}, which means nothing without --motion")
     if not config.has_policy:
@@ -106,8 +105,6 @@ def refuse_conflicts(config: PlayConfig, injections: Sequence[Injection]) -> Non
         raise InputError(
             "--manual: standard input is not a terminal, expected one to read keys from, or --console or --gamepad"
         )
-    if config.remote == "none" and any(injection.kind == "silent_remote" for injection in injections):
-        raise InputError("--inject: silent_remote needs a source of commands to silence: use --remote gravity")
 
 
 def _option(name: str) -> str:
@@ -127,10 +124,8 @@ def _refuse(config: PlayConfig, names: Iterable[str], why: str) -> None:
             raise InputError(f"{_option(name)}: {why}")
 
 
-def _refuse_to_drive(config: PlayConfig, injections: Sequence[Injection]) -> None:
+def _refuse_to_drive(config: PlayConfig) -> None:
     """Refuse what would take the robot out of the modes in which a shadow policy runs, or what it does not have."""
-    if any(injection.kind == "nan_policy" for injection in injections):
-        raise InputError("--inject: nan_policy means nothing with --shadow: it is for a policy that drives")
     for step in () if config.script is None else parse_script(config.script):
         if step.kind == "motion" or step.intent in (Intent.START_LOCOMOTION, Intent.START_REMOTE):
             word = step.kind if step.intent is None else step.intent.value

@@ -257,7 +257,7 @@ class PolicyLoader:
             controller = policy_controller(
                 plan.description,
                 plan.control_period,
-                replace(policy.loaded, policy=plan.injector.policy(policy.loaded.policy)),
+                policy.loaded,
                 live=proof.live,
                 action_limit=proof.config.action_limit,
             )

@@ -147,8 +147,6 @@ class PlayConfig:
     watchdog: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:SECONDS")] = ()
     """Sources of safety statuses, other programs on this machine, that must report at least every SECONDS: the robot is
     damped while one is silent."""
-    inject: Annotated[tuple[str, ...], tyro.conf.arg(metavar="FAULT@SECONDS")] = ()
-    """Faults to inject, each as FAULT@SECONDS: nan_policy, safety, silent_remote."""
     push: Annotated[tuple[str, ...], tyro.conf.arg(metavar="VX,VY@SECONDS")] = ()
     """Pushes of a free-standing robot's base, in simulation, each as VX,VY@SECONDS: a force for 0.1 s with
     the momentum that the whole robot has at this velocity, m/s, in the world's axes."""
@@ -190,7 +188,7 @@ class PlayConfig:
         ),
         "output": ("snapshot", "summary", "overwrite"),
         "simulation": (
-            *("branch", "push", "inject", "yaw", "base_height", "drop", "imu_site", "pace", "actuation"),
+            *("branch", "push", "yaw", "base_height", "drop", "imu_site", "pace", "actuation"),
             *("control_frequency", "physics_timestep", "command_delay", "state_delay", "state_sampling"),
         ),
         "a real robot": (
@@ -224,9 +222,7 @@ class PlayConfig:
         return self.policy != NO_POLICY and (self.policy is not None or self.hardware is None)
 
 
-SIMULATED = tuple(
-    sorted({*PlayConfig.GROUPS["simulation"]} - {"branch", "control_frequency", "inject", "pace", "push"})
-)
+SIMULATED = tuple(sorted({*PlayConfig.GROUPS["simulation"]} - {"branch", "control_frequency", "pace", "push"}))
 """Options of the simulated robot."""
 
 

@@ -29,7 +29,6 @@ from humanoid_sim.play.policies import PolicyChoice, choose_for_robot, policy_no
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_check_poses, with_imu
 from humanoid_sim.robots.guards import describe_unwatched
 from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
-from humanoid_sim.session.inject import Injector, parse_injections
 from humanoid_sim.session.script import parse_script
 from humanoid_sim.session.sources import VelocityCommand, parse_velocity
 from humanoid_sim.simulation.check_poses import check_pose_problems
@@ -48,16 +47,14 @@ class Plan:
 
     def __init__(self, config: PlayConfig, left: ExitStack) -> None:
         """Choose and check. `left` lets go of emulated motors, which run from here on if the options ask for them."""
-        injections = parse_injections(config.inject)
         steps = None if config.script is None else parse_script(config.script)
-        refuse_conflicts(config, injections)
+        refuse_conflicts(config)
         front_ends = wanted_front_ends(config)
         point = None if config.branch is None else open_branch(config)
         description = with_imu(load_robot(config.robot), config.imu_site) if point is None else point.description
         self.config = config
         self.realtime = is_realtime(config, front_ends)
-        self.injector = Injector(injections, self.clock)
-        self.policy, suited = choose_for_robot(config, description, self.injector.policy)
+        self.policy, suited = choose_for_robot(config, description)
         self.driving = self.policy if config.shadow is None else PolicyChoice()
         """The policy that drives the robot; without one where it only looks on."""
         contract = self.policy.contract

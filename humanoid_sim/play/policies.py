@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_SONG, motion_path, sample_policy, shipped, song_path
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.controllers.policy_step import Policy, resolve_action
+from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
@@ -87,13 +87,8 @@ class PolicyChoice:
         return self.loaded is not None and self.loaded.contract.takes_velocity_command
 
 
-def choose_policy(
-    config: PlayConfig, description: RobotDescription, wrap: Callable[[Policy], Policy] = lambda policy: policy
-) -> PolicyChoice:
-    """Load the checkpoint and the motion that the options name.
-
-    `wrap` is put around the policy's callable, for faults that are injected deliberately.
-    """
+def choose_policy(config: PlayConfig, description: RobotDescription) -> PolicyChoice:
+    """Load the checkpoint and the motion that the options name."""
     if not config.has_policy:
         return PolicyChoice()
     path = checkpoint_path(config) or sample_policy(description.name)
@@ -116,7 +111,7 @@ def choose_policy(
     motion, file, notices = _chosen_motion(config, checkpoint, description)
     loaded = load_policy(
         checkpoint.contract,
-        wrap(checkpoint.policy),
+        checkpoint.policy,
         motion,
         checkpoint.observation_width,
         source=checkpoint.source,
@@ -125,12 +120,10 @@ def choose_policy(
     return PolicyChoice(loaded, checkpoint, motion, file, warning, notices)
 
 
-def choose_for_robot(
-    config: PlayConfig, description: RobotDescription, wrap: Callable[[Policy], Policy]
-) -> tuple[PolicyChoice, RobotDescription]:
+def choose_for_robot(config: PlayConfig, description: RobotDescription) -> tuple[PolicyChoice, RobotDescription]:
     """Return the policy, chosen by `choose_policy`, and the robot with what it takes from the policy's contract."""
     try:
-        policy = choose_policy(config, description, wrap)
+        policy = choose_policy(config, description)
     except InputError as error:
         is_default = config.robot == DEFAULT_ROBOT and config.checkpoint is not None
         count = _count_of_places(config) if is_default else None

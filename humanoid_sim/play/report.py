@@ -63,7 +63,6 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
         "doctor": _doctor(run.config),
         "definitions": dict(DEFINITIONS),
         "hardware": plan.setup.figures(),
-        "never_injected": list(plan.injector.pending),
         "recording": None if plan.outputs.record is None else str(plan.outputs.record),
     }
 
@@ -110,8 +109,6 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
         console.print(f"[bold red]the robot fell[/] after {base['fall']:.2f} s: {escape(base['fell'])}")
         if summary["doctor"]:
             console.print(f"which wiring would keep it up: {summary['doctor']}", markup=False, soft_wrap=True)
-    for injection in summary["never_injected"]:
-        console.print(f"[yellow]--inject {injection}: never came about[/yellow], the run was over or in another mode")
 
 
 def _modes(summary: dict[str, Any]) -> Table:

@@ -90,7 +90,7 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
         else:
             complain(f"failed: {problem}")
     fell = summary["base"] is not None and summary["base"]["fall"] is not None
-    went_wrong = fell or ((run.monitor.faults or run.monitor.safety) and not config.inject)
+    went_wrong = fell or run.monitor.faults or run.monitor.safety
     status = 128 + received[0] if received else int(ExitStatus.of(not (problems or went_wrong)))
     return Outcome(status, summary, tuple(problems))
 

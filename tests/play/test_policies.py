@@ -51,11 +51,6 @@ def test_on_hardware_an_inference_ends_before_the_motors_stop_by_themselves():
         assert policy.model.time_limit == limit
 
 
-def test_the_wrapper_goes_around_the_policy_that_runs():
-    choice = choose_policy(PlayConfig(policy="placeholder"), LITE, lambda policy: lambda o, f: policy(o, f) + 7.0)
-    assert np.asarray(choice.loaded.policy(np.zeros(42, dtype=np.float32), 0)).tolist() == [7.0] * 14
-
-
 def test_a_policy_of_the_users_needs_a_motion_and_says_which_dataset_it_was_made_for(tmp_path):
     contract = models.contract(
         task_type="tracking",

@@ -106,9 +106,9 @@ def test_remote_commands_are_the_recorded_ones_until_another_arrives(clock):
 
 def test_safety_of_other_sources_is_repeated_while_it_lasts(clock):
     own = (SafetyStatus(source="mujoco"),)
-    entries = [tick(0, source="injected")]
+    entries = [tick(0, source="other")]
     recorded = inputs(clock, entries)
-    assert [status.source for status in recorded.safety(own)] == ["mujoco", "injected"]
+    assert [status.source for status in recorded.safety(own)] == ["mujoco", "other"]
     clock.now = 1.0
     assert recorded.safety(own) == own
     clock.now = 0.0
