@@ -310,9 +310,8 @@ class SuiteRun(_Shown):
         return f"SuiteRun({names} on {self.results.suite.name}: {'passed' if self.passed else 'failed'})"
 
     def _print(self, console: Console) -> None:
-        from humanoid_sim.regress.show import show_candidate, show_detectable, show_run, show_verdict  # noqa: PLC0415
+        from humanoid_sim.regress.show import show_candidate, show_run, show_verdict  # noqa: PLC0415
 
-        show_detectable(console, self.results)
         for candidate in self.results.candidates:
             if self.results.baseline is None:
                 show_run(console, self.results, candidate.run)

@@ -6,8 +6,8 @@ interval is too narrow: its spread by √((n-1)/n) for n seeds, its quantiles be
 It is widened by both, the latter by Student's t with the degrees of freedom of Welch and Satterthwaite (Hesterberg
 2015, "What teachers should know about the bootstrap"). The generator is seeded: the same numbers, the same interval.
 
-A mean hides two things, so both are looked at by themselves: a case that is much worse than the others, and a failure
-of a kind that its case never had.
+A mean hides two things, so both are judged by themselves: a case that is much worse than the others, and a failure of
+a kind that its case never had.
 """
 
 from __future__ import annotations
@@ -15,31 +15,29 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
 
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.regress.margins import compare_margins
 from humanoid_sim.regress.metrics import ALWAYS, has_metric
 from humanoid_sim.regress.results import (
     FAILING,
     Candidate,
     CaseComparison,
     Comparison,
-    Detectable,
     MetricInfo,
     PolicyRun,
     Verdict,
 )
 from humanoid_sim.regress.suite import Suite
 
-POWER = 0.8
-"""Probability with which a change of the size that is announced is found."""
 FEW_SEEDS = 6
 """With fewer seeds of each case, their spread is hardly known, and a warning says so."""
+CASE_TOLERANCE = 2.0
+"""Tolerance for a single case, in multiples of that for the mean over all of them."""
 _SEED = 2026
 _MOST_FREEDOM = 1e4
 _ANGLES = np.linspace(0.0, 0.5 * np.pi, 20_001)
@@ -51,11 +49,8 @@ def judge(suite: Suite, baseline: PolicyRun | None, run: PolicyRun, *, strict: b
     if baseline is None:
         return Candidate(run=run, passed=True)
     comparisons = compare_runs(suite, suite.metrics, baseline, run)
-    margins = compare_margins(suite, baseline.margins, run.margins) if run.margins else ()
     few = min(fewest_seeds(baseline), fewest_seeds(run))
-    candidate = Candidate(
-        run=run, passed=False, comparisons=comparisons, margins=margins, few_seeds=few if few < FEW_SEEDS else None
-    )
+    candidate = Candidate(run=run, passed=False, comparisons=comparisons, few_seeds=few if few < FEW_SEEDS else None)
     return replace(
         candidate, passed=not candidate.worse and not candidate.undecided and not (strict and candidate.unclear)
     )
@@ -69,33 +64,26 @@ def fewest_seeds(run: PolicyRun) -> int:
 def compare_runs(
     suite: Suite, metrics: Sequence[MetricInfo], baseline: PolicyRun, run: PolicyRun
 ) -> tuple[Comparison, ...]:
-    """Every metric of a run against the baseline's, in the order of `metrics`.
+    """Return every metric of a run against the baseline's, in the order of `metrics`.
 
     Runs over the same seeds, or of which one has all those of the other, are compared pair by pair, so that what a seed
     does to both cancels; runs over other seeds case by case. The confidence of the suite is that of all metrics'
-    intervals together (Bonferroni), so that a suite does not raise more false alarms for having more metrics; the
-    intervals of single cases share it once more among themselves.
+    intervals together (Bonferroni), so that a suite does not raise more false alarms for having more metrics.
     """
     before, after = ({(e.case, e.seed) for e in r.episodes} for r in (baseline, run))
     paired = before <= after or after <= before
-    return tuple(_compare(suite, len(metrics), metric, baseline, run, paired) for metric in metrics)
+    confidence = 1.0 - (1.0 - suite.confidence) / max(len(metrics), 1)
+    return tuple(_compare(suite, confidence, metric, baseline, run, paired) for metric in metrics)
 
 
 def _compare(
-    suite: Suite, count: int, metric: MetricInfo, baseline: PolicyRun, run: PolicyRun, paired: bool
+    suite: Suite, confidence: float, metric: MetricInfo, baseline: PolicyRun, run: PolicyRun, paired: bool
 ) -> Comparison:
-    """One of `count` metrics."""
+    """Compare one metric."""
     name, is_failure = metric.name, metric.name in ALWAYS[suite.task]
-    confidence = 1.0 - (1.0 - suite.confidence) / count
     old, new = _values(name, baseline), _values(name, run)
-    asked = {case.name for case in suite.cases if has_metric(name, case.command)}
     both = {case: (old[case].keys() & new[case].keys() if paired else None) for case in sorted(old) if case in new}
     was, now = ({case: _array(v[case], kept) for case, kept in both.items() if kept != set()} for v in (old, new))
-    missing = [
-        {(e.case, e.seed) for e in r.failures if e.metrics.get(name) is None and e.case in asked}
-        for r in (baseline, run)
-    ]
-    shared = {(e.case, e.seed) for e in baseline.episodes} & {(e.case, e.seed) for e in run.episodes}
     comparison = Comparison(
         metric=name,
         verdict="lost" if old and not new else "unmeasured",
@@ -103,60 +91,60 @@ def _compare(
         candidate=mean_of_cases([*now.values()] or [_array(values) for values in new.values()]) if new else None,
         episodes=sum(map(len, now.values())),
         paired=paired,
-        left_out=len((missing[0] | missing[1]) & shared) if paired else len(missing[0]) + len(missing[1]),
+        left_out=_left_out(suite, name, baseline, run, paired),
     )
     if not was:
         return comparison
 
-    def interval_of(cases: Sequence[str], share: int = 1) -> tuple[Interval, float, float]:
-        """Return the change in some cases, and the ends of the worsening, with this share of the room for error."""
-        plus = [now[case] - was[case] if paired else now[case] for case in cases]
-        minus = [] if paired else [was[case] for case in cases]
-        found = mean_interval(plus, minus, 1.0 - (1.0 - confidence) / share, suite.resamples)
-        return found, *((found.low, found.high) if metric.better == "lower" else (-found.high, -found.low))
+    def change_in(cases: Sequence[str]) -> Interval:
+        if paired:
+            return mean_interval([now[case] - was[case] for case in cases], [], confidence, suite.resamples)
+        return mean_interval([now[case] for case in cases], [was[case] for case in cases], confidence, suite.resamples)
 
-    interval, low, high = interval_of([*was])
-    never = {case for case, values in old.items() if not any(values.values())}
+    change = change_in([*was])
+    never_failed = {case for case, values in old.items() if not any(values.values())}
     tolerance = suite.tolerance(name, mean_of_cases([*was.values()]))
-    detectable = tolerance + interval.detectable
-    if is_failure:
-        known, planned = [_array(values) for values in old.values()], sum(map(len, now.values()))
-        tolerance, detectable = _failures_seen(known, planned, tolerance, confidence)
-    new_failures = [e.label for e in run.episodes if is_failure and e.case in never and e.metrics.get(name)]
+    if is_failure and len(never_failed) == len(old):
+        tolerance = 0.0  # where the baseline has no failure, one is enough
+    new_failures = [e.label for e in run.episodes if is_failure and e.case in never_failed and e.metrics.get(name)]
     cases = []
     for case in () if is_failure else was:
         if len(was[case]) > 1 and len(now[case]) > 1:
-            room = suite.case_tolerance * suite.tolerance(name, was[case].mean())
-            alone, least, most = interval_of([case], len(was))
+            before, after, alone = float(was[case].mean()), float(now[case].mean()), change_in([case])
+            verdict = _verdict(metric, alone, CASE_TOLERANCE * suite.tolerance(name, before))
             cases.append(
-                CaseComparison(
-                    case=case,
-                    verdict=_verdict(least, most, room),
-                    baseline=float(was[case].mean()),
-                    candidate=float(now[case].mean()),
-                    change=alone.mean,
-                    low=alone.low,
-                    high=alone.high,
-                    tolerance=float(room),
-                )
+                CaseComparison(case=case, verdict=verdict, baseline=before, candidate=after, change=alone.mean)
             )
-    verdict = _verdict(low, high, tolerance) if cases or is_failure else "unclear"  # one value has no spread
+    verdict = _verdict(metric, change, tolerance) if cases or is_failure else "unclear"  # one value has no spread
     is_worse = bool(new_failures) or any(case.verdict in FAILING for case in cases)
     return replace(
         comparison,
         verdict="worse beyond tolerance" if is_worse else verdict,
-        change=interval.mean,
-        low=interval.low,
-        high=interval.high,
+        change=change.mean,
+        low=change.low,
+        high=change.high,
         tolerance=tolerance,
-        detectable=detectable,
         cases=tuple(cases),
         new_failures=tuple(new_failures),
     )
 
 
-def _verdict(low: float, high: float, tolerance: float) -> Verdict:
-    """Judge a worsening that lies between `low` and `high`."""
+def _left_out(suite: Suite, metric: str, baseline: PolicyRun, run: PolicyRun, paired: bool) -> int:
+    """Return how many pairs, or unpaired episodes of both, have no value because an episode failed."""
+    cases = {case.name for case in suite.cases if has_metric(metric, case.command)}
+    missing = [
+        {(e.case, e.seed) for e in r.failures if e.metrics.get(metric) is None and e.case in cases}
+        for r in (baseline, run)
+    ]
+    if not paired:
+        return len(missing[0]) + len(missing[1])
+    shared = {(e.case, e.seed) for e in baseline.episodes} & {(e.case, e.seed) for e in run.episodes}
+    return len((missing[0] | missing[1]) & shared)
+
+
+def _verdict(metric: MetricInfo, change: Interval, tolerance: float) -> Verdict:
+    """Judge by where the interval of the worsening lies."""
+    low, high = (change.low, change.high) if metric.better == "lower" else (-change.high, -change.low)
     if low > tolerance:
         return "worse beyond tolerance"
     if low > 0.0:
@@ -164,23 +152,6 @@ def _verdict(low: float, high: float, tolerance: float) -> Verdict:
     if high < 0.0:
         return "better"
     return "no difference seen" if high <= tolerance else "unclear"
-
-
-def _failures_seen(
-    cases: Sequence[FloatArray], planned: int, tolerance: float, confidence: float
-) -> tuple[float, float]:
-    """Return the tolerance for a share of failures, and the share that `planned` episodes show with `POWER`.
-
-    Where the baseline, whose flags are in `cases`, has no failure, one is enough, and nothing is tolerated.
-    """
-    count, failed = sum(map(len, cases)), sum(map(sum, cases))
-    if not failed:
-        return 0.0, 1.0 - (1.0 - POWER) ** (1.0 / planned)
-    # One in n is not the truth of which it is a sample: Laplace's rule, (k + 1) / (n + 2).
-    share = (failed + 1.0) / (count + 2.0)
-    normal = NormalDist().inv_cdf
-    error = math.sqrt(share * (1.0 - share) * (1.0 / count + 1.0 / planned))
-    return tolerance, tolerance + (normal(0.5 + 0.5 * confidence) + normal(POWER)) * error
 
 
 def _values(metric: str, run: PolicyRun) -> dict[str, dict[int, float]]:
@@ -196,37 +167,6 @@ def _values(metric: str, run: PolicyRun) -> dict[str, dict[int, float]]:
 def _array(values: Mapping[int, float], kept: Set[int] | None = None) -> FloatArray:
     """Those of some seeds, or all, in the seeds' order."""
     return np.array([values[seed] for seed in sorted(values.keys() if kept is None else kept)])
-
-
-def detectable_changes(suite: Suite, metrics: Sequence[MetricInfo], baseline: PolicyRun) -> tuple[Detectable, ...]:
-    """Say how small a worsening the suite finds with probability `POWER` in a candidate with other seeds.
-
-    That is the tolerance and (t + z) standard errors, from the baseline and the suite's number of seeds alone: those of
-    the candidate are taken to spread as the baseline's do. Of a failure that the baseline does not have, one is enough:
-    the share of the episodes that must fail for one in the suite to do so. A metric that no episode of the baseline has
-    is left out.
-    """
-    confidence = 1.0 - (1.0 - suite.confidence) / max(len(metrics), 1)
-    found = []
-    for metric in metrics:
-        values = _values(metric.name, baseline)
-        cases = [_array(values[case]) for case in sorted(values)]
-        if not cases:
-            continue
-        mean = mean_of_cases(cases)
-        tolerance = suite.tolerance(metric.name, mean)
-        if metric.name in ALWAYS[suite.task]:
-            tolerance, change = _failures_seen(cases, suite.seeds * len(cases), tolerance, confidence)
-        else:
-            # As many new seeds as the suite has, with the spread of those that are known.
-            variances = [v.var(ddof=1) * (1.0 / len(v) + 1.0 / suite.seeds) if len(v) > 1 else 0.0 for v in cases]
-            error = math.sqrt(sum(variances)) / len(cases)
-            quantile = student_quantile(0.5 + 0.5 * confidence, variances, [len(v) + suite.seeds - 2 for v in cases])
-            change = tolerance + (quantile + NormalDist().inv_cdf(POWER)) * error
-        found.append(
-            Detectable(metric=metric.name, baseline=mean, tolerance=tolerance, change=float(change), power=POWER)
-        )
-    return tuple(found)
 
 
 def mean_of_cases(cases: Sequence[FloatArray]) -> float:
@@ -249,15 +189,12 @@ def student_quantile(probability: float, variances: Sequence[float], freedom: Se
     return math.sqrt(total) * math.tan(float(np.interp(2.0 * probability - 1.0, area / area[-1], _ANGLES)))
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
+class Interval(NamedTuple):
     """A mean and where it lies with some confidence."""
 
     mean: float
     low: float
     high: float
-    detectable: float = 0.0
-    """Distance of the mean from 0 at which such an interval does not hold 0 with a probability of `POWER`."""
 
 
 def mean_interval(
@@ -287,5 +224,4 @@ def mean_interval(
     tail = 0.5 * (1.0 - confidence)
     quantile = student_quantile(1.0 - tail, variances, freedom)
     low, high = np.quantile(spread, [tail, 1.0 - tail]) * (quantile / NormalDist().inv_cdf(1.0 - tail))
-    detectable = (quantile + NormalDist().inv_cdf(POWER)) * math.sqrt(sum(variances))
-    return Interval(mean, mean + float(low), mean + float(high), detectable)
+    return Interval(mean, mean + float(low), mean + float(high))

@@ -11,7 +11,6 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -26,12 +25,6 @@ from humanoid_sim.regress.suite import Disturbance, Pushes
 from humanoid_sim.simulation.batch import BatchSimulation
 
 Float32Array = npt.NDArray[np.float32]
-Trace = tuple[float | None, ...]
-
-LONGEST_TRACE = 128
-"""Values of a trace that is kept, at most."""
-_DIGITS = 5
-"""Digits that are kept of each value: for plots, not for comparisons."""
 _PUSH_STREAM = 1
 """Stream of random numbers apart from the draws of the start, which have the same seed."""
 
@@ -137,13 +130,13 @@ class EpisodeBatch:
                 break
         if watch is not None and watch[-1].state is not loop.state:
             watch.append(Step(loop.state, None, simulation.qpos.copy(), simulation.qvel.copy()))
-        traces = measures.traces()
+        rows = measures.step_values()
         return [
             self._episode(
                 i,
                 steps=int(steps[i]),
                 failure=failures.get(i, ("", "")),
-                traces={name: values[: steps[i], i] for name, values in traces.items()},
+                rows={name: values[: steps[i], i] for name, values in rows.items()},
                 whole=measures.of_episode(i, int(steps[i])),
             )
             for i in range(count)
@@ -177,9 +170,9 @@ class EpisodeBatch:
         return wrench
 
     def _episode(
-        self, i: int, steps: int, failure: tuple[str, str], traces: Mapping[str, FloatArray], whole: Mapping[str, float]
+        self, i: int, steps: int, failure: tuple[str, str], rows: Mapping[str, FloatArray], whole: Mapping[str, float]
     ) -> Episode:
-        (kind, reason), period = failure, self.case.scenario.contract.policy_dt
+        kind, reason = failure
         ends = {
             "faults": float(kind == "fault"),
             "losses": float(kind == "lost"),
@@ -192,40 +185,13 @@ class EpisodeBatch:
                 metrics[name] = ends.get(name, None if kind else whole.get(name))
             else:
                 # An episode that was cut short has no errors to compare: what counts of it is that it failed.
-                metrics[name] = None if kind else summarise(metric.summary, traces[name])
-        times, thin = thinned(traces, period)
+                metrics[name] = None if kind else summarise(metric.summary, rows[name])
         return Episode(
             case=self.case.case.name,
             seed=self.seeds[i],
             steps=steps,
-            duration=steps * period,
+            duration=steps * self.case.scenario.contract.policy_dt,
             failure=reason,
             kind=kind,  # type: ignore[arg-type]  # one of the two above, or empty
             metrics=metrics,
-            trace_times=times,
-            traces=thin,
         )
-
-
-def thinned(traces: Mapping[str, FloatArray], period: float) -> tuple[tuple[float, ...], dict[str, Trace]]:
-    """Return the traces of an episode, at most `LONGEST_TRACE` values each, and their times.
-
-    A trace has a value per policy step, `period` s apart; NaN where there is none. The times, in s since the start, are
-    the middles of equal stretches, the values the means over them, None where a stretch has none. Traces without any
-    value are left out.
-    """
-    count = min((len(values) for values in traces.values()), default=0)
-    if not count:
-        return (), {}
-    edges = np.linspace(0, count, min(count, LONGEST_TRACE) + 1).round().astype(int)
-    times = tuple(round(float(0.5 * (a + 1 + b) * period), 6) for a, b in pairwise(edges))
-    thin = {}
-    for name, values in traces.items():
-        known = ~np.isnan(values)
-        if known.any():
-            total = np.add.reduceat(np.where(known, values, 0.0), edges[:-1])
-            number = np.add.reduceat(known.astype(np.int64), edges[:-1])
-            with np.errstate(invalid="ignore"):
-                means = total / number
-            thin[name] = tuple(float(f"{mean:.{_DIGITS}g}") if np.isfinite(mean) else None for mean in means)
-    return times, thin

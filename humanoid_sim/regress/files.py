@@ -85,8 +85,6 @@ def _remake(baseline: PolicyRun, config: RegressConfig) -> str:
         value = getattr(config, option)
         if value is not None:
             command += [f"--{option.replace('_', '-')}", str(value)]
-    if baseline.margins:
-        command.append("--margins")
     return shlex.join([*command, "--write-baseline", str(config.baseline), "--overwrite"])
 
 
@@ -125,7 +123,6 @@ def _policy(results: Results, candidate: Candidate, seconds: float | None) -> El
         else:
             verdict, words = comparison.verdict, describe_change(metric, comparison)
         verdicts.append((metric.name, verdict, words))
-    verdicts += [(f"margin {margin.axis}", margin.verdict, margin.words) for margin in candidate.margins]
     for title, verdict, words in verdicts:
         case = ElementTree.SubElement(suite, "testcase", name=title, classname=place)
         if verdict == "skipped":

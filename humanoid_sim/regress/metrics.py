@@ -148,7 +148,7 @@ class Measures:
             self.rows["action_rate"][step] = rms((command.position - self._last) / self.period)
         self._last = command.position
 
-    def traces(self) -> Mapping[str, FloatArray]:
+    def step_values(self) -> Mapping[str, FloatArray]:
         """By name, shape (steps, N); NaN where there is nothing to measure."""
         return self.rows
 
@@ -207,8 +207,8 @@ class VelocityMeasures(Measures):
         self._points = points
         self.rows["power"][step] = np.abs(sample.torque * sample.state.joint_velocity).sum(axis=-1)
 
-    def traces(self) -> Mapping[str, FloatArray]:
-        """See `Measures.traces`."""
+    def step_values(self) -> Mapping[str, FloatArray]:
+        """See `Measures.step_values`."""
         window = round(_WINDOW / self.period)
         total = np.cumsum(self._velocity, axis=0)
         total[window:] -= total[:-window].copy()

@@ -48,8 +48,6 @@ class RegressConfig:
     """Run only the cases whose name contains this text."""
     strict: bool = False
     """Also fail what the seeds are too few to decide: what is unclear, or worse and perhaps beyond tolerance."""
-    margins: bool = False
-    """Also raise each of the suite's disturbances until the policy fails."""
     episode: Annotated[str | None, tyro.conf.arg(metavar="CASE:SEED")] = None
     """CASE:SEED: run nothing but this episode of each policy and write it as a recording, whether it fails or not, to
     --record-failures, or to runs."""
@@ -77,9 +75,7 @@ class RegressConfig:
 
     GROUPS: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "most used": ("suite", "baseline", "robot", "seeds", "only", "report", "json", "junit", "record_failures"),
-        "what is run": (
-            *("contract", "first_seed", "episode", "margins", "actuation", "baseline_actuation", "threads", "ray"),
-        ),
+        "what is run": (*("contract", "first_seed", "episode", "actuation", "baseline_actuation", "threads", "ray"),),
         "verdict": ("strict",),
         "output": ("write_baseline", "record_limit", "overwrite", "quiet"),
     }
@@ -116,7 +112,7 @@ def check_outputs(config: RegressConfig) -> None:
         case, _, seed = config.episode.rpartition(":")
         if not case or not seed.isdecimal():
             raise InputError(f"--episode: is '{config.episode}', expected CASE:SEED, such as wave:3")
-        idle = ("baseline", "seeds", "first_seed", "only", "margins", "strict", *_OUTPUTS)
+        idle = ("baseline", "seeds", "first_seed", "only", "strict", *_OUTPUTS)
         for name in idle:
             if getattr(config, name):
                 option = name.replace("_", "-")

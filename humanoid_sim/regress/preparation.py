@@ -26,7 +26,7 @@ from humanoid_sim.regress.batched_policy import BatchedPolicy
 from humanoid_sim.regress.suite import Case, Suite
 from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots
 
-_JUDGING = ("seeds", "first_seed", "tolerances", "case_tolerance", "confidence", "resamples", "margins")
+_JUDGING = ("seeds", "first_seed", "tolerances", "confidence", "resamples")
 _POLICIES = {
     "tracking": ("tracking", "a policy that follows motions", "--suite lite_tracking"),
     "locomotion": ("velocity", "one that walks at a velocity", "--suite velocity --robot lite_biped"),
@@ -78,6 +78,7 @@ class TestedPolicy:
     __test__ = False  # its name is not a test's
 
     name: str
+    prepared: PreparedSuite
     checkpoint: Checkpoint
     policy: BatchedPolicy
     cases: tuple[PreparedCase, ...]
@@ -100,9 +101,6 @@ def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> Prepa
             raise InputError(f"{where}, a velocity suite expects a floating one")
         if suite.pushes is not None:
             raise InputError(f"{where}, which the suite's pushes would not move")
-        for sweep in () if suite.margins is None else suite.margins.sweeps:
-            if sweep.axis in ("push", "friction"):
-                raise InputError(f"{where}, which does not feel the suite's sweep of {sweep.axis}")
     if suite.task == "piano" and description.piano is None:
         raise InputError(f"robot '{description.name}': has no piano, a piano suite expects one, such as lite_piano has")
     if suite.base_height is not None:
@@ -181,7 +179,7 @@ def prepare_policy(
         if isinstance(motion, Song):
             motion = song_motion(motion, contract.policy_dt, description)
         cases.append(prepare_case(suite, case, checkpoint, policy, description, motion))
-    return TestedPolicy(name or path.stem, checkpoint, policy, tuple(cases))
+    return TestedPolicy(name or path.stem, prepared, checkpoint, policy, tuple(cases))
 
 
 def prepare_case(

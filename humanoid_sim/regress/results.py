@@ -30,8 +30,6 @@ FAILING: tuple[Verdict, ...] = ("lost", "worse beyond tolerance")
 """Verdicts that fail a candidate."""
 OPEN: tuple[Verdict, ...] = ("worse, perhaps beyond tolerance", "unclear")
 """Verdicts that more seeds would settle; they fail a candidate with `--strict`."""
-_TOO_FEW_SEEDS = "too few seeds"
-"""Replacement for a share of more than 100 % of the baseline, which says nothing about a policy."""
 _LISTED = 3
 """Episodes that a sentence names."""
 
@@ -61,11 +59,9 @@ class SuiteInfo(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Each case is run once with each of them."""
     duration: float
     """s, of the longest episode."""
-    policy_dt: float
-    """s between two values of a trace, before it is thinned out."""
 
 
-class Episode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Episode(msgspec.Struct, frozen=True, kw_only=True):
     """One rollout of one policy: a case with a seed."""
 
     case: str
@@ -81,11 +77,6 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     simulation that became non-finite. `lost`: the robot fell, or strayed too far from what it should follow."""
     metrics: Mapping[str, float | None]
     """By the metric's name, in its unit; None: not measured."""
-    trace_times: tuple[float, ...] = ()
-    """s since the start of the episode, K of them, at most 128: the middle of the steps that a value is the mean of."""
-    traces: Mapping[str, tuple[float | None, ...]] = {}
-    """By the trace's name, K values each: the metrics that exist step by step under their own names (`joint_error`,
-    `velocity_error`, …), in their units."""
 
     @property
     def label(self) -> str:
@@ -93,42 +84,8 @@ class Episode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         return f"{self.case}, seed {self.seed}"
 
 
-class Margin(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Amount of one disturbance that a policy bears."""
-
-    axis: str
-    """Name of the disturbance, such as `delay`."""
-    unit: str
-    """Unit of its values, such as `ms`."""
-    nominal: float
-    """The value without the disturbance."""
-    limit: float
-    """The largest value, in the direction away from nominal, at which it passed at every level up to it."""
-    reached_end: bool
-    """It never failed: the margin is at least `limit`, the end of what the suite sweeps."""
-    failure: str = ""
-    """Reason why it failed just beyond the limit; empty if it did not."""
-    levels: tuple[float, ...] = ()
-    """The values that were tried, nearest to nominal first."""
-    failed_share: tuple[float, ...] = ()
-    """At each level the share of the episodes that failed, or missed the suite's limit."""
-
-    @property
-    def words(self) -> str:
-        """Such as `20 ms`, and `≥ 20 ms` where the sweep ended there."""
-        return f"{'≥ ' if self.reached_end else ''}{quantity(self.limit, self.unit)}"
-
-    @property
-    def fails_at(self) -> float | None:
-        """The smallest value that was tried and failed; None where none did."""
-        if self.reached_end:
-            return None
-        beyond = [level for level in self.levels if abs(level - self.nominal) > abs(self.limit - self.nominal)]
-        return min(beyond, key=lambda level: abs(level - self.nominal), default=None)
-
-
-class PolicyRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One policy over the whole suite. Written to a file it is a baseline."""
+class PolicyRun(msgspec.Struct, frozen=True, kw_only=True):
+    """One policy over the whole suite. Written to a file it is a baseline; other fields of a file are ignored."""
 
     format: Literal["humanoid_sim.regress/1"] = "humanoid_sim.regress/1"
     name: str
@@ -143,8 +100,6 @@ class PolicyRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """By case the SHA-256 of all that its episodes depend on beside policy and seed: only equals are compared."""
     episodes: tuple[Episode, ...]
     """Case by case in the suite's order, within a case seed by seed."""
-    margins: tuple[Margin, ...] = ()
-    """Empty without `--margins`."""
     definitions: Mapping[str, str] = {}
     """Meanings of its figures, as `humanoid_sim.evaluation.failure` had it: only equals are compared."""
     batching: str = ""
@@ -157,21 +112,10 @@ class PolicyRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         """The episodes that failed."""
         return tuple(episode for episode in self.episodes if episode.failure)
 
-
-class Detectable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Worsening that the suite can detect in a candidate that runs with other seeds, from the baseline alone.
-
-    What pairs of the same seeds detect is known once the candidate has run: `Comparison.detectable`.
-    """
-
-    metric: str
-    baseline: float
-    """Mean over the baseline's episodes."""
-    tolerance: float
-    """The worsening that the suite lets pass, in the metric's unit."""
-    change: float
-    """The worsening that is found with a probability of `power`, tolerance included, in the metric's unit."""
-    power: float
+    def summary(self, metric: str) -> tuple[float | None, float | None, float | None]:
+        """Return the mean, least and greatest value of the episodes that have a metric; None where none has."""
+        values = [value for episode in self.episodes if (value := episode.metrics[metric]) is not None]
+        return (sum(values) / len(values), min(values), max(values)) if values else (None, None, None)
 
 
 class CaseComparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -183,11 +127,6 @@ class CaseComparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     candidate: float
     change: float
     """Candidate less baseline, in the metric's unit."""
-    low: float
-    """Lower end of the confidence interval of the change."""
-    high: float
-    tolerance: float
-    """The worsening that the suite lets pass in a single case, a positive number."""
 
 
 class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -208,10 +147,6 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Pairs that are compared, or, unpaired, the candidate's episodes."""
     paired: bool
     """By case and seed; where the baseline was run with other seeds, the two are compared case by case instead."""
-    detectable: float | None = None
-    """The worsening that these very episodes detect with a probability of `Detectable.power`, tolerance included. Pairs
-    detect less than the baseline alone announces, because what a seed does to both cancels. For failures: the share of
-    the episodes that would have to fail."""
     left_out: int = 0
     """Pairs (unpaired: episodes of both) that have no value because an episode failed."""
     cases: tuple[CaseComparison, ...] = ()
@@ -242,13 +177,11 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             return f"{self.left_out} episodes that failed"
         return f"{self.left_out} of {self.left_out + self.episodes} pairs in which an episode failed"
 
-    def share(self, value: float | None, unit: str, *, signed: bool = False) -> str:
-        """Return such as `8.0 %` of the baseline, and where it has no such share, the value itself."""
+    def share(self, value: float | None, unit: str) -> str:
+        """Return a change such as `+8.0 %` of the baseline, and where it has no such share, the value itself."""
         if value is None or not self.baseline or unit == "share":
-            return quantity(value, unit, signed=signed)
-        if not signed and value > abs(self.baseline):
-            return _TOO_FEW_SEEDS
-        return f"{100.0 * value / abs(self.baseline):{'+' if signed else ''}.1f} %"
+            return quantity(value, unit, signed=True)
+        return f"{100.0 * value / abs(self.baseline):+.1f} %"
 
     @property
     def relative(self) -> float | None:
@@ -258,33 +191,15 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         return self.change / abs(self.baseline)
 
 
-class MarginComparison(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A margin beside the baseline's."""
-
-    axis: str
-    unit: str
-    baseline: float
-    """The baseline's limit."""
-    candidate: float
-    verdict: Literal["worse beyond tolerance", "better", "within tolerance"]
-    """Worse where even the value at which the candidate failed is further from the baseline's limit than tolerated."""
-
-    @property
-    def words(self) -> str:
-        """Such as `up to 20 ms, was 30 ms`."""
-        return f"up to {quantity(self.candidate, self.unit)}, was {quantity(self.baseline, self.unit)}"
-
-
 class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One policy under test."""
 
     run: PolicyRun
     passed: bool
-    """No metric and no margin is worse beyond its tolerance, and no metric is lost; with `--strict`, none is open
-    either, nor with few seeds: see `undecided`."""
+    """No metric is worse beyond its tolerance or lost; with `--strict`, none is open either, nor with few seeds: see
+    `undecided`."""
     comparisons: tuple[Comparison, ...] = ()
     """Empty without a baseline."""
-    margins: tuple[MarginComparison, ...] = ()
     few_seeds: int | None = None
     """Number of seeds of each case, where that is fewer than a verdict takes."""
 
@@ -295,9 +210,8 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     @property
     def worse(self) -> tuple[str, ...]:
-        """Names of the metrics that fail the candidate and, with the prefix `margin `, of the margins that do."""
-        metrics = [c.metric for c in self.comparisons if c.verdict in FAILING]
-        return (*metrics, *(f"margin {margin.axis}" for margin in self.margins if margin.verdict in FAILING))
+        """Names of the metrics that fail the candidate."""
+        return tuple(comparison.metric for comparison in self.comparisons if comparison.verdict in FAILING)
 
     @property
     def left_out(self) -> dict[str, list[str]]:
@@ -319,14 +233,12 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     suite: SuiteInfo
     metrics: tuple[MetricInfo, ...]
-    """In the order in which they are shown; the first is the one that episodes are ranked by."""
+    """In the order in which they are shown."""
     confidence: float
     """Probability that none of a candidate's intervals misses its change, shared among the metrics."""
     resamples: int
     """Resamples of the bootstrap."""
     baseline: PolicyRun | None
-    detectable: tuple[Detectable, ...]
-    """Empty without a baseline."""
     candidates: tuple[Candidate, ...]
     strict: bool = False
     """A metric whose verdict is open fails."""
@@ -351,24 +263,16 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     def verdicts(self, candidate: Candidate) -> list[tuple[str, list[tuple[str, str]]]]:
         """Return each verdict, the most urgent first, with the metrics that have it and what was seen of each.
 
-        Such as `("worse within tolerance", [("effort", "+1.3 % (+1.1 to +1.5 %)")])`; where no difference was seen, the
-        worsening that would have been, such as `("tilt", "(seen from 10.9 %)")`.
+        Such as `("worse within tolerance", [("effort", "+1.3 % (+1.1 to +1.5 %)")])`.
         """
         found: dict[str, list[tuple[str, str]]] = {verdict: [] for verdict in get_args(Verdict)}
         for seen in candidate.comparisons:
             unit, words = self.metric(seen.metric).unit, ""
-            if seen.verdict == "no difference seen":
-                words = f"(seen from {seen.share(seen.detectable, unit)})"
-            elif seen.change is not None:
-                change, low, high = (
-                    seen.share(value, unit, signed=True) for value in (seen.change, seen.low, seen.high)
-                )
+            if seen.change is not None and seen.verdict != "no difference seen":
+                change, low, high = (seen.share(value, unit) for value in (seen.change, seen.low, seen.high))
                 reasons = f"; {seen.reasons}" if seen.reasons else ""
                 words = f"{change} ({low.removesuffix(' %')} to {high}{reasons})"
             found[seen.verdict].append((seen.metric, words))
-        for margin in candidate.margins:
-            if margin.verdict in FAILING:
-                found[margin.verdict].append((f"margin {margin.axis}", margin.words))
         return [(verdict, members) for verdict, members in found.items() if members]
 
     def metric(self, name: str) -> MetricInfo:
@@ -376,22 +280,15 @@ class Results(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         return {metric.name: metric for metric in self.metrics}[name]
 
 
-def displayed_unit(unit: str) -> tuple[float, str]:
-    """Say what to multiply a value by, and the unit that it then has: lengths in mm, angles in degrees, shares in %."""
-    return {
-        "m": (1e3, "mm"),
-        "rad": (180.0 / math.pi, "°"),
-        "rad/s": (180.0 / math.pi, "°/s"),
-        "s": (1e3, "ms"),
-        "share": (100.0, "%"),
-    }.get(unit, (1.0, unit))
+_SHOWN = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "°"), "rad/s": (180.0 / math.pi, "°/s"), "share": (100.0, "%")}
+"""By unit what to multiply a value by for a person, and the unit that it then has."""
 
 
 def quantity(value: float | None, unit: str, *, signed: bool = False) -> str:
     """Return a value with the unit that a person reads it in, such as `12.1 mm`; `-` where there is none."""
     if value is None or math.isnan(value):
         return "-"
-    factor, shown = displayed_unit(unit)
+    factor, shown = _SHOWN.get(unit, (1.0, unit))
     gap = "" if shown in ("°", "×") else " "
     return f"{factor * value:{'+' if signed else ''}.3g}{gap}{shown}"
 
@@ -405,22 +302,8 @@ def describe_change(metric: MetricInfo, comparison: Comparison) -> str:
         text += (
             f": {quantity(comparison.change, unit, signed=True)}{relative}, between "
             f"{quantity(comparison.low, unit, signed=True)} and {quantity(comparison.high, unit, signed=True)}; "
-            f"tolerated: {quantity(comparison.tolerance, unit)}; "
-            f"seen from {comparison.share(comparison.detectable, unit)}"
+            f"tolerated: {quantity(comparison.tolerance, unit)}"
         )
     if comparison.left_out:
         text += f"; without {comparison.without}"
     return f"{text}; {comparison.reasons}" if comparison.reasons else text
-
-
-def describe_detectable(metric: MetricInfo, change: float | None, baseline: float | None) -> str:
-    """Such as `+0.9 mm (8.7 %)`: the worsening that the suite finds; `-` where that is not known."""
-    if change is None:
-        return "-"
-    if metric.unit == "share" and change > 1.0:
-        return "too few episodes"  # not even if all of them failed
-    sign = 1.0 if metric.better == "lower" else -1.0
-    relative = f" ({100.0 * change / abs(baseline):.1f} %)" if baseline else ""
-    if baseline and change > abs(baseline):
-        relative = f" ({_TOO_FEW_SEEDS})"
-    return f"{quantity(sign * change, metric.unit, signed=True)}{relative}"

@@ -5,10 +5,9 @@ from __future__ import annotations
 import platform
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
 
@@ -21,18 +20,18 @@ from rich.progress import TimeRemainingColumn
 from humanoid_sim import __version__
 from humanoid_sim.cli import ExitStatus, complain
 from humanoid_sim.command_line.progress import BarOrLines
-from humanoid_sim.errors import InputError, MissingPackageError, blaming
+from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.files import whole_file
-from humanoid_sim.regress.compare import FEW_SEEDS, detectable_changes, fewest_seeds, judge
-from humanoid_sim.regress.executors import LOCAL, Executor, RayExecutor, run_locally
+from humanoid_sim.regress.compare import FEW_SEEDS, fewest_seeds, judge
+from humanoid_sim.regress.executors import LOCAL, Executor, ray_executor, run_locally
 from humanoid_sim.regress.files import json_of, junit_xml, matching_baseline, read_baseline
-from humanoid_sim.regress.margins import measure_margins, planned_levels
 from humanoid_sim.regress.options import RegressConfig, check_outputs
 from humanoid_sim.regress.preparation import PreparedSuite, TestedPolicy, distinct_names, prepare_policy, prepare_suite
 from humanoid_sim.regress.recordings import choose_failures, record_episode, recording_name
+from humanoid_sim.regress.report import report_page
 from humanoid_sim.regress.results import Candidate, PolicyRun, Results, SuiteInfo
-from humanoid_sim.regress.show import say, show_candidate, show_detectable, show_run, show_verdict
+from humanoid_sim.regress.show import say, show_candidate, show_run, show_verdict
 from humanoid_sim.regress.suite import chosen_suite, load_suite
 
 _RECORDINGS = Path("runs")
@@ -50,8 +49,6 @@ def tested(config: RegressConfig, verdicts: Console) -> Results:
     Raises `InputError` if what was given cannot be used.
     """
     check_outputs(config)
-    if config.report is not None and find_spec("matplotlib") is None:
-        raise MissingPackageError("matplotlib", "report", "--report")
     suite, folder = load_suite(config.suite)
     prepared = prepare_suite(chosen_suite(suite, config), folder, config.robot)
     contract = None if config.contract is None else Path(config.contract)
@@ -76,7 +73,7 @@ def tested(config: RegressConfig, verdicts: Console) -> Results:
         executor: Executor = partial(run_locally, threads=config.threads)
         if config.ray is not None:
             processors = config.threads if config.ray == LOCAL else None
-            executor = stack.enter_context(closing(RayExecutor(config.ray, processors))).run
+            executor = stack.enter_context(ray_executor(config.ray, processors))
         results, seconds = _run(config, prepared, baseline, policies, executor, console)
     if config.episode is None:
         for candidate in results.candidates:
@@ -87,12 +84,8 @@ def tested(config: RegressConfig, verdicts: Console) -> Results:
         config.write_baseline: lambda: json_of(results.candidates[0].run),
         config.json: lambda: json_of(results),
         config.junit: lambda: junit_xml(results, seconds),
+        config.report: lambda: report_page(results).encode(),
     }
-    if config.report is not None:
-        from humanoid_sim.regress.report.page import report_page, worst_pictures  # noqa: PLC0415 - where there is one
-
-        pictures = worst_pictures(prepared, policies, baseline, results)
-        documents[config.report] = lambda: report_page(results, pictures).encode()
     _write(documents)
     if config.record_failures is not None or config.episode is not None:
         _record(config, prepared, policies, results, verdicts)
@@ -123,13 +116,13 @@ def _run(
     executor: Executor,
     console: Console,
 ) -> tuple[Results, list[float]]:
-    """Run the baseline, then what it can tell apart, then the candidates; with the seconds that each took.
+    """Run the baseline, then the candidates; with the seconds that each took.
 
     The seconds are no part of the results: the same command gives the same results.
     """
     suite, cases = prepared.suite, policies[0].cases
     if isinstance(baseline, TestedPolicy):
-        baseline = run_policy(prepared, baseline, executor, config.margins, "" if config.quiet else "baseline")
+        baseline = run_policy(baseline, executor, "" if config.quiet else "baseline")
     fewest = suite.seeds if baseline is None else min(suite.seeds, fewest_seeds(baseline))
     few = f"{fewest} seeds of each case are few, expected {FEW_SEEDS} or more: their intervals are wide and uncertain"
     options = {"--suite": config.suite, "--robot": config.robot, "--contract": config.contract}
@@ -142,13 +135,11 @@ def _run(
             cases=tuple(case.name for case in suite.cases),
             seeds=suite.seed_numbers,
             duration=max(case.steps * case.scenario.contract.policy_dt for case in cases),
-            policy_dt=min(case.scenario.contract.policy_dt for case in cases),
         ),
         metrics=suite.metrics,
         confidence=suite.confidence,
         resamples=suite.resamples,
         baseline=baseline,
-        detectable=() if baseline is None else detectable_changes(suite, suite.metrics, baseline),
         candidates=(),
         strict=config.strict,
         warnings=(few,) if baseline is not None and fewest < FEW_SEEDS else (),
@@ -156,11 +147,10 @@ def _run(
     )
     for warning in results.warnings:
         complain(f"warning: {warning}")
-    show_detectable(console, results)
     seconds = []
     for policy in policies:
         begin = perf_counter()
-        run = run_policy(prepared, policy, executor, config.margins, "" if config.quiet else policy.name)
+        run = run_policy(policy, executor, "" if config.quiet else policy.name)
         candidate = judge(suite, baseline, run, strict=config.strict)
         seconds.append(perf_counter() - begin)
         results = replace(results, candidates=(*results.candidates, candidate))
@@ -190,24 +180,19 @@ class EpisodeProgress(BarOrLines):
             self.say(elapsed, f"{self._label}: episodes {self._done} of {self._total}, about {left:.0f} s left")
 
 
-def run_policy(
-    prepared: PreparedSuite, policy: TestedPolicy, executor: Executor, margins: bool = False, label: str = ""
-) -> PolicyRun:
-    """Run every episode of a policy, and on request measure its margins; `label` is that of the progress on stderr."""
-    suite = prepared.suite
-    total = len(suite.cases) * suite.seeds + (planned_levels(suite) if margins else 0)
-    with EpisodeProgress(Console(stderr=True, emoji=False), label, total) as advance:
-        episodes = executor(policy.cases, suite.seed_numbers, suite.disturbance, advance)
-        found = measure_margins(policy.cases, executor, advance) if margins else ()
+def run_policy(policy: TestedPolicy, executor: Executor, label: str = "") -> PolicyRun:
+    """Run every episode of a policy; `label` is that of the progress on stderr."""
+    suite = policy.prepared.suite
+    with EpisodeProgress(Console(stderr=True, emoji=False), label, len(suite.cases) * suite.seeds) as advance:
+        episodes = executor(policy, advance)
     return PolicyRun(
         name=policy.name,
         source=policy.checkpoint.source,
         sha256=policy.checkpoint.sha256,
         suite=suite.name,
-        case_digests=prepared.digests,
+        case_digests=policy.prepared.digests,
         definitions=dict(DEFINITIONS),
         episodes=tuple(episodes),
-        margins=found,
         batching=policy.policy.batching,
         versions={
             "humanoid_sim": __version__,

@@ -8,14 +8,13 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from humanoid_sim.regress.compare import FEW_SEEDS
-from humanoid_sim.regress.results import Candidate, Comparison, PolicyRun, Results, describe_detectable, quantity
+from humanoid_sim.regress.results import Candidate, Comparison, PolicyRun, Results, quantity
 
 _COLOURS = {
     "lost": "red",
     "worse beyond tolerance": "red",
     "better": "green",
     "no difference seen": "default",
-    "within tolerance": "default",
 }
 """Colours of verdicts; the others are yellow."""
 _FAILURES_SHOWN = 5
@@ -30,44 +29,16 @@ def _numbers(*headings: str) -> list[Column]:
     return [Column(heading, justify="right") for heading in headings]
 
 
-def show_detectable(console: Console, results: Results) -> None:
-    """Show how small a change the suite can find: before any candidate has run."""
-    if not results.detectable:
-        return
-    table = Table(
-        "metric",
-        *_numbers("baseline", "tolerated", "noticed from"),
-        title=f"{escape(results.suite.name)}: smallest worsening this run would notice",
-        title_justify="left",
-        caption=(
-            f"Noticed with at least {results.detectable[0].power:.0%} probability in a candidate with other seeds. "
-            "With the baseline's own seeds\nless is enough: how much, the last column of each candidate says."
-        ),
-        caption_justify="left",
-    )
-    for row in results.detectable:
-        metric = results.metric(row.metric)
-        table.add_row(
-            row.metric,
-            quantity(row.baseline, metric.unit),
-            quantity(row.tolerance, metric.unit),
-            describe_detectable(metric, row.change, row.baseline),
-        )
-    console.print(table)
-
-
 def show_run(console: Console, results: Results, run: PolicyRun) -> None:
     """Show what a policy did, where there is nothing to compare it with."""
     table = Table("metric", *_numbers("mean", "least", "greatest"), title=escape(run.name), title_justify="left")
     for metric in results.metrics:
-        values = [value for episode in run.episodes if (value := episode.metrics[metric.name]) is not None]
-        numbers = (sum(values) / len(values), min(values), max(values)) if values else (None, None, None)
-        table.add_row(metric.name, *(quantity(number, metric.unit) for number in numbers))
+        table.add_row(metric.name, *(quantity(value, metric.unit) for value in run.summary(metric.name)))
     console.print(table)
     whole = len(run.episodes) - len(run.failures)
     if whole and any(episode.metrics[metric.name] is None for episode in run.failures for metric in results.metrics):
         console.print(f"Errors are of the {whole} episodes that did not fail.")
-    _show_trouble(console, None, Candidate(run=run, passed=True))
+    _show_failures(console, None, Candidate(run=run, passed=True))
 
 
 def show_candidate(console: Console, results: Results, candidate: Candidate) -> None:
@@ -76,7 +47,7 @@ def show_candidate(console: Console, results: Results, candidate: Candidate) -> 
     table = Table(
         Column("metric", no_wrap=True),
         "verdict",
-        *_numbers("baseline", "candidate", "change", "noticed\nfrom"),
+        *_numbers("baseline", "candidate", "change"),
         title=f"{escape(candidate.run.name)} against the baseline",
         title_justify="left",
         box=box.SIMPLE_HEAD,  # all columns within 80 characters
@@ -90,14 +61,13 @@ def show_candidate(console: Console, results: Results, candidate: Candidate) -> 
             quantity(comparison.baseline, unit),
             quantity(comparison.candidate, unit),
             _change(comparison, unit),
-            comparison.share(comparison.detectable, unit),
         )
     for text, names in candidate.left_out.items():
         say(console, f"without {text}: {', '.join(names)}")
     console.print(table)
     if not paired:
         console.print("other seeds than the baseline's: compared case by case, not pair by pair", highlight=False)
-    _show_trouble(console, results.baseline, candidate)
+    _show_failures(console, results.baseline, candidate)
 
 
 def _change(comparison: Comparison, unit: str) -> str:
@@ -105,39 +75,26 @@ def _change(comparison: Comparison, unit: str) -> str:
     change, low, high = comparison.change, comparison.low, comparison.high
     if change is None or low is None or high is None:
         return "-"
-    middle = comparison.share(change, unit, signed=True)
-    reach = comparison.share(max(high - change, change - low), unit)
-    return f"{middle.removesuffix(' %')} ± {reach}" if reach[0].isdigit() else reach
+    reach = comparison.share(max(high - change, change - low), unit).removeprefix("+")
+    return f"{comparison.share(change, unit).removesuffix(' %')} ± {reach}"
 
 
 def _coloured(verdict: str) -> str:
     """Return a verdict with its colour, as markup."""
-    return f"[{_COLOURS.get(verdict, 'yellow')}]{verdict}[/]" if verdict else ""
+    return f"[{_COLOURS.get(verdict, 'yellow')}]{verdict}[/]"
 
 
-def _show_trouble(console: Console, baseline: PolicyRun | None, candidate: Candidate) -> None:
-    """Show the episodes that failed, and how much of each disturbance was borne, beside the baseline's margins."""
+def _show_failures(console: Console, baseline: PolicyRun | None, candidate: Candidate) -> None:
+    """Show the episodes that failed."""
     run, failures = candidate.run, candidate.run.failures
-    if failures:
-        before = f" (the baseline: {len(baseline.failures)} of {len(baseline.episodes)})" if baseline else ""
-        console.print(f"{len(failures)} of {len(run.episodes)} episodes failed{before}:")
-        for episode in failures[:_FAILURES_SHOWN]:
-            say(console, f"  {episode.label}, after {episode.duration:.2f} s: {episode.failure}")
-        if len(failures) > _FAILURES_SHOWN:
-            console.print(f"  and {len(failures) - _FAILURES_SHOWN} more")
-    if not run.margins:
+    if not failures:
         return
-    verdicts = {margin.axis: margin.verdict for margin in candidate.margins}
-    old = {margin.axis: margin for margin in baseline.margins} if baseline else {}
-    compared = [Column("verdict"), *_numbers("baseline, up to")] if verdicts else []
-    headings = Column("disturbance"), *compared, *_numbers("tolerated up to"), Column("fails")
-    table = Table(*headings, title="robustness margins", title_justify="left")
-    for margin in run.margins:
-        verdict = verdicts.get(margin.axis, "")
-        reason = "" if margin.fails_at is None else f"at {quantity(margin.fails_at, margin.unit)}: {margin.failure}"
-        beside = [_coloured(verdict), old[margin.axis].words if margin.axis in old else "-"]
-        table.add_row(margin.axis, *(beside if verdicts else ()), margin.words, escape(reason))
-    console.print(table)
+    before = f" (the baseline: {len(baseline.failures)} of {len(baseline.episodes)})" if baseline else ""
+    console.print(f"{len(failures)} of {len(run.episodes)} episodes failed{before}:")
+    for episode in failures[:_FAILURES_SHOWN]:
+        say(console, f"  {episode.label}, after {episode.duration:.2f} s: {episode.failure}")
+    if len(failures) > _FAILURES_SHOWN:
+        console.print(f"  and {len(failures) - _FAILURES_SHOWN} more")
 
 
 def show_verdict(console: Console, results: Results, candidate: Candidate) -> None:

@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import msgspec
 
@@ -29,16 +28,6 @@ from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
 SEEDS = 2**31
 """Least number that is not a seed any more."""
-Share = Annotated[float, Accepted(0.0, below=1.0)]
-
-Axis = Literal["delay", "jitter", "gains", "friction", "joint_friction", "mass", "push", "noise"]
-AXES: Mapping[str, tuple[str, float]] = {
-    **dict.fromkeys(("delay", "jitter"), ("s", 0.0)),
-    **dict.fromkeys(("gains", "friction", "joint_friction", "mass"), ("×", 1.0)),
-    "push": ("m/s", 0.0),
-    "noise": ("rad", 0.0),
-}
-"""Axes of margins: unit, and the value that disturbs nothing."""
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -91,40 +80,6 @@ class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """Worsening in the metric's unit."""
 
 
-class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One disturbance, raised level by level until the policy fails, and then narrowed down by bisection."""
-
-    axis: Axis
-    levels: tuple[float, ...]
-    """Levels in the axis' unit, away from the value that disturbs nothing."""
-
-    @property
-    def name(self) -> str:
-        """The axis, and for those with two sides which one."""
-        _, nominal = AXES[self.axis]
-        if nominal == 0.0:
-            return self.axis
-        return f"{self.axis} {'up' if self.levels[0] > nominal else 'down'}"
-
-
-class Margins(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Measurement of robustness margins."""
-
-    sweeps: tuple[Sweep, ...]
-    seeds: Annotated[int, Accepted(1)] = 4
-    """Number of seeds of each case at each level."""
-    cases: tuple[str, ...] = ()
-    """Names; empty: all."""
-    allowed_failures: Share = 0.0
-    """Share of the episodes that may fail at a level that is passed."""
-    bisections: Annotated[int, Accepted(0)] = 3
-    """Number of halvings of the stretch between the last level passed and the first one failed."""
-    tolerance: NotNegative = 0.15
-    """Share of the baseline's by which a margin may be smaller."""
-    limits: Mapping[str, NotNegative] = {}
-    """By metric: an episode beyond this counts as failed too."""
-
-
 class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A suite. Everything that an episode depends on is in its digest, so that a baseline is known to fit."""
 
@@ -141,8 +96,6 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """By metric, in the order of the report: these are judged. Failures always are, with tolerance 0 unless given."""
     confidence: Annotated[float, Accepted(0.5, below=1.0)] = 0.95
     """Probability that none of a candidate's intervals misses its change."""
-    case_tolerance: NotNegative = 2.0
-    """Tolerance for a single case, in multiples of that for the mean over all of them."""
     resamples: Annotated[int, Accepted(2)] = 10_000
     """Resamples of the bootstrap."""
     start: Start = Start()
@@ -159,7 +112,6 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Simulation of the motors; see `humanoid_sim.simulation.plant`."""
     base_height: Positive | None = None
     """m, where a free base starts; default: the robot's."""
-    margins: Margins | None = None
 
     @property
     def seed_numbers(self) -> tuple[int, ...]:
@@ -221,15 +173,9 @@ def chosen_suite(suite: Suite, config: RegressConfig) -> Suite:
     cases = tuple(case for case in suite.cases if config.only is None or config.only in case.name)
     if not cases:
         raise InputError(f"--only: is '{config.only}', expected part of one of the suite's cases: {', '.join(names)}")
-    margins = suite.margins
-    if config.margins and margins is None:
-        raise InputError(f"--margins: the suite '{suite.name}' has no margins to measure")
-    if margins is not None:
-        left = tuple(name for name in margins.cases if name in {case.name for case in cases})
-        margins = msgspec.structs.replace(margins, cases=left)
     given = {"seeds": config.seeds, "first_seed": config.first_seed, "actuation": config.actuation}
     given = {name: value for name, value in given.items() if value is not None}
-    chosen = msgspec.structs.replace(suite, cases=cases, margins=margins, **given)
+    chosen = msgspec.structs.replace(suite, cases=cases, **given)
     for problem in suite_problems(chosen):
         place, _, text = problem.partition(": ")
         raise InputError(f"--{place.replace('_', '-')}: {text}")
@@ -248,19 +194,6 @@ def suite_problems(suite: Suite) -> Iterator[str]:
     yield from _case_problems(suite)
     yield from _name_problems(suite)
     yield from refused_values(suite)
-    for i, sweep in enumerate(() if suite.margins is None else suite.margins.sweeps):
-        nominal, levels, expected = AXES[sweep.axis][1], sweep.levels, ""
-        away = [nominal, *levels]
-        rises = all(a < b for a, b in pairwise(away))
-        falls = nominal > 0.0 and all(a > b >= 0.0 for a, b in pairwise(away))
-        if not levels or not (rises or falls) or not all(map(math.isfinite, levels)):
-            expected = f"finite numbers that lead away from {nominal:g}"
-        elif sweep.axis in ("delay", "jitter") and max(levels) > LONGEST_DELAY:
-            expected = f"at most {LONGEST_DELAY:g} s"
-        elif sweep.axis == "mass" and min(levels) <= 0.0:
-            expected = "masses > 0"
-        if expected:
-            yield f"margins.sweeps[{i}].levels: is {list(levels)}, expected {expected}"
     try:
         drawn = suite.disturbance.randomisation
     except InputError as error:
@@ -299,21 +232,10 @@ def _case_problems(suite: Suite) -> Iterator[str]:
 
 
 def _name_problems(suite: Suite) -> Iterator[str]:
-    """Metrics and cases that do not exist, and sweeps that are there twice."""
-    metrics, margins = METRICS[suite.task], suite.margins
+    """Yield metrics that do not exist."""
+    metrics = METRICS[suite.task]
     if not suite.tolerances:
         yield f"tolerances: is empty, expected some of {', '.join(metrics)}"
-    limits = {} if margins is None else margins.limits
-    for place, names in (("tolerances", suite.tolerances), ("margins.limits", limits)):
-        for name in names:
-            if name not in metrics:
-                yield f"{place}: {known_names(f'{suite.task} metric', name, metrics)}"
-    if margins is None:
-        return
-    cases = [case.name for case in suite.cases]
-    for name in margins.cases:
-        if name not in cases:
-            yield f"margins.cases: {known_names('case', name, cases)}"
-    sweeps = [sweep.name for sweep in margins.sweeps if sweep.levels]
-    if len(set(sweeps)) < len(sweeps):
-        yield "margins.sweeps: one is given twice"
+    for name in suite.tolerances:
+        if name not in metrics:
+            yield f"tolerances: {known_names(f'{suite.task} metric', name, metrics)}"

@@ -29,13 +29,6 @@ tolerances:
   joint_error: {relative: 0.05}
   losses: {absolute: 0.01}
   faults: {absolute: 0.01}
-margins:
-  seeds: 2
-  cases: [wave]
-  limits: {body_position_error: 0.02}
-  sweeps:
-    - {axis: delay, levels: [0.01, 0.02, 0.1]}
-    - {axis: gains, levels: [0.5, 0.01]}
 """
 
 

@@ -1,4 +1,4 @@
-"""Verdicts: what is worse is called worse, what is not is not, and the suite says beforehand what it can tell."""
+"""Verdicts: what is worse is called worse, and what is not is not."""
 
 import math
 
@@ -9,7 +9,6 @@ from regress_runs import episode, run, tiny_suite, values
 
 from humanoid_sim.regress.compare import (
     compare_runs,
-    detectable_changes,
     judge,
     mean_interval,
     mean_of_cases,
@@ -156,19 +155,6 @@ def test_no_false_alarm_with_other_seeds():
         for seed in range(20)
     ]
     assert verdicts.count("worse beyond tolerance") == 0
-
-
-def test_what_is_announced_depends_on_the_number_of_seeds():
-    baseline = measured(1.0)
-    few, many = (detectable_changes(tiny_suite(seeds=n), tiny_suite().metrics, baseline)[0] for n in (2, 50))
-    assert few.tolerance == many.tolerance < many.change < few.change
-
-
-def test_some_failures_in_ten_announce_by_laplaces_rule():
-    suite = tiny_suite(faults=Tolerance(absolute=0.01))
-    some = values("faults", lambda case, seed: float(case == "a" and seed == 0), CASES, range(5))
-    (announced,) = detectable_changes(suite, suite.metrics[:1], some)
-    assert 0.1 < announced.change < 0.8
 
 
 def test_cases_weigh_equally():
@@ -373,10 +359,7 @@ def test_one_motion_that_is_17_percent_worse_fails_inside_a_mean_that_is_not():
     assert [case.verdict in FAILING for case in comparison.cases] == [True, False, False, False]
     assert comparison.cases[0].change / comparison.cases[0].baseline == pytest.approx(0.17, abs=0.01)
     assert comparison.reasons.startswith("in a by +1")
-    assert (
-        compare(replace(suite, case_tolerance=4.0), one_motion(1.0), one_motion(1.17, seed=1)).verdict
-        != "worse beyond tolerance"
-    )
+    assert compare(suite, one_motion(1.0), one_motion(1.08, seed=1)).verdict != "worse beyond tolerance"
 
 
 def test_a_worsening_that_is_tolerated_is_said():
@@ -385,26 +368,6 @@ def test_a_worsening_that_is_tolerated_is_said():
     assert compare(suite, old, one_motion(1.17, seed=1)).verdict == "worse within tolerance"
     assert compare(suite, old, one_motion(1.0, seed=1)).verdict == "no difference seen"
     assert judge(suite, old, one_motion(1.17, seed=1), strict=True).passed
-
-
-def test_pairs_detect_less_than_other_seeds():
-    """A seed makes 35 % between episodes, and 1 % between the two of a pair."""
-    suite = tiny_suite("abcd", 12)
-    baseline = one_motion(1.0)
-    announced = detectable_changes(suite, suite.metrics, baseline)[0]
-    pairs = compare(suite, baseline, one_motion(1.0, seed=1)).detectable
-    assert pairs is not None
-    assert announced.tolerance < pairs < announced.tolerance + 0.1 * (announced.change - announced.tolerance)
-
-
-def test_one_failure_is_enough_where_there_was_none():
-    """The share of failures of which 48 episodes show one with 80 % probability."""
-    suite = tiny_suite("abcd", 12)
-    found = {d.metric: d for d in detectable_changes(suite, suite.metrics, flags("faults", set()))}
-    assert found["faults"].change == pytest.approx(1.0 - 0.2 ** (1 / 48))
-    assert found["faults"].tolerance == 0.0
-    compared = {c.metric: c for c in compare_runs(suite, suite.metrics, flags("faults", set()), flags("faults", set()))}
-    assert compared["faults"].detectable == found["faults"].change
 
 
 def test_a_single_value_has_no_spread():

@@ -11,7 +11,7 @@ from policies import SAMPLE, WALKER, failing_copy, swapped_copy
 from regress_runs import standing_policy, yaml_suite
 
 from humanoid_sim.evaluation.tracking import TrackingErrors
-from humanoid_sim.regress.episodes import LONGEST_TRACE, EpisodeBatch, Step, episode_keys, run_episodes, thinned
+from humanoid_sim.regress.episodes import EpisodeBatch, Step, episode_keys, run_episodes
 from humanoid_sim.regress.metrics import METRICS, VelocityMeasures
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
 from humanoid_sim.regress.suite import Case, Disturbance, Pushes, Suite, Tolerance, load_suite
@@ -62,15 +62,6 @@ def test_what_an_episode_says_of_itself(short):
     assert list(episode.metrics) == list(METRICS["tracking"])
     assert episode.metrics["survival"] == 1.0
     assert (episode.metrics["faults"], episode.metrics["losses"]) == (0.0, 0.0)
-    assert len(episode.trace_times) == 20
-    assert set(episode.traces) == {
-        "body_position_error",
-        "body_orientation_error",
-        "joint_error",
-        "effort",
-        "action_rate",
-    }
-    assert episode.traces["action_rate"][0] is None  # nothing before the first step
 
 
 def test_body_errors_are_those_of_the_tracking_report(short):
@@ -154,7 +145,6 @@ def test_a_robot_that_stands_neither_moves_nor_slips(standing):
         value = metrics[name]
         assert value is not None
         assert 0.0 <= value < limit
-    assert episode.traces["velocity_error"][0] is None  # not settled yet
 
 
 def test_errors_are_against_the_command(standing):
@@ -172,7 +162,7 @@ def test_a_velocity_is_averaged_over_a_second():
     measures = VelocityMeasures(SimpleNamespace(contract=SimpleNamespace(policy_dt=0.02)), None, 0.0, 200, 1)
     measures._command, measures._velocity[:] = np.array([[0.5, 0.0, 0.0]]), 0.0
     measures._velocity[50:, 0, 0] = 0.5
-    error = measures.traces()["velocity_error"][:, 0]
+    error = measures.step_values()["velocity_error"][:, 0]
     assert error[[49, 74, 99, 199]].tolist() == pytest.approx([0.5, 0.25, 0.0, 0.0])
 
 
@@ -204,30 +194,3 @@ def test_a_push_moves_the_base_and_a_hard_one_topples_it(standing):
     assert toppled.kind == "lost"
     assert toppled.failure.startswith("fell: ")
     assert toppled.metrics["falls"] == 1.0
-
-
-def test_a_short_episode_keeps_every_step():
-    times, traces = thinned({"effort": np.array([1.0, 2.0, 4.0])}, 0.02)
-    assert times == (0.02, 0.04, 0.06)
-    assert traces == {"effort": (1.0, 2.0, 4.0)}
-
-
-def test_a_long_one_keeps_means_of_stretches():
-    values = np.arange(4 * LONGEST_TRACE, dtype=np.float64)
-    times, traces = thinned({"effort": values}, 0.01)
-    assert len(times) == LONGEST_TRACE
-    assert traces["effort"][:2] == (1.5, 5.5)
-    assert times[:2] == (0.025, 0.065)
-
-
-def test_steps_without_a_value_do_not_count():
-    nan = np.nan
-    values = np.tile([nan, 3.0], LONGEST_TRACE)
-    values[:2] = nan
-    _, traces = thinned({"slip": values, "nothing": np.full(2 * LONGEST_TRACE, nan)}, 0.01)
-    assert traces["slip"][:2] == (None, 3.0)
-    assert "nothing" not in traces
-
-
-def test_nothing_was_run():
-    assert thinned({"effort": np.empty(0)}, 0.02) == ((), {})

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from policies import G1_SCENE, G1_WALKER, SAMPLE, WALKER, noisy_copy, swapped_copy
 from published import needs_policies
 
-from humanoid_sim.regress.compare import detectable_changes, judge
+from humanoid_sim.regress.compare import judge
 from humanoid_sim.regress.executors import run_locally
 from humanoid_sim.regress.metrics import METRICS
 from humanoid_sim.regress.preparation import prepare_policy, prepare_suite
@@ -37,7 +37,7 @@ class Field:
     def run(self, policy, suite=None):
         """All episodes of a policy."""
         prepared = prepare_suite(self.suite if suite is None else suite, self.folder, self.robot)
-        return run_policy(prepared, prepare_policy(prepared, policy), run_locally)
+        return run_policy(prepare_policy(prepared, policy), run_locally)
 
     def judge(self, policy, seeds=None):
         """A policy against the baseline, with the suite's seeds or more."""
@@ -77,15 +77,8 @@ def test_the_sample_policy_is_the_same_as_itself(field):
     assert candidate.run.episodes == field.baseline.episodes
 
 
-def test_it_says_beforehand_that_it_finds_a_tenth(field):
-    announced = {d.metric: d for d in detectable_changes(field.suite, field.suite.metrics, field.baseline)}
-    for metric in TRACKING:
-        assert announced[metric].change < 0.1 * announced[metric].baseline
-
-
 @pytest.mark.timeout(1800)
 def test_weight_noise_that_makes_tracking_15_percent_worse_is_found(field, tmp_path):
-    """The noise is raised until the error is 15 % worse, and what was announced to be found by then is found."""
     scale, worse = 0.01, 0.0
     while worse < 0.15:
         scale += 0.005
@@ -130,7 +123,7 @@ HEADINGS = ("policy", "candidate", "verdict", "metric", "change", "between", "s"
 def table_row(policy, name, candidate, metric, seconds):
     (found,) = (c for c in candidate.comparisons if c.metric == metric)
     unit = METRICS["velocity"][metric].info.unit
-    change, low, high = (found.share(value, unit, signed=True) for value in (found.change, found.low, found.high))
+    change, low, high = (found.share(value, unit) for value in (found.change, found.low, found.high))
     return policy, name, found.verdict, metric, f"{change}; {found.reasons}", f"{low} to {high}", f"{seconds:.0f}"
 
 

@@ -15,7 +15,6 @@ from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
 from humanoid_sim.regress import main
 from humanoid_sim.regress.preparation import distinct_names
-from humanoid_sim.regress.report import page as page_module
 from humanoid_sim.regress.results import Results
 from humanoid_sim.replay import main as replay
 
@@ -39,18 +38,13 @@ def test_the_sample_policy_passes_against_itself(suite, tmp_path, capsys):
     arguments = [str(SAMPLE), "--suite", suite, "--baseline", str(base), "--json", str(out), "--junit", str(junit)]
     assert main(arguments) == 0
     printed = capsys.readouterr().out
-    assert "smallest worsening this run would notice" in printed
-    assert "Noticed with at least 80% probability in a candidate with other seeds." in printed
-    assert printed.index("other seeds") < printed.index("against the baseline") < printed.index("PASS")
-    assert printed.splitlines()[-1] == (
-        "PASS lite_tracking: no difference seen: body_position_error (seen from 5.0 %), joint_error (seen from 5.0 %), "
-        "losses (seen from 41.5 %), faults (seen from 41.5 %)"
-    )
+    assert printed.index("against the baseline") < printed.index("PASS")
+    metrics = "body_position_error, joint_error, losses, faults"
+    assert printed.splitlines()[-1] == f"PASS lite_tracking: no difference seen: {metrics}"
     found = results(out)
     assert found.passed
     assert found.candidates[0].run.episodes == found.baseline.episodes
     assert {comparison.verdict for comparison in found.candidates[0].comparisons} == {"no difference seen"}
-    assert [announced.metric for announced in found.detectable] == [metric.name for metric in found.metrics]
     assert ElementTree.parse(junit).getroot().get("failures") == "0"
 
 
@@ -64,11 +58,11 @@ def test_a_policy_that_is_worse_fails_and_is_named_beside_one_that_is_not(suite,
     worse = swapped_copy(SAMPLE, tmp_path / "swapped.onnx", 0, 1)
     assert main([str(SAMPLE), str(worse), "--suite", suite, "--baseline", str(SAMPLE), "--quiet"]) == 1
     passed, failed, same = capsys.readouterr().out.splitlines()
-    assert passed.startswith("PASS lite_tracking: no difference seen: body_position_error (seen from 5.0 %), ")
+    assert passed.startswith("PASS lite_tracking: no difference seen: body_position_error, ")
     number = r"\+[\d.]+"
     metrics = (rf"{name} {number} % \({number} to {number} %\)" for name in ("body_position_error", "joint_error"))
     assert re.fullmatch(f"FAIL swapped: worse beyond tolerance: {', '.join(metrics)}", failed)
-    assert same == "  no difference seen: losses (seen from 41.5 %), faults (seen from 41.5 %)"
+    assert same == "  no difference seen: losses, faults"
 
 
 def test_actions_that_are_no_number_fail_the_episodes_and_not_the_run(suite, tmp_path, capsys):
@@ -141,14 +135,10 @@ def test_two_policies_of_the_same_name_are_told_apart(suite, tmp_path):
     assert [candidate.run.name for candidate in results(out).candidates] == ["first", "second"]
 
 
-def test_the_report_is_made_of_the_results(suite, tmp_path, monkeypatch):
-    """What is on the page is tested with the report itself."""
-    monkeypatch.setattr(page_module, "report_page", lambda found, pictures: f"<p>{found.passed} {pictures}</p>")
+def test_the_report_is_made_of_the_results(suite, tmp_path):
     page = tmp_path / "report.html"
     assert main([str(SAMPLE), "--suite", suite, "--report", str(page), "--quiet"]) == 0
-    shown = page.read_text(encoding="utf-8")
-    (picture,) = re.findall(r"Picture\(title='(.*?)', address='data:image/png;base64,iVBOR", shown)
-    assert re.fullmatch(r"lite_tracking at 0\.\d+ s", picture)
+    assert "<h2>lite_tracking</h2>" in page.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -258,7 +248,7 @@ def test_policies_and_baselines_that_do_not_fit(suite, tmp_path, capsys):
     line = complaint(capsys, str(SAMPLE), "--suite", suite, "--baseline", str(base))
     assert "(fall, loss, errors)" in line
     base.write_text(today)
-    other = yaml_suite(tmp_path, ONE.replace("name: wave", "name: circle").replace("[wave]", "[circle]"))
+    other = yaml_suite(tmp_path, ONE.replace("name: wave", "name: circle"))
     line = complaint(capsys, str(SAMPLE), "--suite", str(other), "--baseline", str(base))
     assert line == f"{base}: unknown case 'circle'; known: wave"
 

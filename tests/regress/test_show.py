@@ -20,9 +20,7 @@ def of(failed):
 
 
 def shown(candidate, baseline=None):
-    info = SuiteInfo(
-        name="tiny", summary="", task="tracking", robot="lite", cases=("a",), seeds=(0,), duration=1.0, policy_dt=0.02
-    )
+    info = SuiteInfo(name="tiny", summary="", task="tracking", robot="lite", cases=("a",), seeds=(0,), duration=1.0)
     compared = () if baseline is None else compare_runs(SUITE, SUITE.metrics, baseline, candidate)
     beside = Candidate(run=candidate, passed=False, comparisons=compared)
     results = Results(
@@ -31,7 +29,6 @@ def shown(candidate, baseline=None):
         confidence=0.95,
         resamples=2000,
         baseline=baseline,
-        detectable=(),
         candidates=(beside,),
         strict=False,
     )

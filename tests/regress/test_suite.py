@@ -13,7 +13,6 @@ def test_shipped_suites(name):
     suite, _ = load_suite(name)
     assert suite.name == name
     assert suite.seeds >= 8
-    assert suite.margins is not None
     assert set(ALWAYS[suite.task]) <= set(suite.tolerances)
 
 
@@ -26,7 +25,6 @@ def test_a_suite_of_ones_own(tmp_path):
     assert suite.disturbance.randomisation.mass == (0.9, 1.1)
     assert suite.tolerance("joint_error", -2.0) == pytest.approx(0.1)
     assert suite.tolerance("losses", 0.5) == 0.01
-    assert [sweep.name for sweep in suite.margins.sweeps] == ["delay", "gains down"]
 
 
 @pytest.mark.parametrize(
@@ -41,8 +39,6 @@ def test_a_suite_of_ones_own(tmp_path):
             "command_delay: [0, 1e9]",
             "randomisation: command_delay is (0.0, 1000000000.0)",
         ),
-        ("[0.01, 0.02, 0.1]", "[1e9]", "margins.sweeps[0].levels: is [1000000000.0], expected at most 1 s"),
-        ("limits: {body_position_error: 0.02}", "limits: {joint_error: .nan}", "margins.limits.joint_error: is nan"),
         ("seeds: 3\n", "seeds: three\n", "seeds: is 'three', expected a whole number"),
         ("seeds: 3\n", "seeds: 1\n", "seeds: is 1, expected at least 2"),
         ("seeds: 3\n", "seeds: 3\nseedz: 4\n", "unknown field 'seedz' (did you mean 'seeds'?)"),
@@ -57,11 +53,6 @@ def test_a_suite_of_ones_own(tmp_path):
         ("mass: [0.9, 1.1]", "mass: [1.1, 0.9]", "randomisation: mass is (1.1, 0.9), expected two finite"),
         ("mass: [0.9, 1.1]", "weight: [1, 1]", "randomisation: unknown field 'weight'; known: mass, "),
         ("joint_position: 0.05", "joint_position: .nan", "start.joint_position: is nan, expected a finite"),
-        ("[0.01, 0.02, 0.1]", "[0.02, 0.01]", "margins.sweeps[0].levels: is [0.02, 0.01], expected finite"),
-        ("[0.5, 0.01]", "[0.5, 1.5]", "margins.sweeps[1].levels: is [0.5, 1.5], expected finite numbers that"),
-        ("axis: delay", "axis: wind", "margins.sweeps[0].axis: is 'wind', expected one of del"),
-        ("cases: [wave]", "cases: [reach]", "margins.cases: unknown case 'reach'; known: wave, drum"),
-        ("limits: {body_position_error: 0.02}", "limits: {tilt: 1}", "margins.limits: unknown tracking metric"),
         ("command_delay: [0.0, 0.004]", "command_jitter: 2", "randomisation: command_jitter is 2, expected at"),
         ("", "seeds: [1\n", "not valid YAML"),
         ("", "seeds: 1\nseeds: 2\n", "'seeds' is given twice"),
