@@ -29,7 +29,7 @@ from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.controllers.signs import Signs
 from humanoid_sim.controllers.standby import StandbyController
-from humanoid_sim.controllers.supervisor import Supervisor, SupervisorMemory
+from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.messages import SessionHeader
@@ -37,7 +37,6 @@ from humanoid_sim.policy.contract_json import decode, encode
 from humanoid_sim.policy.describe import observation_labels
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, motion_bytes, parse_motion
-from humanoid_sim.recording.start import START_DOCUMENT, start_document
 from humanoid_sim.recording.topics import LABELS_DOCUMENT, labels_document
 from humanoid_sim.robots.description import RobotDescription, with_joint_limits
 from humanoid_sim.robots.guards import GuardRecord, guards_of
@@ -173,7 +172,6 @@ def run_header(
     signs: tuple[str, ...] | None = None,
     loads: bool = False,
     needs_producer: bool = False,
-    start: SupervisorMemory | None = None,
 ) -> SessionHeader:
     """Return what a recording says of its run: `rebuild_supervisor` makes the same supervisor again.
 
@@ -183,7 +181,6 @@ def run_header(
         settings: anything else that a reader may want to know; must be JSON. Versions, platform and what figures mean
             are added.
         start_time_ns: Unix nanoseconds at the robot clock's zero.
-        start: the control stack's memory to begin with; None for its own.
     """
     versions = {"python": platform.python_version(), **{name: version(name) for name in ("mujoco", "numpy")}}
     told = {**settings, "definitions": dict(DEFINITIONS), "versions": versions, "platform": platform.platform()}
@@ -202,8 +199,6 @@ def run_header(
             }
         ),
     }
-    if start is not None:
-        documents[START_DOCUMENT] = start_document(start)
     header = SessionHeader(
         robot=description.name,
         joint_names=description.joint_names,

@@ -40,10 +40,10 @@ from humanoid_sim.session.outside_safety import OutsideSafety, parse_watchdogs
 from humanoid_sim.session.pace import LoopSettings
 from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.registration import Registration
-from humanoid_sim.session.script import OverriddenScript, Planned, Script
+from humanoid_sim.session.script import OverriddenScript, Script
 from humanoid_sim.session.session import Session
 from humanoid_sim.session.shadow import ShadowSink
-from humanoid_sim.session.simulation_controls import RESET, SPEED, SimulationControls
+from humanoid_sim.session.simulation_controls import SPEED, SimulationControls
 from humanoid_sim.session.sinks import Sink, SinkGroup
 from humanoid_sim.session.sources import ExternSource, IntentSource, RemoteInbox
 from humanoid_sim.simulation.gravity import LeverSamples
@@ -81,12 +81,7 @@ class Run:
         reactivation = Reactivation(lambda: _warnings(setup.bring_up))
         self._loader = loader = PolicyLoader(self, header)
         loading = None if plan.shadow is not None else Loading(loader.prepare, loader.cancel)
-        self._inputs = None if plan.branch is None else plan.branch.inputs
-        self.script: Planned | None = None
-        if plan.steps is not None:
-            self.script = Script(plan.steps, policy.motion_frames)
-        elif not config.manual:
-            self.script = self._inputs
+        self.script = None if plan.steps is None else Script(plan.steps, policy.motion_frames)
         self.interruption = Interruption(plan.control_period, _STANDSTILL) if is_hardware else None
         self.simulation = self._controls(plan)
         with ExitStack() as stack:
@@ -155,7 +150,7 @@ class Run:
             ),
             header=header,
             intents=sources if self.script is None else (OverriddenScript(self.script, sources, self._is_paused),),
-            remote=inbox if self._inputs is None else self._inputs.remote(inbox),
+            remote=inbox,
             sinks=[sink for sink in sinks if sink is not None],
             safety_filter=self._with_other_safety,
             externs=self._externs(),
@@ -165,7 +160,6 @@ class Run:
             loading=loading,
             interruption=self.interruption,
             simulation=self.simulation,
-            memory=None if plan.branch is None else plan.branch.memory,
         )
 
     def _controls(self, plan: Plan) -> SimulationControls:
@@ -175,8 +169,6 @@ class Run:
             return SimulationControls()
         if not plan.realtime:
             problems[SPEED] = "the run does not keep real time; start play with --pace realtime"
-        if plan.branch is not None:
-            problems[RESET] = "the run began in a recorded instant, not at the start"
         return SimulationControls(
             lambda vx, vy, body: robot.pushes.add(Push(vx, vy, robot.time, body)),
             lambda text: self.session.event(text, EventKind.PUSH),
@@ -262,7 +254,7 @@ class Run:
         )
         if self.keyboard is not None:
             self.keyboard.velocity = self.plan.velocity if policy.walks else None
-        if isinstance(self.script, Script):
+        if self.script is not None:
             self.script.motion_frames = policy.motion_frames
         if self.video is not None:
             self.video.follow(judged.ghost, judged.goals)
@@ -317,20 +309,19 @@ class Run:
         return ShadowSink(controller, source, limit, realtime=self.plan.realtime, publish=publish, tell=self._tell)
 
     def _externs(self) -> list[ExternSource]:
-        """Return live inputs of other programs, the velocity command, and what a recorded run took in."""
-        plan, found = self.plan, list[ExternSource]((self.data, self.plan.velocity))
-        if plan.setup.levers is not None:
-            found.append(LeverSamples(plan.setup.levers, plan.control_period, self._held_state))
-        return found if self._inputs is None else [*found, self._inputs]
+        """Return live inputs of other programs, and the velocity command."""
+        plan = self.plan
+        levers = plan.setup.levers
+        judged = () if levers is None else (LeverSamples(levers, plan.control_period, self._held_state),)
+        return [self.data, plan.velocity, *judged]
 
     def _held_state(self) -> MITState | None:
         """Return the state of a robot in STANDBY; None in any other mode."""
         return self.session.state if MODES[self.session.memory.controller] is Mode.STANDBY else None
 
     def _with_other_safety(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
-        """Add recorded statuses and those of other programs to the robot's own; the script looks on."""
-        recorded = statuses if self._inputs is None else self._inputs.safety(statuses)
-        statuses = self._outside_safety(recorded)
+        """Add the statuses of other programs to the robot's own; the script looks on."""
+        statuses = self._outside_safety(statuses)
         if self.script is not None:
             self.script.note_safety(statuses)
         return statuses
@@ -358,7 +349,6 @@ def _header(plan: Plan) -> SessionHeader:
             "checks": None if bring_up is None else [": ".join(check) for check in bring_up.checks()],
         },
         start_time_ns=time.time_ns() - round(1e9 * since_zero),
-        start=None if plan.branch is None else plan.branch.memory,
         remote=plan.shadow is None,
         loads=plan.shadow is None,
         needs_producer=plan.supervisor.needs_producer,

@@ -20,7 +20,7 @@ from humanoid_sim.files import is_file, output_file, regular_file
 from humanoid_sim.messages import Intent
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.front_ends import has_keys, operated_by, shows_window
-from humanoid_sim.play.options import NO_POLICY, SIMULATED, PlayConfig, parse_branch
+from humanoid_sim.play.options import NO_POLICY, SIMULATED, PlayConfig
 from humanoid_sim.policy.checkpoint import PLACEHOLDER
 from humanoid_sim.policy.onnx_policy import check_file
 from humanoid_sim.rendering.backend import has_display
@@ -32,16 +32,13 @@ if TYPE_CHECKING:
     from humanoid_sim.robots.description import RobotDescription
 
 _RUNS = Path("runs")
-_BRANCH_KEEPS = ("robot", "check_poses", "control_frequency", *SIMULATED)
-"""Options of the simulated robot, which goes on as it was."""
-_OF_BRANCH = ("again", "hardware", "policy_seconds", "shadow", *_BRANCH_KEEPS)
 _DECIDES = ("policy_seconds",), ", which decides how long a policy runs"
 
 _MEANINGLESS: tuple[tuple[Literal["with", "without"], str, tuple[str, ...], str], ...] = (
     ("without", "dds_interface", ("dds_safety",), "; on this machine statuses always count"),
     ("without", "hardware", (*PlayConfig.GROUPS["a real robot"], "no_gamepad"), ""),
     ("with", "hardware", (*SIMULATED, "push"), ""),
-    ("with", "shadow", ("policy", "branch", "remote"), ", whose robot stays in DAMPING and STANDBY"),
+    ("with", "shadow", ("policy", "remote"), ", whose robot stays in DAMPING and STANDBY"),
     *(("with", name, *_DECIDES) for name in ("manual", "script", "hardware", "remote")),
 )
 """With, or without, which option which others mean nothing, and what more there is to say of that."""
@@ -146,14 +143,6 @@ def _refuse_out_of_range(config: PlayConfig) -> None:
             raise InputError(f"{_option(name)}: is {value}, expected a finite number > 0")
 
 
-def refuse_beside_branch(config: PlayConfig) -> None:
-    """Refuse options that contradict the run in which a branch begins; called before its options are taken over."""
-    if config.branch is not None:
-        if config.policy == NO_POLICY:
-            raise InputError("--policy: is none, but --branch goes on with a policy")
-        _refuse(config, _OF_BRANCH, "means nothing with --branch, which goes on as recorded")
-
-
 def refuse_without_effect(config: PlayConfig, contract: PolicyContract | None, description: RobotDescription) -> None:
     """Refuse options that change nothing for this policy, or for this robot."""
     idle: list[tuple[str, str]] = []
@@ -165,8 +154,7 @@ def refuse_without_effect(config: PlayConfig, contract: PolicyContract | None, d
     if config.base_height is not None or description.base.height is not None:
         idle.append(("drop", "a base whose height is given"))
     for name, why in idle:
-        if config.branch is None or name not in _BRANCH_KEEPS:
-            _refuse(config, (name,), f"means nothing for {why}")
+        _refuse(config, (name,), f"means nothing for {why}")
 
 
 def refuse_unheard_keys(config: PlayConfig, taken: Container[str], reported: Container[str]) -> None:
@@ -198,8 +186,7 @@ def choose_outputs(config: PlayConfig, motion: Path | None = None) -> Outputs:
 
     `motion` is the file that the motion is read from.
     """
-    branched = None if config.branch is None else parse_branch(config.branch)[0]
-    read = (config.checkpoint, config.contract, config.again, branched, config.robot, config.calibration)
+    read = (config.checkpoint, config.contract, config.again, config.robot, config.calibration)
     inputs = [*(Path(name) for name in read if name is not None and is_file(name)), *([motion] if motion else [])]
     stem = f"{time.strftime('play-%Y%m%d-%H%M%S')}-{os.getpid()}"  # two runs may start in one second
     is_drawn = config.hardware is None and config.viewer == "auto" and not shows_window(config)

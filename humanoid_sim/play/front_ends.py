@@ -162,8 +162,6 @@ def operator_notices(
 
     `steps` are those of a script that drives, `taken` the names of the live inputs that come from other programs.
     """
-    if config.branch is not None and not config.manual:
-        return ()
     notices = []
     if has_keys(config):
         notices.append(key_help())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Annotated, ClassVar, Literal
@@ -10,7 +9,6 @@ from typing import Annotated, ClassVar, Literal
 import tyro
 
 from humanoid_sim.controllers.joy import JoyBindings
-from humanoid_sim.errors import InputError, number_in
 from humanoid_sim.simulation import DROP
 
 DEFAULT_ROBOT = "lite"
@@ -43,9 +41,6 @@ class PlayConfig:
     """A recording (.mcap) of play, or of a failure that regress found, whose policy to play again on the same robot,
     with the same motion or command. Options override the recording's; another --policy comes with a contract of its
     own."""
-    branch: Annotated[str | None, tyro.conf.arg(metavar="RECORDING@SECONDS")] = None
-    """FILE@SECONDS: begin a simulation in that instant of a recording (.mcap) of play, and go on with what it took in,
-    or with another --policy, --contract (gains), --motion, --command, --script, --manual or --push."""
     shadow: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None
     """ONNX checkpoint or shipped policy that only looks on: while the robot is in DAMPING or STANDBY it runs on the
     real state, and what it sees, answers and would command is recorded. Nothing of it reaches a motor, and no other
@@ -188,7 +183,7 @@ class PlayConfig:
         ),
         "output": ("snapshot", "summary", "overwrite"),
         "simulation": (
-            *("branch", "push", "yaw", "base_height", "drop", "imu_site", "pace", "actuation"),
+            *("push", "yaw", "base_height", "drop", "imu_site", "pace", "actuation"),
             *("control_frequency", "physics_timestep", "command_delay", "state_delay", "state_sampling"),
         ),
         "a real robot": (
@@ -217,19 +212,10 @@ class PlayConfig:
     @property
     def has_policy(self) -> bool:
         """True if a policy runs from the beginning, as a shadow too; on hardware only one that is named."""
-        if self.shadow is not None or self.branch is not None:
+        if self.shadow is not None:
             return True
         return self.policy != NO_POLICY and (self.policy is not None or self.hardware is None)
 
 
-SIMULATED = tuple(sorted({*PlayConfig.GROUPS["simulation"]} - {"branch", "control_frequency", "pace", "push"}))
+SIMULATED = tuple(sorted({*PlayConfig.GROUPS["simulation"]} - {"control_frequency", "pace", "push"}))
 """Options of the simulated robot."""
-
-
-def parse_branch(text: str) -> tuple[str, float]:
-    """Return the file, and s on the robot's clock, of FILE@SECONDS."""
-    path, _, seconds = text.rpartition("@")
-    time = number_in(seconds)
-    if not path or math.isnan(time):
-        raise InputError(f"--branch: is '{text}', expected FILE@SECONDS, such as run.mcap@12.5")
-    return path, time

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from humanoid_sim.controllers.rl_policy import ticks_per_step
 from humanoid_sim.errors import InputError, require_known
-from humanoid_sim.play.branch import open_branch, reach
 from humanoid_sim.play.conflicts import (
     Outputs,
     choose_outputs,
@@ -50,23 +49,17 @@ class Plan:
         steps = None if config.script is None else parse_script(config.script)
         refuse_conflicts(config)
         front_ends = wanted_front_ends(config)
-        point = None if config.branch is None else open_branch(config)
-        description = with_imu(load_robot(config.robot), config.imu_site) if point is None else point.description
+        description = with_imu(load_robot(config.robot), config.imu_site)
         self.config = config
         self.realtime = is_realtime(config, front_ends)
         self.policy, suited = choose_for_robot(config, description)
         self.driving = self.policy if config.shadow is None else PolicyChoice()
         """The policy that drives the robot; without one where it only looks on."""
         contract = self.policy.contract
-        if point is None:
-            description = _checked_poses(suited) if config.check_poses else suited
-        self.description = description
+        self.description = description = _checked_poses(suited) if config.check_poses else suited
         refuse_without_effect(config, contract, description)
-        if point is None:
-            policy_dt = None if self.driving.contract is None else self.driving.contract.policy_dt
-            self.control_period, moved = control_rate(config, description, policy_dt)
-        else:
-            self.control_period, moved = point.recording.header.control_period, ""
+        policy_dt = None if self.driving.contract is None else self.driving.contract.policy_dt
+        self.control_period, moved = control_rate(config, description, policy_dt)
         self.setup = setup = self._robot(left)
         self.taken, live = self.policy.live_inputs(setup.live)
         """Name and width of the live inputs that come from other programs."""
@@ -93,17 +86,12 @@ class Plan:
             )
         warnings = () if contract is None else setup.check_policy(contract)
         pads = look_for_gamepad(config)
-        self.branch = None
-        """The recorded instant in which it begins; None for a beginning of its own."""
-        if point is not None and contract is not None:
-            self.branch = reach(point, setup, self.supervisor, contract, self.clock)
-        if steps is None and not config.manual and config.hardware is None and self.branch is None:
+        if steps is None and not config.manual and config.hardware is None:
             steps = automatic_steps(config, self.policy.motion)
         self.steps = steps
         """Steps that drive the FSM if no operator does; None: only operators do."""
         self.velocity = self._velocity()
         notices = (
-            *(() if self.branch is None else self.branch.notices),
             moved,
             *setup.notices,
             describe_unwatched(description),
@@ -131,16 +119,9 @@ class Plan:
         return real_robot(self.config, self.description, self.control_period, left)
 
     def _velocity(self) -> VelocityCommand:
-        """Return the velocity command: as the options say, or else as it was in the instant of a branch."""
-        contract, is_given = self.policy.contract, self.config.is_given("command")
-        ranges = None if contract is None else contract.command_ranges
-        command = parse_velocity(self.config.command, ranges)
-        if self.branch is not None and self.branch.velocity is not None and not is_given:
-            command = self.branch.velocity
-        velocity = VelocityCommand(command, ranges)
+        ranges = None if self.policy.contract is None else self.policy.contract.command_ranges
+        velocity = VelocityCommand(parse_velocity(self.config.command, ranges), ranges)
         velocity.is_observed = self.policy.walks
-        if self.branch is not None:
-            self.branch.inputs.velocity, self.branch.inputs.leaves_velocity = velocity, is_given
         return velocity
 
 

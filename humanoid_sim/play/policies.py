@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.play.conflicts import checkpoint_path
-from humanoid_sim.play.options import DEFAULT_ROBOT, NO_POLICY, SIMULATED, PlayConfig, parse_branch
+from humanoid_sim.play.options import DEFAULT_ROBOT, NO_POLICY, SIMULATED, PlayConfig
 from humanoid_sim.policy.checkpoint import (
     PLACEHOLDER,
     Checkpoint,
@@ -33,7 +32,6 @@ from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.policy.song import key_name, left_out, song_motion
 from humanoid_sim.recording.reader import open_recording, recorded_settings
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics
-from humanoid_sim.simulation.push import parse_pushes
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,51 +236,30 @@ def with_recorded_options(config: PlayConfig) -> PlayConfig:
     What the run looked like, where it was written to and who drove it are not taken from there. Raises `InputError` if
     the recording cannot be read, or does not say what it was made with.
     """
-    if config.again is None and config.branch is None:
+    if config.again is None:
         return config
-    option, path, begin = "--again", config.again or "", math.inf
-    if config.branch is not None:
-        option, (path, begin) = "--branch", parse_branch(config.branch)
-    recording = open_recording(path)
-    header = recording.of_last_policy(begin - 0.5 * recording.header.control_period).header
-    recorded = _options(option, path, header)
+    path = config.again
+    header = open_recording(path).of_last_policy().header
+    recorded = _options(path, header)
     had_none = "contract" not in header.documents and recorded.get("policy") in (None, NO_POLICY)
     if had_none and recorded.get("shadow") is None:
-        if config.branch is not None and config.policy is None:
-            raise InputError(f"--branch: '{path}' has no policy at that time; name one with --policy")
         recorded["policy"] = NO_POLICY
     elif recorded.get("policy") is None and config.hardware is not None:
         recorded["policy"] = recorded_settings(path, header).get("policy")
     if recorded.get("shadow") is not None:
-        if config.branch is not None or config.checkpoint is None:
-            other = "" if config.branch is not None else "; name one with --policy or --shadow"
-            raise InputError(f"{option}: '{path}' was made with --shadow, and no policy drove its robot{other}")
+        if config.checkpoint is None:
+            other = "; name one with --policy or --shadow"
+            raise InputError(f"--again: '{path}' was made with --shadow, and no policy drove its robot{other}")
         recorded.pop("contract", None)  # it is for the shadow
     if config.policy is not None:
         recorded.pop("contract", None)  # it is for the recorded policy
-    if config.branch is not None:
-        recorded.pop("command", None)  # the velocity goes on as recorded
-        config = replace(config, push=_pushes(path, recorded.get("push", []), config.push, begin))
     values = {name: recorded[name] for name in _REPEATED if name in recorded and not config.is_given(name)}
     if config.motion is None and config.song is None and MOTION_ATTACHMENT in header.attachments:
-        last = recording.of_last_policy().header.attachments.get(MOTION_ATTACHMENT)
-        if last != header.attachments[MOTION_ATTACHMENT]:
-            raise InputError(f"{option}: '{path}' followed another motion later; name the motion with --motion")
         values["motion"] = path  # a recording is read as the motion that it was made with, the last one
     return replace(config, **values)
 
 
-def _pushes(path: str, recorded: Any, added: tuple[str, ...], begin: float) -> tuple[str, ...]:
-    """Return the pushes of the recorded run, for what it went through comes again, and those that options add."""
-    if not (isinstance(recorded, list) and all(isinstance(text, str) for text in recorded)):
-        raise _strange("--branch", path, "push", recorded)
-    for text, push in zip(added, parse_pushes(added), strict=True):
-        if push.time < begin:
-            raise InputError(f"--push: is '{text}', expected at {begin:g} s, where the branch begins, or later")
-    return (*recorded, *added)
-
-
-def _options(option: str, path: str, header: SessionHeader) -> dict[str, Any]:
+def _options(path: str, header: SessionHeader) -> dict[str, Any]:
     """Return the options that a recording was made with, those that `play` knows and of a kind that it takes."""
     try:
         options = recorded_settings(path, header).get("options")
@@ -290,15 +267,11 @@ def _options(option: str, path: str, header: SessionHeader) -> dict[str, Any]:
         options = None
     if not isinstance(options, dict):
         raise InputError(
-            f"{option}: '{path}' does not say what it was made with, expected a recording of play or regress"
+            f"--again: '{path}' does not say what it was made with, expected a recording of play or regress"
         )
     for field in fields(PlayConfig):
         value = options.get(field.name, field.default)
         kinds = {type(field.default), str, float} if field.default is None else {type(field.default), int}
         if value is not None and type(value) not in kinds and field.name in _REPEATED:
-            raise _strange(option, path, field.name, value)
+            raise InputError(f"--again: '{path}' was made with {field.name} {value!r}, which play does not take")
     return options
-
-
-def _strange(option: str, path: str, name: str, value: object) -> InputError:
-    return InputError(f"{option}: '{path}' was made with {name} {value!r}, which play does not take")

@@ -17,7 +17,6 @@ from rich.text import Text
 from humanoid_sim.cli import ExitStatus, complain, mute_output
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.play.assembly import Run
-from humanoid_sim.play.conflicts import refuse_beside_branch
 from humanoid_sim.play.console import PlayConsole
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import Plan
@@ -26,7 +25,6 @@ from humanoid_sim.play.policies import with_recorded_options
 from humanoid_sim.play.report import print_report, summarise, write_summary
 from humanoid_sim.rendering.video import finish_video, save_snapshot
 from humanoid_sim.session.reactivation import flattened
-from humanoid_sim.session.script import Script
 from humanoid_sim.session.session import SessionResult
 
 
@@ -54,7 +52,6 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
     anything moves.
     """
     output = sys.stdout
-    refuse_beside_branch(config)
     config = with_recorded_options(config)
     with ExitStack() as left:
         plan = Plan(config, left)
@@ -119,7 +116,7 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
     if touch is not None and touch["force"] > touch["limit"]:
         hit = f"{touch['key']} was touched with {touch['force']:.2f} N at {touch['time']:.3f} s"
         found.append(f"piano: {hit}, the limit is {touch['limit']:g} N")
-    if run.plan.config.script is None and isinstance(run.script, Script):  # of a given one they are part of the plan
+    if run.plan.config.script is None and run.script is not None:  # of a given one they are part of the plan
         found += [f"the automatic script: {refusal}" for refusal in run.script.refusals]
     if lost := sum(recorder.lost for recorder in run.recorders):
         found.append(f"recording: {lost} ticks left out, the disk was too slow")

@@ -6,7 +6,6 @@ The ticks are also to be had as columns: arrays, a table for CSV files and panda
 from __future__ import annotations
 
 import io
-import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -122,15 +121,15 @@ class Recording:
             else:
                 yield replace(entry, output=replace(entry.output, policy_step=None))
 
-    def of_last_policy(self, before: float = math.inf) -> Recording:
+    def of_last_policy(self) -> Recording:
         """Give the recording with the header of the policy that was loaded last; itself where none was.
 
-        What was loaded from `before` on, s on the robot's clock, does not count. Raises `InputError` as `entries`, and
+        Raises `InputError` as `entries`, and
         if that policy cannot be read.
         """
         found, loads = self.header, 0
         for entry in self.entries():
-            if isinstance(entry, Event) and entry.kind is EventKind.POLICY and entry.time < before:
+            if isinstance(entry, Event) and entry.kind is EventKind.POLICY:
                 found, loads = self.loaded(entry), loads + 1
         if not loads:
             return self

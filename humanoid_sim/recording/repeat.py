@@ -16,9 +16,8 @@ import numpy.typing as npt
 
 from humanoid_sim.controllers.supervisor import Supervisor, start_reason
 from humanoid_sim.messages import EventKind, PolicyStep, SessionHeader, TickOutput, TickRecord
-from humanoid_sim.mit import COMMAND_FIELDS, MITState
+from humanoid_sim.mit import COMMAND_FIELDS
 from humanoid_sim.recording.reader import Entry, Recording
-from humanoid_sim.recording.start import start_memory
 
 _UNSIGNED = {4: np.uint32, 8: np.uint64}
 
@@ -57,24 +56,6 @@ def _differences(header: SessionHeader, recorded: TickOutput, replayed: TickOutp
         yield from _arrays(f"command.{name}", *arrays, header.joint_names)
     yield from _standby(recorded, replayed)
     yield from _plain("quit", recorded.quit, replayed.quit)
-
-
-def state_difference(header: SessionHeader, recorded: MITState, simulated: MITState) -> Difference | None:
-    """Find a simulated robot's first reading that is not the recorded one; live inputs of others do not count."""
-    return next(_readings(header, recorded, simulated), None)
-
-
-def _readings(header: SessionHeader, recorded: MITState, simulated: MITState) -> Iterator[Difference]:
-    yield from _arrays("time", np.atleast_1d(recorded.time), np.atleast_1d(simulated.time), ("",))
-    for name in ("joint_position", "joint_velocity", "joint_effort", "joint_age"):
-        yield from _arrays(name, getattr(recorded, name), getattr(simulated, name), header.joint_names)
-    for name in ("imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration"):
-        yield from _arrays(name, getattr(recorded, name), getattr(simulated, name), ())
-    for name, value in simulated.extern.items():
-        known = recorded.extern.get(name)
-        yield from _plain(name, _presence(known), "one")
-        if known is not None:
-            yield from _arrays(name, known.value, value.value, ())
 
 
 def _policy_steps(
@@ -256,8 +237,7 @@ def repeat_run(
     policy = RecordedPolicy()
     header = recording.header
     stack = build(header, policy)
-    start = start_memory(recording.header)
-    memory = stack.initial() if start is None else start
+    memory = stack.initial()
     report = RepeatReport()
     following = 0
     is_fresh = False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 from humanoid_sim.errors import InputError, meant, number_in
 from humanoid_sim.messages import Intent, Mode, SafetyStatus, TickOutput
@@ -127,16 +127,6 @@ class Script:
         return time >= self._hold_until
 
 
-class Planned(IntentSource, Protocol):
-    """Intents that were planned before, and that an operator's take the place of."""
-
-    def cancel(self) -> None:
-        """Drop those that are left."""
-
-    def note_safety(self, statuses: Sequence[SafetyStatus]) -> None:
-        """Take the tick's safety statuses into account."""
-
-
 class OverriddenScript:
     """A script, and operators whose first intent ends the script.
 
@@ -144,7 +134,7 @@ class OverriddenScript:
     """
 
     def __init__(
-        self, script: Planned, operators: Sequence[IntentSource], is_paused: Callable[[], bool] = lambda: False
+        self, script: Script, operators: Sequence[IntentSource], is_paused: Callable[[], bool] = lambda: False
     ) -> None:
         """Play the script until an operator acts, each of whom is asked every tick.
 

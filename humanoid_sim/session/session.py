@@ -92,7 +92,6 @@ class Session:
         loading: Loading | None = None,
         interruption: Interruption | None = None,
         simulation: SimulationControls | None = None,
-        memory: SupervisorMemory | None = None,
     ) -> None:
         """Put the parts together; nothing moves before `run`.
 
@@ -106,7 +105,6 @@ class Session:
             loading: prepares policies that are loaded while the session runs.
             interruption: notices that the loop stood still; one of the sources of `intents` too.
             simulation: what operators may ask of a simulation alone; None for motors.
-            memory: of the control stack, with which a run goes on; the robot is not activated then. None: it begins.
         """
         self._robot = robot
         self._supervisor = supervisor
@@ -127,8 +125,7 @@ class Session:
         self._failures: list[str] = []
         self._stop_reason = ""
         self._hurry = threading.Event()
-        self._goes_on = memory is not None
-        self.memory: SupervisorMemory = supervisor.initial() if memory is None else memory
+        self.memory: SupervisorMemory = supervisor.initial()
         """The control stack's memory after the last tick."""
         self._output: TickOutput | None = None
         self.state = MITState.unknown(len(robot.joints))
@@ -169,7 +166,7 @@ class Session:
         self._stop_reason = self._stop_reason or reason
 
     def run(self) -> SessionResult:
-        """Activate the robot, unless a run goes on, and loop until the end.
+        """Activate the robot, and loop until the end.
 
         Whatever ends the run (its duration, QUIT, a signal, an exception), the robot is damped, from ZERO_TORQUE
         directly, and closed; an exception is raised again afterwards.
@@ -187,8 +184,7 @@ class Session:
             measures = stack.enter_context(real_time()) if self._settings.punctual else ()
             if measures:
                 self._sinks.event(f"real-time settings: {'; '.join(measures)}")
-            if not self._goes_on:
-                self._robot.activate()
+            self._robot.activate()
             try:
                 self._loop()
                 self._rest()

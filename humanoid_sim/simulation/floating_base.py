@@ -228,14 +228,6 @@ class FloatingBase:
         data.qpos[self._position] = self._start[:3]
         data.qpos[self._quaternion] = self._start[3:]
 
-    def stand(self, data: mujoco.MjData, turn: FloatArray) -> None:
-        """Turn the base by (4,), w x y z, world frame, and put it on the floor; a support that holds it goes along."""
-        held = self.is_held(data)
-        data.qpos[self._quaternion] = multiply(turn, data.qpos[self._quaternion])
-        data.qpos[self._position][2] -= clearance(self._model, data.qpos)
-        if held:
-            self.hold(data)
-
     def is_held(self, data: mujoco.MjData) -> bool:
         """Return whether the support holds the base."""
         return bool(data.eq_active[self._weld])

@@ -8,7 +8,6 @@ from typing import Generic, Literal, TypeVar, get_args
 
 import numpy as np
 
-from humanoid_sim.controllers.rotation import multiply
 from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.messages import SafetyLevel, SafetyStatus
@@ -258,7 +257,11 @@ class MujocoRobot:
             self._base.place(self.data)
             self.set_support(self._starts_held)
         self._fault = ""
-        self._begin()
+        self.data.time = self.time
+        self._pending.clear()
+        self._state = None
+        self._joint_line.restart(self._step, self._joint_sample())
+        self._body_line.restart(self._step, self._body_sample())
 
     def measuring(
         self, anchor_body: str, velocity_at: Sequence[str], height_scan: HeightScan | None = None
@@ -279,37 +282,6 @@ class MujocoRobot:
                 self._body_line.restart(self._step, self._body_sample())
 
         return measure
-
-    def begin_at(
-        self, time: float, joint_position: FloatArray, joint_velocity: FloatArray, imu_quaternion: FloatArray
-    ) -> None:
-        """Activate, and go on from where a robot was measured, at `time`, s, to the nearest physics step.
-
-        Joints are of shape (n,), rad and rad/s; the quaternion (4,), w x y z, is the IMU's in the world. A floating
-        base is tilted and turned as the IMU was, with the lowest part of the robot on the floor, at rest: where it was,
-        and how it moved, nobody measures.
-        """
-        self.activate()
-        data, addresses = self.data, self._plant.addresses
-        self._step = round(time / self._timestep)
-        data.qpos[addresses.qpos], data.qvel[addresses.dof] = joint_position, joint_velocity
-        if self._base is not None:
-            inverse = self._body_sample().imu.quaternion * (1.0, -1.0, -1.0, -1.0)
-            self._base.stand(data, multiply(imu_quaternion, inverse))
-        self._begin()
-
-    def begin_clock(self, time: float) -> None:
-        """Begin with the clock at `time`, s, to the nearest physics step, as a recording that another one preceded."""
-        self._step = round(time / self._timestep)
-        self._begin()
-
-    def _begin(self) -> None:
-        """Nothing is under way, and all is seen as it now is."""
-        self.data.time = self.time
-        self._pending.clear()
-        self._state = None
-        self._joint_line.restart(self._step, self._joint_sample())
-        self._body_line.restart(self._step, self._body_sample())
 
     def read(self) -> tuple[MITState, tuple[SafetyStatus, ...]]:
         """Return the state as it is seen at the present simulation time, and the simulator's safety status.

@@ -6,6 +6,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from humanoid_sim.errors import InputError, RobotError
 from humanoid_sim.mit import KEY_PRESSED, MITCommand
@@ -71,12 +72,11 @@ def test_a_key_sounds_strictly_beyond_its_trigger():
 
 def test_the_hardest_touch_is_kept_with_its_key():
     """A hand that presses the white key below it against its stop: the force is the one that was applied."""
-    robot = MujocoRobot(ROBOT)
-    assert robot.hardest_touch is None
     fingers = Fingers(ROBOT)
     pose = np.array(ROBOT.standby_controller_a.pose_segments[-1])
     pose[fingers.arms[0]] = fingers.solve(0, fingers.tip_above(fingers.keys[34], 0.001))
-    robot.begin_at(0.0, pose, np.zeros(14), np.array([1.0, 0.0, 0.0, 0.0]))
+    robot = MujocoRobot(replace(ROBOT, initial_position=tuple(pose)))
+    assert robot.hardest_touch is None
     target = pose.copy()
     target[fingers.arms[0]] += fingers.holding_torque(0, pose[fingers.arms[0]], 4.0) / ROBOT.stiffness[fingers.arms[0]]
     command = MITCommand(target, np.zeros(14), np.zeros(14), ROBOT.stiffness, ROBOT.damping)
@@ -98,8 +98,7 @@ def test_a_batch_knows_the_hardest_touch_of_every_physics_step():
     held[arm] += fingers.holding_torque(1, above[arm], 0.0) / ROBOT.stiffness[arm]
     low = above.copy()
     low[arm] = fingers.solve(1, fingers.tip_above(fingers.keys[43], 0.0, 0.9), above[arm])
-    one = MujocoRobot(ROBOT, control_period=0.02, actuation="affine")
-    one.begin_at(0.0, above, np.zeros(14), np.array([1.0, 0.0, 0.0, 0.0]))
+    one = MujocoRobot(replace(ROBOT, initial_position=tuple(above)), control_period=0.02, actuation="affine")
     batch = BatchSimulation(ROBOT, 2, control_period=0.02, threads=1)
     batch.reset(joint_position=np.stack([above, above]))
     assert batch.key_force.tolist() == [0.0, 0.0]
@@ -131,11 +130,11 @@ def test_a_robot_without_a_piano_tells_no_touches_and_has_no_keys():
 
 def test_what_touches_beside_a_hand_and_a_key_is_named():
     """Both hands are moved to the same place."""
-    robot, fingers = MujocoRobot(ROBOT), Fingers(ROBOT)
+    fingers = Fingers(ROBOT)
     pose = np.array(ROBOT.standby_controller_a.pose_segments[-1])
     for hand in (0, 1):
         pose[fingers.arms[hand]] = fingers.solve(hand, fingers.tip_above(fingers.keys[43], 0.1))
-    robot.begin_at(0.0, pose, np.zeros(14), np.array([1.0, 0.0, 0.0, 0.0]))
+    robot = MujocoRobot(replace(ROBOT, initial_position=tuple(pose)))
     robot.write(MITCommand(pose, np.zeros(14), np.zeros(14), ROBOT.stiffness, ROBOT.damping))
     assert robot.other_contacts
     assert all("left" in contact and "right" in contact for contact in robot.other_contacts)
@@ -150,7 +149,7 @@ def test_one_robot_and_a_batch_report_the_same_keys():
     qpos[1, 14 + 39] = 0.06
     batch.reset(qpos=qpos)
     robot.data.qpos[:] = qpos[1]
-    robot.begin_at(0.0, np.array(ROBOT.initial_position), np.zeros(14), np.array([1.0, 0.0, 0.0, 0.0]))
+    robot.activate()
     assert np.flatnonzero(batch.state().extern[KEY_PRESSED].value[1]).tolist() == [39]
     assert not batch.state().extern[KEY_PRESSED].value[0].any()
     assert not robot.read()[0].extern[KEY_PRESSED].value.any()  # activation releases them

@@ -9,7 +9,6 @@ from humanoid_sim.mit import MITCommand
 from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.plant import make_plant
-from humanoid_sim.simulation.stance import clearance
 
 STEPS = 5
 """Physics steps per control period of the small robot: 1 ms in 5 ms."""
@@ -217,32 +216,6 @@ def test_standby_reaches_its_pose_and_sags_little():
     assert safety[0].is_ok
     assert np.abs(state.joint_position - pose).max() < 0.05
     assert np.abs(state.joint_velocity).max() < 0.01
-
-
-def test_a_measured_robot_stands_tilted_on_the_floor():
-    robot = MujocoRobot(load_robot("lite_biped"))
-    joints = np.array(robot.description.initial_position) + 0.01
-    speeds = np.linspace(-0.1, 0.1, len(joints))
-    tilt = np.array([np.cos(0.1), 0.0, np.sin(0.1), 0.0])
-    robot.begin_at(12.5, joints, speeds, tilt)
-    state, _ = robot.read()
-    assert state.time == pytest.approx(12.5, abs=0.0003)
-    assert np.allclose(state.joint_position, joints, atol=1e-12)
-    assert np.allclose(state.joint_velocity, speeds, atol=1e-12)
-    assert abs(float(state.imu_quaternion @ tilt)) == pytest.approx(1.0, abs=1e-9)
-    assert clearance(robot.model, robot.qpos) == pytest.approx(0.0, abs=1e-9)
-    assert robot.supported
-
-
-def test_a_measured_robot_is_turned_as_its_imu_was_however_that_is_mounted(small_robot):
-    mjcf = """<mujoco><worldbody><geom type="plane" size="9 9 1"/><body name="trunk"><freejoint/>
-      <site name="imu" quat="0.5 0.1 -0.7 0.4"/><geom size="0.2" mass="5"/>
-      <body><joint name="hip"/><geom size="0.1" pos="0 0 -0.3" mass="1"/></body></body></worldbody></mujoco>"""
-    base = {"type": "floating", "body": "trunk", "height": 1.0}
-    robot = MujocoRobot(small_robot(mjcf, ("hip",), base=base))
-    quaternion = np.array([0.9, 0.3, 0.2, -0.5]) / np.linalg.norm([0.9, 0.3, 0.2, -0.5])
-    robot.begin_at(0.0, np.zeros(1), np.zeros(1), quaternion)
-    assert abs(float(robot.read()[0].imu_quaternion @ quaternion)) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_another_policys_live_inputs_are_measured_from_the_next_reading_on(small_robot):
