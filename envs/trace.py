@@ -1,0 +1,74 @@
+"""Record a policy's run in its training environment, for golden vectors: `policy stamp --trace`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim.envs.scenario import Scenario
+from humanoid_sim.errors import InputError
+from humanoid_sim.evaluation.rollout import ClosedLoop
+from humanoid_sim.files import output_file, whole_file
+from humanoid_sim.mit import Float32Array
+from humanoid_sim.policy.golden.samples import STATE_ARRAYS
+from humanoid_sim.simulation.batch import BatchSimulation
+
+
+def record_trace(
+    scenario: Scenario,
+    policy: Callable[[Float32Array], Float32Array],
+    output: str | os.PathLike[str],
+    *,
+    steps: int = 100,
+) -> int:
+    """Write the arrays that docs/golden-vectors.md lists, one row per policy step; returns the number of steps.
+
+    The robot is as its model says, without randomisation. The run ends early where the policy or the simulation fails.
+    Raises `InputError` if the policy's first action would be refused on any robot, or the file cannot be written.
+
+    Args:
+        scenario: of the environment, `envs.unwrapped.scenario`.
+        policy: raw actions (1, m) for observations (1, N), as the trainer's own network computes them.
+        output: the trace (.npz).
+        steps: at most.
+    """
+    path = output_file(output, "output", ".npz")
+    actuation = "implicit" if scenario.actuation == "implicit" else "affine"
+    options = scenario.robot_options() | {"actuation": actuation, "terrain": None}
+    simulation = BatchSimulation(scenario.description, 1, **options, threads=1)
+    start = scenario.task.start(np.random.default_rng(0).random((1, scenario.task.draws)))
+    fastest = int(np.argmax(np.linalg.norm(start.commands[0], axis=1)))  # not one to stand: a zero shows no scale
+    rows: list[dict[str, npt.NDArray[Any]]] = []
+    with closing(simulation):
+        simulation.reset(
+            joint_position=start.joint_position, joint_velocity=start.joint_velocity, base_yaw=start.base_yaw
+        )
+        loop = ClosedLoop(simulation, scenario.wiring, start.commands[:, fastest], scenario.live)
+        for _ in range(min(steps, scenario.task.episode_steps)):
+            observation, state = loop.observation.copy(), loop.state
+            action = policy(observation)
+            if not (np.isfinite(observation).all() and loop.wiring.accepts(action).all()):
+                break
+            row: dict[str, Any] = {name: getattr(state, name) for name in STATE_ARRAYS}
+            row |= {name: extern.value for name, extern in state.extern.items()}
+            row |= {"observation": observation, "action": action, "target": loop.act(action).position}
+            rows.append({name: np.array(value[0]) for name, value in row.items()})
+            if simulation.fault.any():
+                break
+    if not rows:
+        raise InputError(
+            "policy: no controller accepts its first action, expected one that is finite and within limits"
+        )
+    table = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+    with whole_file(path) as file:
+        np.savez_compressed(
+            file,
+            joint_names=np.array(scenario.description.joint_names),
+            **table,  # type: ignore[arg-type]
+        )
+    return len(rows)

@@ -1,0 +1,177 @@
+"""Train the Lite's arms to follow a motion, with PPO of stable-baselines3; ends with a policy that `play` runs.
+
+    pip install -e '.[rl]'
+    python examples/train_tracking.py --minutes 20 --output arms.onnx
+    python -m humanoid_sim.policy check arms.onnx --robot lite
+    python -m humanoid_sim.play --robot lite --policy arms.onnx --motion wave
+
+Ctrl-C, or SIGTERM, ends the training after the step, and exports what there is. `--resume` goes on from the checkpoint
+beside the output. The rewards are those of the task `tracking`: docs/environments.md.
+"""
+
+from __future__ import annotations
+
+import signal
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import torch
+import tyro
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+from torch import nn
+
+import humanoid_sim  # noqa: F401 - registers the environments
+from humanoid_sim.assets import motion_path
+from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
+from humanoid_sim.envs.trace import record_trace
+from humanoid_sim.policy.export import export_policy
+from humanoid_sim.policy_tools.stamp import stamp
+
+STEPS = 32  # policy steps of each robot in an update
+MOTION = "wave"
+
+
+@dataclass
+class Options:
+    """Train the Lite's arms to follow a motion."""
+
+    output: Path = Path("arms.onnx")
+    """The policy; checkpoints go to the same name with .zip, and .npz for the normalisation."""
+    minutes: float = 20.0
+    """Time of this run."""
+    iterations: int = 1_000_000
+    """End after so many updates, if they come first."""
+    envs: int = 64
+    """Robots simulated at once."""
+    seed: int = 0
+    threads: int = 1
+    """Threads of PyTorch; physics takes all processors."""
+    resume: bool = False
+    """Go on from the checkpoint."""
+
+
+class Actor(nn.Module):
+    """The part of PPO that acts, from observations as the environment has them to clipped actions."""
+
+    def __init__(self, model: PPO, normalise: VecNormalize) -> None:
+        super().__init__()
+        statistics, space = normalise.obs_rms, model.policy.action_space
+        self.clip = normalise.clip_obs
+        self.register_buffer("mean", torch.as_tensor(statistics.mean, dtype=torch.float32))
+        deviation = np.sqrt(statistics.var + normalise.epsilon)
+        self.register_buffer("deviation", torch.as_tensor(deviation, dtype=torch.float32))
+        self.register_buffer("low", torch.as_tensor(space.low.copy()))
+        self.register_buffer("high", torch.as_tensor(space.high.copy()))
+        self.hidden, self.last = model.policy.mlp_extractor.policy_net, model.policy.action_net
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        """Raw actions (B, m) for observations (B, N)."""
+        seen = ((observation - self.mean) / self.deviation).clamp(-self.clip, self.clip)
+        return torch.minimum(torch.maximum(self.last(self.hidden(seen)), self.low), self.high)
+
+
+class Progress(BaseCallback):
+    """Ends the training when its time is over, prints a line every 30 s, and saves every minute."""
+
+    def __init__(self, options: Options, normalise: VecNormalize) -> None:
+        super().__init__()
+        self.options, self.normalise = options, normalise
+        self.begin = self.shown = self.saved = time.monotonic()
+        self.end = self.begin + 60.0 * options.minutes
+        self.done = 0  # steps of earlier runs
+        self.asked_to_end = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._ask_to_end)
+
+    def _ask_to_end(self, *_: object) -> None:
+        self.asked_to_end = True
+
+    def _on_training_start(self) -> None:
+        self.done = self.num_timesteps
+
+    def _on_step(self) -> bool:
+        return not self.asked_to_end and time.monotonic() < self.end
+
+    def _on_rollout_end(self) -> None:
+        now, episodes = time.monotonic(), self.model.ep_info_buffer
+        if now - self.shown > 30.0 and episodes:
+            made = self.num_timesteps - self.done
+            left = min(self.end - now, (self.model._total_timesteps - self.num_timesteps) * (now - self.begin) / made)
+            print(
+                f"{self.num_timesteps / 1e6:.2f} M steps, {made / (now - self.begin):.0f}/s: return "
+                f"{np.mean([episode['r'] for episode in episodes]):.2f}, spread "
+                f"{self.model.policy.log_std.exp().mean().item():.3f}; {left / 60.0:.0f} min left",
+                flush=True,
+            )
+            self.shown = now
+        if now - self.saved > 60.0:
+            save(self.model, self.normalise, self.options.output)
+            self.saved = now
+
+
+def save(model: PPO, normalise: VecNormalize, output: Path) -> None:
+    """Write the checkpoint."""
+    model.save(output.with_suffix(".zip"))
+    statistics = normalise.obs_rms
+    np.savez(output.with_suffix(".npz"), mean=statistics.mean, var=statistics.var, count=statistics.count)
+
+
+def load(model: PPO, normalise: VecNormalize, output: Path) -> None:
+    """Read a checkpoint: weights and numbers only."""
+    model.set_parameters(output.with_suffix(".zip"), device="cpu")
+    with np.load(output.with_suffix(".npz"), allow_pickle=False) as known:
+        statistics = normalise.obs_rms
+        statistics.mean, statistics.var, statistics.count = known["mean"], known["var"], float(known["count"])
+
+
+def main(options: Options) -> None:
+    """Train, save every minute, and export."""
+    torch.set_num_threads(options.threads)
+    envs = gymnasium.make_vec(
+        "humanoid_sim/LiteTracking-v0", options.envs, autoreset_mode="SameStep", motion=MOTION, actuation="implicit"
+    )
+    scenario = envs.unwrapped.scenario
+    normalise = VecNormalize(VecMonitor(StableBaselinesVecEnv(envs)), norm_reward=False)
+    model = PPO(
+        "MlpPolicy",
+        normalise,
+        n_steps=STEPS,
+        batch_size=STEPS * options.envs // 4,
+        n_epochs=5,
+        learning_rate=5e-4,
+        ent_coef=0.001,
+        target_kl=0.04,
+        seed=options.seed,
+        device="cpu",
+        policy_kwargs={
+            "net_arch": [256, 128],
+            "activation_fn": nn.ELU,
+            "log_std_init": float(np.log(0.2 / np.median(scenario.contract.action_scale))),  # 0.2 rad
+        },
+    )
+    if options.resume:
+        load(model, normalise, options.output)
+    model.learn(options.iterations * STEPS * options.envs, callback=Progress(options, normalise))
+    save(model, normalise, options.output)
+
+    def answer(observation: np.ndarray) -> np.ndarray:
+        return model.predict(normalise.normalize_obs(observation), deterministic=True)[0]
+
+    with tempfile.TemporaryDirectory() as folder:
+        plain, trace = Path(folder) / options.output.name, Path(folder) / "trace.npz"
+        export_policy(Actor(model, normalise), scenario.contract_as_read, plain)
+        record_trace(scenario, answer, trace)
+        motion = motion_path(MOTION)
+        stamp(plain, options.output, description=scenario.description, trace=trace, motion=motion, overwrite=True)
+    normalise.close()
+    print(f"{options.output}: after {model.num_timesteps} steps")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))
