@@ -20,7 +20,7 @@ twice = $(1) || $(1)
 # The tests start hundreds of Pythons. Where bytecode is not kept, as containers often ask for, each compiles the package again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: play test test-integration test-lerobot test-ros test-peers soak docs picture notebooks bench lint format types train train-walking train-piano clean
+.PHONY: play test test-integration test-lerobot test-ros test-peers soak docs picture notebooks bench lint format types clean
 .DEFAULT_GOAL := play
 
 play: $(VENV)/play.done  ## watch the sample policy move the simulated arms
@@ -76,28 +76,6 @@ format: $(VENV)/test.done
 
 types: $(VENV)/test.done
 	$(BIN)/mypy
-
-train: $(VENV)/train.done  ## make the sample motions and train the sample policy again
-	$(BIN)/python -m tools.samples motions --output assets/motions
-	$(BIN)/python -m tools.samples train-sample --output $(VENV)/lite_tracking.onnx $(ARGS)
-	$(BIN)/python -m tools.samples trace --policy $(VENV)/lite_tracking.onnx --output $(VENV)/lite_tracking.npz
-	$(BIN)/python -m humanoid_sim.policy stamp $(VENV)/lite_tracking.onnx --trace $(VENV)/lite_tracking.npz \
-	    --motion assets/motions/wave.mcap --overwrite --output assets/policies/lite_tracking.onnx
-
-train-walking: $(VENV)/peers.done  ## train the policy that walks again; resumed where it was left
-	$(BIN)/python -m tools.samples train-walking --resume --output $(VENV)/lite_biped_velocity.onnx $(ARGS)
-	$(BIN)/python -m tools.samples trace-walking --policy $(VENV)/lite_biped_velocity.onnx \
-	    --output $(VENV)/lite_biped_velocity.npz
-	$(BIN)/python -m humanoid_sim.policy stamp $(VENV)/lite_biped_velocity.onnx --robot lite_biped \
-	    --contract assets/policies/lite_biped_velocity.contract.yaml --trace $(VENV)/lite_biped_velocity.npz \
-	    --overwrite --output assets/policies/lite_biped_velocity.onnx
-
-train-piano: $(VENV)/train.done  ## train the policy that plays the piano again
-	$(BIN)/python -m tools.samples train-piano --output $(VENV)/lite_piano.onnx $(ARGS)
-	$(BIN)/python -m tools.samples trace-piano --policy $(VENV)/lite_piano.onnx --output $(VENV)/lite_piano.npz
-	$(BIN)/python -m humanoid_sim.prepare --song ode_to_joy --fps 50 --output $(VENV)/song --overwrite
-	$(BIN)/python -m humanoid_sim.policy stamp $(VENV)/lite_piano.onnx --trace $(VENV)/lite_piano.npz \
-	    --motion $(VENV)/song/ode_to_joy.mcap --overwrite --output assets/policies/lite_piano.onnx
 
 clean:
 	rm -rf $(VENV) $(LEROBOT) $(ROS) $(PEERS) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

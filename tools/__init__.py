@@ -1,1 +1,1 @@
-"""Programs that make and measure the package, not installed with it: `python -m tools.samples`, `tools.bench`."""
+"""Programs that measure the package, not installed with it: `python -m tools.bench`."""

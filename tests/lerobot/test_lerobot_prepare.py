@@ -5,14 +5,13 @@ import shutil
 
 import numpy as np
 import pytest
-from motion_samples import joint_path, lite, state_of
+from motion_samples import BODIES, joint_frames, joint_path, lite, state_of
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
 from humanoid_sim.play import main as play
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.prepare import main
-from tools.samples.motions import BODIES, joint_frames
 
 # The deprecation warnings of lerobot and of what it imports are not ours.
 pytestmark = [pytest.mark.lerobot, pytest.mark.filterwarnings("ignore")]

@@ -2,13 +2,13 @@
 
 import json
 
+import mido
 import pytest
 from play_fixtures import quick_robot
 from two_keys import two_key_policy
 
 from humanoid_sim import piano
 from humanoid_sim.cli import run_program
-from tools.samples.songs import Tune, song_bytes
 
 
 @pytest.fixture(scope="module")
@@ -16,12 +16,26 @@ def policy(tmp_path_factory):
     return two_key_policy(tmp_path_factory.mktemp("policy") / "two_keys.onnx")
 
 
+def saved_song(path, *voices):
+    """A MIDI file of voices at two beats a second: (note, beat[, beats]); an eighth of a beat between two notes."""
+    file = mido.MidiFile(ticks_per_beat=480)
+    for voice in voices:
+        track, now = mido.MidiTrack(), 0
+        for note, beat, *length in voice:
+            start, end = 480 * beat, 480 * (beat + (length or [1])[0]) - 60
+            track.append(mido.Message("note_on", note=note, time=start - now))
+            track.append(mido.Message("note_off", note=note, time=end - start))
+            now = end
+        file.tracks.append(track)
+    file.save(path)
+    return path
+
+
 @pytest.fixture
 def song(tmp_path):
     """D5 and G3, which the network plays, a C8 that nobody reaches, and an A3 that it does not know."""
     path = tmp_path / "song.mid"
-    path.write_bytes(song_bytes(Tune("a song", 120, "D5 R D5 C8 | R D5:2", "R G3:2 | R G3 A3")))
-    return path
+    return saved_song(path, [(74, 0), (74, 2), (108, 3), (74, 5, 2)], [(55, 1, 2), (55, 4), (57, 5)])
 
 
 def test_a_song_is_played_and_scored(folder, run, policy, song, tmp_path, capfd):
@@ -56,7 +70,7 @@ def test_a_song_is_played_and_scored(folder, run, policy, song, tmp_path, capfd)
 )
 def test_mistakes_are_one_line(run, policy, tmp_path, words, message):
     high = tmp_path / "high.mid"
-    high.write_bytes(song_bytes(Tune("high", 60, "C8 B7", "R A7")))
+    saved_song(high, [(108, 0), (107, 1)], [(105, 1)])
     words = [str(high) if word == "HIGH" else word for word in words]
     result = run("--robot", "lite_piano", "--policy", str(policy), *words)
     assert result.status == 2

@@ -7,20 +7,32 @@ from typing import Any
 import numpy as np
 
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
+from humanoid_sim.policy.motion import body_frames
 from humanoid_sim.prepare.conventions import Conventions, interpret
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics
-from tools.samples.motions import pose_a
 
 FPS = 50.0
 FRAMES = 40
+BODIES = ("left_elbow_pitch", "left_hand", "right_elbow_pitch", "right_hand")
+"""That the sample policy tracks."""
 
 
 @cache
 def lite() -> RobotDescription:
     return load_robot("lite")
+
+
+def pose_a(description: RobotDescription) -> np.ndarray:
+    """Shape (n,), rad: the last pose of standby A."""
+    return np.array(description.standby_controller_a.pose_segments[-1])
+
+
+def joint_frames(description: RobotDescription, path: np.ndarray) -> np.ndarray:
+    """Shape (F, 9 B): poses of `BODIES` in the base frame along a joint path (F, n), rad."""
+    return body_frames(*ForwardKinematics(description, BODIES)(path)).astype(np.float32)
 
 
 def joint_path(frames: int = FRAMES, seed: int = 0) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from motion_samples import joint_path, lite
+from motion_samples import BODIES, joint_path, lite
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.controllers.rotation import quaternion_from_matrix
@@ -14,7 +14,6 @@ from humanoid_sim.prepare.motion_fit import Tolerance
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.simulation.kinematics import ForwardKinematics
-from tools.samples.motions import BODIES
 
 SKELETON = Skeleton(lite())
 TOLERANCE = Tolerance(0.01, np.radians(2.0))

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from models import contract_of
-from motion_samples import joint_path, lite, motion_of
+from motion_samples import BODIES, joint_frames, joint_path, lite, motion_of
 
 from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
@@ -11,7 +11,6 @@ from humanoid_sim.prepare.convert import FROM_KINEMATICS, FROM_SOURCE, convert, 
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import load_robot
-from tools.samples.motions import BODIES, joint_frames
 
 SKELETON = Skeleton(lite())
 BASE_TERMS = ("motion_body_pos_b", "motion_body_ori_b", "joint_pos")

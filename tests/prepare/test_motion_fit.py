@@ -2,14 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_samples import joint_path, lite, motion_of
+from motion_samples import BODIES, joint_path, lite, motion_of
 
 from humanoid_sim.errors import InputError
 from humanoid_sim.prepare.motion_fit import Tolerance, check_bodies, is_upside_down, orders_within_limits, worst_excess
 from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion
 from humanoid_sim.robots.description import load_robot
-from tools.samples.motions import BODIES
 
 TOLERANCE = Tolerance(0.01, np.radians(2.0))
 

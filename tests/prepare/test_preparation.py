@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from motion_samples import joint_path, lite, state_of, write_npz
+from motion_samples import BODIES, joint_frames, joint_path, lite, state_of, write_npz
 
 from humanoid_sim.assets import asset_path
 from humanoid_sim.cli import run_program
@@ -12,7 +12,6 @@ from humanoid_sim.play import main as play
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.prepare import main
 from humanoid_sim.prepare.skeleton import Skeleton
-from tools.samples.motions import BODIES, joint_frames
 
 POLICY = asset_path("policies", "lite_tracking.onnx")
 

@@ -1,9 +1,6 @@
 """The shipped suite on real policies: what is worse is found, what is only different is not."""
 
-import subprocess
-import sys
 from functools import cached_property
-from pathlib import Path
 from time import perf_counter
 
 import pytest
@@ -94,19 +91,6 @@ def test_weight_noise_that_makes_tracking_15_percent_worse_is_found(field, tmp_p
 @pytest.mark.parametrize(("first", "second"), [(0, 1), (5, 12)])
 def test_two_joints_in_each_others_place_are_found(field, tmp_path, first, second):
     candidate = field.judge(swapped_copy(SAMPLE, tmp_path / "swapped.onnx", first, second))
-    assert not candidate.passed
-    assert set(candidate.worse) >= TRACKING
-
-
-@pytest.mark.timeout(1800)
-def test_a_tenth_of_the_training_is_found(field, tmp_path):
-    pytest.importorskip("torch")
-    policy = tmp_path / "tenth.onnx"
-    command = [sys.executable, "-m", "tools.samples", "train-sample", "--output", str(policy)]
-    tenth = ["--static-steps", "500", "--loop-steps", "70", "--poses", "25000", "--motions", "80"]
-    root = Path(__file__).parents[2]
-    subprocess.run([*command, *tenth], cwd=root, check=True, timeout=900, stdout=subprocess.DEVNULL)
-    candidate = field.judge(policy)
     assert not candidate.passed
     assert set(candidate.worse) >= TRACKING
 

@@ -5,6 +5,7 @@ import msgspec
 import mujoco
 import numpy as np
 import pytest
+from motion_samples import BODIES, joint_path, pose_a
 
 from humanoid_sim.controllers.rotation import rotation_angle
 from humanoid_sim.errors import InputError
@@ -13,7 +14,6 @@ from humanoid_sim.robots.description import load_robot
 from humanoid_sim.simulation.kinematics import ForwardKinematics, GravityTorque, InverseKinematics
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
-from tools.samples.motions import BODIES, pose_a, sample_motion
 
 GOLDEN = json.loads(Path(__file__).parent.parent.joinpath("data", "lite_arms_golden.json").read_text())["samples"]
 
@@ -109,10 +109,9 @@ def test_same_input_same_bits_and_the_input_is_left_alone():
     assert (position == before).all()
 
 
-def test_the_joints_of_a_sample_motion_are_found_from_its_bodies():
+def test_the_joints_of_a_motion_are_found_from_its_bodies():
     lite = load_robot("lite")
-    _, path = sample_motion(lite, "reach")
-    path = path[:120]
+    path = joint_path(120)
     position, rotation = ForwardKinematics(lite, BODIES)(path)
     solution = InverseKinematics(lite, BODIES, damping=1e-3).solve_path(position, rotation, pose_a(lite))
     np.testing.assert_allclose(solution, path, atol=1e-4)

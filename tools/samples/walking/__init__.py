@@ -1,1 +1,0 @@
-"""The walking policy of the legs: the gait that it begins with, its stages, its export, its figures."""
