@@ -55,11 +55,11 @@ test-peers: $(VENV)/peers.done $(PEERS)/exports.done  ## with what mjlab and rsl
 docs: $(VENV)/docs.done  ## the documentation as a site, in build/site, its links checked; ARGS=--serve serves it
 	$(BIN)/python docs/build.py $(ARGS)
 
-picture: $(VENV)/integration.done $(VENV)/train.done  ## README's moving picture and the console's pictures, from real runs; build/moving-picture keeps scenes
+picture: $(VENV)/integration.done  ## README's moving picture and the console's pictures, from real runs; build/moving-picture keeps scenes
 	$(BIN)/python docs/moving_picture.py
 	$(BIN)/python docs/console_pictures.py
 
-notebooks: $(VENV)/integration.done $(VENV)/train.done  ## run the notebooks, and store what they show in them; ARGS names some, or is --check
+notebooks: $(VENV)/integration.done  ## run the notebooks, and store what they show in them; ARGS names some, or is --check
 	$(BIN)/python notebooks/store.py $(ARGS)
 
 bench: $(VENV)/play.done  ## this machine's figures
@@ -90,10 +90,6 @@ $(VENV)/play.done: pyproject.toml constraints.txt | $(VENV)/bin/pip
 
 $(VENV)/test.done: $(VENV)/play.done
 	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[test,console,dds,gamepad,midi]'
-	touch $@
-
-$(VENV)/train.done: $(VENV)/play.done
-	$(BIN)/pip install $(PIP) -c constraints.txt -e '.[train]'
 	touch $@
 
 $(VENV)/integration.done: $(VENV)/test.done

@@ -25,13 +25,3 @@ def test_the_controller_stands_what_the_fuzzer_does_to_it():
 
     few = type(DEFAULT_SETTINGS)(DEFAULT_SETTINGS, max_examples=20, derandomize=True, database=None)
     fuzz_controller(load("own_controller").Sway(("shoulder", "elbow"), ("elbow",)), few, healthy_ticks=200)
-
-
-def test_a_task_of_ones_own_alone_and_in_a_batch(capsys):
-    load("own_task").main()
-    zeros, random, batch = capsys.readouterr().out.splitlines()
-    held, strayed = (float(line.split()[1]) for line in (zeros, random))
-    assert zeros.endswith("held out")
-    assert 1.0 < held <= 2.0
-    assert strayed < held
-    assert 0.0 < float(batch.split()[3]) <= 0.02

@@ -9,13 +9,11 @@ import pytest
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
 FOLDER = Path(__file__).parents[2] / "notebooks"
-WITHOUT_TORCH = [path for path in sorted(FOLDER.glob("*.ipynb")) if path.name[0] != "2"]
-"""Notebook 2 trains, with PyTorch."""
 LIMIT = 300
 """s, of one cell."""
 
 
-@pytest.mark.parametrize("path", WITHOUT_TORCH, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.ipynb")), ids=lambda path: path.stem)
 def test_a_notebook_runs_and_shows_what_is_stored(path, tmp_path):
     program = [sys.executable, str(FOLDER / "store.py"), "--check", "--limit", str(LIMIT), str(path)]
     done = subprocess.run(program, cwd=tmp_path, capture_output=True, text=True, check=False)
