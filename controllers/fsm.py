@@ -123,7 +123,7 @@ def transition(
     intent: Intent | None,
     standby_finished: bool,
     available: Container[str],
-    contradiction: str = "",
+    unready: str = "",
     missing: Mapping[str, str] = MappingProxyType({}),
 ) -> Decision:
     """Return who is in control next.
@@ -146,7 +146,7 @@ def transition(
         safety: all sources merged.
         standby_finished: the standby controller's command has arrived at its final pose and gains.
         available: names of the controllers that exist.
-        contradiction: what speaks against leaving STANDBY for a mode that moves the robot; '' for nothing.
+        unready: reason why the controller that is to move the robot cannot start yet; '' for none.
         missing: reasons to refuse those that do not, by name, in place of the plain one.
     """
     mode = MODES[current]
@@ -156,8 +156,8 @@ def transition(
         return Decision()
     rule = RULES[intent]
     refusal = _refusal(intent, rule, mode, current, standby_finished, available, missing)
-    if not refusal and rule.standby_finished and contradiction:
-        refusal = f"{intent.name} refused: {contradiction}"
+    if not refusal and rule.standby_finished and unready:
+        refusal = f"{intent.name} refused: {unready}"
     if refusal:
         return Decision(refusal=refusal)
     if rule.target is None:

@@ -17,13 +17,11 @@ from humanoid_sim.controllers.guards import GuardMemory, Guards
 from humanoid_sim.controllers.parameters import command_problem, joint_tuple
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
-from humanoid_sim.controllers.signs import SignMemory, Signs
 from humanoid_sim.errors import FieldError, known_names
 from humanoid_sim.messages import (
     ControlMode,
     FaultReport,
     Intent,
-    Mode,
     PolicyStep,
     StandbyState,
     TickInput,
@@ -56,8 +54,6 @@ class SupervisorMemory:
     guards: GuardMemory | None = None
     """Memory of the guards. They watch the joints, not a controller, so it outlives a change of controller; DAMPING and
     ZERO_TORQUE, which push nowhere, end it."""
-    signs: SignMemory | None = None
-    """Verdicts on the joints' directions in STANDBY; None in any other mode."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,8 +89,6 @@ class Supervisor:
     """By name; `zero_torque_controller` and `damping_controller` are required, the others are as available."""
     guards: Guards | None = field(default=None, kw_only=True)
     """Guards of the joints in STANDBY, LOCOMOTION and REMOTE; None: nothing guards them."""
-    signs: Signs | None = field(default=None, kw_only=True)
-    """Judge of the efforts in STANDBY, where a live input gives gravity's levers; None for no judgement."""
     missing: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     """Reasons to refuse controllers that are not available, by name, in place of the plain one."""
     needs_producer: bool = field(default=False, kw_only=True)
@@ -116,11 +110,10 @@ class Supervisor:
                 raise FieldError(f"Supervisor.controllers: {name} is missing, expected it always")
         for name in self.controllers:
             self._check_fallbacks(name)
-        for name, part in (("guards", self.guards), ("signs", self.signs)):
-            if part is not None and part.joints != self.joints:
-                raise FieldError(
-                    f"Supervisor.{name}: joints are {', '.join(part.joints)}, expected {', '.join(self.joints)}"
-                )
+        if self.guards is not None and self.guards.joints != self.joints:
+            raise FieldError(
+                f"Supervisor.guards: joints are {', '.join(self.guards.joints)}, expected {', '.join(self.joints)}"
+            )
         object.__setattr__(self, "controllers", MappingProxyType(dict(self.controllers)))
         object.__setattr__(self, "_zero", MITCommand.zeros(len(self.joints)))
 
@@ -144,37 +137,30 @@ class Supervisor:
         """One tick. Neither argument is changed; the same arguments give bit-identical results."""
         safety = merge_safety(tick_input.safety)
         intent, superseded = choose_intent(tick_input.intents)
-        judged = memory.signs
-        finished = _has_finished(memory.controller_memory) and (judged is None or judged.is_ready)
-        contradiction = ("" if judged is None else judged.refusal) or self.unready(intent, tick_input)
-        decision = transition(
-            memory.controller, safety, intent, finished, self.controllers, contradiction, self.missing
-        )
+        finished, unready = _has_finished(memory.controller_memory), self.unready(intent, tick_input)
+        decision = transition(memory.controller, safety, intent, finished, self.controllers, unready, self.missing)
 
         switch = decision.controller is not None
         wanted = decision.controller or memory.controller
         outcome = self._run(wanted, None if switch else memory.controller_memory, memory, tick_input)
         result = outcome.result
-        signs, standby = self._judge_signs(None if switch else judged, outcome, tick_input)
 
         refusals = tuple(
             text for text in (decision.refusal, *(_superseded(other, intent) for other in superseded)) if text
         )
         words = [decision.message, *(_describe(fault) for fault in outcome.faults), result.notice, *refusals]
-        if signs is not None and signs.notice != ("" if judged is None else judged.notice):
-            words.append(signs.notice)
         status = "; ".join(word for word in words if word) or memory.status_message
         output = TickOutput(
             command=result.command,
             control_mode=ControlMode(MODES[outcome.controller], outcome.controller, status),
-            standby=standby,
+            standby=result.standby,
             quit=decision.quit,
             faults=outcome.faults,
             refusals=refusals,
             policy_step=outcome.policy_step,
             policy_error=outcome.policy_error,
         )
-        return SupervisorMemory(outcome.controller, result.memory, status, result.guards, signs), output
+        return SupervisorMemory(outcome.controller, result.memory, status, result.guards), output
 
     def unready(self, intent: Intent | None, tick_input: TickInput) -> str:
         """Return why the policy, or REMOTE, cannot start yet, if that is the intent; '' if it can."""
@@ -183,18 +169,6 @@ class Supervisor:
             return remote.unready(tick_input)
         controller = self.controllers.get(RL_POLICY) if intent is Intent.START_LOCOMOTION else None
         return controller.unready(tick_input.state) if isinstance(controller, RLPolicyController) else ""
-
-    def _judge_signs(
-        self, signs: SignMemory | None, outcome: _Outcome, tick_input: TickInput
-    ) -> tuple[SignMemory | None, StandbyState | None]:
-        """Evidence in STANDBY, which has not finished before the joints have rested long enough for it."""
-        standby = outcome.result.standby
-        if self.signs is None or standby is None or MODES[outcome.controller] is not Mode.STANDBY:
-            return None, standby
-        signs = self.signs.watch(signs, tick_input.state, outcome.result.command, is_finished=standby.is_finished)
-        if signs is not None and standby.is_finished and not signs.is_ready:
-            standby = replace(standby, is_finished=False)
-        return signs, standby
 
     def _run(self, name: str, controller_memory: Any, before: SupervisorMemory, tick_input: TickInput) -> _Outcome:
         """Run a controller, or the first of its fallbacks that does not fail.

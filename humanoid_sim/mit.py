@@ -108,8 +108,6 @@ KEY_PRESSED = "key_pressed"
 """Extern: 1 for each of a piano's keys that is down, else 0, the lowest key first."""
 HEIGHT_SCAN = "height_scan"
 """Extern: m, height of a body of the robot above the ground at each point of a grid, as the policy's term has it."""
-GRAVITY_LEVERS = "gravity_levers"
-"""Extern: what gravity asks of each joint at the measured pose, as `controllers.signs` has it; not for policies."""
 
 EXTERN_WIDTHS: Mapping[str, int] = MappingProxyType({VELOCITY_COMMAND: 3, BASE_LINEAR_VELOCITY: 3, ANCHOR_POSE: 7})
 

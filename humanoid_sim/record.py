@@ -1,4 +1,4 @@
-"""`python -m humanoid_sim.record info|recover|export|dataset`: look into a recording, save what is sound, export it."""
+"""`python -m humanoid_sim.record info|signs|recover|export|dataset`: look into a recording, save it, export it."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def _mp4(recording: Recording, path: Path, options: Export) -> str:
     from humanoid_sim.rendering.video import VideoSink, finish_video  # noqa: PLC0415
     from humanoid_sim.simulation.model import build_model, joint_addresses  # noqa: PLC0415
 
-    description = _description(recording, options)
+    description = _description(recording, options.robot)
     model = build_model(description)
     addresses = joint_addresses(model, description.joint_names).qpos
     body = _body(recording, options)
@@ -160,7 +160,7 @@ def _body(recording: Recording, options: Export) -> RecordedBody:
 
     documents = dict(recording.header.documents)
     if options.robot is not None:
-        documents |= body_documents(_description(recording, options))
+        documents |= body_documents(_description(recording, options.robot))
     with blaming(f"{recording.path}: its robot's body cannot be used", BodyError):
         body = RecordedBody.of(recording.header, documents)
     if body is None:
@@ -168,12 +168,12 @@ def _body(recording: Recording, options: Export) -> RecordedBody:
     return body
 
 
-def _description(recording: Recording, options: Export) -> RobotDescription:
-    """Return the recorded robot, with an MJCF that is there."""
+def _description(recording: Recording, name: str | None) -> RobotDescription:
+    """Return the recorded robot, or the named one with its joints, with an MJCF that is there."""
     from humanoid_sim.robots.description import RobotDescription, load_robot  # noqa: PLC0415
 
-    if options.robot is not None:
-        robot = load_robot(options.robot)
+    if name is not None:
+        robot = load_robot(name)
     elif "robot" in recording.header.documents:
         robot = RobotDescription.from_json(recording.header.documents["robot"])
     else:
@@ -225,13 +225,28 @@ class Recover:
     )
 
 
+@dataclass(frozen=True)
+class Signs:
+    """Compare the efforts of a robot at rest with what gravity needs: which joint's direction or zero is wrong?
+
+    The robot hung free: feet off the ground, nothing in its hands, nothing touched, some seconds of STANDBY at rest.
+    """
+
+    file: Path
+    """Recording (.mcap), finished or cut off."""
+    robot: str | None = None
+    """The robot's YAML file or MJCF, where the recording's own MJCF is not among the shipped robots'."""
+
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("runs/standby.mcap", "after the first STANDBY of a new robot"),)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `record` with command-line arguments; returns the exit status."""
-    command: Info | Recover | Export | RecordDataset = parse(
+    command: Info | Signs | Recover | Export | RecordDataset = parse(
         Commands(
-            "Look into a recording, recover one that was cut off or damaged, export it for other programs, or make a "
-            "LeRobot dataset of several.",
-            {"info": Info, "recover": Recover, "export": Export, "dataset": RecordDataset},
+            "Look into a recording, compare its efforts with gravity, recover one that was cut off or damaged, export "
+            "it for other programs, or make a LeRobot dataset of several.",
+            {"info": Info, "signs": Signs, "recover": Recover, "export": Export, "dataset": RecordDataset},
             for_file="info",
         ),
         "record",
@@ -241,6 +256,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     match command:
         case Info():
             _info(command)
+        case Signs():
+            _signs(command)
         case Recover():
             _recover(command)
         case Export():
@@ -262,6 +279,18 @@ def _info(command: Info) -> None:
         Console(highlight=False).print(_joints(summary.joints))
     else:
         _print_summary(Console(highlight=False), summary)
+
+
+def _signs(command: Signs) -> None:
+    from humanoid_sim.recording.signs import judge_signs  # noqa: PLC0415 - MuJoCo only where it is used
+
+    recording = open_recording(command.file)
+    rows = judge_signs(recording, _description(recording, command.robot))
+    efforts = ("measured\nN·m", "gravity\nN·m")
+    table = titled_table("efforts at rest", "joint", *efforts, "verdict", right=efforts)
+    for row in rows:
+        table.add_row(escape(row.joint), f"{row.measured:.2f}", f"{row.expected:.2f}", escape(row.verdict))
+    Console(highlight=False).print(table)
 
 
 def _recover(command: Recover) -> None:

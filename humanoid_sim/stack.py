@@ -27,7 +27,6 @@ from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT, Policy, action_limit_of
 from humanoid_sim.controllers.remote_policy import RemotePolicyController
 from humanoid_sim.controllers.rl_policy import RLPolicyController
-from humanoid_sim.controllers.signs import Signs
 from humanoid_sim.controllers.standby import StandbyController
 from humanoid_sim.controllers.supervisor import Supervisor
 from humanoid_sim.errors import InputError, blaming
@@ -54,8 +53,6 @@ class _ControllerSettings(msgspec.Struct, frozen=True):
     """Guards of the run; None for a run without guards."""
     loads: bool
     """The session loads policies while it runs."""
-    signs: tuple[str, ...] | None = None
-    """Joints whose sign may contradict gravity; None: signs were not judged."""
     needs_producer: bool = False
     """START_REMOTE required a producer."""
 
@@ -77,7 +74,6 @@ def build_supervisor(
     live: Mapping[str, int] | None = None,
     action_limit: float | None = None,
     guards: ChosenGuards = "description",
-    signs: tuple[str, ...] | None = None,
     loads: bool = False,
     needs_producer: bool = False,
 ) -> Supervisor:
@@ -91,7 +87,6 @@ def build_supervisor(
             (an estimate of the base's velocity, on a robot without one) is refused. None: every one that is known.
         action_limit: largest magnitude of a raw action, beyond which the policy has failed; None: the contract's,
             or 100.
-        signs: joints whose sign may contradict gravity; None: signs are not judged.
         loads: the session loads policies while it runs: a refusal of START_LOCOMOTION says how.
         needs_producer: START_REMOTE requires commands that already arrive.
     """
@@ -114,10 +109,9 @@ def build_supervisor(
             stale_command_timeout_ms=remote_settings.stale_command_timeout_ms,
             damping=description.passive_damping,
         )
-    judge = None if signs is None else Signs(joints, description.lower, description.upper, signs)
     missing = {RL_POLICY: _NO_POLICY} if loads else {}
     watching = _chosen(guards, description)
-    return Supervisor(joints, controllers, guards=watching, signs=judge, missing=missing, needs_producer=needs_producer)
+    return Supervisor(joints, controllers, guards=watching, missing=missing, needs_producer=needs_producer)
 
 
 def policy_controller(
@@ -169,7 +163,6 @@ def run_header(
     remote: bool = False,
     action_limit: float | None = None,
     guards: ChosenGuards = "description",
-    signs: tuple[str, ...] | None = None,
     loads: bool = False,
     needs_producer: bool = False,
 ) -> SessionHeader:
@@ -193,7 +186,6 @@ def run_header(
                 "remote": remote,
                 "action_limit": ACTION_LIMIT if action_limit is None else action_limit,
                 "guards": None if watching is None else msgspec.to_builtins(GuardRecord.of(watching)),
-                **({} if signs is None else {"signs": signs}),
                 "loads": loads,
                 **({"needs_producer": True} if needs_producer else {}),
             }
@@ -290,7 +282,6 @@ def rebuild_supervisor(header: SessionHeader, policy: Policy) -> Supervisor:
         remote=controllers.remote,
         action_limit=controllers.action_limit,
         guards=guards,
-        signs=controllers.signs,
         loads=controllers.loads,
         needs_producer=controllers.needs_producer,
     )

@@ -12,12 +12,10 @@ from typing import Any
 from rich.console import Console
 
 from humanoid_sim import __version__
-from humanoid_sim.controllers.fsm import MODES
 from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.evaluation.joint_use import JointUse
 from humanoid_sim.frontends.launcher import FrontEnds
-from humanoid_sim.messages import Event, EventKind, Mode, SafetyStatus, SessionHeader
-from humanoid_sim.mit import MITState
+from humanoid_sim.messages import Event, EventKind, SafetyStatus, SessionHeader
 from humanoid_sim.play.conflicts import free_path
 from humanoid_sim.play.console import ConsoleSink, Told
 from humanoid_sim.play.front_ends import expected_duration, has_keys, needs_gamepad
@@ -45,8 +43,7 @@ from humanoid_sim.session.session import Session
 from humanoid_sim.session.shadow import ShadowSink
 from humanoid_sim.session.simulation_controls import SPEED, SimulationControls
 from humanoid_sim.session.sinks import Sink, SinkGroup
-from humanoid_sim.session.sources import ExternSource, IntentSource, RemoteInbox
-from humanoid_sim.simulation.gravity import LeverSamples
+from humanoid_sim.session.sources import IntentSource, RemoteInbox
 from humanoid_sim.simulation.model import model_bytes
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 from humanoid_sim.simulation.push import Push
@@ -153,7 +150,7 @@ class Run:
             remote=inbox,
             sinks=[sink for sink in sinks if sink is not None],
             safety_filter=self._with_other_safety,
-            externs=self._externs(),
+            externs=(self.data, plan.velocity),
             qpos=lambda: setup.qpos(self.session.state),
             mode_listener=setup.mode_listener,
             reactivation=reactivation,
@@ -308,17 +305,6 @@ class Run:
         limit, source = self.plan.description.effort_limit, self.plan.policy.source
         return ShadowSink(controller, source, limit, realtime=self.plan.realtime, publish=publish, tell=self._tell)
 
-    def _externs(self) -> list[ExternSource]:
-        """Return live inputs of other programs, and the velocity command."""
-        plan = self.plan
-        levers = plan.setup.levers
-        judged = () if levers is None else (LeverSamples(levers, plan.control_period, self._held_state),)
-        return [self.data, plan.velocity, *judged]
-
-    def _held_state(self) -> MITState | None:
-        """Return the state of a robot in STANDBY; None in any other mode."""
-        return self.session.state if MODES[self.session.memory.controller] is Mode.STANDBY else None
-
     def _with_other_safety(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
         """Add the statuses of other programs to the robot's own; the script looks on."""
         statuses = self._outside_safety(statuses)
@@ -353,7 +339,6 @@ def _header(plan: Plan) -> SessionHeader:
         loads=plan.shadow is None,
         needs_producer=plan.supervisor.needs_producer,
         action_limit=config.action_limit,
-        signs=None if plan.supervisor.signs is None else plan.supervisor.signs.allowed,
     )
     if plan.shadow is None or policy.checkpoint is None or policy.loaded is None:
         return header

@@ -28,7 +28,7 @@ from humanoid_sim.hardware.robstride.firmware import parse_version
 from humanoid_sim.mit import KEY_PRESSED, FloatArray, MITState
 from humanoid_sim.play.front_ends import EMULATED_KEYBOARD
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.played_robot import BringUp, RobotSetup, gravity_levers
+from humanoid_sim.play.played_robot import BringUp, RobotSetup
 from humanoid_sim.policy.checks import motor_findings, suspicious_findings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.session.realtime import punctual_threads
@@ -80,17 +80,15 @@ def real_robot(config: PlayConfig, description: RobotDescription, control_period
     )
     channels = ", ".join(map(str, addresses))
     question = f"Enable the motors of {description.name} on {channels}, without torque?"
-    levers, unjudged = gravity_levers(description, has_imu=imu is not None)
     return RobotSetup(
         robot,
         live={},
-        levers=levers,
         qpos=MeasuredPose(description),
         model=lambda: build_model(description),
         simulated=False,
         check_policy=lambda contract: check_policy(contract, description, has_imu=imu is not None),
         mode_listener=partial(support_in_mode, motors) if motors is not None and description.is_floating else None,
-        notices=(*notices, *unjudged),
+        notices=notices,
         bring_up=_bring_up(robot, "" if motors is not None else question),
         figures=lambda: _figures(robot, motors),
         is_driven=lambda: robot.is_enabled,

@@ -133,10 +133,6 @@ class PlayConfig:
     """Drive the FSM yourself, from the keyboard, or with --console or --gamepad from there."""
     script: str | None = None
     """Drive the FSM by a script, such as "damp; load_b; wait; start_remote; hold 5; damp"."""
-    check_poses: bool = False
-    """Walk slowly through the robot's check poses at the end of STANDBY, where more joints' signs are judged."""
-    allow_sign_contradiction: Annotated[tuple[str, ...], tyro.conf.arg(metavar="JOINT")] = ()
-    """Joints whose efforts in STANDBY may contradict their direction: a warning instead of a START that is refused."""
     pose: Literal["a", "b"] = "a"
     """Standby pose to walk through when the FSM is driven automatically."""
     watchdog: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:SECONDS")] = ()
@@ -174,7 +170,7 @@ class PlayConfig:
         ),
         "the policy": ("contract", "motion_topic", "action_limit", "again", "shadow"),
         "driving the modes": (
-            *("script", "pose", "check_poses", "allow_sign_contradiction", "watchdog", "remote", "gravity_form"),
+            *("script", "pose", "watchdog", "remote", "gravity_form"),
             *("gamepad", "no_gamepad", *(f"joy.{item.name}" for item in fields(JoyBindings))),
         ),
         "other programs": (

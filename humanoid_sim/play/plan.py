@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from humanoid_sim.controllers.rl_policy import ticks_per_step
-from humanoid_sim.errors import InputError, require_known
+from humanoid_sim.errors import InputError
 from humanoid_sim.play.conflicts import (
     Outputs,
     choose_outputs,
@@ -25,12 +25,11 @@ from humanoid_sim.play.front_ends import (
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
 from humanoid_sim.play.policies import PolicyChoice, choose_for_robot, policy_notices
-from humanoid_sim.robots.description import RobotDescription, load_robot, with_check_poses, with_imu
+from humanoid_sim.robots.description import RobotDescription, load_robot, with_imu
 from humanoid_sim.robots.guards import describe_unwatched
 from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
 from humanoid_sim.session.script import parse_script
 from humanoid_sim.session.sources import VelocityCommand, parse_velocity
-from humanoid_sim.simulation.check_poses import check_pose_problems
 from humanoid_sim.simulation.plant import timestep_of
 from humanoid_sim.stack import build_supervisor, policy_controller
 
@@ -52,11 +51,11 @@ class Plan:
         description = with_imu(load_robot(config.robot), config.imu_site)
         self.config = config
         self.realtime = is_realtime(config, front_ends)
-        self.policy, suited = choose_for_robot(config, description)
+        self.policy, self.description = choose_for_robot(config, description)
+        description = self.description
         self.driving = self.policy if config.shadow is None else PolicyChoice()
         """The policy that drives the robot; without one where it only looks on."""
         contract = self.policy.contract
-        self.description = description = _checked_poses(suited) if config.check_poses else suited
         refuse_without_effect(config, contract, description)
         policy_dt = None if self.driving.contract is None else self.driving.contract.policy_dt
         self.control_period, moved = control_rate(config, description, policy_dt)
@@ -64,8 +63,6 @@ class Plan:
         self.taken, live = self.policy.live_inputs(setup.live)
         """Name and width of the live inputs that come from other programs."""
         refuse_unheard_keys(config, self.taken, setup.live)
-        signs = config.allow_sign_contradiction
-        require_known("joint", signs, setup.robot.joints, "--allow-sign-contradiction: ")
         # Without a policy and REMOTE, the FSM itself keeps the robot in DAMPING and STANDBY.
         self.supervisor = build_supervisor(
             description,
@@ -74,7 +71,6 @@ class Plan:
             remote=config.shadow is None,
             live=live,
             action_limit=config.action_limit,
-            signs=None if setup.levers is None else tuple(dict.fromkeys(signs)),
             loads=config.shadow is None,
             needs_producer=description.is_floating,
         )
@@ -123,14 +119,6 @@ class Plan:
         velocity = VelocityCommand(parse_velocity(self.config.command, ranges), ranges)
         velocity.is_observed = self.policy.walks
         return velocity
-
-
-def _checked_poses(description: RobotDescription) -> RobotDescription:
-    """Return the robot that walks through its check poses."""
-    extended = with_check_poses(description)
-    for problem in check_pose_problems(description):
-        raise InputError(f"--check-poses: {problem}")
-    return extended
 
 
 def _cost_of_plant(config: PlayConfig, policy: PolicyChoice, description: RobotDescription) -> str:

@@ -11,7 +11,6 @@ import mujoco
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import resolve_action
-from humanoid_sim.errors import InputError
 from humanoid_sim.messages import Mode
 from humanoid_sim.mit import FloatArray, MITState
 from humanoid_sim.play.options import PlayConfig
@@ -22,7 +21,6 @@ from humanoid_sim.robots.mjcf import bare_model, imu_line, own_joint_damping, pr
 from humanoid_sim.robots.rates import delay_steps
 from humanoid_sim.robots.robot import Robot
 from humanoid_sim.simulation.floating_base import BaseObserver, support_in_mode
-from humanoid_sim.simulation.gravity import GravityLevers
 from humanoid_sim.simulation.keys import Touch
 from humanoid_sim.simulation.model import build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
@@ -112,8 +110,6 @@ class RobotSetup:
     check_policy: Callable[[PolicyContract], tuple[str, ...]]
     """Notices for an operator about driving this robot with a policy that fits its joints, one line each. Raises
     `InputError` if it cannot be driven with it."""
-    levers: GravityLevers | None = None
-    """Levers of gravity on its joints while it is held; None where they are unknown."""
     measure: Callable[[PolicyContract | None], Callable[[], None]] = lambda _: lambda: None
     """Prepares to measure what another policy, or none, observes; its result, called between two ticks, does so."""
     base: BaseObserver | None = None
@@ -170,11 +166,9 @@ def simulated_robot(
         ]
         return robot.stability.check(gains.damping, "policy", gains.stiffness), *map(str, findings)
 
-    levers, unjudged = gravity_levers(description)
     return RobotSetup(
         robot,
         live=robot.extern,
-        levers=levers,
         key_force=(lambda: None) if touches is None else touches.figures,
         qpos=lambda _: robot.qpos,
         model=lambda: build_model(description),
@@ -188,20 +182,5 @@ def simulated_robot(
             *imu,
             *(f"pushed by {push.vx:g},{push.vy:g} m/s at {push.time:g} s" for push in pushes),
             *robot.warnings,
-            *unjudged,
         ),
     )
-
-
-def gravity_levers(
-    description: RobotDescription, *, has_imu: bool = True
-) -> tuple[GravityLevers | None, tuple[str, ...]]:
-    """Return what judges the signs of a robot that is held, and, if nothing can, why, for an operator."""
-    if description.signs is None:
-        return None, ("signs are not judged in STANDBY: the robot's file turns that off",)
-    if description.is_floating and not has_imu:
-        return None, ("signs are not judged in STANDBY: without an IMU nobody knows how the robot hangs",)
-    try:
-        return GravityLevers(description, description.signs), ()
-    except InputError as error:
-        return None, (f"signs are not judged in STANDBY: {error}",)

@@ -30,7 +30,6 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
         yield "base.body: is empty, expected a text"
     yield from _of_joints(robot)
     yield from _pose(robot, "initial_position", robot.initial_position)
-    yield from _check_poses(robot)
     yield from _duplicates("hands", list(robot.hands), "entry")
     try:
         steps_per_period(1.0 / robot.simulation.control_frequency, robot.simulation.physics_timestep)
@@ -48,16 +47,6 @@ def description_problems(robot: RobotDescription) -> Iterator[str]:
         yield from _length("guards.speed.limit", speed.limit, robot.joint_count)
     for name in ("standby_controller_a", "standby_controller_b"):
         yield from _standby(robot, name, getattr(robot, name))
-
-
-def _check_poses(robot: RobotDescription) -> Iterator[str]:
-    for i, pose in enumerate(robot.check_poses):
-        for name, value in pose.items():
-            joint = next((joint for joint in robot.joints if joint.name == name), None)
-            if joint is None:
-                yield f"check_poses[{i}]: {known_names('joint', name, robot.joint_names)}"
-            elif not joint.lower <= value <= joint.upper:  # NaN too
-                yield f"check_poses[{i}].{name}: is {value:g}, outside its limits, {joint.lower:g} to {joint.upper:g}"
 
 
 def _piano(robot: RobotDescription) -> Iterator[str]:

@@ -9,7 +9,7 @@ import math
 import os
 import pkgutil
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +29,8 @@ from humanoid_sim.strict_yaml import read_yaml, schema_problem
 
 __all__ = [
     "RobotDescription",
-    "check_poses",
     "load_robot",
     "shipped_robots",
-    "with_check_poses",
     "with_contract",
     "with_contract_physics",
     "with_imu",
@@ -208,41 +206,6 @@ def with_contract(description: RobotDescription, contract: PolicyContract) -> Ro
         standby_controller_a=standby_a,
         standby_controller_b=standby_b,
         remote_policy_controller=replace(description.remote_policy_controller, damping=damping),
-    )
-
-
-def check_poses(description: RobotDescription, standby: Sequence[float]) -> tuple[tuple[float, ...], ...]:
-    """Return the check poses of a robot that comes from a pose of STANDBY: rad, one value per joint each."""
-    return tuple(
-        tuple(pose.get(name, value) for name, value in zip(description.joint_names, standby, strict=True))
-        for pose in description.check_poses
-    )
-
-
-_CHECK_SPEED, _SHORTEST, _DWELL = 0.4, 1.0, 0.6
-"""rad/s of the fastest joint on the way to a check pose; s that the way takes at least; s that the pose is held."""
-
-
-def with_check_poses(description: RobotDescription) -> RobotDescription:
-    """Return the description whose STANDBY, arrived at its pose, walks slowly through the check poses and back.
-
-    Raises `InputError` where it has none.
-    """
-    if not description.check_poses:
-        raise InputError(f"--check-poses: '{description.name}' has none, expected check_poses in its YAML file")
-
-    def extended(settings: StandbySettings) -> StandbySettings:
-        durations, poses = list(settings.segment_durations), list(settings.pose_segments)
-        for pose in (*check_poses(description, poses[-1]), poses[-1]):
-            way = max(abs(a - b) for a, b in zip(pose, poses[-1], strict=True))
-            durations += [max(way / _CHECK_SPEED, _SHORTEST), _DWELL]
-            poses += [pose, pose]
-        return msgspec.structs.replace(settings, segment_durations=tuple(durations), pose_segments=tuple(poses))
-
-    return msgspec.structs.replace(
-        description,
-        standby_controller_a=extended(description.standby_controller_a),
-        standby_controller_b=extended(description.standby_controller_b),
     )
 
 

@@ -216,17 +216,6 @@ class GuardSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     speed: SpeedGuard | None = SpeedGuard()
 
 
-class SignSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Amounts by which a sound robot at rest may differ from its model, where the signs of its joints are judged."""
-
-    mass_error: NotNegative = 0.1
-    """Share of each body's mass."""
-    payload: NotNegative = 0.5
-    """kg, anywhere, that the model lacks."""
-    friction: NotNegative = 0.3
-    """N·m in each joint, added to the friction loss of the MJCF."""
-
-
 class PianoSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The piano in front of the robot, whose keys are passive joints of its MJCF, and what the robot plays it with."""
 
@@ -285,10 +274,6 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     standby_controller_b: StandbySettings
     remote_policy_controller: RemoteSettings = RemoteSettings()
     guards: GuardSettings = GuardSettings()
-    signs: SignSettings | None = SignSettings()
-    """Differences of a sound robot from its model where signs are judged; none: they are not."""
-    check_poses: tuple[dict[str, float], ...] = ()
-    """rad, by joint: poses in which the signs of more joints show; other joints stay where STANDBY has them."""
     piano: PianoSettings | None = None
     """Piano of a robot that plays one."""
     folder: str = ""
@@ -362,18 +347,15 @@ class RobotDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
         return frozen_array("RobotDescription", "passive_damping", values)
 
     def to_json(self) -> str:
-        """Return the description as JSON on one line, without folder and check poses: what a recording keeps.
-
-        Check poses that a run walked through are segments of its standby controllers.
-        """
+        """Return the description as JSON on one line, without folder: what a recording keeps."""
         document = msgspec.to_builtins(self)
-        del document["folder"], document["check_poses"]
+        del document["folder"]
         for joint in document["joints"]:
             if joint["dynamics"] is None:  # as in the documents of before there were any: digests stay comparable
                 del joint["dynamics"]
         if self.guards == GuardSettings():  # likewise
             del document["guards"]
-        for name, default in (("topic_prefix", ""), ("piano", None), ("signs", SignSettings())):
+        for name, default in (("topic_prefix", ""), ("piano", None)):
             if getattr(self, name) == default:  # likewise
                 del document[name]
         return msgspec.json.encode(document).decode()

@@ -1,0 +1,93 @@
+"""`record signs`: a mirrored joint shows in the efforts of a robot at rest."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from humanoid_sim.cli import run_program
+from humanoid_sim.messages import Intent, SafetyStatus, TickInput, TickRecord
+from humanoid_sim.record import main as record_main
+from humanoid_sim.recording.reader import open_recording
+from humanoid_sim.recording.recorder import McapRecorder
+from humanoid_sim.recording.signs import judge_signs
+from humanoid_sim.robots.description import load_robot
+from humanoid_sim.simulation.mujoco_robot import MujocoRobot
+from humanoid_sim.stack import build_supervisor, run_header
+
+LITE = load_robot("lite")
+PERIOD = 0.02
+record = partial(run_program, record_main)
+
+
+def recorded(path, *, mirrored=(), zeros=None, ticks=280):
+    """A STANDBY of the simulated robot, some of whose joints report and obey the other direction, or another zero."""
+    sign = np.array([-1.0 if name in mirrored else 1.0 for name in LITE.joint_names])
+    zero = np.array([(zeros or {}).get(name, 0.0) for name in LITE.joint_names])
+    supervisor = build_supervisor(LITE, PERIOD, None)
+    plant = MujocoRobot(LITE, control_period=PERIOD)
+    plant.activate()
+    memory, recorder = supervisor.initial(), McapRecorder(path)
+    recorder.start(run_header(LITE, PERIOD, None, settings={}))
+    for index in range(ticks):
+        state, _ = plant.read()
+        state = replace(
+            state,
+            joint_position=sign * state.joint_position + zero,
+            joint_velocity=sign * state.joint_velocity,
+            joint_effort=sign * state.joint_effort,
+        )
+        intents = {1: (Intent.DAMP,), 2: (Intent.LOAD_A,)}.get(index, ())
+        tick_input = TickInput(state, (SafetyStatus(),), intents, None)
+        memory, output = supervisor.step(memory, tick_input)
+        recorder.tick(TickRecord(index, tick_input, output, 0.0, False))
+        command = output.command
+        plant.write(
+            replace(
+                command,
+                position=sign * (command.position - zero),
+                velocity=sign * command.velocity,
+                effort=sign * command.effort,
+            )
+        )
+    plant.close()
+    recorder.close()
+    return path
+
+
+def verdicts(path):
+    return {row.joint: row.verdict for row in judge_signs(open_recording(path), LITE)}
+
+
+def test_a_sound_robot_agrees_with_gravity(tmp_path):
+    found = verdicts(recorded(tmp_path / "run.mcap"))
+    assert {*found.values()} == {"agrees", "too small to say"}
+    assert {name for name, verdict in found.items() if verdict == "agrees"} >= {
+        "left_shoulder_roll",
+        "right_elbow_pitch",
+    }
+
+
+@pytest.mark.parametrize("joint", ["left_shoulder_roll", "right_shoulder_pitch"])
+def test_a_mirrored_joint_is_named(joint, tmp_path):
+    found = verdicts(recorded(tmp_path / "run.mcap", mirrored=(joint,)))
+    assert found[joint] == "contradicts: direction wrong?"
+    assert all("contradicts" not in verdict for name, verdict in found.items() if name[:4] != joint[:4])
+
+
+def test_a_wrong_zero_is_named(tmp_path):
+    found = verdicts(recorded(tmp_path / "run.mcap", zeros={"left_shoulder_roll": 0.4}))
+    assert found["left_shoulder_roll"] == "contradicts: zero off by about 0.4 rad?"
+
+
+def test_the_table_and_a_recording_without_a_rest(tmp_path, capsys):
+    path = str(recorded(tmp_path / "run.mcap", mirrored=("left_shoulder_roll",)))
+    assert record(["signs", path]) == 0
+    assert "direction wrong?" in capsys.readouterr().out
+    short = str(recorded(tmp_path / "short.mcap", ticks=100))
+    assert record(["signs", short]) == 2
+    assert (
+        capsys.readouterr().err
+        == f"error: {short}: the robot never rested for 1 s in STANDBY or LOCOMOTION or REMOTE\n"
+    )
