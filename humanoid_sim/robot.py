@@ -48,36 +48,30 @@ class Describe:
 
 @dataclass(frozen=True)
 class Convert:
-    """Make an MJCF of a URDF, or a robot file of ROS 2 controllers' parameters, and list what it does not say.
+    """Make an MJCF of a URDF, and list what it does not say.
 
-    A URDF leaves open whether the robot's base floats; MuJoCo alone would fix it to the world. Parameters are standby
-    poses and gains, damping, REMOTE's timeout and the rate of the controllers of --robot.
+    A URDF leaves open whether the robot's base floats; MuJoCo alone would fix it to the world.
     """
 
     source: tyro.conf.Positional[Path]
-    """A URDF, whose meshes are looked for beside it, or a ROS 2 parameter file (.yaml)."""
-    base: Literal["floating", "fixed"] | None = None
-    """For a URDF: the root link floats, as a walking robot's does, or is fixed to the world."""
-    robot: str | None = None
-    """For a parameter file: the robot, a shipped one, its YAML file, or an MJCF."""
+    """A URDF, whose meshes are looked for beside it."""
+    base: Literal["floating", "fixed"]
+    """The root link floats, as a walking robot's does, or is fixed to the world."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """File to write. Default, of a URDF: beside it, with .xml for .urdf."""
+    """File to write. Default: beside the URDF, with .xml for .urdf."""
     imu: str | None = None
-    """For a URDF: the link that the IMU is fixed to."""
+    """Link that the IMU is fixed to."""
     overwrite: bool = False
     """Replace the output if it exists."""
 
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("robot.urdf --base floating", "a walking robot's URDF"),
-        ("params.yaml --robot lite -o my.yaml", "controllers' parameters"),
-    )
+    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("robot.urdf --base floating", "a walking robot's URDF"),)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `robot` with command-line arguments; returns the exit status."""
     options: Describe | Convert = parse(
         Commands(
-            "Show what is read from a robot's files, or convert a URDF or ROS 2 parameters.",
+            "Show what is read from a robot's files, or convert a URDF.",
             {"describe": Describe, "convert": Convert},
         ),
         "robot",
@@ -88,49 +82,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _convert(options: Convert) -> int:
     from humanoid_sim.files import output_file, whole_file  # noqa: PLC0415 - heavy imports stay out of `--help`
+    from humanoid_sim.robots.from_urdf import convert_urdf  # noqa: PLC0415
 
-    source, output = options.source, options.output
-    if source.suffix in (".yaml", ".yml"):
-        if options.robot is None or output is None:
-            missing = "--output" if options.robot is not None else "--robot"
-            raise InputError(f"{missing}: is missing; {source} holds parameters of a robot, to be written as a file")
-        _refuse_given(options, "base", "imu")
-        output_file(output, "--output", ".yaml", ".yml", overwrite=options.overwrite)
-        text, gaps = _of_parameters(source, options.robot, output)
-    else:
-        from humanoid_sim.robots.from_urdf import convert_urdf  # noqa: PLC0415
-
-        if options.base is None:
-            raise InputError("--base: is missing; a URDF does not say it, expected floating or fixed")
-        _refuse_given(options, "robot")
-        output = source.with_suffix(".xml") if output is None else output
-        output_file(output, "--output", ".xml", overwrite=options.overwrite)
-        text, gaps = convert_urdf(source, options.base, output.resolve().parent, options.imu)
+    output = options.source.with_suffix(".xml") if options.output is None else options.output
+    output_file(output, "--output", ".xml", overwrite=options.overwrite)
+    text, gaps = convert_urdf(options.source, options.base, output.resolve().parent, options.imu)
     with whole_file(output) as file:
         file.write(text.encode())
     print(f"wrote {output}")
     if gaps:
-        print("left out:" if source.suffix != ".urdf" else "what the URDF does not say:")
+        print("what the URDF does not say:")
     for line in gaps:
         print(f"  {line}")
     return 0
-
-
-def _refuse_given(options: Convert, *names: str) -> None:
-    for name in names:
-        if getattr(options, name) is not None:
-            raise InputError(f"--{name}: is {getattr(options, name)}, which means nothing for {options.source}")
-
-
-def _of_parameters(source: Path, robot: str, output: Path) -> tuple[str, list[str]]:
-    """Return the text of a robot file, and what was left out."""
-    import yaml  # noqa: PLC0415 - heavy imports stay out of `--help`
-
-    from humanoid_sim.robots.from_ros_parameters import convert_parameters  # noqa: PLC0415
-
-    document, gaps = convert_parameters(source, robot, output.resolve().parent)
-    text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
-    return f"# made of {source.name} for {robot}\n{text}", gaps
 
 
 def _describe(options: Describe) -> int:

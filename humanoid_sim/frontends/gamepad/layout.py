@@ -16,7 +16,6 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.joy import JoyBindings
 from humanoid_sim.errors import FieldError, InputError, blaming, require_known
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.ros2.parameters import node_parameters
 from humanoid_sim.strict_yaml import read_yaml
 
 SpeedRange = npt.NDArray[np.float64]
@@ -73,8 +72,6 @@ def speed_range(ranges: FloatArray | None) -> SpeedRange:
     return np.stack([np.minimum(known[:, 0], 0.0), np.maximum(known[:, 1], 0.0)], axis=1)
 
 
-_NODE = "mode_manager"
-"""ROS 2 node whose parameters `joy.*` are read too."""
 _Section = TypeVar("_Section", JoyBindings, Sticks)
 
 
@@ -104,7 +101,7 @@ def chosen_layout(file: Path | None, given: PadLayout, option: str) -> PadLayout
     Raises `InputError` if both are given, or the file holds no layout.
 
     Args:
-        file: YAML with `joy:` and `sticks:`, or a ROS 2 parameter file of `mode_manager`; None for none.
+        file: YAML with `joy:` and `sticks:`, or a ROS 2 parameter file with `joy.*` of `mode_manager`; None for none.
         option: that names the file, for the message.
     """
     if file is None:
@@ -112,18 +109,29 @@ def chosen_layout(file: Path | None, given: PadLayout, option: str) -> PadLayout
     if given.options():
         raise InputError(f"{option} and {given.options()[0]}: both say where the buttons are, expected one of them")
     document = read_yaml(file)
-    sections = node_parameters(document, _NODE)
-    if not sections:
-        if not isinstance(document, dict) or not document:
-            raise InputError(f"{file}: has no buttons, expected a mapping joy: with damp_button: N and its like")
-        require_known("section", document, ("joy", "sticks"), f"{file}: ")
-        sections = document
-    elif "joy" not in sections:
-        raise InputError(f"{file}: has no parameters joy.* of {_NODE}, expected joy.damp_button: N and its like")
+    if not isinstance(document, dict) or not document:
+        raise InputError(f"{file}: has no buttons, expected a mapping joy: with damp_button: N and its like")
+    joy = _joy_parameters(document)
+    sections = document if joy is None else {"joy": joy}
+    require_known("section", sections, ("joy", "sticks"), f"{file}: ")
     return PadLayout(
         _section(file, "joy", sections.get("joy", {}), JoyBindings),
         _section(file, "sticks", sections.get("sticks", {}), Sticks),
     )
+
+
+def _joy_parameters(document: dict[str, Any]) -> dict[str, Any] | None:
+    """Return `joy.*` of a ROS 2 parameter file, by name; None if it has no parameters of the node `mode_manager`."""
+    nodes = [document[name] for name in ("/**", "mode_manager") if isinstance(document.get(name), dict)]
+    sections = [node["ros__parameters"] for node in nodes if isinstance(node.get("ros__parameters"), dict)]
+    if not sections:
+        return None
+    joy: dict[str, Any] = {}
+    for parameters in sections:  # a node's own override those of every node
+        nested = parameters.get("joy", {})
+        joy |= nested if isinstance(nested, dict) else {}
+        joy |= {name.removeprefix("joy."): value for name, value in parameters.items() if name.startswith("joy.")}
+    return joy
 
 
 def _section(file: Path, name: str, values: Any, kind: type[_Section]) -> _Section:
