@@ -94,7 +94,6 @@ VERBS = {
     "piano": "how well a recorded run played its song; which keys a robot reaches",
     "regress": "compare policies over a suite, with confidence intervals; exit 1 on a regression",
     "hardware": "find, test and calibrate motors on a CAN bus, or emulate them",
-    "training": "train a policy for any task",
     **{name: front_end.help for name, front_end in FRONT_ENDS.items()},
     "ros2_services": "serve the modes of a running session as ROS 2 services, with ROS 2's Python",
 }

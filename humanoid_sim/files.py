@@ -124,23 +124,6 @@ def exclusive_file(path: str | os.PathLike[str], *, overwrite: bool = True) -> i
     return file
 
 
-@contextmanager
-def exclusive_folder(path: Path, what: str) -> Iterator[None]:
-    """Make a folder, unless it is there, that nobody else has from here until the block ends.
-
-    `what` it is, such as the option that names it, is for messages.
-
-    Raises `InputError` if it cannot be made or written, or another process has it.
-    """
-    lock = path / ".lock"
-    with blaming(f"{what}: '{path}' cannot be made a folder", OSError):
-        path.mkdir(parents=True, exist_ok=True)
-    if _is_being_written(lock):
-        raise InputError(f"{what}: '{path}' {_WRITTEN}")
-    with exclusive_file(lock):
-        yield
-
-
 _WRITTEN = "is being written by another session; choose another name"
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import exclusive_file, exclusive_folder, is_file, output_file, regular_file, whole_file
+from humanoid_sim.files import exclusive_file, is_file, output_file, regular_file, whole_file
 from humanoid_sim.policy.checkpoint import load_checkpoint
 from humanoid_sim.strict_yaml import read_yaml
 
@@ -158,22 +158,6 @@ def test_a_bad_output_is_refused(tmp_path, name, message):
     with pytest.raises(InputError, match=message):
         output_file(tmp_path / name, "video", ".mp4", ".mov", overwrite=False)
     assert output_file(tmp_path / "there.mp4", "video") == tmp_path / "there.mp4"
-
-
-def test_a_folder_has_one_owner_at_a_time(tmp_path):
-    path = tmp_path / "deep" / "run"
-    with exclusive_folder(path, "--folder"):
-        told = r"^--folder: '.*run' is being written by another session; choose another name$"
-        with pytest.raises(InputError, match=told), exclusive_folder(path, "--folder"):
-            pass
-    with exclusive_folder(path, "--folder"):
-        assert path.is_dir()
-    (tmp_path / "taken").touch()
-    with (
-        pytest.raises(InputError, match=r"^--folder: '.*taken' cannot be made a folder: File exists$"),
-        exclusive_folder(tmp_path / "taken", "--folder"),
-    ):
-        pass
 
 
 def test_a_folder_that_takes_no_files_is_refused(tmp_path):

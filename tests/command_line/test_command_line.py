@@ -39,13 +39,12 @@ def test_whatever_the_terminal_can_show(encoding):
     assert run.stderr == f"error: --yaw: is '{'x' * 300}', expected a number; 'python -m humanoid_sim.play {HELP}\n"
 
 
-@pytest.mark.parametrize("words", [("training",), ("policy",)])
-def test_a_group_of_commands_alone_lists_them(words, capsys):
+def test_a_group_of_commands_alone_lists_them(capsys):
     with pytest.raises(SystemExit) as ended:
-        main(words)
+        main(["policy"])
     assert ended.value.code == 0
     alone = capsys.readouterr().out
-    assert alone.startswith(f"usage: python -m humanoid_sim.{' '.join(words)} COMMAND ...\n")
+    assert alone.startswith("usage: python -m humanoid_sim.policy COMMAND ...\n")
     with pytest.raises(SystemExit):
-        main([*words, "--help"])
+        main(["policy", "--help"])
     assert capsys.readouterr().out == alone

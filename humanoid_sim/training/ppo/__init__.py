@@ -1,1 +1,0 @@
-"""Training any task of the environments with another library's PPO: `python -m humanoid_sim.training train`."""
