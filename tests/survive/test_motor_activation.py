@@ -22,7 +22,7 @@ from wire_motor import (
     identifier,
     operation_frame,
 )
-from wire_rig import Pair, at_motor, hold, robot_document, until, wrapped, write_calibration
+from wire_rig import Pair, at_motor, hold, robot_document, wrapped, write_calibration
 
 from humanoid_sim.errors import InputError, RobotError
 
@@ -278,8 +278,7 @@ def test_a_motor_that_boots_on_another_turn_reads_the_calibrated_angle(joint, tu
     assert all(status.is_ok for status in statuses)
     command = [-0.25, 0.5]
     command[i] = angle
-    robot.write(hold(*command))
-    until(lambda: pair.commands(motor))
+    pair.command(robot, hold(*command))
     assert pair.commands(motor)[-1].position == pytest.approx(motor.position, abs=2e-3), "in the motor's own count"
 
 

@@ -129,6 +129,8 @@ class Pair:
         """Return the robot, activated; the log begins afterwards."""
         robot = self.robot(**options)
         robot.activate()
+        self.now += 1.0
+        self.answered(robot)
         self.log.clear()
         return robot
 
@@ -145,15 +147,27 @@ class Pair:
         """Frames that change something in a motor, but for stops."""
         return [f for f in list(self.log) if f.kind in (ENABLE, SET_ZERO, WRITE) and not f.is_reply]
 
-    def answered(self, robot: Any) -> tuple[MITState, tuple[SafetyStatus, ...]]:
-        """Return state and statuses as soon as every motor that speaks has been heard in this period."""
+    def answered(self, robot: Any, *, asks: bool = True) -> tuple[MITState, tuple[SafetyStatus, ...]]:
+        """Return state and statuses as soon as every motor that speaks has been heard in this period.
+
+        Where it has not, a limp command asks for an answer.
+        """
 
         def fresh() -> Any:
             state, statuses = robot.read()
             speaks = [not motor.is_silent for motor in self.motors]
             return all(state.joint_age[speaks] < 0.5 * PERIOD) and (state, statuses)
 
+        if asks and not fresh():
+            self.command(robot, hold(stiffness=0.0, damping=0.0))
         return until(fresh, "a motor does not answer its commands")
+
+    def command(self, robot: Any, command: Any) -> None:
+        """Write a command, and wait until it has come to every motor."""
+        before = [len(self.commands(motor)) for motor in self.motors]
+        robot.write(command)
+        for motor, count in zip(self.motors, before, strict=True):
+            until(lambda motor=motor, count=count: len(self.commands(motor)) > count, "a command does not leave")
 
     @contextlib.contextmanager
     def jammed(self, number: int = errno.ENOBUFS, channel: int = 0) -> Iterator[list[int]]:
@@ -184,8 +198,8 @@ class Run:
         self.pair.now += PERIOD
         state, statuses = self.robot.read()
         output = self._loop.step(state, statuses, *intents)
-        self.robot.write(output.command)
-        self.pair.answered(self.robot)
+        self.pair.command(self.robot, output.command)
+        self.pair.answered(self.robot, asks=False)
         return output, statuses
 
     def stand(self) -> TickOutput:
