@@ -186,7 +186,7 @@ def choose_outputs(config: PlayConfig, motion: Path | None = None) -> Outputs:
 
     `motion` is the file that the motion is read from.
     """
-    read = (config.checkpoint, config.contract, config.again, config.robot, config.calibration)
+    read = (config.checkpoint, config.contract, config.robot, config.calibration)
     inputs = [*(Path(name) for name in read if name is not None and is_file(name)), *([motion] if motion else [])]
     stem = f"{time.strftime('play-%Y%m%d-%H%M%S')}-{os.getpid()}"  # two runs may start in one second
     is_drawn = config.hardware is None and config.viewer == "auto" and not shows_window(config)

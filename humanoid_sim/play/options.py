@@ -37,10 +37,6 @@ class PlayConfig:
     song: str | None = None
     """Song of a piano policy: a sample song ({songs}), a MIDI file (.mid), or random:N, a generated one.
     Default with the sample policy: ode_to_joy."""
-    again: Annotated[str | None, tyro.conf.arg(metavar="RECORDING")] = None
-    """A recording (.mcap) of play, or of a failure that regress found, whose policy to play again on the same robot,
-    with the same motion or command. Options override the recording's; another --policy comes with a contract of its
-    own."""
     shadow: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None
     """ONNX checkpoint or shipped policy that only looks on: while the robot is in DAMPING or STANDBY it runs on the
     real state, and what it sees, answers and would command is recorded. Nothing of it reaches a motor, and no other
@@ -168,7 +164,7 @@ class PlayConfig:
             *("policy", "robot", "motion", "song", "command", "manual", "console", "viewer", "record", "video"),
             *("duration", "policy_seconds", "hardware"),
         ),
-        "the policy": ("contract", "motion_topic", "action_limit", "again", "shadow"),
+        "the policy": ("contract", "motion_topic", "action_limit", "shadow"),
         "driving the modes": (
             *("script", "pose", "watchdog", "remote", "gravity_form"),
             *("gamepad", "no_gamepad", *(f"joy.{item.name}" for item in fields(JoyBindings))),
@@ -192,7 +188,6 @@ class PlayConfig:
         ("--robot lite_biped --command 0.3,0,0", "a policy that walks"),
         ("--policy x.onnx --robot g1.xml --command 0.5,0,0", "your own policy and robot"),
         ("--manual --console", "drive the modes yourself, from keyboard and browser"),
-        ("--again runs/run.mcap --video again.mp4", "the same policy once more, as a video"),
         ("--hardware can0 --policy x.onnx --dry-run", "check a real robot; no motor is enabled"),
     )
 

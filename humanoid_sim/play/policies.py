@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from humanoid_sim.assets import SAMPLE_MOTION, SAMPLE_SONG, motion_path, sample_policy, shipped, song_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.policy_step import resolve_action
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.messages import SessionHeader
 from humanoid_sim.mit import EXTERN_WIDTHS, VELOCITY_COMMAND
 from humanoid_sim.play.conflicts import checkpoint_path
-from humanoid_sim.play.options import DEFAULT_ROBOT, NO_POLICY, SIMULATED, PlayConfig
+from humanoid_sim.play.options import DEFAULT_ROBOT, NO_POLICY, PlayConfig
 from humanoid_sim.policy.checkpoint import (
     PLACEHOLDER,
     Checkpoint,
@@ -24,13 +22,12 @@ from humanoid_sim.policy.checkpoint import (
     zero_policy,
 )
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
-from humanoid_sim.policy.motion import MOTION_ATTACHMENT, Motion, read_motion
+from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.policy.onnx_policy import has_onnxruntime
 from humanoid_sim.policy.random_songs import choose_song, is_generated
 from humanoid_sim.policy.readers.complete import UnnamedJointsError
 from humanoid_sim.policy.readers.sources import assumptions
 from humanoid_sim.policy.song import key_name, left_out, song_motion
-from humanoid_sim.recording.reader import open_recording, recorded_settings
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_contract, with_contract_physics
 
 
@@ -224,54 +221,3 @@ def _song(name: str, policy_dt: float, description: RobotDescription) -> tuple[M
     file = Path(name) if is_generated(name) else song_path(name)
     told = (f"{why}: {left_out(dropped)}",) if dropped else ()
     return song_motion(song, policy_dt, description), file, told
-
-
-_REPEATED = ("policy", "contract", "robot", "command", "action_limit", "control_frequency", *SIMULATED)
-"""Options that are taken from the recording."""
-
-
-def with_recorded_options(config: PlayConfig) -> PlayConfig:
-    """Return the options of `config`, and the recording's where they were left as they are by default.
-
-    What the run looked like, where it was written to and who drove it are not taken from there. Raises `InputError` if
-    the recording cannot be read, or does not say what it was made with.
-    """
-    if config.again is None:
-        return config
-    path = config.again
-    header = open_recording(path).of_last_policy().header
-    recorded = _options(path, header)
-    had_none = "contract" not in header.documents and recorded.get("policy") in (None, NO_POLICY)
-    if had_none and recorded.get("shadow") is None:
-        recorded["policy"] = NO_POLICY
-    elif recorded.get("policy") is None and config.hardware is not None:
-        recorded["policy"] = recorded_settings(path, header).get("policy")
-    if recorded.get("shadow") is not None:
-        if config.checkpoint is None:
-            other = "; name one with --policy or --shadow"
-            raise InputError(f"--again: '{path}' was made with --shadow, and no policy drove its robot{other}")
-        recorded.pop("contract", None)  # it is for the shadow
-    if config.policy is not None:
-        recorded.pop("contract", None)  # it is for the recorded policy
-    values = {name: recorded[name] for name in _REPEATED if name in recorded and not config.is_given(name)}
-    if config.motion is None and config.song is None and MOTION_ATTACHMENT in header.attachments:
-        values["motion"] = path  # a recording is read as the motion that it was made with, the last one
-    return replace(config, **values)
-
-
-def _options(path: str, header: SessionHeader) -> dict[str, Any]:
-    """Return the options that a recording was made with, those that `play` knows and of a kind that it takes."""
-    try:
-        options = recorded_settings(path, header).get("options")
-    except InputError:
-        options = None
-    if not isinstance(options, dict):
-        raise InputError(
-            f"--again: '{path}' does not say what it was made with, expected a recording of play or regress"
-        )
-    for field in fields(PlayConfig):
-        value = options.get(field.name, field.default)
-        kinds = {type(field.default), str, float} if field.default is None else {type(field.default), int}
-        if value is not None and type(value) not in kinds and field.name in _REPEATED:
-            raise InputError(f"--again: '{path}' was made with {field.name} {value!r}, which play does not take")
-    return options

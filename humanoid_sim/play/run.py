@@ -21,7 +21,6 @@ from humanoid_sim.play.console import PlayConsole
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.plan import Plan
 from humanoid_sim.play.played_robot import BringUp
-from humanoid_sim.play.policies import with_recorded_options
 from humanoid_sim.play.report import print_report, summarise, write_summary
 from humanoid_sim.rendering.video import finish_video, save_snapshot
 from humanoid_sim.session.reactivation import flattened
@@ -52,7 +51,6 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
     anything moves.
     """
     output = sys.stdout
-    config = with_recorded_options(config)
     with ExitStack() as left:
         plan = Plan(config, left)
         _introduce(console, plan)

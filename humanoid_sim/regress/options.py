@@ -60,7 +60,7 @@ class RegressConfig:
     report: Path | None = None
     """Write a report to this file: one self-contained page (.html)."""
     record_failures: Path | None = None
-    """Write failing episodes to this folder, as recordings (.mcap) for `replay` and for `play --again`. Recordings of
+    """Write failing episodes to this folder, as recordings (.mcap) for `replay`. Recordings of
     the same policy, case and seed are replaced."""
     record_limit: int = 10
     """Recordings per policy at most, the first of each case before the second of any."""

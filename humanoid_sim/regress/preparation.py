@@ -42,8 +42,6 @@ class PreparedSuite:
     """A suite with its motions read, on a robot."""
 
     suite: Suite
-    robot: str
-    """Name of the robot, wherever one is: a shipped robot's name or an absolute path."""
     description: RobotDescription
     """Robot as it is without a policy."""
     motions: Mapping[str, Motion | Song | None]
@@ -118,7 +116,7 @@ def prepare_suite(suite: Suite, folder: Path, robot: str | None = None) -> Prepa
         except InputError as error:
             raise InputError(f"case '{case.name}': {str(error).removeprefix('--motion: ')}") from None
     digests = {case.name: _digest(suite, case, motions[case.name], description) for case in suite.cases}
-    return PreparedSuite(suite, name, description, motions, digests)
+    return PreparedSuite(suite, description, motions, digests)
 
 
 def _digest(suite: Suite, case: Case, motion: Motion | Song | None, description: RobotDescription) -> str:

@@ -1,4 +1,4 @@
-"""Failing episodes as recordings of whole runs, which `replay` and `play` open.
+"""Failing episodes as recordings of whole runs, which `replay` opens.
 
 An episode begins in LOCOMOTION, a recording in ZERO_TORQUE. So the recording has a few ticks in front in which the
 robot is held where the episode starts, while the FSM is walked up through a standby that is cut down to one policy
@@ -51,10 +51,10 @@ def recording_name(policy: str, episode: Episode) -> str:
     return re.sub(r"[^\w.+-]+", "_", f"{policy}-{episode.case}-{episode.seed}") + ".mcap"
 
 
-def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance: Disturbance, robot: str = "") -> None:
+def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance: Disturbance) -> None:
     """Run an episode again and write it as a recording, whole or not at all.
 
-    `robot` is what `play` calls it; empty for its name. Raises `InputError` if the file cannot be written, or the
+    Raises `InputError` if the file cannot be written, or the
     episode goes otherwise than when it failed.
     """
     steps: list[Step] = []
@@ -76,7 +76,7 @@ def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance
         contract.policy_dt,
         loaded,
         case.motion,
-        settings=_settings(case, episode, robot or description.name),
+        settings=_settings(case, episode),
         action_limit=suite.action_limit,
         guards=None,
     )
@@ -99,28 +99,19 @@ def record_episode(path: Path, case: PreparedCase, episode: Episode, disturbance
     temporary.replace(path)
 
 
-def _settings(case: PreparedCase, episode: Episode, robot: str) -> dict[str, object]:
-    checkpoint, suite = case.checkpoint, case.suite
-    policy = str(Path(checkpoint.source).resolve())
-    options: dict[str, object] = {
-        "policy": policy,
-        "robot": robot,
-        "action_limit": suite.action_limit,
-        "actuation": suite.actuation,
-        "physics_timestep": suite.physics_timestep,
-        "base_height": suite.base_height,
-    }
-    if checkpoint.contract_file is not None:
-        options["contract"] = str(checkpoint.contract_file.resolve())
-    if case.case.command is not None:
-        options["command"] = ",".join(f"{value:g}" for value in case.case.command)
+def _settings(case: PreparedCase, episode: Episode) -> dict[str, object]:
     return {
         "program": f"humanoid_sim.regress {__version__}",
-        "options": options,
-        "policy": policy,
-        "policy_sha256": checkpoint.sha256,
+        "policy": str(Path(case.checkpoint.source).resolve()),
+        "policy_sha256": case.checkpoint.sha256,
         "motion": case.case.motion or case.case.song or None,
-        "regress": {"suite": suite.name, "case": episode.case, "seed": episode.seed, "failure": episode.failure},
+        "regress": {
+            "suite": case.suite.name,
+            "case": episode.case,
+            "command": case.case.command,
+            "seed": episode.seed,
+            "failure": episode.failure,
+        },
     }
 
 

@@ -217,7 +217,7 @@ def _record(
         run = candidate.run
         for episode in run.episodes if config.episode else choose_failures(run.episodes, config.record_limit):
             path = folder / recording_name(run.name, episode)
-            record_episode(path, cases[episode.case], episode, prepared.suite.disturbance, prepared.robot)
+            record_episode(path, cases[episode.case], episode, prepared.suite.disturbance)
             if config.episode or not config.quiet:
                 say(console, f"recorded {path}")
 

@@ -1,8 +1,6 @@
-import json
 import os
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import models
@@ -14,7 +12,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.messages import SessionHeader
 from humanoid_sim.play import policies
 from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.policies import choose_policy, with_recorded_options
+from humanoid_sim.play.policies import choose_policy
 from humanoid_sim.policy.motion import Motion, read_motion, write_motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
 from humanoid_sim.recording.recorder import McapRecorder
@@ -97,68 +95,14 @@ def test_a_run_without_onnxruntime_goes_on_loudly(tmp_path, quick):
     assert "Tracking" in run.stdout
 
 
-MOTION = motion_path("drum").read_bytes()
-
-
-def recording(folder, settings, motion=MOTION):
-    """A file with a header and nothing else."""
-    path = folder / "run.mcap"
-    attachments = {} if motion is None else {"motion.mcap": motion}
-    recorder = McapRecorder(path)
-    recorder.start(SessionHeader("lite", ("a",), 0.02, 0, {"settings": json.dumps(settings)}, attachments))
-    recorder.close()
-    return str(path)
-
-
-def test_what_was_recorded_takes_the_place_of_defaults(tmp_path):
-    options = {
-        "policy": "x.onnx", "robot": "lite_neck", "command": "1,0,0", "yaw": 2, "viewer": "native", "record": "r",
-    }  # fmt: skip
-    path = recording(tmp_path, {"options": options})
-    config = PlayConfig(again=path, robot="lite_biped")
-    expected = replace(config, policy="x.onnx", command="1,0,0", yaw=2, motion=path)
-    assert with_recorded_options(config) == expected
-
-
-def test_a_motion_that_is_given_counts_more(tmp_path):
-    assert (
-        with_recorded_options(PlayConfig(again=recording(tmp_path, {"options": {}}), motion="reach")).motion == "reach"
-    )
-    assert with_recorded_options(PlayConfig(again=recording(tmp_path, {"options": {}}, None))).motion is None
-
-
 def test_the_motion_of_a_recording_is_read_as_its_own_file_is(tmp_path):
-    own, carried = read_motion(motion_path("drum")), read_motion(recording(tmp_path, {}))
-    assert carried.frames.tobytes() == own.frames.tobytes()
-    assert (carried.body_names, carried.policy_dt) == (own.body_names, own.policy_dt)
-
-
-@pytest.mark.parametrize("settings", [{}, {"options": 3}, [], None])
-def test_a_recording_that_does_not_say_what_it_was_made_with(tmp_path, settings):
-    path = recording(tmp_path, settings)
-    with pytest.raises(InputError, match=f"--again: '{path}' does not say what it was made with"):
-        with_recorded_options(PlayConfig(again=path))
-
-
-@pytest.mark.parametrize("options", [{"policy": ["x"]}, {"yaw": "north"}, {"base_height": {}}])
-def test_options_that_are_none(tmp_path, options):
-    with pytest.raises(InputError, match="which play does not take"):
-        with_recorded_options(PlayConfig(again=recording(tmp_path, {"options": options})))
-
-
-def test_a_file_that_is_no_recording(tmp_path):
-    with pytest.raises(InputError, match="no such file, expected a recording"):
-        with_recorded_options(PlayConfig(again=str(tmp_path / "none.mcap")))
-    with pytest.raises(InputError, match="no recording of this program"):
-        with_recorded_options(PlayConfig(again=str(motion_path("drum"))))
-
-
-def test_another_policy_comes_with_a_contract_of_its_own(tmp_path):
-    path = recording(tmp_path, {"options": {"policy": "old.onnx", "contract": "old.yaml", "robot": "lite_biped"}})
-    assert with_recorded_options(PlayConfig(again=path)).contract == "old.yaml"
-    other = with_recorded_options(PlayConfig(again=path, policy="new.onnx"))
-    assert (other.policy, other.contract, other.robot) == ("new.onnx", None, "lite_biped")
-    assert with_recorded_options(PlayConfig(again=path, policy="new.onnx", contract="new.yaml")).contract == "new.yaml"
+    own = motion_path("drum")
+    recorder = McapRecorder(tmp_path / "run.mcap")
+    recorder.start(SessionHeader("lite", ("a",), 0.02, 0, {}, {"motion.mcap": own.read_bytes()}))
+    recorder.close()
+    carried = read_motion(tmp_path / "run.mcap")
+    assert carried.frames.tobytes() == read_motion(own).frames.tobytes()
+    assert (carried.body_names, carried.policy_dt) == (read_motion(own).body_names, read_motion(own).policy_dt)
 
 
 def test_the_walking_policy_is_the_default_of_simulated_legs():

@@ -8,8 +8,6 @@ from recording_samples import make_header, make_tick, write_recording
 
 from humanoid_sim.cli import run_program
 from humanoid_sim.errors import InputError
-from humanoid_sim.play.options import PlayConfig
-from humanoid_sim.play.policies import with_recorded_options
 from humanoid_sim.record import main as record_main
 from humanoid_sim.recording import header as header_module
 from humanoid_sim.recording.header import HeaderError, parse_header
@@ -74,8 +72,6 @@ def test_settings_that_are_no_json_object(tmp_path, settings, capsys):
     line = capsys.readouterr().err
     assert line.startswith(f"error: {path}: its header's 'settings' are")
     assert line.count("\n") == 1
-    with pytest.raises(InputError, match="does not say what it was made with"):
-        with_recorded_options(PlayConfig(again=str(path)))
 
 
 def test_settings_that_are_missing_are_empty(tmp_path):

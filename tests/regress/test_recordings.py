@@ -47,6 +47,7 @@ def check(path, case, seed):
     assert settings["regress"] == {
         "suite": case.suite.name,
         "case": case.case.name,
+        "command": None if case.case.command is None else list(case.case.command),
         "seed": seed,
         "failure": failed.failure,
     }
@@ -86,7 +87,7 @@ def test_a_robot_that_falls(tmp_path):
     (case,) = prepare_policy(prepare_suite(suite, tmp_path), policy).cases
     assert check(tmp_path / "fall.mcap", case, 0)[-1] is Mode.DAMPING
     header = open_recording(tmp_path / "fall.mcap").header
-    assert json.loads(header.documents["settings"])["options"]["command"] == "0.2,0,0"
+    assert json.loads(header.documents["settings"])["regress"]["command"] == [0.2, 0.0, 0.0]
     assert np.isclose(header.control_period, 0.02)
 
 
