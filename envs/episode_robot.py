@@ -6,7 +6,6 @@ import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -15,12 +14,10 @@ import numpy as np
 from humanoid_sim.controllers.rotation import seen_from
 from humanoid_sim.envs.tasks.task import Start
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Mode, TickRecord
 from humanoid_sim.mit import COMMAND_FIELDS, BoolArray, Extern, FloatArray, MITCommand, MITState
-from humanoid_sim.recording.reader import Recording, open_recording, recorded_settings
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import BatchSimulation
-from humanoid_sim.simulation.floating_base import BaseState, StartPose, support_in_mode
+from humanoid_sim.simulation.floating_base import BaseState, StartPose
 from humanoid_sim.simulation.model import base_body, build_model
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
@@ -292,51 +289,3 @@ def _alone(state: MITState) -> MITState:
     rows = {field.name: np.asarray(getattr(state, field.name))[0] for field in fields(state) if field.name != "extern"}
     live = {name: Extern(value.value[0], value.arrival_time) for name, value in state.extern.items()}
     return MITState(**rows | {"time": float(rows["time"])}, extern=live)
-
-
-def recorded_start(path: str | Path, description: RobotDescription) -> tuple[PlantState, MITState]:
-    """Return the plant and the robot's report in the tick in which LOCOMOTION began, bit for bit.
-
-    Raises `InputError` if it is another file, LOCOMOTION never began, or the plant does not repeat the recorded states.
-
-    Args:
-        description: the robot, whose model lies where the recorded one's did.
-    """
-    recording = open_recording(path)
-    robot = _recorded_robot(recording, description)
-    for tick in recording.ticks():
-        mode = tick.output.control_mode.mode
-        if robot.base_state is not None:
-            support_in_mode(robot, mode)
-        if mode is Mode.LOCOMOTION:
-            _check(recording, robot, tick)
-            return PlantState.of(robot), tick.input.state
-        robot.write(tick.output.command)
-    raise InputError(f"{path}: never comes to LOCOMOTION, so there is no start to take from it")
-
-
-def _recorded_robot(recording: Recording, description: RobotDescription) -> MujocoRobot:
-    header = recording.header
-    try:
-        recorded = RobotDescription.from_json(header.documents["robot"], description.folder)
-        options: dict[str, Any] = recorded_settings(recording.path, header)["options"]
-        names = ("physics_timestep", "actuation", "base_height", "drop")
-        chosen = {name: options[name] for name in names} | {"base_yaw": options["yaw"]}
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{recording.path}: is not a recording of play in simulation: its header lacks {error}"
-        ) from None
-    if recorded.joint_names != description.joint_names:
-        raise InputError(f"{recording.path}: is of the robot '{recorded.name}', the environment's '{description.name}'")
-    return MujocoRobot(recorded, control_period=header.control_period, **chosen)
-
-
-def _check(recording: Recording, robot: MujocoRobot, tick: TickRecord) -> None:
-    state, _ = robot.read()
-    for name in ("joint_position", "joint_velocity", "imu_quaternion"):
-        difference = np.abs(getattr(state, name) - getattr(tick.input.state, name)).max()
-        if difference != 0.0:
-            raise InputError(
-                f"{recording.path}: its {name} at LOCOMOTION is not repeated, it is {difference:.2g} off; expected a "
-                "run without delays, of this robot and version of MuJoCo"
-            )

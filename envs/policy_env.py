@@ -16,7 +16,7 @@ from humanoid_sim.controllers.reference import Frame
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
 from humanoid_sim.envs.base import RENDER_MODES, PolicyEnvironment, ShownEnv
 from humanoid_sim.envs.curriculum import Curriculum
-from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, RandomisedRobot, recorded_start
+from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, RandomisedRobot
 from humanoid_sim.envs.privileged import PrivilegedTerm
 from humanoid_sim.envs.resets import refuse_others, velocity_option
 from humanoid_sim.envs.scenario import Motions, Named
@@ -25,7 +25,7 @@ from humanoid_sim.envs.tasks.task import require_finite
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
-from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray, MITCommand, MITState
+from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.batch import Randomisation
 from humanoid_sim.simulation.mujoco_robot import StateSampling
@@ -50,7 +50,6 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
     `reset` takes these options:
 
     - `command`: vx, vy in m/s and yaw rate in rad/s, held for the whole episode in place of those that the task draws.
-    - `recording`: path of a recording of `play`; starts in the state in which its LOCOMOTION began.
     - `state`, `memory`: a `PlantState`, and the policy controller's memory that belongs to it.
     """
 
@@ -171,15 +170,11 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
             self._drawn_from = self.np_random_seed
             self.robot.draw(self.np_random_seed % 2**64 if is_new else None, amounts.randomisation)
         plant, self._commands = self.robot.started(start), start.commands
-        frame = 0 if start.frame is None or options.keys() & {"recording", "state"} else int(start.frame)
-        if "recording" in options:
-            plant, recorded = recorded_start(options.pop("recording"), scenario.description)
-            live = recorded.extern.get(VELOCITY_COMMAND)
-            self._commands = np.zeros((1, 3)) if live is None else live.value[None]
+        frame = 0 if start.frame is None or "state" in options else int(start.frame)
         if "command" in options:
             self._commands = velocity_option(options.pop("command"))[None]
         plant, memory = options.pop("state", plant), options.pop("memory", None)
-        refuse_others(options, "command", "recording", "state", "memory")
+        refuse_others(options, "command", "state", "memory")
         if not isinstance(plant, PlantState):
             raise InputError(f"reset: state is a {type(plant).__name__}, expected a PlantState")
         if isinstance(memory, RLPolicyMemory):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 from models import linear_model, saved
+from recorded_start import recorded_start
 
 from humanoid_sim.controllers.rotation import rotate_inverse
 from humanoid_sim.envs import dm
@@ -169,7 +170,7 @@ def test_play_is_the_single_environment(folder, frame):
     ]
     assert len(ticks) >= 20
     env = PolicyEnv(path, robot, task="balance", actuation="qfrc_applied")
-    observation, _ = env.reset(options={"recording": "r.mcap"})
+    observation, _ = env.reset(options=recorded_start("r.mcap", env.scenario.description))
     for tick in ticks:
         state, step = env.robot.read()[0], tick.output.policy_step
         for name in ("imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration"):

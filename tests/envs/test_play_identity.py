@@ -7,6 +7,7 @@ import pytest
 from models import linear_model, saved
 from play_fixtures import quick_robot
 from published import POLICIES, needs_policies
+from recorded_start import recorded_start
 
 from humanoid_sim.assets import SAMPLE_POLICY, asset_path, motion_path
 from humanoid_sim.controllers.base import RL_POLICY
@@ -64,7 +65,9 @@ def test_the_sample_policy_from_a_recording(folder, actuation):
     ticks = policy_ticks(folder / "r.mcap")
     assert len(ticks) >= 60
     env = PolicyEnv("lite_tracking", robot, "wave", actuation=actuation)
-    assert_same_trajectory(env, {"recording": "r.mcap"}, load_checkpoint(SAMPLE_POLICY).policy, ticks)
+    assert_same_trajectory(
+        env, recorded_start("r.mcap", env.scenario.description), load_checkpoint(SAMPLE_POLICY).policy, ticks
+    )
 
 
 def test_a_free_standing_robot_from_a_recording(folder):
@@ -81,7 +84,7 @@ def test_a_free_standing_robot_from_a_recording(folder):
     np.testing.assert_array_equal(ticks[0].output.policy_step.observation[6:9], np.float32([0.3, 0.0, 0.2]))
     policy = load_checkpoint(Path("walk.onnx"), BIPED_CONTRACT).policy
     env = PolicyEnv(BIPED_CONTRACT, robot, actuation="qfrc_applied")
-    assert_same_trajectory(env, {"recording": "r.mcap"}, policy, ticks)
+    assert_same_trajectory(env, recorded_start("r.mcap", env.scenario.description), policy, ticks)
     assert np.ptp([tick.input.state.joint_position[3] for tick in ticks]) > 0.01  # it does move
 
 
@@ -102,7 +105,7 @@ def test_published_policies_from_a_recording(folder, policy, step, options):
     ticks = policy_ticks(folder / "r.mcap")
     assert len(ticks) >= 50
     env = PolicyEnv(path, g1, physics_timestep=step)
-    assert_same_trajectory(env, {"recording": "r.mcap"}, env.scenario.policy, ticks)
+    assert_same_trajectory(env, recorded_start("r.mcap", env.scenario.description), env.scenario.policy, ticks)
     anchored = "anchor_pose" in ticks[0].input.state.extern
     assert anchored is path.name.startswith("Waltz")
 

@@ -266,7 +266,7 @@ def test_what_does_not_fit_is_one_line(options, message):
 
 
 def test_reset_and_step_refuse_what_they_cannot_take(arms):
-    with pytest.raises(InputError, match="reset: unknown option 'speed'; known: command, recording, state, memory"):
+    with pytest.raises(InputError, match="reset: unknown option 'speed'; known: command, state, memory"):
         arms.reset(options={"speed": 1})
     for command in ((0.1, 0.2), (0.1, 0.2, np.nan), "fast"):
         with pytest.raises(InputError, match=r"reset: command is .*, expected vx, vy and yaw rate"):
