@@ -18,7 +18,6 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box
 
 from humanoid_sim.controllers.contract import PolicyContract
-from humanoid_sim.envs.curriculum import Amounts, Curriculum, amounts_at
 from humanoid_sim.envs.episode_robot import EpisodeRobot, RandomisedRobot
 from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
 from humanoid_sim.envs.scenario import Motions, Named, check_options, make_scenario
@@ -96,7 +95,6 @@ class PolicyEnvironment(CopyableEnv):
         contract: Named | PolicyContract,
         robot: Named | RobotDescription,
         motion: Motions | None,
-        curriculum: Curriculum | None,
         privileged: Sequence[str] | Mapping[str, PrivilegedTerm],
         options: Mapping[str, Any],
     ) -> Box:
@@ -107,26 +105,10 @@ class PolicyEnvironment(CopyableEnv):
         """Observation of the critic; None where it sees what the policy does."""
         self.fault_count = 0
         """Episodes that a fault has ended so far."""
-        self._curriculum, self._progress = curriculum, 0.0
-        self._amounts()
         self._loop: ClosedLoop | None = None
         bounds = observation_space(scenario.wiring, scenario.description)
         self._low, self._high = bounds.low, bounds.high
         return bounds
-
-    @property
-    def progress(self) -> float:
-        """Progress of training in [0, 1], which whoever trains sets: it decides the curriculum of the next episodes."""
-        return self._progress
-
-    @progress.setter
-    def progress(self, progress: float) -> None:
-        if not (isinstance(progress, int | float) and 0.0 <= progress <= 1.0):
-            raise InputError(f"progress: is {progress!r}, expected a number from 0 to 1")
-        self._progress = float(progress)
-
-    def _amounts(self) -> Amounts:
-        return amounts_at(self._curriculum, self._progress)
 
     def snapshot(self) -> dict[str, Any]:
         """See `CopyableEnv.snapshot`."""

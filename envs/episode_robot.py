@@ -225,15 +225,15 @@ class RandomisedRobot:
         """See `EpisodeRobot.fault`."""
         return "simulation unstable" if self.batch.fault[0] else ""
 
-    def draw(self, seed: int | None, amounts: Mapping[str, float]) -> None:
+    def draw(self, seed: int | None) -> None:
         """Make it the robot of the first episode of a seed, a whole number in [0, 2⁶⁴), or of the next one for None.
 
-        Amounts are as `BatchSimulation.redraw` takes them; it is to be placed then.
+        It is to be placed then.
         """
         if seed is None:
-            self.batch.redraw(amounts=amounts)
+            self.batch.redraw()
         else:
-            self.batch.reseed(seed, amounts=amounts)
+            self.batch.reseed(seed)
 
     def started(self, start: Start) -> PlantState:
         """See `EpisodeRobot.started`."""

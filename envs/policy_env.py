@@ -15,7 +15,6 @@ from humanoid_sim.controllers.policy_step import PolicyMemory
 from humanoid_sim.controllers.reference import Frame
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
 from humanoid_sim.envs.base import RENDER_MODES, PolicyEnvironment, ShownEnv
-from humanoid_sim.envs.curriculum import Curriculum
 from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, RandomisedRobot
 from humanoid_sim.envs.privileged import PrivilegedTerm
 from humanoid_sim.envs.resets import refuse_others, velocity_option
@@ -53,7 +52,7 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
     - `state`, `memory`: a `PlantState`, and the policy controller's memory that belongs to it.
     """
 
-    KEPT = ("_observation", "_commands", "_steps", "_progress", "_drawn_from")
+    KEPT = ("_observation", "_commands", "_steps", "_drawn_from")
     metadata = {"render_modes": RENDER_MODES, "render_fps": 50}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
@@ -66,7 +65,6 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
         state_delay: float = 0.0,
         state_sampling: StateSampling = "now",
         randomisation: Randomisation | Mapping[str, Any] | None = None,
-        curriculum: Curriculum | None = None,
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
@@ -89,7 +87,6 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
             state_sampling: `now` or `on_command`; see `MujocoRobot`.
             randomisation: how the episodes' robots differ, or its fields by name, as `PolicyVectorEnv` takes it; None:
                 not at all. The delays are then part of it, and the plant is one that a batch can have.
-            curriculum: how much of it, and of the commands, counts at the `progress` that is set; None: all.
             render_mode: `rgb_array`, `human` or None.
             width: pixels of a picture, like the height.
             camera: of the model; None looks at the robot from the front.
@@ -97,7 +94,7 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
                 name.
             options: as `make_scenario` takes them.
         """
-        self.observation_space = self._prepare(contract, robot, motion, curriculum, privileged, options)
+        self.observation_space = self._prepare(contract, robot, motion, privileged, options)
         scenario = self.scenario
         self._prepare_pictures(
             scenario.description, scenario.contract.policy_dt, render_mode, (width, height, camera), scenario.terrain
@@ -163,12 +160,12 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
 
         It sets the episode's commands.
         """
-        scenario, amounts = self.scenario, self._amounts()
-        start = scenario.starts(self.np_random.random(scenario.starts.draws), amounts)
+        scenario = self.scenario
+        start = scenario.starts(self.np_random.random(scenario.starts.draws))
         if isinstance(self.robot, RandomisedRobot):
             is_new = is_seeded or self._drawn_from != self.np_random_seed
             self._drawn_from = self.np_random_seed
-            self.robot.draw(self.np_random_seed % 2**64 if is_new else None, amounts.randomisation)
+            self.robot.draw(self.np_random_seed % 2**64 if is_new else None)
         plant, self._commands = self.robot.started(start), start.commands
         frame = 0 if start.frame is None or "state" in options else int(start.frame)
         if "command" in options:

@@ -17,7 +17,6 @@ from humanoid_sim.controllers.guards import Guards
 from humanoid_sim.controllers.live_inputs import LiveInput, LiveInputs
 from humanoid_sim.controllers.policy_step import Policy, PolicyWiring
 from humanoid_sim.controllers.reference import MotionReference
-from humanoid_sim.envs.curriculum import Amounts
 from humanoid_sim.envs.reference_states import ReferenceStates, reference_states
 from humanoid_sim.envs.tasks import TASK_OPTIONS, Task, make_task
 from humanoid_sim.envs.tasks.task import Start
@@ -313,17 +312,13 @@ class EpisodeStarts:
     def _motion_draws(self) -> int:
         return (len(self.reference.lengths) > 1) + 2 * (self.reference_start > 0.0)
 
-    def __call__(self, numbers: FloatArray, amounts: Amounts) -> Start:
-        """Return the start that uniform random numbers in [0, 1), shape (..., draws), stand for.
-
-        `amounts` are of the commands and of the ground that a curriculum allows.
-        """
+    def __call__(self, numbers: FloatArray) -> Start:
+        """Return the start that uniform random numbers in [0, 1), shape (..., draws), stand for."""
         own, moving = self.task.draws, self.task.draws + self._motion_draws
         start = self._in_motion(numbers[..., :own], numbers[..., own:moving])
-        start = replace(start, commands=amounts.commands * start.commands)
         if self.terrain is None:
             return start
-        return replace(start, base_offset=self.terrain.spawn(numbers[..., moving:], amounts.terrain))
+        return replace(start, base_offset=self.terrain.spawn(numbers[..., moving:]))
 
     def _in_motion(self, numbers: FloatArray, of_motion: FloatArray) -> Start:
         """Return the task's own start, or one in the state of the reference."""

@@ -14,7 +14,6 @@ from gymnasium.vector.utils import batch_space
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.envs import resets
 from humanoid_sim.envs.base import PolicyEnvironment, make_pictures
-from humanoid_sim.envs.curriculum import Curriculum
 from humanoid_sim.envs.privileged import PrivilegedTerm
 from humanoid_sim.envs.scenario import Motions, Named
 from humanoid_sim.envs.spaces import action_space, outlier
@@ -45,7 +44,7 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
     - `reset_mask`: shape (N,), the environments to reset, as `SyncVectorEnv` takes it.
     """
 
-    KEPT = ("_observation", "_commands", "_steps", "_is_over", "_numbers", "single_action_space", "closed", "_progress")
+    KEPT = ("_observation", "_commands", "_steps", "_is_over", "_numbers", "single_action_space", "closed")
 
     def __init__(
         self,
@@ -55,7 +54,6 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
         motion: Motions | None = None,
         *,
         randomisation: Randomisation | Mapping[str, Any] | None = None,
-        curriculum: Curriculum | None = None,
         threads: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
@@ -82,7 +80,7 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode: is {render_mode!r}, expected rgb_array or None for a vector environment")
         num_envs = resets.count_option("num_envs", num_envs)
-        self.single_observation_space = bounds = self._prepare(contract, robot, motion, curriculum, privileged, options)
+        self.single_observation_space = bounds = self._prepare(contract, robot, motion, privileged, options)
         scenario = self.scenario
         check_actuation(scenario.actuation, get_args(BatchActuation))
         self.simulation = self._robots = BatchSimulation(
@@ -177,12 +175,12 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
             command: shape (N, 3), for the whole episode; None: what the task draws.
             is_new: shape (N,), which have new seeds; None: none.
         """
-        scenario, amounts = self.scenario, self._amounts()
+        scenario = self.scenario
         first = np.zeros(self.num_envs, dtype=np.bool_) if is_new is None else is_new
         if first.any():
-            self.simulation.reseed(self._numbers.seeds[first], np.flatnonzero(first), amounts.randomisation)
-        self.simulation.redraw(chosen[~first[chosen]], amounts.randomisation)
-        start = scenario.starts(self._numbers.take(chosen), amounts)
+            self.simulation.reseed(self._numbers.seeds[first], np.flatnonzero(first))
+        self.simulation.redraw(chosen[~first[chosen]])
+        start = scenario.starts(self._numbers.take(chosen))
         self.simulation.reset(chosen, **start.pose)
         self._commands[chosen] = start.commands if command is None else command[chosen, None]
         self._steps[chosen] = 0

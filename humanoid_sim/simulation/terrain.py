@@ -136,13 +136,12 @@ class Terrain:
         """Random numbers that a start takes."""
         return 2
 
-    def spawn(self, numbers: FloatArray, hardness: float = 1.0) -> FloatArray:
+    def spawn(self, numbers: FloatArray) -> FloatArray:
         """Middles of platforms, shape (..., 3), m, world frame, from the robot's floor at the origin.
 
-        `numbers`, shape (..., 2), are uniform in [0, 1); hardness is in [0, 1]: 0 for the easiest tiles alone, 1 for
-        all.
+        `numbers`, shape (..., 2), are uniform in [0, 1).
         """
-        level = np.floor(numbers[..., 0] * (1.0 + hardness * (self.levels - 1))).astype(np.intp)
+        level = np.floor(numbers[..., 0] * self.levels).astype(np.intp)
         variant = np.floor(numbers[..., 1] * self.variants).astype(np.intp)
         middle = self._cells // 2
         high = self.heights()[variant * self._cells + middle, level * self._cells + middle]

@@ -40,10 +40,6 @@ def hasty(name: str = "lite") -> RobotDescription:
     return msgspec.structs.replace(robot, **short)
 
 
-def growing(progress: float) -> dict[str, float]:
-    return {"randomisation": progress, "mass": 0.5 * progress, "commands": 0.2 + 0.8 * progress}
-
-
 def following(robot: RobotDescription) -> PolicyContract:
     """A contract that follows the pelvis and the joints of a motion, in the robot's order."""
     names = robot.joint_names

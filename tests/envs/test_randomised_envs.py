@@ -3,7 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
-from alike import EVERYTHING, PUSHED, both, growing
+from alike import EVERYTHING, PUSHED, both
 
 import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.errors import InputError
@@ -17,14 +17,12 @@ ROBOTS = {LITE: load_robot("lite"), BIPED: load_robot("lite_biped")}
 
 @pytest.mark.parametrize(("name", "options"), [(LITE, EVERYTHING), (BIPED, PUSHED)])
 def test_every_step_of_every_episode_is_that_of_single_environments(name, options):
-    native, sync = both(name, 2, robot=ROBOTS[name], randomisation=options, curriculum=growing, actuation="implicit")
+    native, sync = both(name, 2, robot=ROBOTS[name], randomisation=options, actuation="implicit")
     singles = [env.unwrapped for env in sync.envs]
     np.testing.assert_array_equal(native.reset(seed=5)[0], sync.reset(seed=5)[0])
     native.action_space.seed(0)
-    masses, speeds = [], []
+    masses = []
     for episode in range(3):
-        native.progress = 0.5 * episode
-        sync.set_attr("progress", 0.5 * episode)
         ours, theirs = (native.reset(), sync.reset()) if episode else (native.reset(seed=5), sync.reset(seed=5))
         np.testing.assert_array_equal(ours[0], theirs[0])
         for _ in range(6):
@@ -38,9 +36,7 @@ def test_every_step_of_every_episode_is_that_of_single_environments(name, option
                 np.testing.assert_allclose(native.simulation.qvel[i], single.robot.data.qvel, rtol=0, atol=1e-9)
         masses.append([native.simulation.model(i).body_mass.sum() for i in range(2)])
         assert masses[-1] == [single.robot.model.body_mass.sum() for single in singles]
-        speeds.append(np.abs(native._commands).max())
-    assert masses[0][0] == pytest.approx(masses[0][1])  # at the progress 0 nothing differs
-    assert len({*masses[1], *masses[2]}) == 4
+    assert len({*masses[0], *masses[1], *masses[2]}) == 6
 
 
 def test_a_single_environment_draws_every_episode_anew_and_its_seed_repeats_them():
@@ -64,20 +60,6 @@ def test_without_a_seed_two_environments_differ_and_each_episode_too():
     assert len(masses) == 4
 
 
-def test_commands_grow_with_the_progress():
-    envs = gymnasium.make_vec(BIPED, num_envs=4, threads=1, robot=ROBOTS[BIPED], curriculum=growing)
-    envs.reset(seed=0)
-    small = envs.unwrapped._commands.copy()
-    envs.unwrapped.progress = 1.0
-    envs.reset(seed=0)
-    np.testing.assert_allclose(small, 0.2 * envs.unwrapped._commands, rtol=1e-12)
-    assert np.abs(small).max() > 0.1
-
-
-def beyond(progress):
-    return {"mass": 1.0 + progress}
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -85,23 +67,8 @@ def beyond(progress):
         ({"command_delay": 0.01}, "command_delay: is 0.01 s beside a randomisation, expected it as a field of that"),
         ({"state_sampling": "on_command"}, "state_sampling: is 'on_command' beside a randomisation, expected now"),
         ({"actuation": "qfrc_applied"}, "actuation: is 'qfrc_applied', expected affine or implicit"),
-        ({"curriculum": lambda progress: {"colour": progress}}, "curriculum: unknown amount 'colour'; known: commands"),
-        (
-            {"curriculum": lambda progress: {"mass": 2.0 + progress}},
-            "curriculum: mass is 2.0 at the progress 0, expected a number",
-        ),
     ],
 )
 def test_bad_options_are_named(options, message):
     with pytest.raises(InputError, match=message):
         gymnasium.make(LITE, **{"robot": ROBOTS[LITE], "randomisation": {"mass": (0.9, 1.1)}, **options})
-
-
-def test_bad_progress_and_amounts_are_named_when_they_are_met():
-    env = gymnasium.make(LITE, robot=ROBOTS[LITE], curriculum=beyond)
-    for value in (1.5, -0.1, "half", float("nan")):
-        with pytest.raises(InputError, match=r"progress: is .*, expected a number from 0 to 1"):
-            env.unwrapped.progress = value
-    env.unwrapped.progress = 0.5
-    with pytest.raises(InputError, match=r"curriculum: mass is 1.5 at the progress 0.5, expected a number from 0 to 1"):
-        env.reset(seed=0)

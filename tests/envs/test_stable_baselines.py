@@ -75,9 +75,9 @@ def test_attributes_and_options():
 def test_an_attribute_reaches_the_environment_below_its_wrappers():
     envs = gymnasium.make_vec(NAME, num_envs=2, robot=ROBOT, threads=1, autoreset_mode="SameStep")
     ours = StableBaselinesVecEnv(gymnasium.wrappers.vector.RecordEpisodeStatistics(envs))
-    ours.set_attr("progress", 0.5)
-    assert envs.unwrapped.progress == 0.5
-    assert ours.get_attr("progress") == [0.5, 0.5]
+    ours.set_attr("fault_count", 7)
+    assert envs.unwrapped.fault_count == 7
+    assert ours.get_attr("fault_count") == [7, 7]
     ours.close()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -85,11 +84,6 @@ def normals(keys: Words, stream: int, counter: npt.NDArray[np.integer], width: i
     return np.concatenate([radius * np.cos(angle), radius * np.sin(angle)], axis=1)[:, :width]
 
 
-SCALED = tuple(NEUTRAL)
-"""Fields of a `Randomisation` that can be drawn in part."""
-FULL: Mapping[str, float] = MappingProxyType({})
-"""Every field to its whole extent."""
-
 _STREAMS = {
     "mass": 1,
     "friction": 2,
@@ -139,7 +133,6 @@ class Draws:
         """The ranges."""
         self._keys = seed_keys(np.zeros(count, dtype=np.uint64))
         self._episode = np.zeros(count, dtype=np.int64)
-        self._amounts = np.ones((len(SCALED), count))
         widths = {
             "mass": bodies,
             "centre_of_mass": 3 * bodies,
@@ -154,24 +147,15 @@ class Draws:
             name: np.zeros((count, width)) for name, width in widths.items() if randomisation.has(name) and width
         }
 
-    def seed(self, indices: IndexArray, seeds: npt.ArrayLike, amounts: Mapping[str, float] = FULL) -> None:
+    def seed(self, indices: IndexArray, seeds: npt.ArrayLike) -> None:
         """Begin the first episode of these seeds, shape (k,) or (), whole numbers in [0, 2⁶⁴)."""
         self._keys[:, indices] = seed_keys(np.broadcast_to(np.asarray(seeds, dtype=np.uint64), indices.shape))
         self._episode[indices] = 0
-        self._begin(indices, amounts)
+        self._draw(indices)
 
-    def next_episode(self, indices: IndexArray, amounts: Mapping[str, float] = FULL) -> None:
-        """Begin the next episode of these environments.
-
-        `amounts` says by field, in [0, 1], how much of its extent is drawn from; 1 where it is not given, and at 0
-        nothing differs.
-        """
+    def next_episode(self, indices: IndexArray) -> None:
+        """Begin the next episode of these environments."""
         self._episode[indices] += 1
-        self._begin(indices, amounts)
-
-    def _begin(self, indices: IndexArray, amounts: Mapping[str, float]) -> None:
-        for row, name in zip(self._amounts, SCALED, strict=True):
-            row[indices] = amounts.get(name, 1.0)
         self._draw(indices)
 
     def _draw(self, indices: IndexArray) -> None:
@@ -182,28 +166,19 @@ class Draws:
         for shares, fresh in zip(self._shares.values(), drawn, strict=True):
             shares[indices] = fresh
 
-    def amount(self, name: str, indices: IndexArray | slice = slice(None)) -> FloatArray:
-        """Shape (k, 1): how much of a field's extent counts in these environments."""
-        amount: FloatArray = self._amounts[SCALED.index(name), indices][:, None]
-        return amount
-
     def ranged(self, name: str, indices: IndexArray) -> FloatArray:
         """Values of a range in its unit, shape (k, w); where nothing differs a factor is 1, and anything else is 0."""
-        neutral = NEUTRAL[name][0]
         if name not in self._shares:
-            return np.full((len(indices), self._widths[name]), neutral)
+            return np.full((len(indices), self._widths[name]), NEUTRAL[name][0])
         low, high = getattr(self.randomisation, name)
-        amount = self.amount(name, indices)
-        least, greatest = amount * low + (1.0 - amount) * neutral, amount * high + (1.0 - amount) * neutral
-        drawn: FloatArray = least + (greatest - least) * self._shares[name][indices]
+        drawn: FloatArray = low + (high - low) * self._shares[name][indices]
         return drawn
 
     def symmetric(self, name: str, indices: IndexArray) -> FloatArray:
         """Values within ± the field, in its unit, shape (k, w)."""
         if name not in self._shares:
             return np.zeros((len(indices), self._widths[name]))
-        greatest = getattr(self.randomisation, name) * self.amount(name, indices)
-        values: FloatArray = greatest * (2.0 * self._shares[name][indices] - 1.0)
+        values: FloatArray = getattr(self.randomisation, name) * (2.0 * self._shares[name][indices] - 1.0)
         return values
 
     def turned(self, name: str, indices: IndexArray) -> tuple[FloatArray, FloatArray]:
@@ -211,8 +186,7 @@ class Draws:
         if name not in self._shares:
             return np.zeros(len(indices)), np.zeros(len(indices))
         angle, direction = self._shares[name][indices].T
-        greatest = getattr(self.randomisation, name) * self.amount(name, indices)[:, 0]
-        return greatest * angle, 2.0 * np.pi * direction
+        return getattr(self.randomisation, name) * angle, 2.0 * np.pi * direction
 
     def shares(self, name: str, part: npt.NDArray[np.integer], width: int) -> FloatArray:
         """Uniform numbers in (0, 1), shape (N, width), for part number `part`, (N,), of all environments' episodes."""
@@ -228,10 +202,9 @@ class Draws:
 
     def snapshot(self) -> dict[str, npt.NDArray[Any]]:
         """Return copies, for `restore` of as many environments."""
-        return {"keys": self._keys.copy(), "episode": self._episode.copy(), "amounts": self._amounts.copy()}
+        return {"keys": self._keys.copy(), "episode": self._episode.copy()}
 
     def restore(self, snapshot: Mapping[str, npt.NDArray[Any]]) -> None:
         """Take over a snapshot."""
         self._keys[:], self._episode[:] = snapshot["keys"], snapshot["episode"]
-        self._amounts[:] = snapshot["amounts"]
         self._draw(np.arange(len(self._episode)))

@@ -146,8 +146,7 @@ class BatchMotors:
         arrival = begin + own.delay
         if self._jitter:
             drawn = self._draws.shares("jitter", step, 1)[:, 0]
-            greatest = np.rint(self._jitter * self._draws.amount("command_jitter")[:, 0])
-            arrival += np.floor(drawn * (greatest + 1)).astype(np.int64)
+            arrival += np.floor(drawn * (np.rint(self._jitter) + 1)).astype(np.int64)
         moving: slice | IndexArray = slice(None) if chosen is None else chosen
         for line, newest in (
             (self._targets, np.stack([command.position, command.velocity, command.effort], axis=1)),

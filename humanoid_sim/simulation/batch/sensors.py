@@ -199,18 +199,15 @@ class BatchSensors:
         n = state.joint_count
         drawn = self._draws.normal("noise", step, 2 * n + 9)
 
-        def spread(name: str) -> FloatArray:
-            return np.asarray(getattr(noise, name) * self._draws.amount(name))
-
-        tilt = spread("orientation_noise") * drawn[:, 2 * n : 2 * n + 3]
+        tilt = noise.orientation_noise * drawn[:, 2 * n : 2 * n + 3]
         spin, shake = drawn[:, 2 * n + 3 : 2 * n + 6], drawn[:, 2 * n + 6 :]
         return replace(
             state,
-            joint_position=state.joint_position + spread("joint_position_noise") * drawn[:, :n],
-            joint_velocity=state.joint_velocity + spread("joint_velocity_noise") * drawn[:, n : 2 * n],
+            joint_position=state.joint_position + noise.joint_position_noise * drawn[:, :n],
+            joint_velocity=state.joint_velocity + noise.joint_velocity_noise * drawn[:, n : 2 * n],
             imu_quaternion=multiply(state.imu_quaternion, _small_turn(tilt)),
-            imu_angular_velocity=state.imu_angular_velocity + spread("angular_velocity_noise") * spin,
-            imu_linear_acceleration=state.imu_linear_acceleration + spread("linear_acceleration_noise") * shake,
+            imu_angular_velocity=state.imu_angular_velocity + noise.angular_velocity_noise * spin,
+            imu_linear_acceleration=state.imu_linear_acceleration + noise.linear_acceleration_noise * shake,
         )
 
 

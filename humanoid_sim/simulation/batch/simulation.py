@@ -16,7 +16,7 @@ from humanoid_sim.mit import COMMAND_FIELDS, BoolArray, FloatArray, IndexArray, 
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.mjcf import mujoco_silenced
 from humanoid_sim.robots.rates import delay_steps, steps_per_period
-from humanoid_sim.simulation.batch.draws import FULL, Draws
+from humanoid_sim.simulation.batch.draws import Draws
 from humanoid_sim.simulation.batch.motors import BatchMotors, MotorDifferences
 from humanoid_sim.simulation.batch.physics import BatchPhysics, ModelPool, usable_processors, vary_models
 from humanoid_sim.simulation.batch.randomisation import Randomisation
@@ -228,25 +228,22 @@ class BatchSimulation:
         """Return the model of environment i, which others may share."""
         return self._pool[i]
 
-    def reseed(
-        self, seeds: npt.ArrayLike, indices: npt.ArrayLike | None = None, amounts: Mapping[str, float] = FULL
-    ) -> None:
+    def reseed(self, seeds: npt.ArrayLike, indices: npt.ArrayLike | None = None) -> None:
         """Draw the differences of some environments anew, and put them back to where they began.
 
         Args:
             seeds: shape (k,) or scalar, whole numbers in [0, 2⁶⁴).
             indices: shape (k,), which; None for all.
-            amounts: by field of the randomisation, in [0, 1], how much of its extent is drawn from; 1 where not given.
         """
         where = np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
-        self._draws.seed(where, seeds, amounts)
+        self._draws.seed(where, seeds)
         self._draw_differences(where)
         self.reset(where)
 
-    def redraw(self, indices: npt.ArrayLike | None = None, amounts: Mapping[str, float] = FULL) -> None:
+    def redraw(self, indices: npt.ArrayLike | None = None) -> None:
         """Draw the differences of some environments for their next episode, as `reseed`; they are to be reset then."""
         where = np.arange(self.count) if indices is None else np.asarray(indices, dtype=np.intp)
-        self._draws.next_episode(where, amounts)
+        self._draws.next_episode(where)
         self._draw_differences(where)
 
     def _draw_differences(self, where: IndexArray) -> None:
@@ -427,7 +424,7 @@ class RandomPushes:
         moment, direction, strength = draws.shares("push", stretch, 3).T
         begin = np.floor(moment * (self._interval - self._duration + 1))
         low, high = draws.randomisation.push
-        speed = (low + (high - low) * strength) * draws.amount("push")[:, 0]
+        speed = low + (high - low) * strength
         lasts = (begin <= since) & (since < begin + self._duration)
         force = np.where(lasts, self._mass * speed / (self._duration * self._period), 0.0)
         wrench = np.zeros((len(step), 6))

@@ -98,27 +98,6 @@ def test_every_episode_is_drawn_anew_and_again_after_seeding():
     assert figures(varied) == second
 
 
-def test_what_is_drawn_in_part_is_nearer_to_the_model():
-    drawn = batch(4, Randomisation(mass=(0.5, 1.5), payload=(1.0, 2.0), joint_position_bias=0.1))
-    nominal = batch(1, Randomisation()).model(0).body_mass
-    hands = [drawn.model(0).body(name).id for name in ROBOT.hands]
-
-    def bias():
-        return drawn.state().joint_position - drawn.truth().joint_position
-
-    full = np.array([drawn.model(i).body_mass for i in range(4)]) - nominal
-    whole = bias()
-    drawn.reseed(np.arange(4), amounts={"mass": 0.25, "payload": 0.25, "joint_position_bias": 0.25})
-    part = np.array([drawn.model(i).body_mass for i in range(4)]) - nominal
-    np.testing.assert_allclose(part, 0.25 * full, rtol=0, atol=1e-12)
-    assert (np.delete(full, hands, axis=1) < 0.0).any()
-    np.testing.assert_allclose(bias(), 0.25 * whole, rtol=0, atol=1e-12)
-    drawn.redraw(amounts=dict.fromkeys(("mass", "payload", "joint_position_bias"), 0.0))
-    drawn.reset()
-    np.testing.assert_array_equal([drawn.model(i).body_mass for i in range(4)], [nominal] * 4)
-    np.testing.assert_array_equal(bias(), 0.0)
-
-
 def test_noise_of_another_episode_is_another():
     noisy = batch(1, Randomisation(joint_position_noise=0.01))
     first = noisy.state().joint_position
