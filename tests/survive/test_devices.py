@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from session_surface import JOINTS, PERIOD, REST_POSITION, Conditions, pad_desk, page_address, play
+from session_surface import JOINTS, PAGE_SOCKET, PERIOD, REST_POSITION, Conditions, pad_desk, page_address, play
 
-from humanoid_sim.messages import Mode
+from humanoid_sim.messages import Intent, Mode
 from humanoid_sim.mit import MITState
 
 PLACEHOLDER = ("--policy", "placeholder")
@@ -59,9 +59,10 @@ def test_a_button_that_is_down_when_the_gamepad_comes_is_no_intent(held, desk):
     desk.plug()
     desk.press("X")
     desk.unplug()
+    desk.tick(5)
     desk.plug(held=held)
     assert desk.tick(5) is Mode.DAMPING
-    desk.unplug()
+    assert not desk.has_quit
 
 
 def test_a_gamepad_that_is_unplugged_damps(desk):
@@ -73,19 +74,28 @@ def test_a_gamepad_that_is_unplugged_damps(desk):
     assert desk.tick(15) is Mode.DAMPING, "within 0.3 s"
 
 
-def test_a_gamepad_whose_program_hangs_damps_and_nothing_leaves_damping_without_it(desk):
+def test_a_gamepad_whose_program_hangs_damps_and_nothing_is_driven_without_it(desk):
     desk.plug()
     desk.press("X")
     desk.press("L1", "A")
     assert desk.tick(5, program_runs=False) is Mode.STANDBY
     assert desk.tick(10, program_runs=False) is Mode.DAMPING, "within 0.3 s"
+    desk.ask(Intent.LOAD_A)
+    assert desk.tick(3, program_runs=False) is Mode.DAMPING
+    desk.tick(5)
+    desk.ask(Intent.LOAD_A)
+    assert desk.tick(30) is Mode.STANDBY, "it is there again"
 
 
 def test_an_unknown_gamepad_drives_nothing(desk):
     desk.plug(is_known=False)
     desk.tick()
-    for buttons in ((0, 1), (1, 2), (3,), (0, 1, 2, 3)):
-        assert desk.press(*buttons) in (Mode.ZERO_TORQUE, Mode.DAMPING)
+    desk.ask(Intent.DAMP)
+    desk.tick(5)
+    for first in range(6):
+        for second in range(6):
+            assert desk.press(first, second) is Mode.DAMPING
+    assert not desk.has_quit
 
 
 # On hardware, and from a browser.
@@ -108,12 +118,12 @@ def test_on_hardware_nothing_moves_without_an_intent_and_no_page_is_opened(quick
     before, opened = listening(), []
 
     def operator():
-        for _ in range(20):
+        for _ in range(60):
             yield
         opened.append(listening() - before)
 
     run = play("--robot", quick, "--hardware", "virtual:quiet", operator=leaving(operator()))
-    assert len(run.ticks) > 20
+    assert len(run.ticks) > 60
     for tick in run.ticks:
         assert tick.output.control_mode.mode is Mode.ZERO_TORQUE
         for name in ("velocity", "effort", "stiffness", "damping"):
@@ -161,7 +171,10 @@ def test_the_page_is_opened_when_asked_for_and_with_its_token_alone(quick):
             assert answer(port, path.replace(token, other)) in (401, 403, 404)
         assert answer(port, "/") in (401, 403, 404)
         assert answer(port, path, Host="somewhere.else") in (401, 403, 404), "a name that leads to this machine"
-        assert answer(port, path, Origin="http://somewhere.else", **upgrade) in (401, 403, 404), "another site's page"
+        link = path + PAGE_SOCKET
+        assert answer(port, link, Origin=f"http://127.0.0.1:{port}", **upgrade) == 101
+        assert answer(port, link, Origin="http://somewhere.else", **upgrade) in (401, 403, 404), "another site's page"
+        assert answer(port, f"/{PAGE_SOCKET}", Origin=f"http://127.0.0.1:{port}", **upgrade) in (401, 403, 404)
 
     options = ("--script", "damp; hold 600", "--duration", "300", "--console")
     run = play("--robot", quick, *PLACEHOLDER, *options, operator=leaving(operator()), around=around)

@@ -274,6 +274,8 @@ def test_a_safety_status_of_another_program_damps_until_its_own_source_clears_it
             yield from led_to_standby(program)
             program.report("lidar", SafetyLevel.FAULT)
             assert mode_after((yield from pass_ticks(1))) is Mode.DAMPING
+            program.report("door", SafetyLevel.FAULT)
+            yield
             program.report("door", SafetyLevel.OK)
             program.ask(Intent.LOAD_A)
             assert mode_after((yield from pass_ticks(3))) is Mode.DAMPING, "another source's OK clears nothing"

@@ -13,7 +13,7 @@ REFUSED = {
     "a motion that does not exist": ("no.mcap", "--motion", "no.mcap"),
     "a command of one number": ("--command", "--robot", "lite_biped", "--command", "0.5"),
     "a command that is no number": ("--command", "--robot", "lite_biped", "--command", "0.5,x,0"),
-    "a negative duration": ("-1", *PLACEHOLDER, "--duration", "-1"),
+    "a negative duration": ("-1", *PLACEHOLDER, "--script", "damp; hold 1", "--duration", "-1"),
     "a recording that is no .mcap": ("run.txt", *PLACEHOLDER, "--record", "run.txt"),
     "a recording that exists": ("kept.mcap", *PLACEHOLDER, "--record", "kept.mcap"),
     "an unknown word in a script": ("jump", *PLACEHOLDER, "--script", "damp; jump"),

@@ -415,6 +415,18 @@ def _mode_of(process: subprocess.Popen) -> Mode | None:
 # Devices.
 
 
+class _Kept(Sink):
+    def __init__(self) -> None:
+        self.records: list[TickRecord] = []
+
+    def tick(self, record: TickRecord) -> None:
+        self.records.append(record)
+
+
+PAGE_SOCKET = "console"
+"""Where the page's socket opens, below the page's own address."""
+
+
 def page_address(out: str) -> tuple[int, str, str] | None:
     """Return port, path and token of the page whose address was printed; None as long as there is none."""
     found = re.search(r"http://127\.0\.0\.1:(\d+)(/([\w-]+)/)", out)
@@ -441,9 +453,10 @@ class PadDesk:
         data = DataSocket(registration.data, RemoteInbox(JOINTS, clock), 0.1, clock=clock)
         stack.callback(data.close)
         registration.register(robot="lite", policy="none", hardware="can0" if is_hardware else "", feed=Path("none"))
+        self._other = stack.enter_context(OtherProgram("operator"))
         intake = stack.enter_context(Intake(find_session(os.getpid()), "gamepad"))
         self._driver = Driver(intake, GamepadConfig(), speeds=None, is_hardware=is_hardware)
-        self._modes: list[Mode] = []
+        self._kept = _Kept()
         watch = [DeviceWatch("gamepad", lambda: data.heartbeats, lambda _: None)] if is_hardware else []
         self._session = Session(
             robot,
@@ -452,13 +465,20 @@ class PadDesk:
             header=SessionHeader("lite", JOINTS, PERIOD, 0),
             intents=[*watch, intents],
             externs=[data],
-            sinks=[intents, data],
+            sinks=[intents, data, self._kept],
         )
+        self.ask = self._other.ask
+        """Ask for an intent as another program."""
         self._stack, self._pad, self._is_in = stack, None, False
 
+    @property
+    def has_quit(self) -> bool:
+        """True if QUIT was granted."""
+        return any(record.output.quit for record in self._kept.records)
+
     def plug(self, *, held: Sequence[str] = (), is_known: bool = True) -> None:
-        """Plug a gamepad in, with these buttons down; an unknown one has four buttons that nobody knows."""
-        self._pad = self._make_pad() if is_known else self._make_pad("Odd Pad", known=False, buttons=4, axes=2)
+        """Plug a gamepad in, with these buttons down; an unknown one has six buttons that nobody knows."""
+        self._pad = self._make_pad() if is_known else self._make_pad("Odd Pad", known=False, buttons=6, axes=2)
         self._stack.callback(self.unplug)
         if held:
             self._pad.press(*held)
