@@ -6,7 +6,7 @@ holds beside that state (MuJoCo's threads, views into its memory, windows) canno
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from time import perf_counter, sleep
@@ -19,7 +19,6 @@ from gymnasium.spaces import Box
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.envs.episode_robot import EpisodeRobot, RandomisedRobot
-from humanoid_sim.envs.privileged import Privileged, PrivilegedTerm
 from humanoid_sim.envs.scenario import Motions, Named, check_options, make_scenario
 from humanoid_sim.envs.spaces import observation_space
 from humanoid_sim.errors import InputError
@@ -95,14 +94,11 @@ class PolicyEnvironment(CopyableEnv):
         contract: Named | PolicyContract,
         robot: Named | RobotDescription,
         motion: Motions | None,
-        privileged: Sequence[str] | Mapping[str, PrivilegedTerm],
         options: Mapping[str, Any],
     ) -> Box:
         """Make the scenario, of options as `make_scenario` takes them; returns the observation space of one robot."""
         check_options(options, type(self), make_scenario)
         self.scenario = scenario = make_scenario(contract, robot, motion, **options)
-        self.privileged = Privileged(privileged, is_floating=scenario.description.is_floating) if privileged else None
-        """Observation of the critic; None where it sees what the policy does."""
         self.fault_count = 0
         """Episodes that a fault has ended so far."""
         self._loop: ClosedLoop | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, get_args
 
 import gymnasium
@@ -16,13 +16,12 @@ from humanoid_sim.controllers.reference import Frame
 from humanoid_sim.controllers.rl_policy import RLPolicyMemory
 from humanoid_sim.envs.base import RENDER_MODES, PolicyEnvironment, ShownEnv
 from humanoid_sim.envs.episode_robot import EpisodeRobot, PlantState, RandomisedRobot
-from humanoid_sim.envs.privileged import PrivilegedTerm
 from humanoid_sim.envs.resets import refuse_others, velocity_option
 from humanoid_sim.envs.scenario import Motions, Named
 from humanoid_sim.envs.spaces import action_space, outlier
 from humanoid_sim.envs.tasks.task import require_finite
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.rollout import ClosedLoop, StepSample, sample_step
+from humanoid_sim.evaluation.rollout import ClosedLoop, sample_step
 from humanoid_sim.messages import ControlMode, Mode, TickInput, TickOutput
 from humanoid_sim.mit import FloatArray, MITCommand, MITState
 from humanoid_sim.robots.description import RobotDescription
@@ -44,7 +43,7 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
     an observation beyond its bounds. Nothing holds a floating base: a fall is a fall.
 
     `info` has `frame`, the reference frame that the observation shows, `terms`, what each term adds to the reward,
-    `fault` where there was one, and `privileged`, the true state for a critic, where it was asked for.
+    `fault` where there was one.
 
     `reset` takes these options:
 
@@ -69,7 +68,6 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
         width: int = 480,
         height: int = 480,
         camera: str | None = None,
-        privileged: Sequence[str] | Mapping[str, PrivilegedTerm] = (),
         **options: Any,
     ) -> None:
         """Build the robot. Delays are between robot and policy: rewards and terminations are those of the true state.
@@ -90,11 +88,9 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
             render_mode: `rgb_array`, `human` or None.
             width: pixels of a picture, like the height.
             camera: of the model; None looks at the robot from the front.
-            privileged: what `info["privileged"]` holds for a critic: names out of `PRIVILEGED_TERMS`, or functions by
-                name.
             options: as `make_scenario` takes them.
         """
-        self.observation_space = self._prepare(contract, robot, motion, privileged, options)
+        self.observation_space = self._prepare(contract, robot, motion, options)
         scenario = self.scenario
         self._prepare_pictures(
             scenario.description, scenario.contract.policy_dt, render_mode, (width, height, camera), scenario.terrain
@@ -153,7 +149,7 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
         # of a state of the caller's choice it may be anything
         self._observation = np.clip(loop.observation, self._low, self._high)
         self._show_step(loop.state, MITCommand.zeros(len(self.robot.joints)))
-        return self._observation.copy(), {"frame": int(loop.memory.frame), **self._true(loop)}
+        return self._observation.copy(), {"frame": int(loop.memory.frame)}
 
     def _begin(self, options: dict[str, Any], *, is_seeded: bool) -> tuple[PlantState, PolicyMemory | None, int]:
         """Return where the robot begins, with the policy's memory unless it is a fresh one, and the first frame shown.
@@ -214,19 +210,12 @@ class PolicyEnv(PolicyEnvironment, ShownEnv, gymnasium.Env[Array, Array]):
         require_finite(judgement.reward, judgement.terms)
         self._observation = observation.copy()
         self._show_step(loop.state, command)
-        info = {"frame": frame, "terms": judgement.terms, **self._true(loop, sample)}
+        info = {"frame": frame, "terms": judgement.terms}
         return observation, float(judgement.reward), bool(judgement.terminated), bool(judgement.truncated), info
 
     def _lost(self, fault: str, frame: Frame) -> Step:
         self.fault_count += 1
-        assert self._loop is not None
-        info = {"frame": frame, "terms": {}, "fault": fault, **self._true(self._loop)}
-        return self._observation.copy(), 0.0, True, False, info
-
-    def _true(self, loop: ClosedLoop, sample: StepSample | None = None) -> dict[str, Any]:
-        if self.privileged is None:
-            return {}
-        return {"privileged": self.privileged(sample or sample_step(loop, self.robot, self._steps))}
+        return self._observation.copy(), 0.0, True, False, {"frame": frame, "terms": {}, "fault": fault}
 
     def _show_step(self, state: MITState, command: MITCommand) -> None:
         mode = ControlMode(Mode.LOCOMOTION, RL_POLICY, f"step {self._steps}")

@@ -20,8 +20,7 @@ with needing("rsl-rl-lib", "rl", "humanoid_sim.envs.rsl_rl"):
 class RslRlVecEnv(VecEnv):
     """A policy's vector environment for rsl_rl (from version 4 on).
 
-    Observations are the groups `policy`, and `critic` beside it where the environment was made with `privileged` terms:
-    what the policy sees, and then those. rsl_rl finds both by these names. Every number stays on the CPU.
+    Observations are the group `policy`. Every number stays on the CPU.
 
     That library starts an episode in the step that ends the last one, so the environment must as well:
     `gymnasium.make_vec(..., autoreset_mode="SameStep")`.
@@ -45,8 +44,8 @@ class RslRlVecEnv(VecEnv):
         self.device = "cpu"
         self.cfg = {"policy_dt": whole.scenario.contract.policy_dt, "robot": whole.scenario.description.name}
         self._whole = whole
-        observation, info = envs.reset(seed=seed)
-        self._observations = self._grouped(observation, info)
+        observation, _ = envs.reset(seed=seed)
+        self._observations = self._grouped(observation)
 
     @property
     def episode_length_buf(self) -> torch.Tensor:
@@ -69,7 +68,7 @@ class RslRlVecEnv(VecEnv):
             was up, with `log`, the mean of each reward term in this step.
         """
         observation, reward, terminated, truncated, info = self.envs.step(actions.detach().cpu().numpy())
-        self._observations = self._grouped(observation, info)
+        self._observations = self._grouped(observation)
         extras = {
             "time_outs": torch.from_numpy(truncated & ~terminated),
             "log": {f"/reward/{name}": value for name, value in term_means(info).items()},
@@ -81,9 +80,5 @@ class RslRlVecEnv(VecEnv):
         """Close the environments."""
         self.envs.close()
 
-    def _grouped(self, observation: Float32Array, info: dict[str, Any]) -> TensorDict:
-        groups = {"policy": torch.from_numpy(observation.copy())}
-        if "privileged" in info:
-            seen = np.concatenate([observation, info["privileged"]], axis=-1)
-            groups["critic"] = torch.from_numpy(seen)
-        return TensorDict(groups, batch_size=[self.num_envs])
+    def _grouped(self, observation: Float32Array) -> TensorDict:
+        return TensorDict({"policy": torch.from_numpy(observation.copy())}, batch_size=[self.num_envs])

@@ -14,7 +14,6 @@ from gymnasium.vector.utils import batch_space
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.envs import resets
 from humanoid_sim.envs.base import PolicyEnvironment, make_pictures
-from humanoid_sim.envs.privileged import PrivilegedTerm
 from humanoid_sim.envs.scenario import Motions, Named
 from humanoid_sim.envs.spaces import action_space, outlier
 from humanoid_sim.envs.tasks.task import require_finite
@@ -61,7 +60,6 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
         width: int = 480,
         height: int = 480,
         camera: str | None = None,
-        privileged: Sequence[str] | Mapping[str, PrivilegedTerm] = (),
         **options: Any,
     ) -> None:
         """Build the robots; what is not listed is as `PolicyEnv` takes it, of one environment.
@@ -80,7 +78,7 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode: is {render_mode!r}, expected rgb_array or None for a vector environment")
         num_envs = resets.count_option("num_envs", num_envs)
-        self.single_observation_space = bounds = self._prepare(contract, robot, motion, privileged, options)
+        self.single_observation_space = bounds = self._prepare(contract, robot, motion, options)
         scenario = self.scenario
         check_actuation(scenario.actuation, get_args(BatchActuation))
         self.simulation = self._robots = BatchSimulation(
@@ -133,13 +131,7 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
         loop = self._begin(chosen, command, is_new)
         info = _VectorInfo(self.num_envs)
         info.add("frame", np.asarray(loop.memory.frame), mask)
-        self._add_true(info, loop, mask)
         return self._observation.copy(), info.entries
-
-    def _add_true(self, info: _VectorInfo, loop: ClosedLoop, mask: BoolArray, sample: StepSample | None = None) -> None:
-        """Add what the critic sees, of the environments in the mask."""
-        if self.privileged is not None:
-            info.merge("privileged", self.privileged(sample or sample_step(loop, self.simulation, self._steps)), mask)
 
     @property
     def episode_steps(self) -> IntArray:
@@ -229,12 +221,10 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
         info.add("frame", np.where(sound, loop.memory.frame, before), ~starting)
         info.add_terms("terms", judgement.terms, sound, ~starting)
         info.add_texts("fault", faults)
-        self._add_true(info, loop, ~starting, sample)
         self._is_over = terminated | truncated
         if starting.any():
             loop = self._begin(np.flatnonzero(starting))
             info.merge("frame", np.asarray(loop.memory.frame), starting)
-            self._add_true(info, loop, starting)
         elif self.autoreset_mode == AutoresetMode.SAME_STEP and self._is_over.any():
             info = self._begin_again(info)
         return self._observation.copy(), reward, terminated, truncated, info.entries
@@ -245,7 +235,6 @@ class PolicyVectorEnv(PolicyEnvironment, VectorEnv[Float32Array, Float32Array, A
         following = info.with_final(over, self._observation)
         loop = self._begin(np.flatnonzero(over))
         following.merge("frame", np.asarray(loop.memory.frame), over)
-        self._add_true(following, loop, over)
         return following
 
     def _advance(
