@@ -13,16 +13,11 @@ from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.controllers.rotation import multiply, rotate
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray, IndexArray
-from humanoid_sim.policy.motion import body_poses
 from humanoid_sim.rendering.ghost import ReferenceGhost
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import base_addresses
-from humanoid_sim.simulation.kinematics import InverseKinematics
 from humanoid_sim.simulation.model import build_model, joint_addresses
 from humanoid_sim.simulation.stance import clearance
-
-_IK_DAMPING = 1e-3
-"""m/rad: the poses of a motion can be reached, and the joints are to be exact."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,44 +49,18 @@ class ReferenceStates:
         )
 
 
-def reference_joints(
-    description: RobotDescription, contract: PolicyContract, reference: MotionReference, count: int | None = None
-) -> FloatArray | None:
-    """Return the motion's joints in its first `count` frames; of one that has bodies only, those that bring them there.
-
-    Args:
-        reference: the motion; of several, each begins anew.
-        count: frames; None for all.
-
-    Returns:
-        Shape (count, n), rad, robot's order; None where the motion says nothing of joints or bodies.
-    """
-    terms = reference.terms
-    if "reference_joint_pos" in terms:
-        order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
-        return terms["reference_joint_pos"][:count, order].astype(np.float64)
-    if "motion_body_pos_b" not in terms:
-        return None
-    frames = np.concatenate([terms["motion_body_pos_b"], terms["motion_body_ori_b"]], axis=1)[:count]
-    position, rotation = body_poses(frames, len(contract.body_names))
-    solver = InverseKinematics(description, contract.body_names, damping=_IK_DAMPING)
-    begins = np.cumsum([0, *reference.lengths[:-1]])
-    pieces = zip(np.split(position, begins[1:]), np.split(rotation, begins[1:]), strict=True)
-    start = np.array(description.initial_position)
-    return np.concatenate([solver.solve_path(p, r, start) for p, r in pieces if len(p)])
-
-
 def reference_states(
     description: RobotDescription, contract: PolicyContract, reference: MotionReference
 ) -> ReferenceStates | None:
-    """Return the states of all frames, with the velocities from frame to frame; None where the motion tells no pose.
+    """Return the states of all frames, with the velocities from frame to frame; None where the motion tells no joints.
 
     Where a motion has the robot below its floor, the base is lifted onto it. Raises `InputError` if the MJCF has other
     bodies that move before the floating base.
     """
-    joints = reference_joints(description, contract, reference)
-    if joints is None:
+    if "reference_joint_pos" not in reference.terms:
         return None
+    order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
+    joints = reference.terms["reference_joint_pos"][:, order].astype(np.float64)
     model = build_model(description, scene="floor")
     addresses = joint_addresses(model, description.joint_names)
     qpos = np.tile(model.qpos0, (len(joints), 1))

@@ -206,7 +206,7 @@ def _states(
         raise InputError(f"reference_start: is {share!r}, expected a number from 0 to 1")
     states = reference_states(description, contract, reference) if share else None
     if share and states is None:
-        raise InputError(f"reference_start: is {share:g}, but the policy follows no motion with poses")
+        raise InputError(f"reference_start: is {share:g}, but the policy follows no motion with joints")
     return states
 
 

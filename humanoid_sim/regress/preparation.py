@@ -13,18 +13,21 @@ import msgspec
 import numpy as np
 
 from humanoid_sim.assets import motion_path
-from humanoid_sim.envs.reference_states import reference_joints
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.parameters import joint_indices
+from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.envs.scenario import Scenario, make_scenario
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy.motion import Motion, read_motion
+from humanoid_sim.policy.motion import Motion, body_poses, read_motion
 from humanoid_sim.policy.onnx_policy import OnnxPolicy
 from humanoid_sim.policy.random_songs import named_song
 from humanoid_sim.policy.song import Song, song_motion
 from humanoid_sim.regress.batched_policy import BatchedPolicy
 from humanoid_sim.regress.suite import Case, Suite
 from humanoid_sim.robots.description import RobotDescription, load_robot, shipped_robots
+from humanoid_sim.simulation.kinematics import InverseKinematics
 
 _JUDGING = ("seeds", "first_seed", "tolerances", "confidence", "resamples")
 _POLICIES = {
@@ -33,6 +36,7 @@ _POLICIES = {
     "piano": ("piano", "one that plays songs", "--suite lite_piano"),
 }
 """By `task_type` of a policy: the task of its suites, itself in words, and the options of a suite for it."""
+_IK_DAMPING = 1e-3  # m/rad: the poses of a motion can be reached, and the joints are to be exact
 _NAMES = ("name", "summary", "robot", "cases")
 _INCLUDE = re.compile(rb"<include\s[^>]*file\s*=\s*[\"']([^\"']+)[\"']")
 
@@ -219,8 +223,27 @@ def prepare_case(
     reference = scenario.wiring.reference
     joints = None
     if motion is not None:
-        joints = reference_joints(scenario.description, scenario.contract, reference, steps + 1)
+        joints = _reference_joints(scenario.description, scenario.contract, reference, steps + 1)
     return PreparedCase(suite, case, checkpoint, policy, description, motion, scenario, steps, joints)
+
+
+def _reference_joints(
+    description: RobotDescription, contract: PolicyContract, reference: MotionReference, count: int
+) -> FloatArray | None:
+    """Return the joints of a motion's first `count` frames, shape (count, n), rad, in the robot's order.
+
+    Those of a motion that has bodies only bring them there. None where it says nothing of joints or bodies.
+    """
+    terms = reference.terms
+    if "reference_joint_pos" in terms:
+        order = joint_indices(description.joint_names, contract.joint_names, "joints of the robot")
+        return terms["reference_joint_pos"][:count, order].astype(np.float64)
+    if "motion_body_pos_b" not in terms:
+        return None
+    frames = np.concatenate([terms["motion_body_pos_b"], terms["motion_body_ori_b"]], axis=1)[:count]
+    position, rotation = body_poses(frames, len(contract.body_names))
+    solver = InverseKinematics(description, contract.body_names, damping=_IK_DAMPING)
+    return solver.solve_path(position, rotation, np.array(description.initial_position))
 
 
 def distinct_names(sources: Sequence[Path]) -> list[str]:

@@ -119,7 +119,7 @@ def test_gymnasium_s_own_check_passes_without_a_display(name, monkeypatch):
 @pytest.mark.parametrize(
     ("name", "options"),
     [
-        ("LiteTracking-v0", {"motion": ["wave", "circle"], "reference_start": 0.7, "actuation": "implicit"}),
+        ("LiteTracking-v0", {"motion": ["wave", "circle"], "actuation": "implicit"}),
         ("LiteTracking-v0", {"randomisation": EVERYTHING, "actuation": "implicit"}),
         ("BipedVelocity-v0", {"randomisation": PUSHED, "actuation": "implicit"}),
         ("BipedVelocity-v0", {"terrain": FIELD, "actuation": "implicit"}),
