@@ -30,8 +30,8 @@ class PlayConfig:
     contract: Annotated[str | None, tyro.conf.arg(metavar="FILE.yaml")] = None
     """A contract.yaml with what the checkpoint does not say about itself. Default: the one beside the checkpoint."""
     motion: str | None = None
-    """Motion to follow: a sample motion ({motions}), an .mcap file or a rosbag2 folder. Default with the sample policy:
-    wave."""
+    """Motion to follow: a sample motion ({motions}), an .mcap file or a rosbag2 folder of MCAP. Default with the
+    sample policy: wave."""
     motion_topic: Annotated[str | None, tyro.conf.arg(metavar="TOPIC")] = None
     """Topic of the motion, in a file or folder that has others too. Default: its only one."""
     song: str | None = None
