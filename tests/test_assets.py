@@ -38,8 +38,8 @@ def test_sample_policies_go_by_name_and_files_by_path(tmp_path, monkeypatch):
     )
     with pytest.raises(InputError, match="^" + re.escape(f"--policy: {message}")):
         policy_path("lite-pino")
-    with pytest.raises(InputError, match=r"^--shadow: unknown policy 'xyz'; known: .*, other; or a file that exists"):
-        policy_path("xyz", "--shadow", also=("other",))
+    with pytest.raises(InputError, match=r"^--baseline: unknown policy 'xyz'; known: .*, other; or a file that exists"):
+        policy_path("xyz", "--baseline", also=("other",))
     (tmp_path / "lite_tracking").mkdir()
     assert policy_path("lite_tracking").name == "lite_tracking.onnx"
     (tmp_path / "lite_piano").touch()

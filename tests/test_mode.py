@@ -155,6 +155,4 @@ def test_a_policy_is_asked_for_by_absolute_paths(local, tmp_path, monkeypatch, c
     assert json.loads(asked[0]) == {"policy": str(tmp_path / "x.onnx"), "command": "0.3,0,0"}
     serve(local, lambda: status.append(run("load", "lite_tracking")))
     assert status == [2, 1]
-    assert capsys.readouterr().out.endswith(
-        "load refused: this session runs no policy but a shadow, which stays as it is\n"
-    )
+    assert capsys.readouterr().out.endswith("load refused: this session takes no other policy\n")

@@ -12,7 +12,6 @@ from typing import Any
 from rich.console import Console
 
 from humanoid_sim import __version__
-from humanoid_sim.controllers.rl_policy import RLPolicyController
 from humanoid_sim.evaluation.joint_use import JointUse
 from humanoid_sim.frontends.launcher import FrontEnds
 from humanoid_sim.messages import Event, EventKind, SafetyStatus, SessionHeader
@@ -25,7 +24,6 @@ from humanoid_sim.play.plan import Plan
 from humanoid_sim.play.played_robot import BringUp
 from humanoid_sim.play.policies import PolicyChoice
 from humanoid_sim.recording.recorder import McapRecorder
-from humanoid_sim.recording.shadow import ShadowStep, ShadowTopics, encode_shadow_step, shadow_documents, shadow_width
 from humanoid_sim.rendering.video import VideoSink
 from humanoid_sim.session.data_socket import DataSocket
 from humanoid_sim.session.feed import MODEL_BLOB, FeedWriter
@@ -40,7 +38,6 @@ from humanoid_sim.session.reactivation import Reactivation
 from humanoid_sim.session.registration import Registration
 from humanoid_sim.session.script import OverriddenScript, Script
 from humanoid_sim.session.session import Session
-from humanoid_sim.session.shadow import ShadowSink
 from humanoid_sim.session.simulation_controls import SPEED, SimulationControls
 from humanoid_sim.session.sinks import Sink, SinkGroup
 from humanoid_sim.session.sources import IntentSource, RemoteInbox
@@ -58,7 +55,6 @@ class Run:
 
     session: Session
     feed: FeedWriter
-    shadow: ShadowSink | None = None
     interruption: Interruption | None
     """Watch over the suspension of a loop that drives motors."""
     _start_time_ns = 0
@@ -77,7 +73,7 @@ class Run:
         header, self._made = _header(plan), time.monotonic_ns()
         reactivation = Reactivation(lambda: _warnings(setup.bring_up))
         self._loader = loader = PolicyLoader(self, header)
-        loading = None if plan.shadow is not None else Loading(loader.prepare, loader.cancel)
+        loading = Loading(loader.prepare, loader.cancel)
         self.script = None if plan.steps is None else Script(plan.steps, policy.motion_frames)
         self.interruption = Interruption(plan.control_period, _STANDSTILL) if is_hardware else None
         self.simulation = self._controls(plan)
@@ -101,8 +97,7 @@ class Run:
                 tell=self._note,
             )
             stack.callback(self.data.close)
-            width = 0 if plan.shadow is None or policy.loaded is None else shadow_width(policy.loaded)
-            self.feed = FeedWriter(header, {MODEL_BLOB: model_bytes(setup.model())}, plan.taken, shadow_width=width)
+            self.feed = FeedWriter(header, {MODEL_BLOB: model_bytes(setup.model())}, plan.taken)
             stack.callback(self.feed.close)
             self.front_ends = FrontEnds(
                 plan.front_ends,
@@ -114,13 +109,10 @@ class Run:
                 begin=self._begin,
             )
             stack.callback(self.front_ends.close)
-            source = f"{'' if plan.shadow is None else 'shadow '}{policy.source}"
             registration.register(
-                robot=description.name, policy=source, hardware=config.hardware or "", feed=self.feed.path
+                robot=description.name, policy=policy.source, hardware=config.hardware or "", feed=self.feed.path
             )
             self.rename_policy = registration.rename_policy
-            if plan.shadow is not None:
-                self.shadow = self._shadow_sink(plan.shadow, header)
             keyboard = self._keyboard(reactivation, shown)
             if keyboard is not None:
                 stack.callback(keyboard.close)
@@ -131,9 +123,9 @@ class Run:
             sources.insert(0, self.interruption)
         if is_hardware and needs_gamepad(config):
             sources.insert(0, DeviceWatch("gamepad", lambda: self.data.heartbeats, self._note))
-        # The last one is closed first: what monitor and shadow find in the last ticks still reaches the others. The
+        # The last one is closed first: what the monitor finds in the last ticks still reaches the others. The
         # front ends wait in `start` until they work, and then set the header's time: those behind them get that header.
-        shows = (self.feed, shown, self.front_ends, *self.recorders, self.video, self.monitor, self.shadow)
+        shows = (self.feed, shown, self.front_ends, *self.recorders, self.video, self.monitor)
         sinks = (*shows, intents, self.data, loading)
         self.session = plan.session = Session(
             setup.robot,
@@ -194,13 +186,13 @@ class Run:
         """Make what shows, records and judges the run; what shows it."""
         plan, config, description, setup = self.plan, self.config, self.plan.description, self.plan.setup
         is_drawn = plan.outputs.video is not None
-        self.judged = judged = JudgedPolicy.of(description, plan.driving, is_drawn=is_drawn)
+        self.judged = judged = JudgedPolicy.of(description, plan.policy, is_drawn=is_drawn)
         told = Told(
             has_keys=has_keys(config),
             is_driven=setup.is_driven,
             available=plan.supervisor.controllers,
             walks=plan.policy.walks,
-            motion_frames=plan.driving.motion_frames,
+            motion_frames=plan.policy.motion_frames,
             expected_duration=expected_duration(config, plan.steps, plan.policy.motion, description),
         )
         self.console = ConsoleSink(console, told)
@@ -266,8 +258,6 @@ class Run:
             waited = time.monotonic_ns() - self._made
             header = replace(header, start_time_ns=header.start_time_ns + waited)
         self._loader.header, self._start_time_ns = header, header.start_time_ns
-        if self.shadow is not None:
-            self._shadow_topics = ShadowTopics(header)
         return header
 
     def _note(self, text: str) -> None:
@@ -289,21 +279,7 @@ class Run:
             "robot": self.plan.setup.figures(),
             "recording": recorder and {"file": str(recorder.path.absolute()), "error": recorder.error},
             "simulation": self.simulation.told(),
-            "shadow": None if self.shadow is None else self.shadow.figures(),
         }
-
-    def _shadow_sink(self, controller: RLPolicyController, header: SessionHeader) -> ShadowSink:
-        """Return the sink in which a shadow policy runs, and whose steps go to the feed and the recording."""
-        self._shadow_topics = ShadowTopics(header)
-
-        def publish(step: ShadowStep) -> None:
-            encoded = encode_shadow_step(step)
-            self.feed.shadow(encoded)
-            for recorder in self.recorders[-1:]:
-                recorder.beside(step.time, tuple(self._shadow_topics.messages(step, encoded)))
-
-        limit, source = self.plan.description.effort_limit, self.plan.policy.source
-        return ShadowSink(controller, source, limit, realtime=self.plan.realtime, publish=publish, tell=self._tell)
 
     def _with_other_safety(self, statuses: tuple[SafetyStatus, ...]) -> tuple[SafetyStatus, ...]:
         """Add the statuses of other programs to the robot's own; the script looks on."""
@@ -321,27 +297,22 @@ def _warnings(bring_up: BringUp | None) -> tuple[str, ...]:
 
 def _header(plan: Plan) -> SessionHeader:
     """Everything that interprets the run, and repeats it. A real robot has been prepared: its checks are part of it."""
-    config, policy, driving, bring_up = plan.config, plan.policy, plan.driving, plan.setup.bring_up
+    config, policy, bring_up = plan.config, plan.policy, plan.setup.bring_up
     since_zero = float(plan.setup.robot.read()[0].time)  # a real robot's clock runs already
-    header = run_header(
+    return run_header(
         plan.description,
         plan.control_period,
-        driving.loaded,
-        driving.motion,
+        policy.loaded,
+        policy.motion,
         settings={
             "program": f"humanoid_sim.play {__version__}",
             "options": asdict(config),
-            **driving.settings,
+            **policy.settings,
             "checks": None if bring_up is None else [": ".join(check) for check in bring_up.checks()],
         },
         start_time_ns=time.time_ns() - round(1e9 * since_zero),
-        remote=plan.shadow is None,
-        loads=plan.shadow is None,
+        remote=True,
+        loads=True,
         needs_producer=plan.supervisor.needs_producer,
         action_limit=config.action_limit,
     )
-    if plan.shadow is None or policy.checkpoint is None or policy.loaded is None:
-        return header
-    motion = policy.settings["motion"]
-    beside = shadow_documents(policy.checkpoint.source, policy.checkpoint.sha256, motion, policy.loaded)
-    return replace(header, documents={**header.documents, **beside})

@@ -17,7 +17,6 @@ from humanoid_sim.assets import motion_path, policy_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file, output_file, regular_file
-from humanoid_sim.messages import Intent
 from humanoid_sim.mit import KEY_PRESSED
 from humanoid_sim.play.front_ends import has_keys, operated_by, shows_window
 from humanoid_sim.play.options import NO_POLICY, SIMULATED, PlayConfig
@@ -25,7 +24,6 @@ from humanoid_sim.policy.checkpoint import PLACEHOLDER
 from humanoid_sim.policy.onnx_policy import check_file
 from humanoid_sim.rendering.backend import has_display
 from humanoid_sim.session.outside_safety import parse_watchdogs
-from humanoid_sim.session.script import parse_script
 from humanoid_sim.session.sources import velocity_numbers
 
 if TYPE_CHECKING:
@@ -38,7 +36,6 @@ _MEANINGLESS: tuple[tuple[Literal["with", "without"], str, tuple[str, ...], str]
     ("without", "dds_interface", ("dds_safety",), "; on this machine statuses always count"),
     ("without", "hardware", (*PlayConfig.GROUPS["a real robot"], "no_gamepad"), ""),
     ("with", "hardware", (*SIMULATED, "push"), ""),
-    ("with", "shadow", ("policy", "remote"), ", whose robot stays in DAMPING and STANDBY"),
     *(("with", name, *_DECIDES) for name in ("manual", "script", "hardware", "remote")),
 )
 """With, or without, which option which others mean nothing, and what more there is to say of that."""
@@ -70,10 +67,9 @@ def refuse_early(config: PlayConfig) -> None:
 
 def checkpoint_path(config: PlayConfig) -> Path | None:
     """Return the file of the checkpoint that the options name; None for the sample policy, the placeholder and none."""
-    if config.checkpoint in (None, PLACEHOLDER, NO_POLICY):
+    if config.policy in (None, PLACEHOLDER, NO_POLICY):
         return None
-    option = "--policy" if config.shadow is None else "--shadow"
-    return policy_path(config.checkpoint or "", option, also=(PLACEHOLDER, NO_POLICY))
+    return policy_path(config.policy or "", also=(PLACEHOLDER, NO_POLICY))
 
 
 def refuse_conflicts(config: PlayConfig) -> None:
@@ -88,8 +84,6 @@ def refuse_conflicts(config: PlayConfig) -> None:
         raise InputError("--pace: is fast, but the time of a real robot is real")
     if config.hardware is not None and config.script is not None and not config.allow_script:
         raise InputError("--script: would move a real robot with nobody at the keys; add --allow-script if it may")
-    if config.shadow is not None:
-        _refuse_to_drive(config)
     if config.motion_topic is not None and config.motion is None:
         raise InputError(f"--motion-topic: is {config.motion_topic}, which means nothing without --motion")
     if not config.has_policy:
@@ -119,14 +113,6 @@ def _refuse(config: PlayConfig, names: Iterable[str], why: str) -> None:
     for name in names:
         if config.is_given(name):
             raise InputError(f"{_option(name)}: {why}")
-
-
-def _refuse_to_drive(config: PlayConfig) -> None:
-    """Refuse what would take the robot out of the modes in which a shadow policy runs, or what it does not have."""
-    for step in () if config.script is None else parse_script(config.script):
-        if step.kind == "motion" or step.intent in (Intent.START_LOCOMOTION, Intent.START_REMOTE):
-            word = step.kind if step.intent is None else step.intent.value
-            raise InputError(f"--script: has {word}, but with --shadow the robot stays in DAMPING and STANDBY")
 
 
 def _refuse_out_of_range(config: PlayConfig) -> None:
@@ -186,7 +172,7 @@ def choose_outputs(config: PlayConfig, motion: Path | None = None) -> Outputs:
 
     `motion` is the file that the motion is read from.
     """
-    read = (config.checkpoint, config.contract, config.robot, config.calibration)
+    read = (config.policy, config.contract, config.robot, config.calibration)
     inputs = [*(Path(name) for name in read if name is not None and is_file(name)), *([motion] if motion else [])]
     stem = f"{time.strftime('play-%Y%m%d-%H%M%S')}-{os.getpid()}"  # two runs may start in one second
     is_drawn = config.hardware is None and config.viewer == "auto" and not shows_window(config)

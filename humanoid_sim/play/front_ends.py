@@ -200,11 +200,11 @@ def automatic_steps(config: PlayConfig, motion: Motion | None) -> tuple[ScriptSt
     if config.remote != "none":
         start = "start_remote; "
     else:
-        start = "start_locomotion; " if config.has_policy and config.shadow is None else ""
+        start = "start_locomotion; " if config.has_policy else ""
         if config.policy_seconds is not None:
             run = f"hold {config.policy_seconds}"
         elif motion is not None:
-            run = "motion; hold 0.5" if config.shadow is None else f"hold {motion.duration + 0.5}"
+            run = "motion; hold 0.5"
     return parse_script(f"hold 0.5; damp; hold 1; load_{config.pose}; wait; hold 0.2; {start}{run}; damp; hold 1")
 
 

@@ -37,10 +37,6 @@ class PlayConfig:
     song: str | None = None
     """Song of a piano policy: a sample song ({songs}), a MIDI file (.mid), or random:N, a generated one.
     Default with the sample policy: ode_to_joy."""
-    shadow: Annotated[str | None, tyro.conf.arg(metavar="POLICY")] = None
-    """ONNX checkpoint or shipped policy that only looks on: while the robot is in DAMPING or STANDBY it runs on the
-    real state, and what it sees, answers and would command is recorded. Nothing of it reaches a motor, and no other
-    policy runs; --contract, --motion and --command are its."""
     robot: str = DEFAULT_ROBOT
     """A shipped robot ({robots}), robot_descriptions:NAME for a public one, such as robot_descriptions:g1, or the path
     of a robot's YAML file or of an MJCF."""
@@ -164,7 +160,7 @@ class PlayConfig:
             *("policy", "robot", "motion", "song", "command", "manual", "console", "viewer", "record", "video"),
             *("duration", "policy_seconds", "hardware"),
         ),
-        "the policy": ("contract", "motion_topic", "action_limit", "shadow"),
+        "the policy": ("contract", "motion_topic", "action_limit"),
         "driving the modes": (
             *("script", "pose", "watchdog", "remote", "gravity_form"),
             *("gamepad", "no_gamepad", *(f"joy.{item.name}" for item in fields(JoyBindings))),
@@ -196,15 +192,8 @@ class PlayConfig:
         return bool(getattr(self, name) != self.__dataclass_fields__[name].default)
 
     @property
-    def checkpoint(self) -> str | None:
-        """The checkpoint that runs, as the robot's policy or as its shadow; None for the sample policy."""
-        return self.policy if self.shadow is None else self.shadow
-
-    @property
     def has_policy(self) -> bool:
-        """True if a policy runs from the beginning, as a shadow too; on hardware only one that is named."""
-        if self.shadow is not None:
-            return True
+        """True if a policy runs from the beginning; on hardware only one that is named."""
         return self.policy != NO_POLICY and (self.policy is not None or self.hardware is None)
 
 

@@ -31,7 +31,7 @@ from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
 from humanoid_sim.session.script import parse_script
 from humanoid_sim.session.sources import VelocityCommand, parse_velocity
 from humanoid_sim.simulation.plant import timestep_of
-from humanoid_sim.stack import build_supervisor, policy_controller
+from humanoid_sim.stack import build_supervisor
 
 if TYPE_CHECKING:
     from humanoid_sim.session.session import Session
@@ -53,33 +53,24 @@ class Plan:
         self.realtime = is_realtime(config, front_ends)
         self.policy, self.description = choose_for_robot(config, description)
         description = self.description
-        self.driving = self.policy if config.shadow is None else PolicyChoice()
-        """The policy that drives the robot; without one where it only looks on."""
         contract = self.policy.contract
         refuse_without_effect(config, contract, description)
-        policy_dt = None if self.driving.contract is None else self.driving.contract.policy_dt
+        policy_dt = None if contract is None else contract.policy_dt
         self.control_period, moved = control_rate(config, description, policy_dt)
         self.setup = setup = self._robot(left)
         self.taken, live = self.policy.live_inputs(setup.live)
         """Name and width of the live inputs that come from other programs."""
         refuse_unheard_keys(config, self.taken, setup.live)
-        # Without a policy and REMOTE, the FSM itself keeps the robot in DAMPING and STANDBY.
         self.supervisor = build_supervisor(
             description,
             self.control_period,
-            self.driving.loaded,
-            remote=config.shadow is None,
+            self.policy.loaded,
+            remote=True,
             live=live,
             action_limit=config.action_limit,
-            loads=config.shadow is None,
+            loads=True,
             needs_producer=description.is_floating,
         )
-        self.shadow = None
-        """Controller of a policy that only looks on; the supervisor has none then."""
-        if config.shadow is not None and self.policy.loaded is not None:
-            self.shadow = policy_controller(
-                description, self.control_period, self.policy.loaded, live=live, action_limit=config.action_limit
-            )
         warnings = () if contract is None else setup.check_policy(contract)
         pads = look_for_gamepad(config)
         if steps is None and not config.manual and config.hardware is None:

@@ -89,7 +89,7 @@ def choose_policy(config: PlayConfig, description: RobotDescription) -> PolicyCh
     path = checkpoint_path(config) or sample_policy(description.name)
     contract_file = None if config.contract is None else Path(config.contract)
     warning = ""
-    if config.checkpoint == PLACEHOLDER:
+    if config.policy == PLACEHOLDER:
         checkpoint = placeholder_checkpoint(description, config.pose)
         warning = "PLACEHOLDER POLICY: no network runs; the action is zero, and the arms hold one pose"
     elif has_onnxruntime():
@@ -120,21 +120,20 @@ def choose_for_robot(config: PlayConfig, description: RobotDescription) -> tuple
     try:
         policy = choose_policy(config, description)
     except InputError as error:
-        is_default = config.robot == DEFAULT_ROBOT and config.checkpoint is not None
+        is_default = config.robot == DEFAULT_ROBOT and config.policy is not None
         count = _count_of_places(config) if is_default else None
         if count is None:
             raise
         has = f"; the policy has {count} joints, the default robot '{DEFAULT_ROBOT}' {description.joint_count}"
         raise InputError(f"{_ANOTHER_ROBOT}: {error}{f'{has}: give --robot' if count else ''}") from None
     contract = policy.contract
-    if (contract is None or config.shadow is not None) and description.has_no_gains:
-        option = "--policy none" if contract is None else "--shadow"
-        raise InputError(f"{option}: '{description.name}' has no gains of its own to stand by, expected a robot's YAML")
+    if contract is None and description.has_no_gains:
+        raise InputError(
+            f"--policy none: '{description.name}' has no gains of its own to stand by, expected a robot's YAML"
+        )
     if contract is None:
         return policy, description
     require_joints(contract, description)
-    if config.shadow is not None:
-        return policy, description  # as it is without the policy
     change = with_contract if description.has_no_gains else with_contract_physics
     return policy, change(description, contract)
 
@@ -188,7 +187,7 @@ def _chosen_motion(
     """Return the motion, the file that it is from, and what to tell about it."""
     contract, source = checkpoint.contract, checkpoint.source
     task, path = contract.task_type, checkpoint_path(config)
-    ships = config.checkpoint is None or (path is not None and str(path) != config.checkpoint)
+    ships = config.policy is None or (path is not None and str(path) != config.policy)
     if config.song is not None and task != "piano":
         raise InputError(f"--song: is '{config.song}', but {source} is a {task} policy")
     if config.motion is not None and task == "locomotion":

@@ -39,8 +39,7 @@ def summarise(run: Run, result: SessionResult) -> dict[str, Any]:
     keys = judged.keys
     return {
         "robot": plan.description.name,
-        "policy": None if plan.shadow is not None or run.policy.loaded is None else run.policy.source,
-        "shadow": None if run.shadow is None else run.shadow.figures(),
+        "policy": None if run.policy.loaded is None else run.policy.source,
         "motion": None if run.policy.motion_file is None else str(run.policy.motion_file),
         "reason": result.reason,
         "duration": result.duration,
@@ -96,8 +95,6 @@ def print_report(console: Console, summary: dict[str, Any]) -> None:
         where = f" ({force['key']} at {force['time']:.3f} s)" if force["key"] else ""
         limit = f"the limit is {force['limit']:g} N; {force['sunk']:.2f} N where the arms were limp"
         console.print(f"hardest touch of a key: {force['force']:.2f} N{where}, {limit}", markup=False)
-    if summary["shadow"]:
-        console.print(_shadow(summary["shadow"]))
     console.print(loop_table(summary["loop"], summary["effort"]))
     if summary["hardware"]:
         console.print(_hardware(summary["hardware"]))
@@ -188,23 +185,6 @@ def _piano(piano: dict[str, Any]) -> Table:
     table.caption = (
         f"{piano['hit_count']} of {piano['note_count']} notes struck in time, {piano['false_count']} wrong strokes"
     )
-    return table
-
-
-def _shadow(shadow: dict[str, Any]) -> Table:
-    table = titled_table("Shadow policy, of which nothing reached a motor")
-    table.add_row("steps", str(shadow["steps"]))
-    if shadow["faults"]:
-        first = shadow["first_fault"]
-        table.add_row(
-            "faults", f"[red]{shadow['faults']}, first at {first['time']:.3f} s[/] {escape(first['message'])}"
-        )
-    if shadow["left_out"]:
-        table.add_row("ticks left out", f"[red]{shadow['left_out']}[/]")
-    if shadow["steps"]:
-        offset = f"{np.degrees(shadow['largest_offset']):.1f}° ({escape(shadow['largest_joint'])})"
-        table.add_row("largest distance of its command from the joint", offset)
-        table.add_row("steps at an effort limit", str(shadow["saturated"]))
     return table
 
 

@@ -93,8 +93,7 @@ def played(config: PlayConfig, console: PlayConsole) -> Outcome:
 def _introduce(console: Console, plan: Plan) -> None:
     if plan.policy.warning:
         console.print(f" {plan.policy.warning} ", style="bold white on red", markup=False)
-    kind = "policy" if plan.shadow is None else "shadow policy"
-    console.print(f"robot {plan.description.name}, {kind} {plan.policy}", markup=False)
+    console.print(f"robot {plan.description.name}, policy {plan.policy}", markup=False)
     for notice in plan.notices:
         console.print(f"note: {notice}", markup=False, style="dim")
 
@@ -106,7 +105,6 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
         ("final table", run.monitor.error),
         ("console", run.console.error),
         ("front ends", run.front_ends.error),
-        ("shadow policy", run.shadow and run.shadow.error),
         ("robot", run.plan.setup.failure()),
     )
     found = [*result.failures, *(f"{part}: {error}" for part, error in parts if error)]
@@ -121,11 +119,6 @@ def _problems(run: Run, result: SessionResult) -> list[str]:
     for part, sink in (("final table", run.monitor), ("console", run.console)):
         if sink.lost:
             found.append(f"{part}: {sink.lost} ticks and events left out, it could not keep up")
-    if run.shadow is not None and run.shadow.first_fault is not None:
-        time, text = run.shadow.first_fault
-        found.append(f"shadow policy: failed {run.shadow.faults} times, first at {time:.3f} s: {text}")
-    if run.shadow is not None and run.shadow.lost:
-        found.append(f"shadow policy: {run.shadow.lost} ticks left out, it could not keep up")
     return found
 
 

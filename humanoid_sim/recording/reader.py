@@ -317,20 +317,6 @@ class _HeaderParts:
         return header
 
 
-def messages_of(path: str | os.PathLike[str], topic: str) -> Iterator[bytes]:
-    """Yield the encoded messages of one topic in file order, to the first chunk that is not whole.
-
-    Raises `InputError` if the file cannot be read.
-    """
-    channels: set[int] = set()
-    with _open(Path(path)) as file:
-        for record in McapStream(file):
-            if isinstance(record, Channel) and record.topic == topic:
-                channels.add(record.id)
-            elif isinstance(record, Message) and record.channel_id in channels:
-                yield record.data
-
-
 def _open(path: Path) -> IO[bytes]:
     with blaming(f"{path}: cannot be read", OSError):
         return regular_file(path, "a recording (.mcap)").open("rb")

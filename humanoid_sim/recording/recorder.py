@@ -13,9 +13,8 @@ from __future__ import annotations
 import math
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from time import monotonic, sleep
@@ -64,14 +63,6 @@ _QOS = """\
 """QoS with which `ros2 bag play` offers a topic, in the numbers of rmw_qos_profile_t: keep last, reliable."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Beside:
-    """Messages that belong to no tick."""
-
-    time: float
-    messages: Sequence[TopicMessage]
-
-
 class McapRecorder:
     """Sink that records a run. One instance records one run."""
 
@@ -92,7 +83,7 @@ class McapRecorder:
         self.path = Path(path)
         self._overwrite = overwrite
         self._encoded, self._tell = encoded, tell
-        self._queue: SimpleQueue[tuple[TickRecord, bytes | None] | Event | _Beside] = SimpleQueue()
+        self._queue: SimpleQueue[tuple[TickRecord, bytes | None] | Event] = SimpleQueue()
         self._stop = threading.Event()
         self._wake = threading.Event()
         self.backlog_limit = QUEUE_LIMIT
@@ -142,16 +133,9 @@ class McapRecorder:
 
     def event(self, event: Event) -> None:
         """Queue an event. Never waits."""
-        self._put(event)
-
-    def beside(self, time: float, messages: Sequence[TopicMessage]) -> None:
-        """Queue messages that belong to no tick, of s on the robot's clock; from any thread. Never waits."""
-        self._put(_Beside(time, messages))
-
-    def _put(self, item: Event | _Beside) -> None:
         is_open = self._thread is not None or not self._is_created  # events from before the run begins are kept as well
         if self.error is None and is_open and self._queue.qsize() < 2 * QUEUE_LIMIT:
-            self._queue.put(item)
+            self._queue.put(event)
 
     def close(self) -> None:
         """Write what is queued, and the index. Never raises; `error` says whether it worked."""
@@ -205,8 +189,6 @@ class McapRecorder:
                     break
                 if isinstance(item, Event):
                     run.event(item)
-                elif isinstance(item, _Beside):
-                    run.beside(item)
                 else:
                     run.tick(*item)
                     self._done += 1
@@ -262,12 +244,6 @@ class _RunWriter:
             write_header(self._writer, event.header)
             self._topics.follow(event.header)
         self._add(TopicMessage(EVENT_TOPIC, EVENT, encode_event(event)), self._log_time(event.time), self._index)
-
-    def beside(self, item: _Beside) -> None:
-        """Write messages that belong to no tick."""
-        time_ns = self._log_time(item.time)
-        for message in item.messages:
-            self._add(message, time_ns, self._index)
 
     @property
     def is_due(self) -> bool:

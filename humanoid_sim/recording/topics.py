@@ -94,12 +94,14 @@ def _live_topics(header: SessionHeader) -> Mapping[str, str]:
 class PolicyTopics:
     """Turns the steps of one policy into messages: arrays, or under the names of their values where there are any."""
 
-    def __init__(self, prefix: str, terms: tuple[tuple[str, int], ...], labels: Labels) -> None:
-        """Prepare for the terms of an observation, by name and width, with topics under `prefix`."""
+    def __init__(self, header: SessionHeader) -> None:
+        """Prepare for the terms of a run's observation."""
+        labels = read_labels(header)
         self._terms = tuple(
-            (f"{prefix}/observation/{name}", width, labels.observation.get(name)) for name, width in terms
+            (f"/rl_policy_controller/observation/{name}", width, labels.observation.get(name))
+            for name, width in header.observation_terms
         )
-        self._action = f"{prefix}/action", labels.action
+        self._action = "/rl_policy_controller/action", labels.action
 
     def messages(self, step: PolicyStep, time_ns: int) -> Iterator[TopicMessage]:
         """Yield the observation term by term, and the raw action."""
@@ -150,7 +152,7 @@ class ViewerTopics:
 
     def follow(self, header: SessionHeader) -> None:
         """Name what a policy that was loaded since observes and answers."""
-        self._policy = PolicyTopics("/rl_policy_controller", header.observation_terms, read_labels(header))
+        self._policy = PolicyTopics(header)
         self.live = _live_topics(header)
 
     def messages(self, record: TickRecord, time_ns: int) -> Iterator[TopicMessage]:

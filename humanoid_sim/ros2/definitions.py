@@ -26,7 +26,6 @@ STANDBY_STATE = "humanoid_control_msgs/msg/StandbyState"
 SAFETY_STATUS = "humanoid_control_msgs/msg/SafetyStatus"
 EVENT = "humanoid_sim_msgs/msg/Event"
 TICK = "humanoid_sim_msgs/msg/Tick"
-SHADOW_STEP = "humanoid_sim_msgs/msg/ShadowStep"
 
 
 def _constants(codes: Iterable[tuple[str, int]]) -> str:
@@ -171,19 +170,6 @@ string controller
 string fallback
 string message
 bool is_bug
-MSG: humanoid_sim_msgs/ShadowStep
-# What a policy that drives nothing saw and answered, and what it would have commanded. Nothing of it reached a motor.
-uint64 tick                   # index of the tick whose state it saw
-float64 time                  # s, robot's clock, of that state
-int64 frame
-float32[] observation
-float32[] action
-float64[] command_position    # rad, joint frame
-float64[] command_velocity    # rad/s
-float64[] command_effort      # Nm
-float64[] command_stiffness   # Nm/rad
-float64[] command_damping     # Nms/rad
-string fault                  # why there is no command; empty where there is one
 MSG: humanoid_sim_msgs/Tick
 # One tick of the control loop: everything it depended on and everything it decided, bit for bit.
 {_MODES}

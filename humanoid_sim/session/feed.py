@@ -23,12 +23,12 @@ from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.messages import Event, SessionHeader, TickRecord
 from humanoid_sim.recording.codec import TickEncoder, encode_event
 from humanoid_sim.recording.header import header_metadata
-from humanoid_sim.ros2.definitions import EVENT, SHADOW_STEP, TICK, schema_text
+from humanoid_sim.ros2.definitions import EVENT, TICK, schema_text
 from humanoid_sim.session.sinks import Sink
 
 MODEL_BLOB = "model.mjb"
 """The robot's compiled model; `qpos` of the ticks is its."""
-_TICKS, _EVENTS, _STATUSES, _SHADOWS = 64, 256, 4, 64
+_TICKS, _EVENTS, _STATUSES = 64, 256, 4
 """Samples that each ring holds: a reader that looks 10 times a second sees every tick of a loop at 200 Hz."""
 _EVENT_SIZE, _STATUS_SIZE = 1024, 1 << 16
 """Bytes; a longer event is cut, a longer status is left out."""
@@ -84,15 +84,12 @@ class FeedWriter(Sink):
         header: SessionHeader,
         blobs: Mapping[str, bytes] | None = None,
         live_inputs: Mapping[str, int] | None = None,
-        *,
-        shadow_width: int = 0,
     ) -> None:
         """Make the memory, with what interprets the run. Raises `InputError` if it cannot be made.
 
         Args:
             blobs: files by name, beside the header's attachments.
             live_inputs: name and width of those that the session takes from outside.
-            shadow_width: how many values a shadow policy observes and answers; 0 for none.
         """
         self.left_out = 0
         """Ticks that did not fit."""
@@ -106,7 +103,7 @@ class FeedWriter(Sink):
             "joint_names": header.joint_names,
             "control_period": header.control_period,
             **_described(header, live_inputs),
-            "definitions": {"tick": schema_text(TICK), "event": schema_text(EVENT), "shadow": schema_text(SHADOW_STEP)},
+            "definitions": {"tick": schema_text(TICK), "event": schema_text(EVENT)},
         }
         places, offset = _placed(files)
         rings: dict[str, tuple[int, int, int]] = {}
@@ -114,7 +111,6 @@ class FeedWriter(Sink):
             ("tick", _TICKS, _tick_size(header)),
             ("event", _EVENTS, _EVENT_SIZE),
             ("status", _STATUSES, _STATUS_SIZE),
-            ("shadow", _SHADOWS if shadow_width else 1, _shadow_size(header, shadow_width)),
             ("policy", 2, _PATH_SIZE),
         ):
             rings[name] = (offset, slots, size)
@@ -122,7 +118,7 @@ class FeedWriter(Sink):
         self._handle, self._memory = _filled({**described, "rings": rings}, files, places, offset)
         self.path = Path(f"/proc/{os.getpid()}/fd/{self._handle}")
         """By which this user's other programs open it for reading."""
-        self._ticks, self._events, self._statuses, self._shadows, self._policies = (
+        self._ticks, self._events, self._statuses, self._policies = (
             _Ring(self._memory, *place) for place in rings.values()
         )
         for place, slots, size in rings.values():  # every page is mapped before the loop begins
@@ -174,10 +170,6 @@ class FeedWriter(Sink):
         self._policies.put(f"/proc/{os.getpid()}/fd/{prepared}".encode())
         if before is not None:
             os.close(before)
-
-    def shadow(self, message: bytes) -> None:
-        """Publish a step of a shadow policy; from one thread."""
-        self._shadows.put(message)
 
     def close(self) -> None:
         """Say that the session has ended, and let the memory go; readers keep what they have mapped."""
@@ -258,11 +250,6 @@ def _tick_size(header: SessionHeader) -> int:
     observation = max(sum(width for _, width in header.observation_terms), _MOST_OBSERVED)
     numbers = 4 * joints + 5 * joints + (joints + 64) + 5 * joints + observation + joints
     return _aligned(8 * numbers + _ROOM)
-
-
-def _shadow_size(header: SessionHeader, width: int) -> int:
-    """Bytes of a slot, with room for what a fault says."""
-    return _aligned(8 * (width + 5 * len(header.joint_names)) + _EVENT_SIZE)
 
 
 def _aligned(offset: int) -> int:

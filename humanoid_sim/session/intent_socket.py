@@ -220,7 +220,7 @@ class IntentSocket(IntentSource, Sink):
 
     def _load(self, options: str, who: str, asked: _Asked) -> None:
         """Have a policy prepared, or answer why not."""
-        refusal = "load refused: this session runs no policy but a shadow, which stays as it is"
+        refusal = "load refused: this session takes no other policy"
         if self._loading is not None:
             refusal = self._loading.request(options, self._freshness.mode)
         if refusal:

@@ -30,10 +30,9 @@ LITE = load_robot("lite")
     ],
 )
 def test_a_policy_that_ships_goes_by_its_name_and_follows_what_is_its_default(policy, robot, followed):
-    for config in (PlayConfig(policy=policy), PlayConfig(shadow=policy)):
-        choice = choose_policy(config, load_robot(robot))
-        assert Path(choice.checkpoint.source).name == f"{policy}.onnx"
-        assert (choice.motion_file and choice.motion_file.stem) == followed
+    choice = choose_policy(PlayConfig(policy=policy), load_robot(robot))
+    assert Path(choice.checkpoint.source).name == f"{policy}.onnx"
+    assert (choice.motion_file and choice.motion_file.stem) == followed
 
 
 def test_a_policys_path_does_not_make_it_the_sample():

@@ -65,7 +65,7 @@ class LocalSession:
             tell=self.told.append,
         )
         self.stack.callback(self.data.close)
-        self.feed = FeedWriter(HEADER, {"model.mjb": b"model"}, live_inputs=self.takes, shadow_width=8)
+        self.feed = FeedWriter(HEADER, {"model.mjb": b"model"}, live_inputs=self.takes)
         self.stack.callback(self.feed.close)
         self.registration.register(robot="three", policy="p.onnx", hardware="", feed=self.feed.path)
 

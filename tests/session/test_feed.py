@@ -13,9 +13,8 @@ from local_session import HEADER, LocalSession
 
 from humanoid_sim.client import SLOT_HEAD, Feed, SessionError
 from humanoid_sim.errors import InputError
-from humanoid_sim.messages import Event, EventKind, Intent, PolicyStep
+from humanoid_sim.messages import Event, EventKind, Intent
 from humanoid_sim.recording.codec import decode_event, decode_tick
-from humanoid_sim.recording.shadow import ShadowStep, encode_shadow_step
 
 
 def test_a_tick_arrives_bit_for_bit(local):
@@ -90,20 +89,6 @@ def test_a_status_is_told_beside_the_ticks(local):
         local.feed.status({"owners": {"REMOTE": "me (1)"}})
         local.feed.status({"too long": "x" * 100_000})
         assert feed.status() == {"owners": {"REMOTE": "me (1)"}}
-
-
-def test_the_steps_of_a_shadow_policy_are_told(local):
-    seen = PolicyStep(3, np.arange(6, dtype=np.float32), np.array([0.5, -0.5], dtype=np.float32))
-    with Feed(local.info) as feed:
-        assert feed.latest("shadow") is None
-        for tick in (7, 8):
-            local.feed.shadow(encode_shadow_step(ShadowStep(tick, 0.1 * tick, seen, rig.command())))
-        first, second = feed.since(0, "shadow")
-        told = feed.decode(second, "shadow")
-    assert (first.number, second.number, told["tick"], told["frame"], told["fault"]) == (1, 2, 8, 3, "")
-    assert told["observation"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
-    assert told["action"].tolist() == [0.5, -0.5]
-    assert told["command_stiffness"].tolist() == [40.0, 40.0, 40.0]
 
 
 def test_waiting_ends_with_the_tick_the_time_or_the_session(local):

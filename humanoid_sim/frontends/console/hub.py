@@ -37,7 +37,6 @@ from humanoid_sim.frontends.console.showing import Showing
 from humanoid_sim.frontends.console.state import LoopRate, Reasons, base_velocity, known_supervisor, state
 from humanoid_sim.frontends.console.wishes import Beat, LetGo, Snap, Take, parse_wish
 from humanoid_sim.messages import Intent, TickRecord
-from humanoid_sim.recording.shadow import decode_shadow_step
 from humanoid_sim.session.intent_socket import MARK, RateLimit
 from humanoid_sim.session.reactivation import REACTIVATE
 from humanoid_sim.session.simulation_controls import SIMULATION_WORDS
@@ -103,7 +102,7 @@ class Hub:
         self._damps = 0
         self._record: TickRecord | None = None
         self._stamp = monotonic_ns()
-        self._number = self._event_number = self._shadow_number = 0
+        self._number = self._event_number = 0
         self._mode: tuple[str, str] | None = None
         self._is_paused = False
         """True if the newest tick was there before: a simulation whose time stands still shows it again and again."""
@@ -138,9 +137,6 @@ class Hub:
         for number, event in self._attachment.events(self._event_number):
             self._event_number = number
             self._tell(event.time, event.text)
-        for sample in feed.since(self._shadow_number, "shadow"):
-            self._shadow_number = sample.number
-            self._showing.plots.shadow(decode_shadow_step(sample.data))
         for sample in feed.since(self._number):
             self._number, self._stamp = sample.number, sample.stamp
             newest, before = self._attachment.record(sample), newest or self._record

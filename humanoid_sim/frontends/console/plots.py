@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +15,6 @@ from humanoid_sim.frontends.console.state import base_velocity
 from humanoid_sim.hardware.bus.frame import bus_load
 from humanoid_sim.messages import Mode, SessionHeader, TickRecord
 from humanoid_sim.mit import VELOCITY_COMMAND, FloatArray
-from humanoid_sim.recording.shadow import ShadowStep, shadow_values
 from humanoid_sim.recording.topics import Labels, read_labels
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.simulation.floating_base import BaseObserver
@@ -28,8 +26,6 @@ _ROWS = 15_000
 """That are kept, for pages that are opened late."""
 _PERIOD = 0.02
 """s, the shortest between two rows: 50 a second, and so the last five minutes of the robot's time at least."""
-_SHADOW_AGE = 0.5
-"""s after which a step of a shadow policy is the past."""
 _MOST_SERIES = 20
 """Largest number of series in one chart; more are spread over several charts."""
 _HEAD = struct.Struct("<3d")
@@ -107,10 +103,6 @@ class Plots:
             width += columns
         self.history = History(width)
         self._observation: FloatArray = np.full(sum(self._widths), np.nan)
-        terms, labels = shadow_values(header) or ((), Labels())
-        self._shadow_widths = (self._joints, len(labels.action), sum(width for _, width in terms)) if terms else None
-        self._shadow: ShadowStep | None = None
-        self._shadow_steps: deque[ShadowStep] = deque(maxlen=_ROWS)
         self._slowest = self._missed = 0.0
 
     def add(self, record: TickRecord, loads: Mapping[str, float]) -> None:
@@ -141,32 +133,9 @@ class Plots:
             [1e3 * self._slowest, self._missed],
             [100.0 * loads.get(channel, np.nan) for channel in self._channels],
             self._observation if is_driven else np.full_like(self._observation, np.nan),
-            self._shadowed(time, state.joint_position),
         ]
         self.history.add(time, np.concatenate([np.asarray(part, np.float64) for part in values]))
         self._slowest = 0.0
-
-    def shadow(self, step: ShadowStep) -> None:
-        """Take a step of a policy that only looks on."""
-        self._shadow_steps.append(step)
-
-    def _shadowed(self, time: float, position: FloatArray) -> FloatArray:
-        """Return the joints beside what a shadow policy would command, its answer and what it saw; no past ones."""
-        if self._shadow_widths is None:
-            return np.empty(0)
-        joints, actions, observed = self._shadow_widths
-        steps = self._shadow_steps
-        while steps and not time < steps[0].time <= time + _SHADOW_AGE:
-            self._shadow = steps.popleft()
-        shown, latest = np.full(2 * joints + actions + observed, np.nan), self._shadow
-        if latest is None or abs(time - latest.time) > _SHADOW_AGE:
-            return shown
-        if latest.command is not None and len(latest.command.position) == joints:
-            shown[: 2 * joints] = np.column_stack([position, latest.command.position]).ravel()
-        seen = latest.step
-        if seen is not None and (seen.action.size, seen.observation.size) == (actions, observed):
-            shown[2 * joints :] = np.concatenate([seen.action.reshape(-1), seen.observation])
-        return shown
 
     def _motion(self, record: TickRecord) -> FloatArray:
         """Return the velocity of a floating base, each component beside what is commanded."""
@@ -265,13 +234,6 @@ def _charts(
     for channel in channels:
         yield Chart("bus load", channel, "%", ("load",)), 1
     yield from _observed("observation", header.observation_terms, read_labels(header))
-    terms, labels = shadow_values(header) or ((), Labels())
-    if terms:
-        for name in header.joint_names:
-            yield Chart("shadow policy", name, "rad", ("position", "would command")), 2
-        if labels.action:
-            yield from _spread("shadow policy", "action", "as answered", labels.action)
-        yield from _observed("shadow policy observes", terms, labels)
 
 
 def _observed(group: str, terms: Sequence[tuple[str, int]], labels: Labels) -> Iterator[tuple[Chart, int]]:
