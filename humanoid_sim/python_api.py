@@ -260,7 +260,7 @@ def diagnose(policy: Given, robot: str, *, quiet: bool = False, **options: Any) 
     Args:
         robot: a shipped robot, `robot_descriptions:NAME`, a YAML file or an MJCF.
         quiet: do not show how far it is.
-        options: those of `policy doctor`, such as `motion`, `command`, `budget=60`.
+        options: those of `policy doctor`, such as `motion`, `command`, `seconds=3`.
     """
     from humanoid_sim.doctor.run import examine  # noqa: PLC0415 - MuJoCo, and all that runs a robot
 

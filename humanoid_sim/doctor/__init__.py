@@ -1,6 +1,6 @@
 """Find out what is wired wrongly in a policy that does not behave: try what usually is, one change at a time, and see.
 
-`hypotheses` is the space of changes, `trials` tries one in simulation, `search` goes through them, `report` shows the
+`hypotheses` is the space of changes, `trials` tries one in simulation, `run` goes through them, `report` shows the
 ranking. Nothing heavy is imported here: `--help` must be quick.
 """
 
@@ -17,8 +17,8 @@ import tyro
 class DoctorConfig:
     """Find out what is wired wrongly in a policy that does not behave.
 
-    Changes the contract in every way in which contracts usually are wrong, one change at a time and then two, tries
-    each in short simulated runs in which nothing holds the robot, and ranks them by how long and how well it stays up.
+    Changes the contract in every way in which contracts usually are wrong, one change at a time, tries each once in the
+    same short simulated run, in which nothing holds the robot, and ranks them by how long and how well it stays up.
     Ctrl-C ends the search and shows the ranking so far. Exit status 0 if nothing wrong was found, else 1.
     """
 
@@ -34,14 +34,9 @@ class DoctorConfig:
     """Motion to follow, if the checkpoint does not carry one: a sample motion ({motions}), or an .mcap
     file."""
     command: str | None = None
-    """Velocity command vx,vy,wz in m/s, m/s and rad/s. Default: forward, turning and backward."""
-    seconds: float = 4.0
-    """Length of the first, brief trials; the best are then tried for longer."""
-    pairs: int = 6000
-    """At most so many pairs of changes are tried where one change is not enough; 0: single changes only."""
-    budget: float = 120.0
-    """Wall time in s after which the search ends. Single changes and pairs each have a share of it, the likeliest come
-    first, trials are cut short on a slow machine, and the report says what was not tried."""
+    """Velocity command vx,vy,wz in m/s, m/s and rad/s. Default: forward while turning."""
+    seconds: float = 6.0
+    """Length of each trial, of a motion at most all of it."""
     top: int = 10
     """Rows of the ranking."""
     base_height: float | None = None

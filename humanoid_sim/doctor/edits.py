@@ -69,10 +69,6 @@ class Edit:
     """One line that a user can check against the training configuration."""
     change: Change
     doubt: float = DOUBT
-    is_whole: bool = False
-    """Its parts mean nothing one by one: names and values of a new order."""
-    is_detail: bool = False
-    """True of edits of one joint: there are as many as the robot has joints, or more."""
 
     def apply(self, contract: PolicyContract) -> PolicyContract | None:
         """Return the changed contract; None where the change does not fit."""

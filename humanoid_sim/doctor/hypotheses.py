@@ -1,4 +1,4 @@
-"""The space that the doctor searches: single edits of a contract, and pairs of them.
+"""The space that the doctor searches: single edits of a contract.
 
 It is bounded, and it is what goes wrong in practice: every convention that differs between exporters, turned the other
 way, one at a time.
@@ -6,10 +6,9 @@ way, one at a time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
-from functools import lru_cache, partial
-from itertools import combinations
+from collections.abc import Callable, Hashable, Iterator
+from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from humanoid_sim.controllers.contract import PhaseRule, PolicyContract, TensorN
 from humanoid_sim.controllers.term_kinds import term_kind
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor import joint_edits, observation_edits
-from humanoid_sim.doctor.edits import Change, Edit, RobotFacts, set_fields, set_options
+from humanoid_sim.doctor.edits import Edit, RobotFacts
 
 _FAMILIES: tuple[Callable[[PolicyContract, RobotFacts], Iterator[Edit]], ...] = (
     joint_edits.joint_orders,
@@ -40,100 +39,45 @@ _FAMILIES: tuple[Callable[[PolicyContract, RobotFacts], Iterator[Edit]], ...] = 
     joint_edits.swapped_sides,
     joint_edits.swapped_gains,
 )
-_DETAIL = 4
-"""As there are so many, each is less likely."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
-    """A contract that may be the right one, as the present one with no, one or two edits."""
+    """A contract that may be the right one: the present one, or that with an edit."""
 
-    edits: tuple[Edit, ...]
+    edit: Edit | None
     contract: PolicyContract
 
     @property
     def name(self) -> str:
         """For tables."""
-        return " + ".join(edit.name for edit in self.edits) or "as it is"
+        return "as it is" if self.edit is None else self.edit.name
 
     @property
-    def causes(self) -> tuple[str, ...]:
-        """Return what the edits are about, sorted; empty for the present contract."""
-        return tuple(sorted(edit.cause for edit in self.edits))
+    def cause(self) -> str:
+        """What the edit is about; empty for the present contract."""
+        return "" if self.edit is None else self.edit.cause
 
     @property
     def doubt(self) -> float:
-        """Share of the cost that the edits together must save to be believed."""
-        return sum(edit.doubt for edit in self.edits)
-
-    @property
-    def is_detail(self) -> bool:
-        """True of edits of one joint, of which there are many."""
-        return any(edit.is_detail for edit in self.edits)
+        """Share of the cost that the edit must save to be believed."""
+        return 0.0 if self.edit is None else self.edit.doubt
 
     @property
     def explanation(self) -> str:
         """One line."""
-        return "; ".join(edit.explanation for edit in self.edits) or "the contract as it is"
+        return "the contract as it is" if self.edit is None else self.edit.explanation
 
 
 def singles(contract: PolicyContract, robot: RobotFacts) -> tuple[Hypothesis, ...]:
     """Every single edit that fits and changes something, no contract twice."""
-    found = {_contract_key(contract): Hypothesis((), contract)}
+    found = {_contract_key(contract): Hypothesis(None, contract)}
     for family in _FAMILIES:
         for edit in family(contract, robot):
             changed = edit.apply(contract)
             if changed is not None:
-                found.setdefault(_contract_key(changed), Hypothesis((edit,), changed))
+                found.setdefault(_contract_key(changed), Hypothesis(edit, changed))
     return tuple(found.values())[1:]
-
-
-def pairs(contract: PolicyContract, promising: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
-    """Every two of some single edits together, most promising first; two of the same cause exclude each other.
-
-    What is promising together has one promising half: the other may stand anywhere. So pairs go by the product of their
-    halves' places; that of an edit of one joint counts `_DETAIL` times.
-    """
-    places = [place * (_DETAIL if edit.is_detail else 1) for place, edit in enumerate(promising, 1)]
-    keys = [_contract_key(contract), *(_contract_key(hypothesis.contract) for hypothesis in promising)]
-    ranked = sorted(combinations(range(len(promising)), 2), key=lambda both: places[both[0]] * places[both[1]])
-    for i, j in ranked:
-        first, second = promising[i].edits[0], promising[j].edits[0]
-        if first.cause == second.cause:
-            continue
-        once = first.apply(contract)
-        both = None if once is None else second.apply(once)
-        if both is not None and _contract_key(both) not in (keys[0], keys[i + 1], keys[j + 1]):
-            yield Hypothesis((first, second), both)
-
-
-def spared(contract: PolicyContract, hypothesis: Hypothesis) -> Iterator[Hypothesis]:
-    """Yield the hypothesis less one part of what it changes: a coarse edit may alter a right value as well.
-
-    Its parts are fields of the present contract, or options of terms; a single one has no parts.
-    """
-    if not hypothesis.edits or any(edit.is_whole for edit in hypothesis.edits):
-        return
-    before, parts = {term.name: term for term in contract.terms}, dict[str, Change]()
-    for name, option in differences(contract, hypothesis.contract):
-        if option:
-            values = {option: getattr(before[name], option)}
-            parts[f"terms.{name}.{option}"] = partial(set_options, (name,), **values)
-        else:
-            parts[name] = set_fields(**{name: getattr(contract, name)})
-    if len(parts) < 2:
-        return
-    *others, last = hypothesis.edits
-    for part, restore in parts.items():
-        explanation = f"{last.explanation}; but {part} is right as it is"
-        name, doubt = f"{last.name}, but not {part}", 0.5 * last.doubt
-        change = partial(_both, last.change, restore)
-        edit = replace(last, name=name, explanation=explanation, change=change, doubt=doubt)
-        yield Hypothesis((*others, edit), restore(hypothesis.contract))
-
-
-def _both(first: Change, second: Change, contract: PolicyContract) -> PolicyContract:
-    return second(first(contract))
 
 
 def differences(present: PolicyContract, wanted: PolicyContract) -> Iterator[tuple[str, str]]:

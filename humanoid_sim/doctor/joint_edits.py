@@ -44,9 +44,9 @@ def joint_orders(contract: PolicyContract, robot: RobotFacts) -> Iterator[Edit]:
             continue
         name, cause = f"joint order {title}", "joint order"
         text = f"joint_names is {title} order; the lists of gains, pose and scale are in that order already"
-        yield Edit(f"{name}, values stay in place", cause, text, partial(_relabelled, order), is_whole=True)
+        yield Edit(f"{name}, values stay in place", cause, text, partial(_relabelled, order))
         text = f"the policy sees and drives the joints in {title} order; gains, pose and scale belong to their joints"
-        yield Edit(f"{name}, values move along", cause, text, partial(_reordered, order), is_whole=True)
+        yield Edit(f"{name}, values move along", cause, text, partial(_reordered, order))
 
 
 def _relabelled(order: tuple[str, ...], contract: PolicyContract) -> PolicyContract:
@@ -90,7 +90,7 @@ def joint_signs(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
         for along, which in ((True, ""), (False, ", its default angle stays")):
             text = f"{name} turns the other way in the policy than on the robot{which}"
             change = partial(_turned_round, name, along)
-            yield Edit(f"{name} turned round{which}", "joint direction", text, change, JOINT_DOUBT, True, True)
+            yield Edit(f"{name} turned round{which}", "joint direction", text, change, JOINT_DOUBT)
 
 
 def _turned_round(name: str, along: bool, contract: PolicyContract) -> PolicyContract:
@@ -128,7 +128,7 @@ def swapped_sides(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
         order = tuple(mirror.get(name, name) if name in chosen else name for name in names)
         if order != names:
             text, change = f"joint_names has {title} swapped", partial(_relabelled, order)
-            yield Edit(f"{title} swapped", "joint order", text, change, JOINT_DOUBT, True, len(chosen) == 2)
+            yield Edit(f"{title} swapped", "joint order", text, change, JOINT_DOUBT)
 
 
 def swapped_gains(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
@@ -159,7 +159,7 @@ def swapped_gains(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
             if left < now or left == now == 0:
                 title = f"gains of {names[i]} and {names[j]} swapped{sides}"
                 fields = {name: getattr(contract, name)[order] for name in ("joint_stiffness", "joint_damping")}
-                yield Edit(title, "gains of two joints", title, set_fields(**fields), STRONG_DOUBT, False, True)
+                yield Edit(title, "gains of two joints", title, set_fields(**fields), STRONG_DOUBT)
 
 
 _SCALES = (1.0, 0.5, 0.25)

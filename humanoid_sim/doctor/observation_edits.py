@@ -120,7 +120,7 @@ def imu_turns(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
     names = {term.name for term in shown}
     for axes in shown[0].others("axes"):
         text = f"the IMU is turned: what the policy knows as x y z are its axes {axes}"
-        yield Edit(f"IMU turned: {axes}", "IMU axes", text, partial(set_options, names, axes=axes), is_whole=True)
+        yield Edit(f"IMU turned: {axes}", "IMU axes", text, partial(set_options, names, axes=axes))
 
 
 def phases(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
@@ -202,7 +202,7 @@ def history_orders(contract: PolicyContract, _: RobotFacts) -> Iterator[Edit]:
         return change_terms(contract, lambda term: replace(term, history_order=flip[term.history_order]))
 
     text = f"the steps of a term's history are {order}"
-    yield Edit(f"history {order}", "history order", text, flipped, is_whole=True)
+    yield Edit(f"history {order}", "history order", text, flipped)
     name, text, layout = "history per step", "each step's terms lie together", "per_step"
     if contract.history_layout == "per_step":
         name, text, layout = "history per term", "each term's steps lie together", "per_term"

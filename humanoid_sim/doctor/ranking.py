@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -10,13 +9,9 @@ from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor.hypotheses import Hypothesis
 from humanoid_sim.doctor.trials import Outcome
 
-_WORTH = 0.15
-"""Share of the cost that a second change must save: two changes explain anything a little better than one."""
-_LONGER = 0.05
-"""Difference in the share of the time that the robot stays up, beyond which that alone decides."""
 _NOTICED = 1.1
 """A part of the quality from which on an onlooker notices something. A policy that is wired right may tilt by 1.03:
-`policy doctor lite_biped_velocity --robot lite_biped --command=0.3,0,0 --pairs 0 --json`."""
+`policy doctor lite_biped_velocity --robot lite_biped --command=0.3,0,0 --json`."""
 _SLIGHT = 0.15
 """Share of the cost below which an improvement may be chance."""
 _EQUAL = 0.05
@@ -35,47 +30,32 @@ class Verdict:
     """Result of one hypothesis."""
 
     hypothesis: Hypothesis
-    outcomes: tuple[Outcome, ...]
-    is_thorough: bool
-    """True if it was tried at length."""
+    outcome: Outcome
 
     @property
     def time_up(self) -> float:
-        """Share of the trials' time that the robot stayed up, 0 to 1."""
-        return sum(outcome.time_up for outcome in self.outcomes) / sum(outcome.seconds for outcome in self.outcomes)
+        """Share of the trial's time that the robot stayed up, 0 to 1."""
+        return self.outcome.time_up / self.outcome.seconds
 
     @property
     def stays_up(self) -> bool:
         """Return whether it was never lost."""
-        return not any(outcome.lost for outcome in self.outcomes)
+        return not self.outcome.lost
 
     @property
     def cost(self) -> float:
-        """Mean cost of the trials, smaller is better."""
-        return sum(outcome.cost for outcome in self.outcomes) / len(self.outcomes)
+        """Cost of the trial, smaller is better."""
+        return self.outcome.cost
 
     @property
     def is_inconspicuous(self) -> bool:
         """Return whether it was never lost, and an onlooker would have noticed nothing."""
-        parts = (part for outcome in self.outcomes for part in outcome.quality.values())
-        return self.stays_up and all(part <= _NOTICED for part in parts)
-
-    @property
-    def parts(self) -> dict[str, float]:
-        """The parts of the cost by name, each the mean over the trials."""
-        count = len(self.outcomes)
-        names = dict.fromkeys(name for outcome in self.outcomes for name in outcome.quality)
-        return {name: sum(outcome.quality.get(name, 0.0) for outcome in self.outcomes) / count for name in names}
-
-    @property
-    def worst(self) -> float:
-        """The largest part of the cost, or what an onlooker does not notice."""
-        return max((_NOTICED, *self.parts.values()))
+        return self.stays_up and all(part <= _NOTICED for part in self.outcome.quality.values())
 
     def worsens(self, other: Verdict) -> tuple[str, ...]:
-        """Return the parts in which it is clearly worse than `other`, of the same trials."""
-        before = other.parts
-        return tuple(name for name, part in self.parts.items() if part - before.get(name, 0.0) > _WORSENED)
+        """Return the parts of the quality in which it is clearly worse than `other`."""
+        before, after = other.outcome.quality, self.outcome.quality
+        return tuple(name for name, part in after.items() if part - before.get(name, 0.0) > _WORSENED)
 
     @property
     def doubtful_cost(self) -> float:
@@ -83,9 +63,9 @@ class Verdict:
         return self.cost + self.hypothesis.doubt * max(self.cost, 1.0)
 
     @property
-    def order(self) -> tuple[float, ...]:
-        """Sorts verdicts, best first: at length before briefly, then the time up, then the cost."""
-        return (-float(self.is_thorough), -round(self.time_up, 2), self.doubtful_cost)
+    def order(self) -> tuple[float, float]:
+        """Sorts verdicts, best first: by the time up, then by the cost."""
+        return -round(self.time_up, 2), self.doubtful_cost
 
 
 @dataclass
@@ -93,37 +73,19 @@ class Ranking:
     """Results so far; they grow while the search goes on."""
 
     verdicts: dict[str, Verdict] = field(default_factory=dict)
-    """Latest verdict on each hypothesis, by its name."""
+    """Verdict on each hypothesis, by its name."""
     contradicts: Callable[[PolicyContract], bool] | None = None
     """Function that returns True if the trainer's samples, which agree with the present contract, do not agree with
     another; None without samples."""
-    is_complete: bool = False
+    known: int = 0
+    """Changes in the space."""
     seconds: float = 0.0
     """s of wall time that the search has taken."""
-    tried: dict[str, int] = field(default_factory=dict)
-    """Number of edits of each hypothesis that has been tried, be it at a glance, by its name."""
-    singles_known: int = 0
-    """Single changes in the space."""
-    pairs_known: int = 0
-    """Pairs that are worth trying; at most so many before all have been tried."""
 
     @property
-    def singles_tried(self) -> int:
-        """Number of single changes that have been tried."""
-        return list(self.tried.values()).count(1)
-
-    @property
-    def pairs_tried(self) -> int:
-        """Number of pairs that have been tried."""
-        return list(self.tried.values()).count(2)
-
-    @property
-    def untried(self) -> str:
-        """Say what there was no time for; empty if there was for all."""
-        singles = "single changes", self.singles_tried, self.singles_known
-        pairs = "pairs of changes", self.pairs_tried, self.pairs_known
-        missing = (f"{known - tried} of {known} {what}" for what, tried, known in (singles, pairs) if tried < known)
-        return " and ".join(missing)
+    def tried(self) -> int:
+        """Number of changes that have been tried."""
+        return len(self.verdicts) - (self.present is not None)
 
     def add(self, verdict: Verdict) -> None:
         """Take in a verdict."""
@@ -132,7 +94,7 @@ class Ranking:
     @property
     def present(self) -> Verdict | None:
         """Return the verdict on the contract as it is."""
-        return next((verdict for verdict in self.verdicts.values() if not verdict.hypothesis.edits), None)
+        return next((verdict for verdict in self.verdicts.values() if verdict.hypothesis.edit is None), None)
 
     @property
     def finding(self) -> Verdict | None:
@@ -144,7 +106,7 @@ class Ranking:
         """
         present = self.present
         for verdict in self.best():
-            if not verdict.hypothesis.edits and verdict.stays_up:
+            if verdict.hypothesis.edit is None and verdict.stays_up:
                 return None  # no other does better
             if verdict.stays_up and (present is None or self._cures(verdict, present)):
                 return verdict
@@ -154,7 +116,7 @@ class Ranking:
     def ruled_out(self) -> Verdict | None:
         """The best change before the contract as it is that the trainer's samples contradict; None: there is none."""
         for verdict in self.best():
-            if not verdict.hypothesis.edits:
+            if verdict.hypothesis.edit is None:
                 return None
             if verdict.stays_up and self._is_contradicted(verdict):
                 return verdict
@@ -189,40 +151,25 @@ class Ranking:
         return sorted(self.verdicts.values(), key=lambda verdict: verdict.order)
 
     def best(self) -> list[Verdict]:
-        """Best first: of every cause its best edit, and of pairs those that do better than each of their halves."""
-        found: dict[tuple[str, ...], Verdict] = {}
+        """Of every cause its best edit, best first."""
+        found: dict[str, Verdict] = {}
         for verdict in self.ordered:
-            if len(verdict.hypothesis.edits) < 2 or self._pays(verdict):
-                found.setdefault(verdict.hypothesis.causes, verdict)
+            found.setdefault(verdict.hypothesis.cause, verdict)
         return list(found.values())
 
-    def _pays(self, pair: Verdict) -> bool:
-        """Tell whether two changes are worth it: standing still pays off in all other parts, and is not walking."""
-        up = (v for v in self.verdicts.values() if len(v.hypothesis.edits) < 2 and v.is_thorough and v.stays_up)
-        if pair.worst > min((single.worst for single in up), default=math.inf) + _WORSENED:
-            return False
-        halves = [self.verdicts[edit.name] for edit in pair.hypothesis.edits if edit.name in self.verdicts]
-        return all(
-            pair.time_up > half.time_up
-            if abs(pair.time_up - half.time_up) > _LONGER
-            else pair.doubtful_cost < (1.0 - _WORTH) * half.doubtful_cost
-            for half in halves
-        )
-
     def equals(self, verdict: Verdict) -> list[Verdict]:
-        """Return changes of other causes, no more at once, that do as well: these trials cannot tell which is right."""
+        """Return changes of other causes that do as well: this trial cannot tell which is right."""
         limit = verdict.cost + _EQUAL * max(verdict.cost, 1.0)
         return [
             other
             for other in self.best()
-            if other.hypothesis.causes != verdict.hypothesis.causes
-            and 0 < len(other.hypothesis.edits) <= len(verdict.hypothesis.edits)
-            and other.is_thorough
+            if other.hypothesis.edit is not None
+            and other.hypothesis.cause != verdict.hypothesis.cause
             and other.stays_up
             and other.cost <= limit
         ]
 
     def alternatives(self, verdict: Verdict) -> list[Verdict]:
         """Other edits of the same cause, best first."""
-        causes = verdict.hypothesis.causes
-        return [other for other in self.ordered if other.hypothesis.causes == causes and other is not verdict]
+        cause = verdict.hypothesis.cause
+        return [other for other in self.ordered if other.hypothesis.cause == cause and other is not verdict]

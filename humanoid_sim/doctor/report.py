@@ -25,9 +25,9 @@ def conclusion(ranking: Ranking) -> str:
     if equals:
         names = ", ".join(f"'{verdict.hypothesis.name}'" for verdict in equals[:_EQUALS])
         more = f" and {len(equals) - _EQUALS} more" if len(equals) > _EQUALS else ""
-        text += f" As good in these trials, which cannot tell them apart: {names}{more}."
-    if ranking.untried:
-        text += f" Not tried in {ranking.seconds:.0f} s: {ranking.untried}; a larger --budget tries more."
+        text += f" As good in this trial, which cannot tell them apart: {names}{more}."
+    if ranking.tried < ranking.known:
+        text += f" Not tried: {ranking.known - ranking.tried} of {ranking.known} changes."
     return text
 
 
@@ -49,10 +49,10 @@ def _cause(ranking: Ranking) -> str:
             "so."
         )
     before = f"does {ranking.saved(finding):.0%} better" if present.stays_up else "keeps the robot up"
-    if ranking.untried and not finding.is_inconspicuous:
+    if not finding.is_inconspicuous:
         return (
-            f"Best so far: {finding.hypothesis.explanation}. With that it {before}, but not yet well, so another "
-            "change, or two at once, may be the cause."
+            f"Most likely: {finding.hypothesis.explanation}. With that it {before}, but not yet well: there may be "
+            "another mistake beside it."
         )
     return f"Most likely: {finding.hypothesis.explanation}. With that it {before}."
 
@@ -60,7 +60,7 @@ def _cause(ranking: Ranking) -> str:
 def _nothing_wrong(ranking: Ranking, present: Verdict) -> str:
     """Say that the contract is not to blame, and what does clearly better without being believed."""
     nothing = "Nothing wrong found in this space: "
-    up = [verdict for verdict in ranking.best() if verdict.stays_up and verdict.is_thorough]
+    up = [verdict for verdict in ranking.best() if verdict.stays_up]
     better = min(up, key=lambda verdict: verdict.cost, default=present)
     if ranking.is_slight(better):
         is_best = ranking.best()[0] is present
@@ -101,7 +101,7 @@ class Examination:
     def print(self, console: Console, rows: int) -> None:
         """Print the best of every cause, the conclusion, and what the first would have you write."""
         best = self.ranking.best()
-        parts = ", ".join(best[0].parts) if best else ""  # they depend on what the policy is to do
+        parts = ", ".join(best[0].outcome.quality) if best else ""  # they depend on what the policy is to do
         table = Table(
             Column(justify="right"),
             "hypothesis",
@@ -114,7 +114,7 @@ class Examination:
             caption_justify="left",
         )
         for rank, verdict in enumerate(best, 1):
-            if rank <= rows or not verdict.hypothesis.edits:
+            if rank <= rows or verdict.hypothesis.edit is None:
                 table.add_row(str(rank), *_row(verdict, self.contract))
         console.print(table)
         if self.samples_problem:
@@ -134,13 +134,11 @@ class Examination:
         """Return everything as plain values, for JSON."""
         ranking = self.ranking
         return {
-            "complete": ranking.is_complete,
+            "complete": not self.is_interrupted,
             "samples_problem": self.samples_problem,
             "seconds": round(ranking.seconds, 1),
-            "singles_tried": ranking.singles_tried,
-            "singles_known": ranking.singles_known,
-            "pairs_tried": ranking.pairs_tried,
-            "pairs_known": ranking.pairs_known,
+            "tried": ranking.tried,
+            "known": ranking.known,
             "healthy": ranking.is_healthy,
             "conclusion": conclusion(ranking),
             "as_good": [each.hypothesis.name for each in (ranking.equals(ranking.finding) if ranking.finding else ())],
@@ -153,16 +151,14 @@ class Examination:
         return {
             "rank": rank,
             "hypothesis": hypothesis.name,
-            "causes": list(hypothesis.causes),
+            "cause": hypothesis.cause,
             "explanation": hypothesis.explanation,
             "stays_up": verdict.stays_up,
             "time_up": verdict.time_up,
+            "seconds": verdict.outcome.seconds,
+            "lost": verdict.outcome.lost,
             "quality": verdict.cost,
-            "tried_at_length": verdict.is_thorough,
-            "trials": [
-                {name: getattr(outcome, name) for name in ("time_up", "seconds", "lost", "quality")}
-                for outcome in verdict.outcomes
-            ],
+            "parts": dict(verdict.outcome.quality),
             "changes": change_lines(self.contract, hypothesis.contract),
             "override": self.pasting.override(self.contract, hypothesis.contract),
             "alternatives": [other.hypothesis.name for other in self.ranking.alternatives(verdict)],
@@ -170,14 +166,13 @@ class Examination:
 
 
 def _row(verdict: Verdict, contract: PolicyContract) -> tuple[str, ...]:
-    lost = [outcome for outcome in verdict.outcomes if outcome.lost]
+    outcome = verdict.outcome
     color = "green" if verdict.stays_up else "yellow" if verdict.time_up > 0.5 else "red"
-    seconds = "/".join(f"{outcome.time_up:.1f}" for outcome in verdict.outcomes)
-    reason = f"\n[dim]{escape(lost[0].lost)}[/dim]" if lost else ""
+    reason = f"\n[dim]{escape(outcome.lost)}[/dim]" if outcome.lost else ""
     name = escape(verdict.hypothesis.name)
     return (
-        f"[bold]{name}[/bold]" if not verdict.hypothesis.edits else f"{name}{reason}",
-        f"[{color}]{seconds} of {verdict.outcomes[0].seconds:g} s[/]",
+        f"[bold]{name}[/bold]" if verdict.hypothesis.edit is None else f"{name}{reason}",
+        f"[{color}]{outcome.time_up:.1f} of {outcome.seconds:g} s[/]",
         f"{verdict.cost:.2f}" if verdict.stays_up else "–",
         escape("\n".join(change_lines(contract, verdict.hypothesis.contract))),
     )

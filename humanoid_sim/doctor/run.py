@@ -1,28 +1,35 @@
-"""`policy doctor`: load, search, tell."""
+"""`policy doctor`: load, try every change, tell."""
 
 from __future__ import annotations
 
 import json
 import math
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 from rich.console import Console
 from rich.progress import TimeElapsedColumn
 
 from humanoid_sim.cli import ExitStatus
 from humanoid_sim.command_line.progress import BarOrLines
+from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.doctor import DoctorConfig
 from humanoid_sim.doctor.examined_policy import ExaminedPolicy, load_examined, robot_facts
+from humanoid_sim.doctor.hypotheses import Hypothesis, singles
 from humanoid_sim.doctor.overrides import pasting_for
-from humanoid_sim.doctor.ranking import Ranking
+from humanoid_sim.doctor.ranking import Ranking, Verdict
 from humanoid_sim.doctor.report import Examination
-from humanoid_sim.doctor.search import Plan, make_plan, search
+from humanoid_sim.doctor.trials import Trial, TrialRunner
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.contract_yaml import find_contract
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import load_robot, with_imu
 from humanoid_sim.session.sources import parse_velocity
+
+_COMMAND = (0.5, 0.0, 0.5)
+"""Velocity that every walking policy should know, m/s and rad/s."""
 
 
 def doctor(config: DoctorConfig) -> int:
@@ -43,60 +50,73 @@ def examine(config: DoctorConfig, console: Console) -> Examination:
 
     Raises `InputError` if an option, the checkpoint or the motion is not accepted.
     """
-    start = time.perf_counter()
     _check(config)
     robot = with_imu(load_robot(config.robot), config.imu_site)
     examined = load_examined(config.checkpoint, robot, config.contract, config.motion)
     examined = replace(examined, base_height=config.base_height, actuation=config.actuation)
     for name, width in examined.contract.live_inputs.items():
         raise InputError(f"{config.checkpoint}: needs the live input '{name}' of width {width}, and doctor has none")
-    plan = make_plan(
-        examined.contract,
-        seconds=config.seconds,
-        command=_command(config, examined),
-        motion_seconds=examined.motion_seconds,
-        pairs=config.pairs,
-        budget=max(config.budget - (time.perf_counter() - start), 1.0),  # loading counts
-    )
+    trial = make_trial(examined, config.seconds, _command(config, examined))
     pasting = pasting_for(config.checkpoint, config.contract or find_contract(config.checkpoint))
     ranking = Ranking(contradicts=examined.contradicts)
     interrupted = False
-    with SearchProgress(console, ranking, plan) as progress:
+    with SearchProgress(console, ranking) as progress:
         try:
-            search(examined, robot_facts(examined.description, examined.motion), plan, ranking, progress)
+            search(examined, trial, ranking, progress)
         except KeyboardInterrupt:
             interrupted = True
     return Examination(ranking, examined.contract, pasting, interrupted, examined.problem)
 
 
+def make_trial(examined: ExaminedPolicy, seconds: float, command: tuple[float, float, float] | None = None) -> Trial:
+    """Return the one trial of all changes: of a motion at most all of it, or a walk at a velocity command."""
+    contract = examined.contract
+    if contract.task_type != "locomotion":
+        return Trial(max(min(seconds, examined.motion_seconds), contract.policy_dt))
+    return Trial(seconds, command or _within(_COMMAND, contract))
+
+
+def _within(command: tuple[float, float, float], contract: PolicyContract) -> tuple[float, float, float]:
+    """Return the nearest command that the policy knows."""
+    if contract.command_ranges is None:
+        return command
+    vx, vy, wz = np.clip(command, contract.command_ranges[:, 0], contract.command_ranges[:, 1])
+    return float(vx), float(vy), float(wz)
+
+
+def search(examined: ExaminedPolicy, trial: Trial, ranking: Ranking, progress: Callable[[int, int], None]) -> None:
+    """Try every single edit once, and the contract as it is; `ranking` holds what is known when this is interrupted."""
+    start = time.perf_counter()
+    runner, contract = TrialRunner(examined), examined.contract
+    changed = singles(contract, robot_facts(examined.description, examined.motion))
+    ranking.known = len(changed)
+    # One after the other: most of a trial is Python's, so threads would only wait for each other.
+    for hypothesis in (Hypothesis(None, contract), *changed):
+        ranking.add(Verdict(hypothesis, runner.run(hypothesis.contract, trial)))
+        ranking.seconds = time.perf_counter() - start
+        progress(ranking.tried, ranking.known)
+
+
 class SearchProgress(BarOrLines):
-    """A context that the search calls with every trial."""
+    """A context that the search calls after every trial."""
 
-    def __init__(self, console: Console, ranking: Ranking, plan: Plan) -> None:
-        super().__init__(console, "single changes", None, TimeElapsedColumn())
-        self._ranking, self._plan = ranking, plan
-        self._has_begun = False
+    def __init__(self, console: Console, ranking: Ranking) -> None:
+        super().__init__(console, "changes", None, TimeElapsedColumn())
+        self._ranking = ranking
 
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        """Take in that so many of a stage's changes have been tried."""
+    def __call__(self, done: int, total: int) -> None:
+        """Take in that so many of the changes have been tried."""
         elapsed = self._ranking.seconds
-        if not self._has_begun:
-            self._has_begun = True
-            limit = "" if self._plan.budget is None else f"; the search ends after {self._plan.budget:.0f} s (--budget)"
-            self.say(0.0, f"single changes: {total}{limit}", "dim")
-        self.update(self._task, description=stage, completed=done, total=total)
-        if not self.console.is_terminal and (done == total or self.is_due(elapsed)):
-            tried = f"{total}" if done == total else f"{done} of {total}"
-            self.say(elapsed, f"{stage}: {tried} tried, {elapsed:.0f} s so far", "dim")
+        self.update(self._task, completed=done, total=total)
+        if self.is_due(elapsed):
+            self.say(elapsed, f"changes: {done} of {total} tried, {elapsed:.0f} s so far", "dim")
 
 
 def _check(config: DoctorConfig) -> None:
-    for option, seconds in (("--seconds", config.seconds), ("--budget", config.budget)):
-        if not (math.isfinite(seconds) and seconds > 0.0):
-            raise InputError(f"{option}: is {seconds}, expected a finite number > 0")
-    for option, value, least in (("--pairs", config.pairs, 0), ("--top", config.top, 1)):
-        if value < least:
-            raise InputError(f"{option}: is {value}, expected a whole number >= {least}")
+    if not (math.isfinite(config.seconds) and config.seconds > 0.0):
+        raise InputError(f"--seconds: is {config.seconds}, expected a finite number > 0")
+    if config.top < 1:
+        raise InputError(f"--top: is {config.top}, expected a whole number >= 1")
 
 
 def _command(config: DoctorConfig, examined: ExaminedPolicy) -> tuple[float, float, float] | None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import time
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -30,7 +28,7 @@ from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.simulation.mujoco_robot import MujocoRobot
 
 _ROBOTS = 64
-"""Simulated robots that are kept: each takes about 1 MB, and pairs of changes need thousands."""
+"""Simulated robots that are kept: each takes about 1 MB."""
 _TIMESTEPS = (0.005, 0.0025, 0.002, 0.001, 0.0005)
 """s, longest first. Where damping is stable the longest gives the figures of the shortest, and costs a tenth."""
 _STABLE = 1.5
@@ -77,11 +75,8 @@ class TrialRunner:
     _stable: dict[tuple[object, ...], bool] = field(default_factory=dict)
     """Stability of each robot with its gains and a physics step: True if they go together."""
 
-    def run(self, contract: PolicyContract, trial: Trial, until: float = math.inf) -> Outcome | None:
-        """Try a contract once. A contract that cannot run is lost at 0 s; the same trial gives the same outcome.
-
-        None if the trial was broken off, at `until` s of `time.perf_counter`.
-        """
+    def run(self, contract: PolicyContract, trial: Trial) -> Outcome:
+        """Try a contract once. A contract that cannot run is lost at 0 s; the same trial gives the same outcome."""
         try:
             loaded = self.examined.load(contract)
             robot = self._robot(contract, trial)
@@ -93,7 +88,7 @@ class TrialRunner:
             loop = ClosedLoop(one, wiring, np.array(trial.command))
         except (FieldError, InputError) as error:
             return Outcome(0.0, trial.seconds, {}, str(error))
-        return _run(one, loop, loaded.policy, self._goal(loaded, trial, robot), trial, until)
+        return _run(one, loop, loaded.policy, self._goal(loaded, trial, robot), trial)
 
     def _goal(self, loaded: LoadedPolicy, trial: Trial, robot: MujocoRobot) -> Goal:
         contract, motion = loaded.contract, self.examined.motion_under(loaded.contract)
@@ -156,13 +151,11 @@ class TrialRunner:
         )
 
 
-def _run(one: OneRobot, loop: ClosedLoop, policy: Policy, goal: Goal, trial: Trial, until: float) -> Outcome | None:
+def _run(one: OneRobot, loop: ClosedLoop, policy: Policy, goal: Goal, trial: Trial) -> Outcome:
     """One trial from its start: a policy step per control period."""
     period = loop.wiring.contract.policy_dt
     strain, time_up = Strain(period), trial.seconds
     for step in range(max(round(trial.seconds / period), 1)):
-        if time.perf_counter() > until:
-            return None
         state = loop.state
         lost = goal.update(int(loop.memory.frame), state, one.robot.base_state)
         if one.safety.level >= SafetyLevel.FAULT:

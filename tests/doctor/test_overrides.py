@@ -14,7 +14,7 @@ from humanoid_sim.assets import SAMPLE_POLICY
 from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.doctor.examined_policy import robot_facts
-from humanoid_sim.doctor.hypotheses import pairs, same_contract, singles
+from humanoid_sim.doctor.hypotheses import same_contract, singles
 from humanoid_sim.doctor.overrides import Pasting, change_lines, overrides, pasting_for
 from humanoid_sim.policy.checkpoint import read_contract
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
@@ -71,12 +71,8 @@ def changed(make):
 
 
 def tried(contract, facts):
-    """Every single edit, and a pair of every other with another."""
-    found = singles(contract, facts)
-    for hypothesis in (
-        *found,
-        *(pair for i in range(0, len(found), 2) for pair in pairs(contract, (found[i - 7], found[i]))),
-    ):
+    """Every single edit."""
+    for hypothesis in singles(contract, facts):
         yield hypothesis.name, hypothesis.contract
 
 

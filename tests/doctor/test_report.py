@@ -22,12 +22,12 @@ PASTING = Pasting(Path("here") / "contract.yaml")
 
 def verdict(hypothesis, up, cost):
     outcome = Outcome(up * 4.0, 4.0, {"position": cost}, "" if up == 1.0 else "sank to 0.46 m")
-    return Verdict(hypothesis, (outcome,), True)
+    return Verdict(hypothesis, outcome)
 
 
 def ranking(before, after):
-    result = Ranking(is_complete=True)
-    result.add(verdict(Hypothesis((), CONTRACT), *before))
+    result = Ranking()
+    result.add(verdict(Hypothesis(None, CONTRACT), *before))
     result.add(verdict(FOUND[CURE], *after))
     result.add(
         verdict(FOUND["anchor body left_foot"] if "anchor body left_foot" in FOUND else FOUND["rate 25 Hz"], 0.1, 9.0)
@@ -101,67 +101,61 @@ def test_the_document_is_json_and_complete():
     first, second, _ = document["ranking"]
     assert first["rank"] == 1
     assert first["hypothesis"] == CURE
-    assert first["causes"] == ["anchor body"]
+    assert first["cause"] == "anchor body"
     assert first["changes"] == ["anchor_body: pelvis → torso"]
     assert first["override"] == {"anchor_body": "torso"}
     assert document["file"] == "here/contract.yaml"
-    assert first["trials"] == [{"time_up": 4.0, "seconds": 4.0, "lost": "", "quality": {"position": 2.0}}]
+    assert (first["time_up"], first["seconds"], first["parts"]) == (1.0, 4.0, {"position": 2.0})
     assert second["hypothesis"] == "as it is"
     assert second["override"] == {}
-    assert second["trials"][0]["lost"] == "sank to 0.46 m"
+    assert second["lost"] == "sank to 0.46 m"
 
 
 @pytest.mark.parametrize(
     ("after", "text"), [(1.65, "Nothing is certain. 'gains × 2' does 18% better"), (1.8, "Nothing wrong")]
 )
 def test_what_does_clearly_better_is_named_even_where_it_is_seldom_the_cause(after, text):
-    result = Ranking(is_complete=True)
-    result.add(verdict(Hypothesis((), CONTRACT), 1.0, 2.0))
+    result = Ranking()
+    result.add(verdict(Hypothesis(None, CONTRACT), 1.0, 2.0))
     result.add(verdict(FOUND["gains × 2"], 1.0, after))
     assert conclusion(result).startswith(text)
 
 
 def test_a_healthy_policy_is_not_accused_and_what_else_runs_is_told():
-    result = Ranking(is_complete=True)
+    result = Ranking()
     for hypothesis, parts in (
-        (Hypothesis((), CONTRACT), {"velocity": 0.02, "tilt": 0.98, "shaking": 0.79}),
+        (Hypothesis(None, CONTRACT), {"velocity": 0.02, "tilt": 0.98, "shaking": 0.79}),
         (FOUND["action scale × 0.5"], {"velocity": 0.28, "tilt": 0.53, "shaking": 0.45}),
     ):
-        result.add(Verdict(hypothesis, (Outcome(4.0, 4.0, parts),), True))
+        result.add(Verdict(hypothesis, Outcome(4.0, 4.0, parts)))
     assert conclusion(result) == (
         "Nothing wrong found in this space: the run as it is shows nothing noticeable. It also runs with 'action scale "
         "× 0.5', 30% better, though worse in velocity; most healthy policies have such a change."
     )
     assert "override:" not in printed(result)
     assert "Most likely" not in printed(result)
-    little = Ranking(is_complete=True)
-    for hypothesis, cost in ((Hypothesis((), CONTRACT), 0.195), (FOUND["action scale × 0.5"], 0.09)):
-        little.add(Verdict(hypothesis, (Outcome(4.0, 4.0, {"torque": cost}),), True))
+    little = Ranking()
+    for hypothesis, cost in ((Hypothesis(None, CONTRACT), 0.195), (FOUND["action scale × 0.5"], 0.09)):
+        little.add(Verdict(hypothesis, Outcome(4.0, 4.0, {"torque": cost})))
     assert conclusion(little) == "Nothing wrong found in this space: no change does clearly better."
 
 
 def test_a_wrong_rate_is_found_by_a_quality_that_is_clearly_better():
     wrong = replace(CONTRACT, policy_dt=0.01)
     (cure,) = (h for h in singles(wrong, FACTS) if h.name == "rate 50 Hz")
-    result = Ranking(is_complete=True)
-    result.add(verdict(Hypothesis((), wrong), 1.0, 2.0))
+    result = Ranking()
+    result.add(verdict(Hypothesis(None, wrong), 1.0, 2.0))
     result.add(verdict(cure, 1.0, 1.68))
     assert not result.is_healthy
-    assert conclusion(result) == "Most likely: the policy was trained at 50 Hz. With that it does 16% better."
+    assert conclusion(result).startswith("Most likely: the policy was trained at 50 Hz. With that it does 16% better")
 
 
-def test_what_was_not_tried_stands_with_what_was_found():
+def test_what_was_not_tried_before_an_interrupt_is_counted():
     result = ranking((0.3, 2.0), (1.0, 2.0))
+    result.known = 2
     assert "Not tried" not in conclusion(result)
-    result.pairs_known, result.singles_known, result.seconds = 300, 4, 118.6
-    result.tried = {"a": 1, "b": 1, "c": 1, "d": 1, "a + b": 2}
-    text = conclusion(result)
-    assert text.endswith("Not tried in 119 s: 299 of 300 pairs of changes; a larger --budget tries more.")
-    assert text.startswith("Best so far: ")  # its cost is such that an onlooker notices something
-    assert "or two at once, may be the cause" in text
-    result.singles_known = 9
-    assert "5 of 9 single changes and 299 of 300 pairs" in conclusion(result)
-    assert text.split("Not tried")[0] in printed(result).replace("\n", " ")
+    result.known = 9
+    assert conclusion(result).endswith("Not tried: 7 of 9 changes.")
 
 
 def test_changes_that_do_as_well_are_named():
