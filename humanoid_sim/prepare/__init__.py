@@ -16,7 +16,7 @@ class PrepareOptions:
     """Make a motion file from a motion or a song that was made elsewhere, checked, and fetch the checkpoint.
 
     The motion is a LeRobot dataset (v3.0), an mjlab or whole_body_tracking .npz, or a .csv. Forward kinematics on the
-    robot must put every body where the motion has it; if not, nothing is written, and the message says what would fit.
+    robot must put every body where the motion has it; if not, nothing is written.
     """
 
     policy: Annotated[str | None, tyro.conf.arg(aliases=["--checkpoint-file"])] = None
@@ -63,12 +63,8 @@ class PrepareOptions:
     Default: contract if it has as many bodies, else mjcf."""
     quaternions: Literal["wxyz", "xyzw"] | None = None
     """Order of the motion's quaternions. Default: xyzw for .csv, wxyz for the other formats."""
-    conjugate: bool = False
-    """The motion's quaternions turn vectors from the world to the body, the inverse of the usual."""
     angle_unit: Literal["rad", "deg"] = "rad"
     """Unit of the motion's joint positions and velocities."""
-    length_unit: Literal["m", "cm", "mm", "in"] | None = None
-    """Unit of the motion's lengths. Default: m; a base far above the robot's height is then questioned."""
     velocities: Literal["source", "positions"] = "source"
     """Source of joint velocities: the motion's own, or differences of its joint positions."""
     resample: bool = False
@@ -90,8 +86,8 @@ class PrepareOptions:
         "most used": ("policy", "motion", "dataset", "robot", "output", "name", "overwrite"),
         "the checkpoint": ("contract", "wandb_run_path", "wandb_file"),
         "what the motion's file leaves open": (
-            *("episode", "features", "fps", "joint_order", "body_order", "quaternions", "conjugate"),
-            *("angle_unit", "length_unit", "velocities"),
+            *("episode", "features", "fps", "joint_order", "body_order", "quaternions"),
+            *("angle_unit", "velocities"),
         ),
         "checks": ("resample", "tolerance", "angle_tolerance", "timeout"),
         "songs": ("song", "tracks", "transpose", "voices", "keys", "sustain"),

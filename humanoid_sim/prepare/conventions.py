@@ -1,28 +1,19 @@
-"""Meaning and units of a motion's columns, joint by joint and body by body: written down, then applied."""
+"""Meaning of a motion's columns, joint by joint and body by body: written down, then applied."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from humanoid_sim.controllers.rotation import conjugate as inverse_of
 from humanoid_sim.controllers.terms import QuaternionOrder
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare import PrepareOptions
 from humanoid_sim.prepare.skeleton import Orders, Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, swap_quaternion_order
-
-AngleUnit = Literal["rad", "deg"]
-LengthUnit = Literal["m", "cm", "mm", "in"]
-
-ANGLE_UNITS: dict[AngleUnit, float] = {"rad": 1.0, "deg": np.pi / 180.0}
-"""rad"""
-LENGTH_UNITS: dict[LengthUnit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
-"""m"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,17 +25,12 @@ class Conventions:
     body_names: tuple[str, ...]
     """Names of the bodies; empty if there are none."""
     quaternions: QuaternionOrder
-    conjugate: bool = False
-    """The quaternions turn vectors from the world to the body, the inverse of the usual."""
-    angle_unit: AngleUnit = "rad"
+    angle_unit: Literal["rad", "deg"] = "rad"
     """Unit of joint positions and velocities."""
-    length_unit: LengthUnit = "m"
     joints_said_by: str = ""
     """Origin of `joint_names`, for the report."""
     bodies_said_by: str = ""
     quaternions_said_by: str = ""
-    is_length_given: bool = False
-    """The unit of lengths was given, not assumed."""
 
 
 def choose_conventions(source: SourceMotion, skeleton: Skeleton, options: PrepareOptions) -> Conventions:
@@ -67,13 +53,10 @@ def choose_conventions(source: SourceMotion, skeleton: Skeleton, options: Prepar
         joint_names=joints,
         body_names=bodies,
         quaternions=order,
-        conjugate=options.conjugate,
         angle_unit=options.angle_unit,
-        length_unit=options.length_unit or "m",
         joints_said_by=joints_by,
         bodies_said_by=bodies_by,
         quaternions_said_by=order_by,
-        is_length_given=options.length_unit is not None,
     )
 
 
@@ -125,29 +108,15 @@ def match_names(source: str, what: str, names: Iterable[str], wanted: Iterable[s
     return [listed.index(name) for name in wanted]
 
 
-def in_si(source: SourceMotion, conventions: Conventions) -> SourceMotion:
-    """Return the same motion in radians and metres."""
-    factors = {
-        "joint_position": ANGLE_UNITS[conventions.angle_unit],
-        "joint_velocity": ANGLE_UNITS[conventions.angle_unit],
-        "base_position": LENGTH_UNITS[conventions.length_unit],
-        "body_position": LENGTH_UNITS[conventions.length_unit],
-    }
-    arrays = source.arrays()
-    changed: dict[str, Any] = {
-        name: factor * arrays[name] for name, factor in factors.items() if name in arrays and factor != 1.0
-    }
-    return replace(source, **changed) if changed else source
-
-
 def interpret(source: SourceMotion, conventions: Conventions, skeleton: Skeleton) -> SourceMotion:
     """Return the motion with its columns named: joints in the robot's order, SI units, quaternions w x y z.
 
     The pose of the base is taken from the bodies where they hold it in the world. Raises `InputError` if the robot has
     a joint that the motion does not, or the other way round; likewise for bodies.
     """
-    source = in_si(source, conventions)
     position, velocity = source.joint_position, source.joint_velocity
+    if conventions.angle_unit == "deg":
+        position, velocity = (None if array is None else np.radians(array) for array in (position, velocity))
     if position is not None:
         match_names(source.source, "joint of the motion", skeleton.joints, conventions.joint_names, "the motion")
         columns = match_names(source.source, "joint", conventions.joint_names, skeleton.joints, "the robot")
@@ -178,5 +147,4 @@ def _wxyz(quaternion: FloatArray | None, conventions: Conventions) -> FloatArray
     """From the body to the world."""
     if quaternion is None:
         return None
-    ordered = np.ascontiguousarray(swap_quaternion_order(quaternion, conventions.quaternions))
-    return inverse_of(ordered) if conventions.conjugate else ordered
+    return np.ascontiguousarray(swap_quaternion_order(quaternion, conventions.quaternions))

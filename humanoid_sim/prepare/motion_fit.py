@@ -10,15 +10,15 @@ import numpy as np
 from humanoid_sim.controllers.rotation import matrix, rotation_angle
 from humanoid_sim.errors import InputError
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.prepare.conventions import LENGTH_UNITS
-from humanoid_sim.prepare.skeleton import Orders, Skeleton
+from humanoid_sim.prepare.skeleton import Skeleton
 from humanoid_sim.prepare.source_motion import SourceMotion, other_quaternion_order, swap_quaternion_order
 from humanoid_sim.robots.description import RobotDescription
 
-_HIGH = 5.0
-"""Multiple of the robot's height to which no platform lifts a base."""
-_EXPLAINS = 2.0
-"""Factor within which another unit must bring the base to the robot's height."""
+_LEAST_SPEED = 0.02
+"""rad/s, root mean square: below it velocities say nothing."""
+_RATIO, _CORRELATION = 1.25, 0.8
+"""Factor between velocities and derivatives that a filter or another way of taking differences explains, and the least
+correlation: rates of 25, 30, 50 and 60 frames per second are farther apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,26 +132,6 @@ def _summary(name: str, distance: FloatArray, angle: FloatArray, tolerance: Tole
     )
 
 
-def implausible_height(motion: SourceMotion, skeleton: Skeleton) -> tuple[str, str]:
-    """Say that the base is several times the robot's height above the ground, and which unit would explain it.
-
-    Both are empty if it is not, or without a base; the second if no unit does.
-    """
-    if motion.base_position is None or motion.frame == "base":
-        return "", ""
-    height = float(np.median(motion.base_position[:, 2]))
-    ratio = abs(height) / skeleton.height
-    if ratio <= _HIGH:
-        return "", ""
-    words = f"the base is at {height:.3g} m, and the robot is about {skeleton.height:.2g} m high"
-    unit, distance = min(
-        ((unit, abs(math.log(ratio * metres))) for unit, metres in LENGTH_UNITS.items()), key=lambda item: item[1]
-    )
-    if distance >= math.log(_EXPLAINS):
-        return words, ""
-    return words, f"; with --length-unit {unit} it would be at {LENGTH_UNITS[unit] * height:.2f} m"
-
-
 def worst_excess(joint_position: FloatArray, description: RobotDescription) -> LimitExcess | None:
     """Return the joint and frame farthest beyond the limits; None if all (F, n), rad, robot's order, are within."""
     beyond = np.maximum(description.lower - joint_position, joint_position - description.upper)
@@ -161,20 +141,6 @@ def worst_excess(joint_position: FloatArray, description: RobotDescription) -> L
     described = description.joints[joint]
     position = float(joint_position[frame, joint])
     return LimitExcess(described.name, frame, position, described.lower, described.upper)
-
-
-def orders_within_limits(
-    columns: FloatArray, orders: Orders, description: RobotDescription, margin: float
-) -> list[str]:
-    """Names of the orders in which columns (F, n), rad, stay within the joints' limits and a margin, rad."""
-    found = []
-    for name, order in orders.items():
-        if len(order) == columns.shape[1] and set(order) == set(description.joint_names):
-            position = columns[:, [order.index(joint) for joint in description.joint_names]]
-            worst = worst_excess(position, description)
-            if worst is None or worst.excess <= margin:
-                found.append(name)
-    return found
 
 
 def is_upside_down(source: SourceMotion) -> bool:
@@ -187,3 +153,24 @@ def is_upside_down(source: SourceMotion) -> bool:
         for each in (order, other_quaternion_order(order))
     )
     return up < 0.0 and otherwise > 0.5
+
+
+def refuse_velocities(motion: SourceMotion) -> None:
+    """Refuse joint velocities that are not the derivatives of the joint positions at the motion's frame rate.
+
+    Raises `InputError`.
+    """
+    if motion.joint_position is None or motion.joint_velocity is None or motion.frame_count < 3:
+        return
+    rate = np.gradient(motion.joint_position, 1.0 / motion.fps, axis=0)
+    velocity = motion.joint_velocity
+    power, own, cross = (float((a * b).mean()) for a, b in ((rate, rate), (velocity, velocity), (rate, velocity)))
+    if power < _LEAST_SPEED**2:
+        return
+    ratio, correlation = cross / power, cross / math.sqrt(power * own) if own > 0.0 else 0.0
+    if correlation < _CORRELATION or not 1.0 / _RATIO < ratio < _RATIO:
+        raise InputError(
+            f"{motion.source}: joint velocities are {ratio:.2g} times the derivatives of joint positions at fps "
+            f"{motion.fps:g}, correlation {correlation:.2f}, expected 1 and 1; correct fps or velocities, or let "
+            "--velocities positions compute them"
+        )

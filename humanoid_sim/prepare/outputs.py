@@ -130,8 +130,6 @@ class MotionReport:
             "method": found.method,
             "tolerance": asdict(self.tolerance),
             "bodies": [asdict(body) for body in found.bodies],
-            "rate": found.rate and asdict(found.rate),
-            "velocities": [asdict(check) for check in found.velocities],
             "beyond_limits": found.beyond_limits and asdict(found.beyond_limits),
             "notes": found.notes,
             "verified": bool(found.method),
@@ -151,10 +149,7 @@ class MotionReport:
             "joints": _order(read.joint_names, read.joints_said_by),
             "bodies": _order(read.body_names, read.bodies_said_by),
             "quaternions": f"{read.quaternions} ({read.quaternions_said_by})",
-            "velocities": _velocities(self),
-            "frame rate": "joint velocities do not show it"
-            if found.rate is None
-            else f"joint velocities fit {found.rate.fps:.1f} per second, correlation {found.rate.correlation:.3f}",
+            "velocities": "computed from the positions" if source.joint_velocity is None else "the source's",
         }
         for name, text in rows.items():
             table.add_row(name, escape(text))
@@ -163,19 +158,6 @@ class MotionReport:
             console.print(_bodies(self))
         for note in found.notes:
             console.print(f"[yellow]note:[/] {escape(note)}")
-
-
-def _velocities(report: MotionReport) -> str:
-    source, checks = report.source, report.found.velocities
-    if source.joint_position is None:
-        return "none"
-    if source.joint_velocity is None:
-        return "computed from the joint positions"
-    still = len(report.conventions.joint_names) - len(checks)
-    told = (
-        "too few frames or too little motion to check" if not checks else f"match the positions of {len(checks)} joints"
-    )
-    return told + (f"; {still} hardly move" if checks and still else "")
 
 
 def _order(names: tuple[str, ...], said_by: str) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import mujoco
-import numpy as np
 
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.mit import FloatArray
@@ -51,9 +50,6 @@ class Skeleton:
         }
         """All bodies in these orders, those of the policy in its own."""
         self._forward = ForwardKinematics(description, self.bodies)
-        standing, _ = self._forward(np.array(description.initial_position)[None])
-        self.height = max(float(self.base_position[2]), float(np.ptp(standing[0], axis=0).max()))
-        """m, roughly: of the base above the ground, or from the robot's first body to its farthest."""
 
     def poses(self, joint_position: FloatArray, bodies: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
         """Return where joint positions (F, n), rad, put bodies, base frame: (F, B, 3), m, and (F, B, 3, 3)."""
