@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
-from importlib.abc import MetaPathFinder
-from importlib.machinery import ModuleSpec
-from types import ModuleType
 from typing import Any
+
+from gymnasium.envs.registration import register, registry
 
 _POLICY = {
     "entry_point": "humanoid_sim.envs.policy_env:PolicyEnv",
@@ -29,44 +26,7 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
 
 
 def register_environments() -> None:
-    """Register every environment that is not registered yet. Imports Gymnasium, and nothing that simulates."""
-    from gymnasium.envs.registration import register, registry  # noqa: PLC0415 - only who uses Gymnasium waits for it
-
+    """Register every environment that is not registered yet."""
     for name, arguments in ENVIRONMENTS.items():
         if name not in registry:
             register(name, **arguments)
-
-
-def register_with_gymnasium() -> None:
-    """Register now if Gymnasium is imported, else as soon as it is: importing it here would slow every program down."""
-    if sys.modules.get("gymnasium") is not None:
-        register_environments()
-    else:
-        sys.meta_path.insert(0, _AfterGymnasium())
-
-
-class _AfterGymnasium(MetaPathFinder):
-    """Sees Gymnasium's import go by, and registers when it is complete.
-
-    It stays where it is until then: `importlib.util.find_spec("gymnasium")`, by which others see whether there is one,
-    comes by here too, and imports nothing.
-    """
-
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        if fullname != "gymnasium":
-            return None
-        others = (finder.find_spec(fullname, path, target) for finder in sys.meta_path if finder is not self)
-        spec = next((found for found in others if found is not None), None)
-        if spec is not None and spec.loader is not None:
-            execute = spec.loader.exec_module
-
-            def execute_and_register(module: ModuleType) -> None:
-                execute(module)
-                register_environments()
-                if self in sys.meta_path:
-                    sys.meta_path.remove(self)
-
-            spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
-        return spec

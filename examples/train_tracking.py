@@ -26,7 +26,6 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from torch import nn
 
-import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.assets import motion_path
 from humanoid_sim.envs.stable_baselines import StableBaselinesVecEnv
 from humanoid_sim.envs.trace import record_trace

@@ -30,7 +30,6 @@ from rsl_rl.runners import OnPolicyRunner
 from tensordict import TensorDict
 from torch import Tensor, nn
 
-import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.envs.rsl_rl import RslRlVecEnv
 from humanoid_sim.envs.trace import record_trace
 from humanoid_sim.policy.export import export_policy

@@ -37,11 +37,7 @@ def _told_in_a_line(kind: type[BaseException], error: BaseException, traceback: 
 if getattr(sys, "argv", [])[:1] == ["-m"]:  # what Python has there while it looks for `-m humanoid_sim.…`
     sys.excepthook = _told_in_a_line  # Ctrl-C while everything loads, and what this system lacks
 
-from humanoid_sim.envs.registration import register_with_gymnasium  # noqa: E402 - what takes time to load comes after
-
 __version__ = "0.1.0"
-
-register_with_gymnasium()
 
 __all__ = [
     "Diagnosis",

@@ -8,7 +8,6 @@ import numpy as np
 from gymnasium.vector import SyncVectorEnv
 from models import contract_of
 
-import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.robots.description import RobotDescription, load_robot
 

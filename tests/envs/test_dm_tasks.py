@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from alike import EVERYTHING
 
-import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.envs import dm
 from humanoid_sim.envs.policy_env import PolicyEnv
 from humanoid_sim.errors import InputError, MissingPackageError

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from alike import hasty
 
-import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.envs.modes_env import ModesEnv
 from humanoid_sim.envs.spaces import INTENTS
 from humanoid_sim.errors import FieldError, InputError

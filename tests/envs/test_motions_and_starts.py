@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from alike import both, following, walk_along
 
-import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.assets import motion_path
 from humanoid_sim.controllers.rotation import multiply
 from humanoid_sim.envs.reference_states import reference_states

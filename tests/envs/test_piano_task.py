@@ -4,7 +4,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import load_robot

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from alike import EVERYTHING, PUSHED, both
 
-import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot
 

@@ -6,7 +6,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.errors import InputError
 from humanoid_sim.robots.description import load_robot
 

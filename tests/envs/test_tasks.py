@@ -2,7 +2,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.assets import motion_path
 from humanoid_sim.controllers.contract import PolicyContract
 from humanoid_sim.controllers.reference import MotionReference, build_reference, build_world_reference, no_reference

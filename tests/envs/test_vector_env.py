@@ -10,7 +10,6 @@ from alike import following
 from gymnasium.vector import AutoresetMode
 from models import contract_of
 
-import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.controllers.contract import PhaseRule
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.envs.vector_env import PolicyVectorEnv

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from published import POLICIES, needs_policies
 
-import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.robots.description import load_robot
 
 NAME = "humanoid_sim/Policy-v0"

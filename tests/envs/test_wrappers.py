@@ -6,7 +6,6 @@ import pytest
 from gymnasium import wrappers
 from gymnasium.wrappers import vector
 
-import humanoid_sim  # noqa: F401 - registers the environments
 from humanoid_sim.robots.description import load_robot
 
 NAME = "humanoid_sim/LiteTracking-v0"

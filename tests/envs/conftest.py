@@ -1,0 +1,1 @@
+import humanoid_sim.envs  # noqa: F401 - registers the environments
