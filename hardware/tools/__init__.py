@@ -27,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options: Any = parse(TOOLS, "hardware", arguments)
     from humanoid_sim.hardware.tools.bench import SilentMotorError  # noqa: PLC0415
 
-    # The options of `bring-up` are `BringUp`, its function is `bring_up`, in a module of that name but for some.
+    # The options of `set-id` are `SetId`, its function is `set_id`, in a module of that name but for some.
     of_param = isinstance(options, Get | Set | Save)
     name = "param" if of_param else re.sub(r"(?<!^)(?=[A-Z])", "_", type(options).__name__).lower()
     tool: Callable[[Any], int] = getattr(importlib.import_module(f"{__name__}.{_MODULES.get(name, name)}"), name)

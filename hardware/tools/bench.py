@@ -15,9 +15,8 @@ from humanoid_sim.hardware.adapter.guarding import MotorGuard
 from humanoid_sim.hardware.bus.address import BusAddress, open_bus, parse_address
 from humanoid_sim.hardware.bus.channel import OpenBus
 from humanoid_sim.hardware.bus.frame import BITRATE
-from humanoid_sim.hardware.bus.link import LinkSettings, check_link, read_links
 from humanoid_sim.hardware.bus.open_channels import Locks, OpenChannels
-from humanoid_sim.hardware.checks import CheckList, Verdict
+from humanoid_sim.hardware.checks import CheckList
 from humanoid_sim.hardware.families import DRIVERS
 from humanoid_sim.hardware.motors import MotorGroup, MotorLink, SessionTerms
 from humanoid_sim.hardware.robstride.codec import LARGEST_MOTOR_ID
@@ -105,7 +104,7 @@ def motor_bench(channel: str, motor_id: int, host_id: int) -> Iterator[Robstride
 
 
 def advice_for_silence(source: str) -> tuple[str, ...]:
-    """Say what to check where nobody answers on a channel, one line each: the kernel's word, then the likeliest."""
+    """Say what to check where nobody answers on a channel, one line each."""
     address = parse_address(source)
     if address.interface in _EMULATED:
         emulate = "python -m humanoid_sim.hardware emulate --channel"
@@ -115,16 +114,7 @@ def advice_for_silence(source: str) -> tuple[str, ...]:
                 f"check: a virtual channel exists inside one program only; two share {between} ({emulate} {between})",
             )
         return (f"check: does anybody emulate motors there? {emulate} {source}",)
-    lines = []
-    if address.interface == "socketcan":
-        checks = CheckList()
-        try:
-            check_link(read_links(), address.channel, LinkSettings(), checks)
-        except RobotError as error:
-            checks.warn(address.channel, str(error))
-        lines = [str(check) for check in checks.all if check.verdict is not Verdict.PASSED]
     return (
-        *lines,
         "check: is the motors' supply on?",
         "check: supply off, the resistance between CAN high and CAN low: 60 Ω; at 120 Ω a terminator is missing",
         "check: are CAN high and CAN low exchanged, or the plugs of two buses?",

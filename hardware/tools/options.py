@@ -184,26 +184,6 @@ class Identify:
 
 
 @dataclass(frozen=True)
-class Budget:
-    """Predict the load of a robot's buses and the highest rate that they allow. Opens no bus.
-
-    Exit status 1 if no layout of the buses fits.
-    """
-
-    robot: _Robot = "lite"
-    channels: str | None = None
-    """One channel for all motors, or one for each of the robot's buses: can0,can1. Default: both layouts, unnamed."""
-    rate: float | None = None
-    """Hz of control. Default: the robot's on hardware."""
-    reports: bool = True
-    """Use the active reports that `play --hardware` switches on where the firmware has them, every 10 ms."""
-    bitrate: float = 1e6
-    """bit/s."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("--robot lite --rate 200", "does the bus keep up?"),)
-
-
-@dataclass(frozen=True)
 class Emulate:
     """Emulate a robot's motors on CAN channels, moved by MuJoCo, until Ctrl-C.
 
@@ -249,36 +229,6 @@ class Emulate:
 
 
 @dataclass(frozen=True)
-class BringUp:
-    """Make the files that set this computer's CAN interfaces up at every start, or check how they are set up.
-
-    Prints the files for systemd-networkd (bit rate, restart-ms) and udev (names by the adapters' serial numbers,
-    length of the queue), or writes them. --check compares what is in force; exit status 1 if it is not as wanted.
-    """
-
-    channels: _Channel
-    """Names that the interfaces have or get, in the order of the robot's buses: can0 or can_left,can_right."""
-    adapter: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """NAME=SERIAL, or NAME=SERIAL/PORT for an adapter with several: name an interface by its USB adapter's serial
-    number. May be repeated."""
-    bitrate: int = 1_000_000
-    """bit/s; motors come with 1000000."""
-    restart_ms: int = 0
-    """ms after which a controller that is bus-off returns by itself; 0: never, so that somebody looks at it first."""
-    queue: int = 100
-    """Frames that the kernel may hold back (txqueuelen)."""
-    output: Path | None = None
-    """Write the files below this folder, as they would lie below /etc."""
-    install: bool = False
-    """Write the files to /etc, after a confirmation."""
-    yes: _Yes = False
-    check: bool = False
-    """Write nothing; look at what is in force."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (("can0,can1 --check", "is the computer set up for this?"),)
-
-
-@dataclass(frozen=True)
 class SetId:
     """Give the only motor on a bus another id, such as one that comes from the factory with 127.
 
@@ -314,9 +264,7 @@ TOOLS = Commands(
         "param": Commands(_PARAM, {"get": Get, "set": Set, "save": Save}),
         "calibrate": Calibrate,
         "identify": Identify,
-        "budget": Budget,
         "emulate": Emulate,
-        "bring-up": BringUp,
         "set-id": SetId,
         "set-zero": SetZero,
     },

@@ -108,8 +108,6 @@ class MotorFamily:
     """True where its motors stop by themselves when their host falls silent."""
     has_torque_limit: bool = True
     """True where a motor can be told a limit for its torque and its current."""
-    has_reports: bool = True
-    """True where its motors can send their state by themselves, beside the answers to commands."""
     has_questions: bool = False
     """True where the bench tools can ask its motors who and where they are. Others are listened to, and enabled limp
     where that is not enough."""
@@ -140,7 +138,6 @@ FAMILIES: Mapping[str, MotorFamily] = MappingProxyType(
             frozenset({0x00, 0x01, 0x09, 0x45}),
             has_timeout=False,
             has_torque_limit=False,
-            has_reports=False,
             gains_apart=True,
             stiffness_doubt=688.58 / 500.0,
             damping_doubt=1.125 / 0.5,

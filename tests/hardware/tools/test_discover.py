@@ -37,15 +37,11 @@ def test_status_3_where_nothing_answers(run):
     ]
 
 
-def test_on_a_real_channel_it_says_what_to_measure(monkeypatch):
-    down = '[{"ifname": "can0", "flags": ["NOARP"], "txqlen": 100, "link_type": "can", "linkinfo": {}}]'
-    monkeypatch.setattr(bench, "read_links", lambda: down)
-    kernel, *advice = bench.advice_for_silence("can0")
-    assert kernel == "problem: can0: is down: sudo ip link set can0 up type can bitrate 1000000 restart-ms 0"
+def test_on_a_real_channel_it_says_what_to_measure():
+    advice = bench.advice_for_silence("can0")
     assert [line for line in advice if "60 Ω; at 120 Ω a terminator is missing" in line]
     assert [line for line in advice if "is the motors' supply on?" in line]
     assert [line for line in advice if "1000000 bit/s" in line]
-    assert bench.advice_for_silence("slcan:/dev/ttyACM0") == tuple(advice[1:])  # the kernel knows nothing of this one
 
 
 def test_status_1_where_a_joint_is_missing(run):

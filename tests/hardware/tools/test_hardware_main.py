@@ -3,12 +3,11 @@ import sys
 
 import pytest
 
-from humanoid_sim.cli import main as humanoid_sim_main
 from humanoid_sim.hardware import main
 
 _TOOLS = (
     *("discover", "ping", "param", "calibrate", "identify"),
-    *("budget", "emulate", "bring-up", "set-id", "set-zero"),
+    *("emulate", "set-id", "set-zero"),
 )
 
 
@@ -29,8 +28,3 @@ def test_help_imports_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.endswith("heavy: []\n")
-
-
-def test_the_tools_are_a_verb_of_the_one_command(capsys):
-    assert humanoid_sim_main(["hardware", "budget", "--rate", "50"]) == 0
-    assert capsys.readouterr().out.startswith("lite on 1 channel at 50 Hz")
