@@ -24,10 +24,6 @@ class EmulationSettings:
     that are not named."""
     firmware: Mapping[str, str] = field(default_factory=dict)
     """Versions such as `0.2.3.5`, by joint or by model; the newest for motors that are not named."""
-    bitrate: float = 1_000_000.0
-    """bit/s; 0: frames take no time and do not compete."""
-    reply_delay: float = 50e-6
-    """s between a command's end and the moment at which its reply is ready to be sent; no document states it."""
     scale: Scale = Scale.REFERENCE
     """Convention of the motors' signed fields: as the reference has it, or as the manuals print it."""
     stall_time: float = 2.0
@@ -57,7 +53,7 @@ class EmulationSettings:
     """Seed of the random faults, and of the motors' unique ids."""
 
     def __post_init__(self) -> None:
-        for name, lowest in (("bitrate", 0.0), ("reply_delay", 0.0), ("stall_time", 0.0), ("supply_voltage", 0.0)):
+        for name, lowest in (("stall_time", 0.0), ("supply_voltage", 0.0)):
             value = getattr(self, name)
             if math.isnan(value) or value < lowest or (math.isinf(value) and name != "stall_time"):
                 raise InputError(f"{name}: is {value}, expected a finite number >= {lowest:g}")

@@ -59,8 +59,7 @@ class VirtualMotors:
     be read; their stamps again say when they came over the bus, where the interface keeps them.
 
     On a computer that cannot run them in real time the motors' world stands still for a while now and then, rather than
-    answer later and later: no bus queues for seconds. What waits for a bus passes at once then, or those with the least
-    priority would seem silent. `slipped` says for how long.
+    answer later and later. `slipped` says for how long.
     """
 
     def __init__(
@@ -137,13 +136,9 @@ class VirtualMotors:
         """The driven joints, one per motor."""
         return tuple(joint.name for joint in self._emulator.motors.plant.joints)
 
-    def bus_load(self, bus: int = 0) -> tuple[int, float]:
-        """Return the frames that a bus has carried since power-on, and for which part of that time it was occupied.
-
-        The part is 0 to 1; 0 where no bus time is modelled.
-        """
-        wire = self._emulator.wires[bus]
-        return wire.frames, wire.busy / max(self.time, 1e-9)
+    def frames(self, bus: int = 0) -> int:
+        """Return the number of frames that a bus has carried since power-on."""
+        return self._emulator.frames[bus]
 
     def clear_faults(self) -> None:
         """End every fault that has begun, and forget those to come. What firmwares have latched stays."""
@@ -209,7 +204,6 @@ class VirtualMotors:
         if behind > _MOST_BEHIND:
             self._begin += behind
             self.slipped += behind
-            self._emulator.hurry()
             until = self._emulator.time
         # What python-can stamps is the system's wall clock, or whatever a driver counts: see `_arrival`.
         wall = time.time()
@@ -238,7 +232,7 @@ class VirtualMotors:
 
 def _open(address: BusAddress, opened: contextlib.ExitStack) -> can.BusABC:
     if address.interface == "virtual":
-        # stamps that say when a frame has come over the modelled bus, not when this thread got round to it
+        # stamps that say when a frame has come over the bus, not when this thread got round to it
         bus: can.BusABC = can.Bus(interface="virtual", channel=address.channel, preserve_timestamps=True)
     else:
         bus = open_bus(address)

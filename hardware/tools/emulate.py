@@ -62,8 +62,7 @@ def emulate(config: Emulate) -> int:
             print(f"{who} of {description.name} on {channels}; {punctuality}", flush=True)
             _wait(config, motors, HandSweep(description, motors.truth.joint_position), news, ending)
             for bus, address in enumerate(addresses):
-                frames, load = motors.bus_load(bus)
-                print(f"{address}: {frames} frames, {100.0 * load:.1f} % load on average")
+                print(f"{address}: {motors.frames(bus)} frames")
             if motors.slipped:
                 print(f"the motors stood still for {motors.slipped:.2f} s because this computer was too slow for them")
             if motors.send_errors:
@@ -122,7 +121,6 @@ def _settings(config: Emulate, description: RobotDescription) -> EmulationSettin
     return EmulationSettings(
         homing_offset=offsets,
         firmware=firmware,
-        bitrate=config.bitrate,
         scale=Scale(config.scale),
         seed=config.seed,
         write_only=config.write_only,

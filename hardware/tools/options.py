@@ -204,8 +204,6 @@ class Emulate:
     """A firmware, JOINT=VERSION or MODEL=VERSION, such as `rs-02=0.2.2.11`. May be repeated; else the newest."""
     calibration: str | None = None
     """Assemble the motors as this calibration file says; without, every homing offset is 0."""
-    bitrate: float = 1_000_000.0
-    """bit/s of the modelled bus time; 0 where the channel itself takes time, as a real bus does."""
     scale: Literal["reference", "manual"] = "reference"
     """Convention in which the motors read and write signed values; `manual` is half a step off around 0."""
     alone: str = ""

@@ -1,4 +1,4 @@
-"""A Lite's motors on modelled buses and a host that speaks to them in messages, at times of its choosing."""
+"""A Lite's motors on emulated buses and a host that speaks to them in messages, at times of its choosing."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence

@@ -57,7 +57,7 @@ def bus(motors):
         yield bus
 
 
-def test_motors_answer_and_their_frames_are_stamped_with_the_time_on_the_modelled_bus(motors, bus):
+def test_motors_answer_and_their_frames_are_stamped_with_the_time_of_their_arrival(motors, bus):
     sent = time.time()
     for motor_id in IDS:
         _send(bus, Enable(motor_id))
@@ -65,9 +65,9 @@ def test_motors_answer_and_their_frames_are_stamped_with_the_time_on_the_modelle
     assert sorted(message.arbitration_id >> 8 & 0xFF for message in answers) == sorted(IDS)
     assert all(message.arbitration_id >> 22 & 3 == 2 for message in answers)
     stamps = [message.timestamp for message in answers]
-    assert sent + 2 * 131e-6 < stamps[0]
-    assert np.diff(stamps).min() >= 131e-6, "one frame at a time"
-    assert motors.bus_load()[0] == 2 * len(IDS)
+    assert sent < stamps[0]
+    assert stamps == sorted(stamps)
+    assert motors.frames() == 2 * len(IDS)
     bus.send(can.Message(arbitration_id=np.int64(0x0300FD0E), data=bytes(8), is_extended_id=True))
     assert len(_answers(bus, 1)) == 1, "to a message with NumPy's integers"
     assert motors.failure is None
@@ -140,7 +140,7 @@ def test_on_an_interface_where_a_sender_hears_itself_nothing_is_counted_twice():
         _send(bus, Enable(14))
         assert len(_answers(bus, 1)) == 1
         time.sleep(0.05)
-        assert motors.bus_load()[0] == 2
+        assert motors.frames() == 2
 
 
 def test_a_floating_base_is_held_and_let_go():

@@ -18,7 +18,7 @@ def test_it_says_what_happens_and_ends_with_a_summary(run):
     assert out.startswith(f"14 motors of lite on {CHANNEL}; ")
     assert re.search(r"0\.05\d s  left_elbow_pitch: motor_overtemperature", out)
     assert "0.100 s  fault: silent@0.1" in out
-    assert re.search(r"frames, \d+\.\d % load", out)
+    assert re.search(r": \d+ frames$", out, re.MULTILINE)
 
 
 def test_a_signal_ends_it(run):
@@ -30,7 +30,7 @@ def test_a_signal_ends_it(run):
         killer.cancel()
         killer.join()
     assert status == 0
-    assert "load on average" in out
+    assert " frames\n" in out
 
 
 def test_a_piano_s_keys_are_played_on_a_fifo(run, tmp_path):
