@@ -27,7 +27,6 @@ from humanoid_sim.hardware.robstride.messages import (
     MotorMode,
     OperationControl,
     Protocol,
-    Scale,
     StatusFault,
     WarningBit,
     flag_names,
@@ -63,8 +62,6 @@ class MotorIdentity:
     version: FirmwareVersion
     firmware: Firmware
     """Differences of this version from others."""
-    scale: Scale = Scale.REFERENCE
-    """Convention by which it reads and writes signed fields."""
     stall_time: float = 2.0
     """s at the torque limit without motion after which the overload protection trips; infinity: never. The manuals
     name the protection, not its rule."""
@@ -254,7 +251,7 @@ class RobstrideFirmware:
         """See `Firmware`: what is for another motor, or cannot be read, changes nothing."""
         if state.is_deaf:
             return Reaction(state)
-        command = decode_command(frame, state.can_id, self.identity.model, scale=self.identity.scale)
+        command = decode_command(frame, state.can_id, self.identity.model)
         if isinstance(command, messages.Ignored | messages.Malformed):
             return Reaction(state)
         if isinstance(command, messages.OperationControl):  # by far the most frequent
@@ -344,7 +341,7 @@ class RobstrideFirmware:
         return messages.DeviceId(state.can_id, self.identity.uid)
 
     def _frame(self, reply: messages.Reply) -> Frame:
-        return encode_reply(reply, self.identity.model, scale=self.identity.scale)
+        return encode_reply(reply, self.identity.model)
 
     def _present_faults(self, state: MotorState, sensed: Sensed, time: float) -> tuple[StatusFault, FaultBit]:
         """Say what is wrong now. Overvoltage has no status bit, and an encoder fault none in the fault report."""

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from humanoid_sim.errors import InputError, known_names, require_known
 from humanoid_sim.hardware.emulation.firmware import MotorIdentity
 from humanoid_sim.hardware.robstride.firmware import emulated_version, firmware_of, parse_version
-from humanoid_sim.hardware.robstride.messages import Scale
 from humanoid_sim.robots.description import RobotDescription
 from humanoid_sim.robots.motors import motor_model
 
@@ -24,8 +23,6 @@ class EmulationSettings:
     that are not named."""
     firmware: Mapping[str, str] = field(default_factory=dict)
     """Versions such as `0.2.3.5`, by joint or by model; the newest for motors that are not named."""
-    scale: Scale = Scale.REFERENCE
-    """Convention of the motors' signed fields: as the reference has it, or as the manuals print it."""
     stall_time: float = 2.0
     """s; see `MotorIdentity`."""
     room_temperature: float = 25.0
@@ -81,6 +78,6 @@ def motor_identities(description: RobotDescription, settings: EmulationSettings)
             raise InputError(f"firmware of {name}: is {text}, expected 0.{newest[1]}.x.x for the {motor.model}")
         firmware = firmware_of(model, version)
         uid = hashlib.sha256(f"{description.name}/{name}/{settings.seed}".encode()).digest()[:8]
-        habits = settings.scale, settings.stall_time, settings.write_only
+        habits = settings.stall_time, settings.write_only
         identities.append(MotorIdentity(firmware.applied_to(model), uid, version, firmware, *habits))
     return tuple(identities)

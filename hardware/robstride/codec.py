@@ -21,12 +21,13 @@ from humanoid_sim.hardware.robstride.messages import (
     FrameType,
     Identifier,
     MotorMode,
-    Scale,
     StatusFault,
     WarningBit,
+    from_signed,
     from_unsigned,
     join_identifier,
     split_identifier,
+    to_signed,
     to_unsigned,
 )
 from humanoid_sim.hardware.robstride.parameters import PAYLOAD_LENGTH
@@ -57,14 +58,14 @@ _WORDS = struct.Struct(">HHHH")
 _INDEX = struct.Struct("<H")
 
 
-def encode_command(command: messages.Command, model: MotorModel, *, scale: Scale = Scale.REFERENCE) -> Frame:
+def encode_command(command: messages.Command, model: MotorModel) -> Frame:
     """Return the frame of a command. Values of `OperationControl` are cut off at the model's ranges.
 
     Raises `FieldError` if an id is not one, or a value is not finite: the reference turns NaN into full negative scale.
     """
     _check_id(f"{type(command).__name__}.motor_id", command.motor_id)
     if isinstance(command, messages.OperationControl):
-        return _encode_operation_control(command, model, scale)
+        return _encode_operation_control(command, model)
     if not 0 <= command.host_id <= 0xFF:
         raise FieldError(f"{type(command).__name__}.host_id: is {command.host_id}, expected 0 to 255")
     kind, _ = _TYPES[type(command)]
@@ -78,18 +79,18 @@ def _check_id(what: str, motor_id: int) -> None:
         raise FieldError(f"{what}: is {motor_id}, expected 1 to {LARGEST_MOTOR_ID}")
 
 
-def _encode_operation_control(command: messages.OperationControl, model: MotorModel, scale: Scale) -> Frame:
+def _encode_operation_control(command: messages.OperationControl, model: MotorModel) -> Frame:
     for name in COMMAND_FIELDS:
         value = getattr(command, name)
         if not math.isfinite(value):
             raise FieldError(f"OperationControl.{name}: is {value}, expected a finite number")
     data = _WORDS.pack(
-        scale.to_raw(command.position, model.position),
-        scale.to_raw(command.velocity, model.velocity),
+        to_signed(command.position, model.position),
+        to_signed(command.velocity, model.velocity),
         to_unsigned(command.stiffness, model.stiffness),
         to_unsigned(command.damping, model.damping),
     )
-    effort = scale.to_raw(command.effort, model.effort)
+    effort = to_signed(command.effort, model.effort)
     return Frame(FrameType.OPERATION_CONTROL << 24 | effort << 8 | command.motor_id, data)
 
 
@@ -129,7 +130,7 @@ def _parameter_data(command: messages.ReadParameter | messages.WriteParameter, p
 
 
 def decode_command(
-    frame: Frame, motor_id: int, model: MotorModel, *, scale: Scale = Scale.REFERENCE
+    frame: Frame, motor_id: int, model: MotorModel
 ) -> messages.Command | messages.Ignored | messages.Malformed:
     """Return what a motor with this id is told by a frame; never raises.
 
@@ -142,7 +143,7 @@ def decode_command(
     if parts.destination != motor_id:
         return messages.Ignored(messages.IgnoredReason.UNKNOWN_DEVICE, parts.destination)
     if parts.type == FrameType.OPERATION_CONTROL:
-        return _decode_operation_control(frame, motor_id, model, scale)
+        return _decode_operation_control(frame, motor_id, model)
     return _decode_other(frame.data, parts, motor_id)
 
 
@@ -156,16 +157,16 @@ def _another_protocol(frame: Frame) -> messages.IgnoredReason | None:
 
 
 def _decode_operation_control(
-    frame: Frame, motor_id: int, model: MotorModel, scale: Scale
+    frame: Frame, motor_id: int, model: MotorModel
 ) -> messages.OperationControl | messages.Malformed:
     if len(frame.data) != DATA_LENGTH:
         return messages.Malformed(motor_id, f"operation control with {len(frame.data)} bytes, expected {DATA_LENGTH}")
     position, velocity, stiffness, damping = _WORDS.unpack(frame.data)
     return messages.OperationControl(
         motor_id,
-        scale.from_raw(position, model.position),
-        scale.from_raw(velocity, model.velocity),
-        scale.from_raw(frame.arbitration_id >> 8 & 0xFFFF, model.effort),
+        from_signed(position, model.position),
+        from_signed(velocity, model.velocity),
+        from_signed(frame.arbitration_id >> 8 & 0xFFFF, model.effort),
         from_unsigned(stiffness, model.stiffness),
         from_unsigned(damping, model.damping),
     )
@@ -222,7 +223,7 @@ _EFFORT = 2
 
 
 class RobstrideEncoder:
-    """Encodes for motors in a fixed order, like `encode_command` in the reference's convention, bit for bit."""
+    """Encodes for motors in a fixed order, like `encode_command`, bit for bit."""
 
     def __init__(self, motor_ids: Sequence[int], models: Sequence[MotorModel]) -> None:
         """Precompute the ranges; a `FieldError` if an id is not one of 1 to 127."""
@@ -284,7 +285,7 @@ _NAMES = {
 
 
 def decode_reply(
-    frame: Frame, models: Mapping[int, MotorModel], host_id: int, *, scale: Scale = Scale.REFERENCE
+    frame: Frame, models: Mapping[int, MotorModel], host_id: int
 ) -> messages.Reply | messages.Ignored | messages.Malformed:
     """Return what a received frame says to a host; never raises.
 
@@ -300,7 +301,7 @@ def decode_reply(
         return messages.Ignored(reason)
     parts = split_identifier(frame.arbitration_id)
     if parts.type in _REPLIES or (parts.type in _BOTH and parts.destination == host_id):
-        return _decode_addressed(frame.data, parts, models, host_id, scale)
+        return _decode_addressed(frame.data, parts, models, host_id)
     if parts.type == FrameType.GET_DEVICE_ID and parts.destination == BROADCAST_ID:
         return _decode_device_id(frame.data, parts)
     if parts.type not in _DEFINED:
@@ -320,7 +321,7 @@ def _bad_length(data: bytes, parts: Identifier) -> messages.Malformed:
 
 
 def _decode_addressed(  # noqa: PLR0911 - one for each kind of reply
-    data: bytes, parts: Identifier, models: Mapping[int, MotorModel], host_id: int, scale: Scale
+    data: bytes, parts: Identifier, models: Mapping[int, MotorModel], host_id: int
 ) -> messages.Reply | messages.Ignored | messages.Malformed:
     kind, high, motor_id, destination = parts
     if destination != host_id:
@@ -341,9 +342,9 @@ def _decode_addressed(  # noqa: PLR0911 - one for each kind of reply
         return messages.Status(
             motor_id,
             destination,
-            scale.from_raw(position, model.position),
-            scale.from_raw(velocity, model.velocity),
-            scale.from_raw(effort, model.effort),
+            from_signed(position, model.position),
+            from_signed(velocity, model.velocity),
+            from_signed(effort, model.effort),
             temperature / _TEMPERATURE_STEP,
             _MODES[high >> 6],
             _STATUS_FAULTS[high & 0x3F],
@@ -356,13 +357,13 @@ def _decode_addressed(  # noqa: PLR0911 - one for each kind of reply
     return messages.ParameterReply(motor_id, destination, index, payload, high == 0)
 
 
-def encode_reply(reply: messages.Reply, model: MotorModel, *, scale: Scale = Scale.REFERENCE) -> Frame:
+def encode_reply(reply: messages.Reply, model: MotorModel) -> Frame:
     """Return the frame of a motor's reply.
 
     Values of a status are cut off at the model's ranges; wrapping a position is the motor's business.
     """
     if isinstance(reply, messages.Status):
-        return _encode_status(reply, model, scale)
+        return _encode_status(reply, model)
     if isinstance(reply, messages.DeviceId):
         return Frame(join_identifier(FrameType.GET_DEVICE_ID, 0, reply.motor_id, BROADCAST_ID), reply.uid)
     high, data = 0, b""
@@ -378,11 +379,11 @@ def encode_reply(reply: messages.Reply, model: MotorModel, *, scale: Scale = Sca
     return Frame(join_identifier(kind, high, reply.motor_id, reply.host_id), data)
 
 
-def _encode_status(status: messages.Status, model: MotorModel, scale: Scale) -> Frame:
+def _encode_status(status: messages.Status, model: MotorModel) -> Frame:
     data = _WORDS.pack(
-        scale.to_raw(status.position, model.position),
-        scale.to_raw(status.velocity, model.velocity),
-        scale.to_raw(status.effort, model.effort),
+        to_signed(status.position, model.position),
+        to_signed(status.velocity, model.velocity),
+        to_signed(status.effort, model.effort),
         min(max(round(status.temperature * _TEMPERATURE_STEP), 0), 0xFFFF),
     )
     kind = FrameType.ACTIVE_REPORT if status.is_report else FrameType.STATUS

@@ -63,34 +63,21 @@ def join_identifier(kind: int, high: int, low: int, destination: int) -> int:
 
 UNSIGNED_STEPS = 65535
 SIGNED_STEPS = 32767
-"""Steps from zero to full scale in the reference's convention."""
+"""Steps from zero to full scale."""
 
 
-class Scale(Enum):
-    """Convention by which position, velocity and effort become 16-bit fields. Both truncate; gains have one only.
+def to_signed(value: float, limit: float) -> int:
+    """Return the raw field of a finite position, velocity or effort, cut off at ±limit: 0 to 65534.
 
-    `REFERENCE` (Actuator-Control, robstride_dynamics, motorbridge) has 65534 steps: raw 32767 is exactly zero and 65535
-    is never sent. `MANUAL` (the manuals and the vendor's samples) has 65535 steps and no raw value for zero. The two
-    differ by 0 at raw 0, by half a step in the middle and by one step at full scale. Everything here uses REFERENCE
-    unless told otherwise, because a zero effort and a zero velocity must arrive as zero where the same convention reads
-    them; a motor that reads with MANUAL takes a commanded 0 for half a step below it (2e-4 rad, 3e-4 N·m on an rs-02).
+    The manuals' own formula has 65535 steps and no raw value for zero; by this one zero is exactly 32767. They differ
+    by half a step in the middle: a motor that reads with theirs takes 0 for -2e-4 rad and -3e-4 N·m (rs-02).
     """
+    return math.trunc((min(max(value, -limit), limit) / limit + 1.0) * SIGNED_STEPS)
 
-    REFERENCE = "reference"
-    MANUAL = "manual"
 
-    def to_raw(self, value: float, limit: float) -> int:
-        """Return the raw field of a finite value, cut off at ±limit: 0 to 65534 (REFERENCE) or 65535 (MANUAL)."""
-        value = min(max(value, -limit), limit)
-        if self is Scale.REFERENCE:
-            return math.trunc((value / limit + 1.0) * SIGNED_STEPS)
-        return math.trunc((value + limit) * UNSIGNED_STEPS / (2.0 * limit))
-
-    def from_raw(self, raw: int, limit: float) -> float:
-        """Return the value of a raw field, 0 to 65535. In REFERENCE the last step lies beyond the limit by 0.003 %."""
-        if self is Scale.REFERENCE:
-            return (raw / SIGNED_STEPS - 1.0) * limit
-        return (2.0 * raw / UNSIGNED_STEPS - 1.0) * limit
+def from_signed(raw: int, limit: float) -> float:
+    """Return the value of a raw field, 0 to 65535, the last of which lies beyond the limit by 0.003 %."""
+    return (raw / SIGNED_STEPS - 1.0) * limit
 
 
 def to_unsigned(value: float, limit: float) -> int:

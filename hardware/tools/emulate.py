@@ -17,7 +17,6 @@ from humanoid_sim.hardware.emulation.midi_keyboard import MidiKeyboard
 from humanoid_sim.hardware.emulation.motors import FACTORY_ID
 from humanoid_sim.hardware.emulation.settings import EmulationSettings
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
-from humanoid_sim.hardware.robstride.messages import Scale
 from humanoid_sim.hardware.tools.options import Emulate
 from humanoid_sim.mit import KEY_PRESSED, FloatArray
 from humanoid_sim.robots.description import RobotDescription, load_robot
@@ -121,7 +120,6 @@ def _settings(config: Emulate, description: RobotDescription) -> EmulationSettin
     return EmulationSettings(
         homing_offset=offsets,
         firmware=firmware,
-        scale=Scale(config.scale),
         seed=config.seed,
         write_only=config.write_only,
         alone=config.alone,

@@ -204,8 +204,6 @@ class Emulate:
     """A firmware, JOINT=VERSION or MODEL=VERSION, such as `rs-02=0.2.2.11`. May be repeated; else the newest."""
     calibration: str | None = None
     """Assemble the motors as this calibration file says; without, every homing offset is 0."""
-    scale: Literal["reference", "manual"] = "reference"
-    """Convention in which the motors read and write signed values; `manual` is half a step off around 0."""
     alone: str = ""
     """A joint whose motor is alone on the bus, with the factory's id 127: to try `set-id` and `set-zero`."""
     write_only: bool = False

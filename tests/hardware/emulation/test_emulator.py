@@ -17,7 +17,6 @@ from humanoid_sim.hardware.robstride.messages import (
     Enable,
     MotorMode,
     OperationControl,
-    Scale,
     Status,
     StatusFault,
     WriteParameter,
@@ -189,14 +188,6 @@ def test_work_makes_windings_warm(bench):
     bench.command(duration=1.0, effort=5.0)
     (warm,) = [reply for reply in bench.command(duration=0.02) if reply.motor_id == 15]
     assert 26.0 < warm.temperature < 40.0, "3 times its rated torque for 1 s"
-
-
-def test_a_motor_that_reads_as_the_manual_prints_it_takes_zero_for_half_a_step_less():
-    bench = Bench(settings=EmulationSettings(scale=Scale.MANUAL))
-    bench.enable()
-    bench.command(duration=0.01)
-    expected = [-MODELS_BY_ID[motor_id].effort / 65535 for motor_id in IDS]
-    np.testing.assert_allclose(bench.emulator.motors.plant.torque, expected, rtol=1e-9)
 
 
 def test_old_firmware_multiplies_the_gains():

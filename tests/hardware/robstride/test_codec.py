@@ -23,7 +23,6 @@ from humanoid_sim.hardware.robstride.messages import (
     FaultBit,
     FrameType,
     MotorMode,
-    Scale,
     StatusFault,
     WarningBit,
     join_identifier,
@@ -85,13 +84,13 @@ def test_replies_survive_the_bus(reply, model):
     assert decode_reply(frame, {reply.motor_id: model}, host) == reply
 
 
-@given(_models, _motor_ids, st.tuples(_fractions, _fractions, _fractions, _gains, _gains), st.sampled_from(Scale))
-def test_operation_control_loses_less_than_a_step(model, motor_id, shares, scale):
+@given(_models, _motor_ids, st.tuples(_fractions, _fractions, _fractions, _gains, _gains))
+def test_operation_control_loses_less_than_a_step(model, motor_id, shares):
     limits = [model.position, model.velocity, model.effort, model.stiffness, model.damping]
     sent = messages.OperationControl(motor_id, *(share * limit for share, limit in zip(shares, limits, strict=True)))
-    read = decode_command(encode_command(sent, model, scale=scale), motor_id, model, scale=scale)
+    read = decode_command(encode_command(sent, model), motor_id, model)
     assert isinstance(read, messages.OperationControl)
-    steps = [SIGNED_STEPS if scale is Scale.REFERENCE else UNSIGNED_STEPS / 2] * 3 + [UNSIGNED_STEPS] * 2
+    steps = [SIGNED_STEPS] * 3 + [UNSIGNED_STEPS] * 2
     for field, limit, count in zip(fields(sent)[1:], limits, steps, strict=True):
         lost = getattr(sent, field.name) - getattr(read, field.name)
         assert -1e-9 * limit <= lost <= limit / count * (1.0 + 1e-9), field.name
