@@ -34,10 +34,6 @@ _TOLERATED = 10
 """Failures in a row without an error number after which the bus counts as down."""
 _JOIN = 1.0
 """s that closing waits for a thread; a driver stuck in the kernel must not keep a robot from being closed."""
-_STEP = 0.05
-"""s by which the system's clock is set between two frames, beyond any slewing: stamps from before mislead then."""
-_SETTLING = 0.2
-"""s after that in which a frame counts as read when it came."""
 _LONGEST_DELAY = 10.0
 """s, beyond any receive timeout: what is older, after a suspended process, counts as so old."""
 
@@ -84,7 +80,6 @@ class Channel:
         self._burst = BurstDetector()
         self._echoes = Echoes(address, 2 * capacity)
         self._has_real_time = address.interface in _REAL_TIME_STAMPS
-        self._offset, self._was_set = _clocks_apart(), -math.inf
         self._receive_failures = 0
         self._send_failures = 0
         self._overruns_seen = 0
@@ -208,14 +203,10 @@ class Channel:
         """Return the time of arrival on the robot's clock.
 
         Where the driver stamps frames, a frame that lay in the kernel while this process was not running is as old as
-        it is, and not as young as its reading. Stamps are of the system's clock, which NTP or a person may set: for a
-        moment they are not believed then, or every joint would seem to have been silent.
+        it is, and not as young as its reading.
         """
-        now, offset = self._clock(), _clocks_apart()
-        if abs(offset - self._offset) > _STEP:
-            self._was_set = now
-        self._offset = offset
-        if not self._has_real_time or stamp <= 0.0 or now - self._was_set < _SETTLING:
+        now = self._clock()
+        if not self._has_real_time or stamp <= 0.0:
             return now
         delay = time.time() - stamp
         return now - min(max(delay, 0.0), _LONGEST_DELAY)
@@ -276,11 +267,6 @@ class Channel:
         else:
             self._note(BusEvent.TX_FULL, f"a frame could not be sent: {error}")
         return False
-
-
-def _clocks_apart() -> float:
-    """Return how far the system's clock is ahead of the monotonic one, s."""
-    return time.time() - time.monotonic()
 
 
 _PATIENCE = 0.06

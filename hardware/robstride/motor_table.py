@@ -39,17 +39,6 @@ _QUESTIONS = frozenset({FrameType.GET_DEVICE_ID, FrameType.READ_PARAMETER})
 _COMMANDS = frozenset(FrameType) - _QUESTIONS - {FrameType.STATUS, FrameType.FAULT_REPORT}
 """Frames that another host must not send to our motors."""
 
-_LATE = 50
-"""Commands whose answers may still come, as after a busy computer's pause."""
-_EXTRA = 25
-"""Answers beyond the commands that are borne: late ones, from before the session began to count."""
-_BURST = 0.25
-"""s within which answers come that were held up together."""
-_FORGOTTEN = 10.0
-"""s after which more answers than commands are a new story."""
-_SHARED = 1.0
-"""s after another host's command in which answers may be to that host."""
-
 
 class Sample(NamedTuple):
     """A status and when it came."""
@@ -82,16 +71,6 @@ class MotorSlot:
     """The other host to which it sent its latest stray status; none: it has sent none."""
     hides_timeout: bool = False
     """True if it does not tell its CAN timeout, which is tried out then."""
-    answer: Status | None = None
-    """The latest answer that was counted."""
-    answers: int = 0
-    """Answers to this session's commands, apart from those that say the same as the one before."""
-    surplus: float = NEVER.time
-    """Time of the first answer too many, s, robot's clock."""
-    doubled: float = NEVER.time
-    """Time at which it had answered more than it was commanded, s, robot's clock."""
-    mixes_reports: bool = False
-    """True if its active reports look like answers."""
 
 
 class MotorTable:
@@ -139,7 +118,7 @@ class MotorTable:
             if isinstance(reply, DeviceId):
                 self._answer(channel, reply, time)
         elif isinstance(reply, Status):
-            self._take_status(notes, slot, reply, time)
+            self._take_status(slot, reply, time)
         elif isinstance(reply, FaultReport):
             slot.report = reply
         elif isinstance(reply, Malformed):
@@ -165,7 +144,7 @@ class MotorTable:
         else:
             notes.add_stranger("unknown communication type", time)
 
-    def _take_status(self, notes: ChannelNotes, slot: MotorSlot, status: Status, time: float) -> None:
+    def _take_status(self, slot: MotorSlot, status: Status, time: float) -> None:
         sample = Sample(time, status)
         if status.faults or status.mode is not MotorMode.RUN:
             slot.alarm = sample
@@ -175,9 +154,6 @@ class MotorTable:
         else:
             slot.statuses += 1
             slot.acknowledged += self.counts_answers and slot.acknowledged < slot.commanded
-            if self.inbox is None and self.counts_answers and not slot.mixes_reports and status != slot.answer:
-                slot.answer = status
-                _count_answer(slot, time, is_shared=time - notes.intruder.time < _SHARED)
 
     def _take_ignored(
         self, notes: ChannelNotes, slot: MotorSlot, reply: Ignored, parts: Identifier, time: float
@@ -213,24 +189,6 @@ class MotorTable:
         """Return the latest status of every motor."""
         rows = [_UNHEARD if (sample := slot.sample) is None else _row(sample) for slot in self.slots]
         return Readings(*np.array(rows).reshape(-1, len(_UNHEARD)).T)
-
-
-def _count_answer(slot: MotorSlot, time: float, *, is_shared: bool) -> None:
-    """Compare the answers with the commands: of another motor with the same id nothing else may be seen.
-
-    Commands that were not answered in time excuse no answers now; those to another host's commands count as asked for.
-    A burst of late answers is not a second motor, which would go on answering.
-    """
-    slot.answers = max(slot.answers + 1, slot.commanded - _LATE)
-    if is_shared:
-        slot.answers = min(slot.answers, slot.commanded)
-    elif slot.answers > slot.commanded + _EXTRA:
-        if time - max(slot.surplus, slot.doubled) > _FORGOTTEN:
-            slot.surplus = time
-        if time - slot.surplus < _BURST:
-            slot.answers = slot.commanded
-        else:
-            slot.answers, slot.doubled = slot.commanded + _EXTRA, time
 
 
 _UNHEARD = (float("nan"),) * 5

@@ -106,9 +106,6 @@ class RobstrideSession(RobstrideLink):
         self.line.wait(lambda: not silent(), _REPORT_WAIT)
         for i in silent():
             checks.warn(motors.names[i], "sends no active reports: its state is a control period old")
-        for i in self._joints:
-            as_status = firmware_of(motors.model[i], self._versions[i]).reports_as_status
-            slots[i].mixes_reports = as_status or (i in wanted and not slots[i].reports)
         self._reporting = tuple(wanted)
 
     def enable(self, checks: CheckList) -> None:
@@ -143,8 +140,6 @@ class RobstrideSession(RobstrideLink):
         if report is not None and (report.faults or report.warnings):
             found += _report(name, report.faults, report.warnings)
         yield from self._with_temperature(motor, found)
-        if slot.doubled >= recent:
-            yield SafetyFlag.MOTOR_FAULT, "answers more than it is asked, as if another motor had its id", name
         if slot.invalid.time >= recent:
             yield SafetyFlag.INVALID_FRAME, f"sent a {slot.invalid.text}", name
 

@@ -8,7 +8,7 @@ import time
 import can
 import numpy as np
 import pytest
-from scripted_motors import HOST, fault_report
+from scripted_motors import fault_report
 from test_motor_table import random_frame
 from waiting import wait_until
 
@@ -22,7 +22,6 @@ from humanoid_sim.hardware.robstride.messages import (
     GetDeviceId,
     MotorMode,
     OperationControl,
-    Status,
     StatusFault,
     Stop,
     WarningBit,
@@ -264,28 +263,6 @@ def test_strangers_and_scans_stop_nothing(enabled, motors):
     motors.send_frame(motors.buses[0], encode_command(GetDeviceId(11, host_id=0xFE), MOTORS["rs-02"]))
     assert wait_until(lambda: sum(enabled.statistics.channels[0].strangers.values()) == before + 2)
     assert all(status.is_ok for status in _statuses(enabled))
-
-
-def test_a_second_motor_with_the_same_id_is_known_by_its_answers(enabled, motors, left):
-    """It says nearly the same as the first one: only there is one answer more to each command."""
-    false = Status(11, HOST, left.position + 0.01, 0.0, 0.0, 25.0, MotorMode.RUN, StatusFault(0))
-
-    def is_found():
-        enabled.write(_hold())
-        motors.send(motors.buses[0], false)
-        time.sleep(0.004)
-        return not _statuses(enabled)[0].is_ok
-
-    assert wait_until(is_found)
-    left_status, right_status = _statuses(enabled)
-    assert (left_status.level, left_status.flags) == (FAULT, SafetyFlag.MOTOR_FAULT)
-    what = "answers more than it is asked, as if another motor had its id: left; find the cause"
-    assert left_status.message == f"{what}{THEN}"
-    assert right_status.is_ok
-    for _ in range(30):
-        enabled.write(_hold())
-        time.sleep(0.01)
-    assert wait_until(lambda: _statuses(enabled)[0].is_ok), "answers to commands are none too many"
 
 
 def test_a_flood_is_called_one(enabled, motors):

@@ -79,20 +79,6 @@ def test_only_a_command_can_be_acknowledged(table):
     assert (table.slots[0].commanded, table.slots[0].acknowledged) == (2, 2)
 
 
-def test_answers_that_were_held_up_are_no_second_motor_and_those_that_go_on_are(table):
-    slot, positions = table.slots[0], iter(np.linspace(0.0, 1.0, 400))
-    for _ in range(150):  # 3 s at 50 Hz in which no answer came through
-        table.count_commands()
-    for number in range(150):
-        _tell(table, _status(position=next(positions)), 3.0 + 1e-4 * number)
-    assert slot.doubled == -math.inf
-    for tick in range(50):
-        table.count_commands()
-        for _ in range(2):
-            _tell(table, _status(position=next(positions)), 3.1 + 0.02 * tick)
-    assert 3.3 < slot.doubled < 4.2
-
-
 def test_a_version_is_never_a_position(table):
     answers = []
     _tell(table, messages.Version(11, HOST, (0, 2, 3, 6)))
