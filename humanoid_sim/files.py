@@ -10,11 +10,11 @@ import io
 import os
 import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from humanoid_sim.errors import InputError, blaming
 
@@ -32,32 +32,33 @@ _CLOSE_IN_CHILDREN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 _COUNT = count()
 
 
-def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = None) -> Path:
-    """Return the path of a file that can be opened and read to its end.
+LARGEST = 1 << 30
+"""Bytes of a file that is read whole: more than any robot, policy or motion needs."""
 
-    Raises `InputError` if there is no such file, it is a directory, a pipe, a socket or a device, or it is too large.
+
+def regular_file(path: str | os.PathLike[str], what: str, largest: int | None = LARGEST) -> Path:
+    """Return the path of a file that can be read to its end.
+
+    Raises `InputError` if there is no such file, it is none that ends, or it is too large.
 
     Args:
         what: it should be, such as `a motion file (.mcap)`.
-        largest: bytes that it may have, of `humanoid_sim.bounds`; None: a reader that takes no more memory for more.
+        largest: bytes; None: its reader takes no more memory for more.
     """
     path = Path(path)
     try:
-        status = path.stat()
-        if stat.S_ISREG(status.st_mode):
+        size = path.stat().st_size
+        if path.is_file():
             path.open("rb").close()
     except FileNotFoundError:
         raise InputError(f"{path}: no such file, expected {what}") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError:  # a null character in the name
-        raise InputError(f"{path}: is not a name of a file, expected {what}") from None
-    if stat.S_ISDIR(status.st_mode):
-        raise InputError(f"{path}: is a directory, expected {what}")
-    if not stat.S_ISREG(status.st_mode):
-        raise InputError(f"{path}: is a pipe or a device, expected {what}")
-    if largest is not None and status.st_size > largest:
-        raise InputError(f"{path}: has {status.st_size} bytes, expected {what} of at most {largest}")
+    except (OSError, ValueError) as error:  # ValueError: a null character in the name
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if not path.is_file():
+        kind = "a directory" if path.is_dir() else "a pipe or a device"
+        raise InputError(f"{path}: is {kind}, expected {what}")
+    if largest is not None and size > largest:
+        raise InputError(f"{path}: has {size} bytes, expected {what} of at most {largest}")
     return path
 
 
@@ -163,3 +164,12 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
     finally:
         with suppress(OSError):  # whatever kept it from being made keeps it from being removed
             temporary.unlink()
+
+
+def finite(value: Any) -> Any:
+    """Return plain values with null in the place of NaN and infinity, which JSON does not know."""
+    if isinstance(value, float):
+        return value if value - value == 0.0 else None
+    if isinstance(value, Mapping):
+        return {name: finite(item) for name, item in value.items()}
+    return [finite(item) for item in value] if isinstance(value, list | tuple) else value

@@ -15,13 +15,13 @@ from humanoid_sim.command_line import parse
 from humanoid_sim.envs.scenario import make_scenario
 from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.accuracy import PlantError, commanded_motion, describe_error, plant_errors
+from humanoid_sim.files import finite
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.motion import Motion
 from humanoid_sim.robots.description import RobotDescription, load_robot
 from humanoid_sim.robots.rates import steps_per_period
 from humanoid_sim.session.sources import parse_velocity
 from humanoid_sim.simulation.plant import Actuation, timestep_of
-from humanoid_sim.strict_json import finite
 
 _STEPS = (0.00125, 0.0025, 0.005)
 """s, of the implicit plant, unless others are given."""

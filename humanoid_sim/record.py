@@ -29,7 +29,6 @@ from humanoid_sim.record_dataset import RecordDataset, record_dataset
 from humanoid_sim.recording.reader import Recording, open_recording
 from humanoid_sim.recording.recover import default_output, recover
 from humanoid_sim.recording.summary import Summary, summarize
-from humanoid_sim.strict_json import parse_json
 
 if TYPE_CHECKING:
     from humanoid_sim.recording.body import RecordedBody
@@ -343,7 +342,7 @@ def _overview(summary: Summary) -> Table:
 def _definitions(documents: Mapping[str, str]) -> str:
     """Return whether what judged the run, if anything did, meant by a fall and by an error what is meant today."""
     try:
-        recorded = parse_json(documents["settings"])["definitions"]
+        recorded = json.loads(documents["settings"])["definitions"]
     except (KeyError, TypeError, ValueError):
         return "not recorded"
     others = differing(recorded) if isinstance(recorded, dict) else ()

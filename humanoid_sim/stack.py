@@ -41,7 +41,6 @@ from humanoid_sim.robots.description import RobotDescription, with_joint_limits
 from humanoid_sim.robots.guards import GuardRecord, guards_of
 from humanoid_sim.robots.schema import StandbySettings
 from humanoid_sim.robots.urdf import body_documents
-from humanoid_sim.strict_json import parse_json
 
 
 class _ControllerSettings(msgspec.Struct, frozen=True):
@@ -211,10 +210,10 @@ def with_policy(
 ) -> SessionHeader:
     """Make the header of the same run with another policy; `settings` are what changes in the header's."""
     controllers = {
-        **parse_json(header.documents["controllers"]),
+        **json.loads(header.documents["controllers"]),
         "action_limit": action_limit_of(loaded.contract, action_limit),
     }
-    told = {**parse_json(header.documents["settings"]), **settings} if settings else None
+    told = {**json.loads(header.documents["settings"]), **settings} if settings else None
     labels = observation_labels(loaded.contract, loaded.layout)
     documents = {
         **header.documents,

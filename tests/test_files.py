@@ -42,7 +42,7 @@ def test_what_is_no_file_is_named(tmp_path):
     assert refusal("/dev/zero") == "/dev/zero: is a pipe or a device, expected a motion file (.mcap)"
     assert refusal(loop) == f"{loop}: cannot be read: Too many levels of symbolic links"
     assert refusal(long) == f"{long}: cannot be read: File name too long"
-    assert refusal("a\0b") == "a\0b: is not a name of a file, expected a motion file (.mcap)"
+    assert refusal("a\0b") == "a\0b: cannot be read: embedded null byte"
     for path in (gone, tmp_path, pipe, loop, long, "a\0b"):
         assert not is_file(path)
 

@@ -6,6 +6,7 @@ Whatever a checkpoint does while it is loaded, checked and run for the first tim
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import pickle
 import subprocess
@@ -43,7 +44,6 @@ from humanoid_sim.robots.description import RobotDescription, load_robot, with_c
 from humanoid_sim.session.loading import PreparedPolicy, considerate
 from humanoid_sim.session.sources import parse_velocity
 from humanoid_sim.stack import policy_controller, recorded_contract, recorded_motion, with_policy
-from humanoid_sim.strict_json import parse_json
 
 if TYPE_CHECKING:
     from humanoid_sim.play.assembly import Run
@@ -78,7 +78,7 @@ class Proof:
 def parse_options(text: str, config: PlayConfig) -> PlayConfig:
     """Read a request, a JSON object of texts that names files by absolute paths, into the session's options."""
     with blaming("its options are no JSON", ValueError):
-        options = parse_json(text)
+        options = json.loads(text)
     if not isinstance(options, dict) or not options.get("policy"):
         raise InputError('expected a JSON object with "policy"')
     for name, value in options.items():

@@ -19,14 +19,13 @@ from humanoid_sim.evaluation.failure import DEFINITIONS
 from humanoid_sim.evaluation.joint_use import describe_effort
 from humanoid_sim.evaluation.piano_score import score
 from humanoid_sim.evaluation.tracking import AnchorErrors
-from humanoid_sim.files import whole_file
+from humanoid_sim.files import finite, whole_file
 from humanoid_sim.play.assembly import Run
 from humanoid_sim.play.console import MODE_STYLES
 from humanoid_sim.play.options import NO_POLICY, PlayConfig
 from humanoid_sim.session.monitor import RunMonitor
 from humanoid_sim.session.pace import DurationHistogram
 from humanoid_sim.session.session import SessionResult
-from humanoid_sim.strict_json import finite
 
 _SHOWN = 10
 """Faults, and safety statuses, that are printed; the summary has them all."""

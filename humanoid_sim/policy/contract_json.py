@@ -16,7 +16,6 @@ from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.policy.readers.contract_yaml import COMMAND_AXES, parse_contract
 from humanoid_sim.policy.readers.merge import build_contract
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, PartialContract, is_assumed, is_stated
-from humanoid_sim.strict_json import parse_json
 
 STAMP_KEY = "humanoid_sim_contract"
 """Metadata key under which a stamped checkpoint carries its contract."""
@@ -49,7 +48,7 @@ def plain_value(name: str, value: Any) -> Any:
 def decode(text: str, where: str) -> PolicyContract:
     """Return the contract in a text of `encode`, provenance included."""
     with blaming(f"{where}: contract is not JSON", ValueError):
-        document = parse_json(text)
+        document = json.loads(text)
     if not isinstance(document, dict):
         raise InputError(f"{where}: contract is a {type(document).__name__}, expected a JSON object")
     version = document.pop("version", None)

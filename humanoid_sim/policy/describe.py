@@ -15,11 +15,11 @@ from humanoid_sim.controllers.observation import ObservationLayout, ObservationT
 from humanoid_sim.controllers.policy_step import ACTION_LIMIT
 from humanoid_sim.controllers.term_kinds import TermKind
 from humanoid_sim.controllers.terms import SCAN_OPTIONS, Term
+from humanoid_sim.files import finite
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.contract_json import encode, plain_value
 from humanoid_sim.policy.readers.partial import NOT_STATED, Given, is_assumed
 from humanoid_sim.policy.readers.values import shown
-from humanoid_sim.strict_json import finite
 
 _LISTED = 4
 """Names that are all shown; of more, the first three."""

@@ -22,7 +22,6 @@ import numpy.typing as npt
 from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
-from humanoid_sim.bounds import MOTION_VALUES
 from humanoid_sim.controllers.rotation import rotation_6d, rotation_from_6d
 from humanoid_sim.errors import FieldError, InputError, blaming, known_names
 from humanoid_sim.files import regular_file, whole_file
@@ -128,7 +127,7 @@ def read_motion(path: str | os.PathLike[str], topic: str | None = None) -> Motio
     with blaming(f"{path}: cannot be read", OSError):
         if (path / _METADATA).is_file():  # a folder that rosbag2 has written
             return _motion(path, _read_rows(path, bag_streams(path), topic))
-        path = regular_file(path, "a motion file (.mcap) or a folder of rosbag2")
+        path = regular_file(path, "a motion file (.mcap) or a folder of rosbag2", None)
         with path.open("rb") as file:
             return _motion(path, _read_rows(path, [(path, McapStream(file))], topic))
 
@@ -219,8 +218,6 @@ def _row(path: Path, record: Message, before: list[Float32Array]) -> Float32Arra
         raise InputError(f"{path}: frame {frame} is not a {FLOAT32_MULTI_ARRAY}: {error}") from None
     if before and len(values) != len(before[0]):
         raise InputError(f"{path}: frame {frame} has {len(values)} values, the frames before {len(before[0])}")
-    if (frame + 1) * max(len(values), 1) > MOTION_VALUES:
-        raise InputError(f"{path}: has more than {MOTION_VALUES} values, expected a motion of one episode")
     return values
 
 
@@ -300,6 +297,6 @@ def bag_streams(folder: Path) -> Iterator[tuple[Path, McapStream]]:
         raise InputError(f"{place}: relative_file_paths: is {names!r}, expected the names of the bag's files")
     for name in names:
         # Older versions of rosbag2 repeat the folder's name.
-        file = regular_file(folder / Path(name).name, "a file of the bag")
+        file = regular_file(folder / Path(name).name, "a file of the bag", None)
         with file.open("rb") as opened:
             yield file, McapStream(opened)

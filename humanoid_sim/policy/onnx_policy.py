@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.bounds import ONNX_BYTES, ONNX_SECONDS
 from humanoid_sim.controllers.contract import TensorNames
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file, regular_file
@@ -26,6 +25,8 @@ from humanoid_sim.mit import Float32Array
 if TYPE_CHECKING:
     from onnx import ModelProto
 
+ONNX_SECONDS = 10.0
+"""s of one inference of a model whose graph can loop; on hardware much less, see `play`."""
 TENSORS_KEY = "humanoid_sim_tensors"
 """Metadata key of the digest of a stamped model's tensors, wherever they lie."""
 _LOCATION = "location"
@@ -189,7 +190,7 @@ def check_file(path: Path) -> None:
     if own:
         what = f"is {own}" if is_file(path) else "no such file"
         raise InputError(f"{path}: {what}, expected an ONNX file: {instead}")
-    if regular_file(path, "an ONNX file", ONNX_BYTES).stat().st_size == 0:
+    if regular_file(path, "an ONNX file").stat().st_size == 0:
         raise InputError(f"{path}: is empty, expected an ONNX file")
 
 

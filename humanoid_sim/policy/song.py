@@ -17,7 +17,6 @@ from typing import Any
 import mido
 import numpy as np
 
-from humanoid_sim.bounds import MIDI_BYTES, SONG_SECONDS
 from humanoid_sim.errors import InputError, blaming
 from humanoid_sim.files import regular_file
 from humanoid_sim.mit import Float32Array
@@ -82,13 +81,13 @@ def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain:
     """Read a MIDI file.
 
     A note that begins while the same key still sounds ends the earlier one. Drums are left out. Raises `InputError` for
-    what is not MIDI, has no notes, no such track, a time division in frames, or is longer than an hour.
+    what is not MIDI, has no notes, no such track, or a time division in frames.
 
     Args:
         tracks: those to play, counted from 0; None for all.
         sustain: notes sound on while the sustain pedal is down.
     """
-    path = regular_file(path, "a MIDI file (.mid)", MIDI_BYTES)
+    path = regular_file(path, "a MIDI file (.mid)")
     with blaming(f"{path}: is not a MIDI file that can be read", Exception):
         file = mido.MidiFile(path)
     if file.type == 2:
@@ -105,10 +104,7 @@ def read_song(path: str | Path, *, tracks: Sequence[int] | None = None, sustain:
     notes = [note for i in chosen for note in _track_notes(file.tracks[i], i, clock, sustain)]
     if not notes:
         raise InputError(f"{path}: has no notes in {'it' if tracks is None else 'the chosen tracks'}")
-    song = Song(tuple(sorted(notes, key=lambda note: (note.start, note.key))), names)
-    if song.seconds > SONG_SECONDS:
-        raise InputError(f"{path}: lasts {song.seconds:.0f} s, expected at most {SONG_SECONDS:.0f} s")
-    return song
+    return Song(tuple(sorted(notes, key=lambda note: (note.start, note.key))), names)
 
 
 class _Clock:

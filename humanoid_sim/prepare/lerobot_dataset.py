@@ -7,6 +7,7 @@ is optional, and slow to import, because it brings PyTorch.
 from __future__ import annotations
 
 import importlib
+import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,13 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from humanoid_sim.bounds import JSON_BYTES
 from humanoid_sim.controllers.rotation import quaternion_from_matrix, rotation_from_6d
 from humanoid_sim.errors import InputError, meant, needing, one_line, reason_of
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.mit import FloatArray
 from humanoid_sim.prepare.source_motion import SourceMotion, joint_of
-from humanoid_sim.strict_json import parse_json
 
 _FORMAT = "v3.0"
 """Version of the dataset format that is read and written."""
@@ -67,7 +66,7 @@ def _check_format(folder: Path) -> None:
     try:
         if not is_file(path):
             raise InputError(f"{folder}: is not a LeRobot dataset: it has no meta/info.json")
-        info = parse_json(regular_file(path, "a dataset's info.json", JSON_BYTES).read_text(encoding="utf-8"))
+        info = json.loads(regular_file(path, "a dataset's info.json").read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError as error:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from humanoid_sim.bounds import CSV_BYTES
 from humanoid_sim.controllers.terms import QuaternionOrder
 from humanoid_sim.errors import InputError, known_names
 from humanoid_sim.files import regular_file
@@ -208,7 +207,7 @@ def _csv_rate(path: Path, times: FloatArray | None, fps: float | None) -> float:
 def _csv_rows(path: Path) -> list[tuple[int, list[str]]]:
     """Line number and cells of every line that is not empty."""
     try:
-        with regular_file(path, "a .csv file", CSV_BYTES).open(encoding="utf-8-sig", newline="") as file:
+        with regular_file(path, "a .csv file").open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)
             return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except OSError as error:

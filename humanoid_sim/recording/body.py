@@ -5,6 +5,7 @@ Nothing here needs the robot's MJCF, or MuJoCo: a recording carries its body wit
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +18,6 @@ from humanoid_sim.controllers.rotation import conjugate, multiply, quaternion_fr
 from humanoid_sim.errors import blaming
 from humanoid_sim.messages import QPOS_DOCUMENT, URDF_DOCUMENT, SessionHeader, TickRecord
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.strict_json import parse_json
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _LARGEST = 16 << 20
@@ -89,7 +89,7 @@ class RecordedBody:
         if URDF_DOCUMENT not in documents:
             return None
         with blaming("'qpos_addresses' are no JSON", ValueError, BodyError):
-            addresses = parse_json(documents.get(QPOS_DOCUMENT, "{}"))
+            addresses = json.loads(documents.get(QPOS_DOCUMENT, "{}"))
         if not isinstance(addresses, dict) or not all(type(i) is int and 0 <= i < 10**6 for i in addresses.values()):
             raise BodyError("'qpos_addresses' are no JSON object of whole numbers")
         imu = str(json_document(documents, "robot").get("imu", ""))
@@ -151,7 +151,7 @@ class RecordedBody:
 def json_document(documents: Mapping[str, str], name: str) -> dict[str, Any]:
     """Return a JSON object among a header's documents; empty where there is none, or a damaged one."""
     try:
-        document = parse_json(documents.get(name, "{}"))
+        document = json.loads(documents.get(name, "{}"))
     except ValueError:
         return {}
     return document if isinstance(document, dict) else {}

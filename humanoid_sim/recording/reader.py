@@ -6,6 +6,7 @@ The ticks are also to be had as columns: arrays, a table for CSV files and panda
 from __future__ import annotations
 
 import io
+import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -25,7 +26,6 @@ from humanoid_sim.recording.header import DOCUMENTS, SESSION, HeaderError, parse
 from humanoid_sim.recording.recorder import EVENT_TOPIC, TICK_TOPIC
 from humanoid_sim.ros2.cdr import CdrError
 from humanoid_sim.ros2.mcap_stream import McapStream, Message
-from humanoid_sim.strict_json import parse_json
 
 Entry: TypeAlias = TickRecord | Event
 _Decoder: TypeAlias = Callable[[bytes], Entry]
@@ -319,7 +319,7 @@ class _HeaderParts:
 
 def _open(path: Path) -> IO[bytes]:
     with blaming(f"{path}: cannot be read", OSError):
-        return regular_file(path, "a recording (.mcap)").open("rb")
+        return regular_file(path, "a recording (.mcap)", None).open("rb")
 
 
 def recorded_settings(path: str | Path, header: SessionHeader) -> dict[str, Any]:
@@ -328,7 +328,7 @@ def recorded_settings(path: str | Path, header: SessionHeader) -> dict[str, Any]
     Raises `InputError`, which names the path, if what it says is not a JSON object.
     """
     with blaming(f"{path}: its header's 'settings' are no JSON", ValueError):
-        settings = parse_json(header.documents.get("settings", "{}"))
+        settings = json.loads(header.documents.get("settings", "{}"))
     if not isinstance(settings, dict):
         raise InputError(f"{path}: its header's 'settings' are a {type(settings).__name__}, expected a JSON object")
     return settings

@@ -10,7 +10,6 @@ from xml.etree import ElementTree
 
 import msgspec
 
-from humanoid_sim.bounds import JSON_BYTES
 from humanoid_sim.errors import InputError, blaming, known_names, reason_of
 from humanoid_sim.evaluation.failure import differing
 from humanoid_sim.files import regular_file
@@ -31,7 +30,7 @@ def json_of(value: msgspec.Struct) -> bytes:
 def read_baseline(path: Path) -> PolicyRun:
     """Return a stored run. Raises `InputError`: one line with the file and what is wrong with it."""
     with blaming(f"{path}: cannot be read", OSError):
-        data = regular_file(path, "a baseline (.json) or a checkpoint (.onnx)", JSON_BYTES).read_bytes()
+        data = regular_file(path, "a baseline (.json) or a checkpoint (.onnx)").read_bytes()
     try:
         run = msgspec.json.decode(data, type=PolicyRun)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

@@ -22,8 +22,6 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Header, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
-from humanoid_sim.bounds import MCAP_CHUNK_BYTES, MCAP_RECORD_BYTES
-
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _INDEX_HEAD, _INDEX_ENTRY = struct.Struct("<HI"), 16
@@ -206,8 +204,6 @@ class McapStream:
             raise _UnsoundError(f"damaged (a record of kind {opcode})")
         if length > self._size - start - _RECORD.size:
             raise _CutError("cut")
-        if length > MCAP_RECORD_BYTES:
-            raise _UnsoundError(f"damaged (a record of {length} bytes)")
         return opcode, self._file.read(length)
 
     def _skip_summary(self) -> None:
@@ -278,8 +274,6 @@ def _chunk_records(body: bytes) -> list[Record]:
 
 def _decompress(chunk: Chunk) -> bytes:
     size = chunk.uncompressed_size
-    if size > MCAP_CHUNK_BYTES:
-        raise _UnsoundError(f"damaged (a chunk of {size} bytes)")
     if chunk.compression == "":
         data = chunk.data
     elif chunk.compression == "lz4":

@@ -183,9 +183,3 @@ def test_a_motion_in_a_motion_is_refused():
         nested = attached(nested)
     with pytest.raises(InputError, match=r"run\.mcap: its motion holds a motion of its own, expected one episode"):
         parse_motion(nested, "run.mcap")
-
-
-def test_a_motion_larger_than_memory_is_refused(monkeypatch):
-    monkeypatch.setattr("humanoid_sim.policy.motion.MOTION_VALUES", 60)
-    with pytest.raises(InputError, match="has more than 60 values, expected a motion of one episode"):
-        parse_motion(motion_bytes(make_motion()), "motion.mcap")

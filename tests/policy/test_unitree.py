@@ -163,10 +163,10 @@ def test_another_slice_is_refused(tmp_path, bounds):
 
 
 @pytest.mark.parametrize("tag", ["python/object/apply:os.system", "python/tuple", "python/name:os.system", "mine"])
-def test_any_other_tag_is_refused_by_name(tmp_path, tag):
+def test_any_other_tag_is_refused(tmp_path, tag):
     path = tmp_path / "deploy.yaml"
     path.write_text(f"joint_ids_map: !!{tag} [1]\n")
-    with pytest.raises(InputError, match=rf"the tag !!{tag} is not read"):
+    with pytest.raises(InputError, match=rf"could not determine a constructor for the tag .*{tag}"):
         read_deploy(path)
 
 

@@ -42,7 +42,6 @@ def test_a_sound_header():
         ({"control_period": "0"}, "control_period: is 0, expected 1e-06 to 1000 s"),
         ({"control_period": "nan"}, "control_period: is nan, expected 1e-06 to 1000 s"),
         ({"control_period": "-0.02"}, "control_period: is -0.02, expected 1e-06 to 1000 s"),
-        ({"joint_names": "[" * 100_000}, "is nested too deeply"),
         ({"joint_names": "[]"}, "joint_names: expected at least one, each once"),
         ({"joint_names": '["a", "a"]'}, "joint_names: expected at least one, each once"),
         ({"joint_names": "[1, 2]"}, "joint_names: expected a list of texts"),
@@ -50,7 +49,6 @@ def test_a_sound_header():
         ({"attachments": "[[1]]"}, "attachments: expected a list of texts"),
         ({"start_time_ns": str(2**70)}, "start_time_ns: expected nanoseconds in 64 bits"),
         ({"observation_terms": '[["x", 1e9]]'}, "observation_terms: expected names and widths"),
-        ({"observation_terms": '[["x", 1000000000]]'}, "observation_terms: more than 1000000 values"),
     ],
 )
 def test_an_absurd_header_is_refused(changes, problem):
@@ -59,7 +57,7 @@ def test_an_absurd_header_is_refused(changes, problem):
     assert problem in str(refused.value)
 
 
-@pytest.mark.parametrize("settings", ["{", "[" * 100_000, "[]", "null", "NaN"], ids=lambda text: text[:4])
+@pytest.mark.parametrize("settings", ["{", "[]", "null", "NaN"], ids=lambda text: text[:4])
 def test_settings_that_are_no_json_object(tmp_path, settings, capsys):
     path = tmp_path / "run.mcap"
     write_recording(path, [make_tick(0), make_tick(1)], make_header(documents={"settings": settings}))

@@ -20,9 +20,9 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from humanoid_sim.errors import InputError
+from humanoid_sim.files import finite
 from humanoid_sim.frontends.console.access import Access, Gate, RefusedError
 from humanoid_sim.frontends.console.scene import VISER_PAGE, may_pass
-from humanoid_sim.strict_json import finite
 
 PageHandler = Callable[[ServerConnection, Access], Awaitable[None]]
 _MOST_SOCKETS = 32

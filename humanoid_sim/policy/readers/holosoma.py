@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,7 +11,6 @@ import numpy as np
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.readers.partial import Given, PartialContract, assumed
 from humanoid_sim.policy.readers.values import cut, numbers, pair_of_numbers, plain_numbers
-from humanoid_sim.strict_json import parse_json
 
 HOLOSOMA_SOURCE = "holosoma metadata"
 
@@ -53,7 +53,7 @@ def read_holosoma(metadata: Mapping[str, str], where: str) -> PartialContract:
 
 def _parse(key: str, metadata: Mapping[str, str], where: str) -> Any:
     try:
-        return parse_json(metadata[key])
+        return json.loads(metadata[key])
     except ValueError:
         raise _wrong(where, key, metadata, "JSON") from None
 
