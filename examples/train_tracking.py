@@ -5,8 +5,8 @@
     python -m humanoid_sim.policy check arms.onnx --robot lite
     python -m humanoid_sim.play --robot lite --policy arms.onnx --motion wave
 
-Ctrl-C, or SIGTERM, ends the training after the step, and exports what there is. `--resume` goes on from the checkpoint
-beside the output. The rewards are those of the task `tracking`: docs/environments.md.
+Ctrl-C and SIGTERM end it after the iteration, with an export; `--resume` goes on from the checkpoint beside the output.
+The rewards are those of the task `tracking`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ import numpy as np
 import torch
 import tyro
 from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from torch import nn
 
@@ -49,8 +48,6 @@ class Options:
     envs: int = 64
     """Robots simulated at once."""
     seed: int = 0
-    threads: int = 1
-    """Threads of PyTorch; physics takes all processors."""
     resume: bool = False
     """Go on from the checkpoint."""
 
@@ -75,45 +72,6 @@ class Actor(nn.Module):
         return torch.minimum(torch.maximum(self.last(self.hidden(seen)), self.low), self.high)
 
 
-class Progress(BaseCallback):
-    """Ends the training when its time is over, prints a line every 30 s, and saves every minute."""
-
-    def __init__(self, options: Options, normalise: VecNormalize) -> None:
-        super().__init__()
-        self.options, self.normalise = options, normalise
-        self.begin = self.shown = self.saved = time.monotonic()
-        self.end = self.begin + 60.0 * options.minutes
-        self.done = 0  # steps of earlier runs
-        self.asked_to_end = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._ask_to_end)
-
-    def _ask_to_end(self, *_: object) -> None:
-        self.asked_to_end = True
-
-    def _on_training_start(self) -> None:
-        self.done = self.num_timesteps
-
-    def _on_step(self) -> bool:
-        return not self.asked_to_end and time.monotonic() < self.end
-
-    def _on_rollout_end(self) -> None:
-        now, episodes = time.monotonic(), self.model.ep_info_buffer
-        if now - self.shown > 30.0 and episodes:
-            made = self.num_timesteps - self.done
-            left = min(self.end - now, (self.model._total_timesteps - self.num_timesteps) * (now - self.begin) / made)
-            print(
-                f"{self.num_timesteps / 1e6:.2f} M steps, {made / (now - self.begin):.0f}/s: return "
-                f"{np.mean([episode['r'] for episode in episodes]):.2f}, spread "
-                f"{self.model.policy.log_std.exp().mean().item():.3f}; {left / 60.0:.0f} min left",
-                flush=True,
-            )
-            self.shown = now
-        if now - self.saved > 60.0:
-            save(self.model, self.normalise, self.options.output)
-            self.saved = now
-
-
 def save(model: PPO, normalise: VecNormalize, output: Path) -> None:
     """Write the checkpoint."""
     model.save(output.with_suffix(".zip"))
@@ -131,7 +89,7 @@ def load(model: PPO, normalise: VecNormalize, output: Path) -> None:
 
 def main(options: Options) -> None:
     """Train, save every minute, and export."""
-    torch.set_num_threads(options.threads)
+    torch.set_num_threads(1)  # physics takes all processors
     envs = gymnasium.make_vec(
         "humanoid_sim/LiteTracking-v0", options.envs, autoreset_mode="SameStep", motion=MOTION, actuation="implicit"
     )
@@ -156,7 +114,27 @@ def main(options: Options) -> None:
     )
     if options.resume:
         load(model, normalise, options.output)
-    model.learn(options.iterations * STEPS * options.envs, callback=Progress(options, normalise))
+
+    asked_to_end: list[bool] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: asked_to_end.append(True))
+    begin = shown = time.monotonic()
+    iteration, per_iteration = 0, STEPS * options.envs
+    while iteration < options.iterations and time.monotonic() < begin + 60.0 * options.minutes and not asked_to_end:
+        model.learn(per_iteration, reset_num_timesteps=False)
+        iteration, now = iteration + 1, time.monotonic()
+        if now - shown < 60.0 or not model.ep_info_buffer:
+            continue
+        shown = now
+        save(model, normalise, options.output)
+        rate = (now - begin) / iteration
+        left = min(begin + 60.0 * options.minutes - now, rate * (options.iterations - iteration))
+        print(
+            f"{iteration * per_iteration / 1e6:.2f} M steps, {per_iteration / rate:.0f}/s: return "
+            f"{np.mean([episode['r'] for episode in model.ep_info_buffer]):.2f}, spread "
+            f"{model.policy.log_std.exp().mean().item():.3f}; {left / 60.0:.0f} min left",
+            flush=True,
+        )
     save(model, normalise, options.output)
 
     def answer(observation: np.ndarray) -> np.ndarray:
@@ -169,7 +147,7 @@ def main(options: Options) -> None:
         motion = motion_path(MOTION)
         stamp(plain, options.output, description=scenario.description, trace=trace, motion=motion, overwrite=True)
     normalise.close()
-    print(f"{options.output}: after {model.num_timesteps} steps")
+    print(f"{options.output}: after {iteration} iterations")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ Single, vector and `dm_env` environments, training and regression all judge a po
 package. Everything takes and returns arrays `(..., n)`; nothing simulates and nothing is random but the numbers that a
 caller hands in.
 
-A new task is a class in a file of its own, and an entry in `TASKS`: CONTRIBUTING.md has an example.
+A new task is a class in a file of its own, and an entry in `TASKS`.
 """
 
 from __future__ import annotations
