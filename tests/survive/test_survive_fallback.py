@@ -1,12 +1,9 @@
 """Whatever fails in a tick, the command of that tick is finite, complete, and from the fallback."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from control_run import (
     DAMPING,
-    DAMPING_KD,
     JOINTS,
     MEASURED,
     REMOTE,
@@ -18,7 +15,6 @@ from control_run import (
     Run,
     bits,
     command,
-    is_complete,
     is_damping,
 )
 from control_surface import controller, fault, step
@@ -194,12 +190,3 @@ def test_a_guard_does_not_trip_on_what_passes():
         moving = dict.fromkeys(JOINTS, 0.5 + 0.006 * i)  # comes nearer by 0.03 rad in 0.1 s
         remote = RemoteCommand(command(moving["elbow"] + 0.3), run.time)
         assert run.step(remote=remote, position=moving).control_mode.controller_name == REMOTE
-
-
-def test_every_joint_is_braked_although_one_is_silent():
-    run = Run().reach(RL)
-    given = run.input(position={**MEASURED, "elbow": NAN})
-    silent = replace(given.state, joint_age=[0.0, INF, 0.0])
-    _, output = step(run.stack, run.memory, replace(given, state=silent, intents=(Intent.DAMP,)))
-    assert is_complete(output.command)
-    assert output.command.damping.tolist() == list(DAMPING_KD.values())
