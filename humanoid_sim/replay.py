@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
+from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemainingColumn
 
 from humanoid_sim.assets import policy_path
 from humanoid_sim.cli import ExitStatus, run_program
 from humanoid_sim.command_line import parse
+from humanoid_sim.command_line.tables import titled_table
 from humanoid_sim.errors import InputError
-from humanoid_sim.files import is_file
+from humanoid_sim.files import finite, is_file, output_file, whole_file
 from humanoid_sim.messages import Event, PolicyStep, SessionHeader, TickRecord
+from humanoid_sim.mit import FloatArray
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest
 from humanoid_sim.recording.reader import Entry, Recording, open_recording, recorded_settings
 from humanoid_sim.recording.repeat import InferenceReport, RepeatReport, repeat_run
+
+if TYPE_CHECKING:
+    from humanoid_sim.recording.open_loop import OpenLoopReport
 
 _PLACEHOLDER = "placeholder"
 _TOLERANCE = 1e-4
@@ -34,6 +43,7 @@ class ReplayConfig:
     Exit status 0: every tick is bit for bit identical, and with --infer every answer of the network is the recorded
     one within --tolerance. 1: a tick or an answer differs, ticks are missing, the file is damaged, or there is nothing
     to compare. 2: the file is not a recording. The recording of a killed run ends early; it is repeated to its end.
+    With --policy alone nothing is repeated: status 0 if that policy would have commanded the same within --tolerance.
     """
 
     file: Path
@@ -41,17 +51,22 @@ class ReplayConfig:
     infer: bool = False
     """Also run the policy on the recorded observations, and compare its answers with the recorded actions."""
     policy: str | None = None
-    """ONNX checkpoint, or a shipped policy ({policies}), for --infer, which it implies. Default: the file that
-    the recording names."""
+    """ONNX checkpoint, or a shipped policy ({policies}): what would it have commanded on the recorded states? With
+    --infer: the recorded policy's file, where it is no longer where the recording says."""
+    contract: Path | None = None
+    """A contract.yaml for --policy. Default: the one beside it; the recorded one if it is the recorded policy."""
+    csv: Path | None = None
+    """With --policy: positions, torques and actions of both policies, a row per tick and joint (.csv)."""
     tolerance: float | None = None
-    """With --infer: largest difference of an action (a share of it beyond 1) that is still the same answer. Default:
-    1e-4, which another processor or build of ONNX Runtime stays below; 0: bit for bit."""
+    """Largest difference of a commanded position, rad, or with --infer of an action (a share of it beyond 1) that is
+    still the same. Default: 1e-4, which another processor or build of ONNX Runtime stays below; 0: bit for bit."""
     json: bool = False
     """Print the result as JSON."""
 
     EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
         ("runs/run.mcap", "does the stack still do exactly that?"),
         ("runs/run.mcap --infer", "... and the network?"),
+        ("runs/run.mcap --policy x.onnx", "what would another policy have commanded?"),
     )
 
 
@@ -66,12 +81,15 @@ def replay(config: ReplayConfig) -> int:
 
     Raises `InputError` if the recording, or the policy, cannot be used.
     """
-    infers = config.infer or config.policy is not None
-    tolerance = _tolerance(config.tolerance, infers)
+    tolerance = _TOLERANCE if config.tolerance is None else config.tolerance
+    if not (math.isfinite(tolerance) and tolerance >= 0.0):
+        raise InputError(f"--tolerance: is {tolerance:g}, expected a finite number >= 0")
     recording = open_recording(config.file)
+    if config.policy is not None and not config.infer:
+        return _compare(recording, config, policy_path(config.policy), tolerance)
     from humanoid_sim.stack import rebuild_supervisor  # noqa: PLC0415 - heavy; not needed for `--help`
 
-    inference = _Inference(recording, config.policy, tolerance) if infers else None
+    inference = _Inference(recording, config.policy, tolerance) if config.infer else None
     report = repeat_run(recording, rebuild_supervisor, inference, _with_progress(recording, inference))
     if config.json:
         print(json.dumps(_as_json(recording, report, inference), indent=2))
@@ -81,14 +99,68 @@ def replay(config: ReplayConfig) -> int:
     return ExitStatus.of(report.is_identical and (inference is None or inference.report.is_same))
 
 
-def _tolerance(value: float | None, infers: bool) -> float:
-    if value is None:
-        return _TOLERANCE
-    if not infers:
-        raise InputError("--tolerance has no effect without --infer or --policy")
-    if not (math.isfinite(value) and value >= 0.0):
-        raise InputError(f"--tolerance: is {value:g}, expected a finite number >= 0")
-    return value
+def _compare(recording: Recording, config: ReplayConfig, path: Path, tolerance: float) -> int:
+    """Print what the policy of a file would have commanded on the recorded states; returns the exit status."""
+    from humanoid_sim.policy.checkpoint import load_checkpoint  # noqa: PLC0415 - ONNX Runtime is heavy
+    from humanoid_sim.recording.open_loop import Row, compare_open_loop  # noqa: PLC0415 - likewise
+
+    settings = recorded_settings(recording.path, recording.header)
+    if config.contract is None and settings.get("policy_sha256") == file_digest(path):
+        checkpoint = _load(recording.path, recording.header, settings, str(path))
+    else:
+        checkpoint = load_checkpoint(path, config.contract, recording.header.joint_names)
+    joints = recording.header.joint_names
+    with ExitStack() as left:
+        row: Row | None = None
+        if config.csv is not None:
+            file = left.enter_context(whole_file(output_file(config.csv, "--csv", ".csv")))
+            table = csv.writer(left.enter_context(io.TextIOWrapper(file, "utf-8", newline="")), lineterminator="\n")
+            names = [f"{who}_{what}" for what in ("position", "torque", "action") for who in ("recorded", "other")]
+            table.writerow(["time_s", "joint", *names])
+
+            def row(time: float, values: Mapping[str, FloatArray]) -> None:
+                columns = (values[name].tolist() for name in names)
+                table.writerows([time, joint, *numbers] for joint, *numbers in zip(joints, *columns, strict=True))
+
+        report = compare_open_loop(recording, checkpoint, tolerance, row)
+    if config.json:
+        result = {"file": str(recording.path), "policy": checkpoint.source, **asdict(report), "same": report.is_same}
+        print(json.dumps(finite(result), indent=2))
+    else:
+        _print_comparison(recording, checkpoint.source, report)
+    return ExitStatus.of(report.is_same)
+
+
+def _print_comparison(recording: Recording, source: str, report: OpenLoopReport) -> None:
+    if not report.ticks and not report.failure:
+        print("the recording holds no LOCOMOTION: there is nothing to compare")
+        return
+    columns = ("position max", "RMS", "torque max", "RMS", "action max", "beyond tolerance from")
+    title = f"{source} on the recorded states, open loop: {report.ticks} ticks of LOCOMOTION, {report.steps} inferences"
+    table = titled_table(title, "joint", *columns, right=columns)
+    for joint in report.joints:
+        table.add_row(
+            joint.joint,
+            *(f"{value:.4g} rad" for value in (joint.position_max, joint.position_rms)),
+            *(f"{value:.4g} N·m" for value in (joint.torque_max, joint.torque_rms)),
+            "" if joint.action_max is None else f"{joint.action_max:.4g}",
+            "" if joint.first_time is None else _seconds(joint.first_time),
+        )
+    wide = None if sys.stdout.isatty() else 200
+    Console(highlight=False, emoji=False, soft_wrap=wide is not None, width=wide).print(table)
+    first = report.first_time
+    tolerance = f"{report.tolerance:g} rad"
+    print(
+        f"no command differs by more than {tolerance}"
+        if first is None
+        else f"commands differ by more than {tolerance} from {_seconds(first)} on"
+    )
+    if report.failure:
+        print(f"it would have failed at {_seconds(report.failure_time)}: {report.failure}")
+    if report.missing_ticks:
+        print(f"{report.missing_ticks} ticks are missing: nothing is compared from there to the next LOCOMOTION")
+    if not recording.is_complete:
+        print(f"the recording is not complete: {recording.damage}")
 
 
 class _Inference:
@@ -163,8 +235,6 @@ def _load(recording: Path, header: SessionHeader, settings: dict[str, Any], give
 
 def _with_progress(recording: Recording, inference: _Inference | None) -> Iterator[Entry]:
     """Yield the entries, with a bar on stderr if a person is watching; `inference` follows their policies."""
-    from rich.console import Console  # noqa: PLC0415
-
     console = Console(stderr=True)
     columns = ("replaying", BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:

@@ -64,12 +64,12 @@ def test_the_same_model_answers_the_same(recorded, capsys):
 def test_another_model_is_named_and_measured(recorded, tmp_path, capsys):
     path, _ = recorded
     other = save_model(tmp_path / "other.onnx", seed=1)
-    assert replay([str(path), "--policy", str(other)]) == 1
+    assert replay([str(path), "--infer", "--policy", str(other)]) == 1
     line = capsys.readouterr().out.splitlines()[1]
     assert line.startswith(f"infer: {other} (another file than the one that was recorded: SHA-256 differs): ")
     assert "actions differ, by at most" in line
     assert "beyond the tolerance of 0.0001; first at tick 210, t = 4.200 s" in line
-    assert replay([str(path), "--policy", str(other), "--json"]) == 1
+    assert replay([str(path), "--infer", "--policy", str(other), "--json"]) == 1
     result = json.loads(capsys.readouterr().out)["infer"]
     assert result["same_file"] is False
     assert result["same"] is False
@@ -81,7 +81,7 @@ def test_another_model_is_named_and_measured(recorded, tmp_path, capsys):
 def test_a_changed_action_is_found_without_the_model_that_made_it(recorded, tmp_path, capsys):
     header, ticks = wobbled()
     write_recording(tmp_path / "wobble.mcap", ticks, header)
-    assert replay([str(tmp_path / "wobble.mcap"), "--policy", str(recorded[1]), "--json"]) == 1
+    assert replay([str(tmp_path / "wobble.mcap"), "--infer", "--policy", str(recorded[1]), "--json"]) == 1
     result = json.loads(capsys.readouterr().out)["infer"]
     assert result["same_file"] is None
     assert (result["first_tick"], result["differing"]) == (210, 21)
@@ -90,7 +90,7 @@ def test_a_changed_action_is_found_without_the_model_that_made_it(recorded, tmp_
 
 def test_a_model_of_another_width_is_refused(recorded, tmp_path, capsys):
     wide = save_model(tmp_path / "wide.onnx", width=50)
-    assert replay([str(recorded[0]), "--policy", str(wide)]) == 2
+    assert replay([str(recorded[0]), "--infer", "--policy", str(wide)]) == 2
     assert capsys.readouterr().err == f"error: {wide}: its input is 50 wide, the recorded observation 42\n"
 
 
@@ -99,7 +99,7 @@ def test_a_model_that_says_nothing_of_itself_runs_on_the_recorded_contract(recor
     bare = onnx.load(str(model))
     del bare.metadata_props[:]
     onnx.save(bare, str(tmp_path / "bare.onnx"))
-    assert replay([str(path), "--policy", str(tmp_path / "bare.onnx"), "--json"]) == 0
+    assert replay([str(path), "--infer", "--policy", str(tmp_path / "bare.onnx"), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)["infer"]
     assert (result["differing"], result["steps"] > 10) == (0, True)
 
@@ -130,15 +130,13 @@ def nudged(model, path, by):
 def test_the_status_says_whether_answers_are_the_same_within_the_tolerance(recorded, tmp_path, capsys):
     path, model = str(recorded[0]), recorded[1]
     near = nudged(model, tmp_path / "near.onnx", 2e-5)
-    assert replay([path, "--policy", near]) == 0
+    assert replay([path, "--infer", "--policy", near]) == 0
     assert "160 of 160 actions differ, by at most 2e-05: within the tolerance of 0.0001" in capsys.readouterr().out
-    assert replay([path, "--policy", near, "--tolerance", "1e-6"]) == 1
+    assert replay([path, "--infer", "--policy", near, "--tolerance", "1e-6"]) == 1
     assert "160 beyond the tolerance of 1e-06" in capsys.readouterr().out
-    assert replay([path, "--policy", near, "--tolerance", "0"]) == 1
-    assert replay([path, "--policy", nudged(model, tmp_path / "far.onnx", 2e-3)]) == 1
-    assert replay([path, "--policy", nudged(model, tmp_path / "nan.onnx", np.nan)]) == 1
+    assert replay([path, "--infer", "--policy", near, "--tolerance", "0"]) == 1
+    assert replay([path, "--infer", "--policy", nudged(model, tmp_path / "far.onnx", 2e-3)]) == 1
+    assert replay([path, "--infer", "--policy", nudged(model, tmp_path / "nan.onnx", np.nan)]) == 1
     capsys.readouterr()
-    assert replay([path, "--tolerance", "1e-6"]) == 2
-    assert capsys.readouterr().err == "error: --tolerance has no effect without --infer or --policy\n"
     assert replay([path, "--infer", "--tolerance", "-1"]) == 2
     assert capsys.readouterr().err == "error: --tolerance: is -1, expected a finite number >= 0\n"
