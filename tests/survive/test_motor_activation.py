@@ -91,14 +91,14 @@ def test_motors_that_another_master_drives_are_left_alone(chatter, pair):
     """They are not even stopped: arms would fall."""
     pair.waits(listening=0.05)
     pair.buses[0].chatter = chatter
-    assert "master" in refusal(pair.robot())
+    assert pair.channels[0] in refusal(pair.robot())
     assert all(frame.is_question for frame in pair.log)
     pair.buses[0].chatter = None
 
 
 @pytest.mark.parametrize(
     ("version", "reason"),
-    [((0, 0, 3, 6), "rs-00"), ((0, 2, 3, 5), "1.4167"), ((0, 2, 9, 0), "--accept-firmware 0.2.9.0")],
+    [((0, 0, 3, 6), "rs-00"), ((0, 2, 3, 5), "1.4167"), ((0, 2, 9, 0), "0.2.9.0")],
     ids=["of another model", "that multiplies gains", "that no document mentions"],
 )
 def test_a_motor_with_firmware_of_the_wrong_kind_is_not_enabled(version, reason, pair):
@@ -148,10 +148,10 @@ def test_a_channel_has_one_session_at_a_time(pair):
         ({"keeps": {LIMIT_TORQUE}}, "limit_torque"),
         ({"unreadable": {RUN_MODE}}, "run_mode"),
         ({"unreadable": {LIMIT_TORQUE}}, "limit_torque"),
-        ({"faults": 1 << 0, "refuses": {4}, "mode": RUN}, "stopped"),
+        ({"faults": 1 << 0, "refuses": {4}, "mode": RUN}, "stop"),
         ({"parameters": {FAULT_WORD: struct.pack("<I", 1 << 3)}}, "overvoltage"),
         ({"position": at_motor("left", 1.6)}, "1.6"),
-        ({"counted": at_motor("left", -0.25) + 8.0 * math.pi}, "4π"),
+        ({"counted": at_motor("left", -0.25) + 8.0 * math.pi}, "turn"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -208,7 +208,7 @@ def test_a_motor_that_hides_its_can_timeout_must_show_it_by_stopping(pair):
 
 @pytest.mark.parametrize("can_timeout", [0.02, 0.0, 6.0, float("nan")])
 def test_a_can_timeout_that_protects_nobody_is_refused(can_timeout, pair):
-    with pytest.raises(InputError, match="CAN timeout"):
+    with pytest.raises(InputError, match="timeout"):
         pair.robot(can_timeout=can_timeout)
 
 
@@ -216,7 +216,7 @@ def test_motors_without_a_timeout_of_their_own_are_refused_unless_that_is_accept
     document = robot_document()
     document["joints"][1]["motor"] = {"family": "sito", "bus": 1, "can_id": 21, "model": "TA40-50", "direction": 1}
     settings = document, ["virtual:survive-sito-a", "virtual:survive-sito-b"], write_calibration(tmp_path / "c.yaml")
-    with pytest.raises(InputError, match=r"for ever.*right.*--allow-no-timeout"):
+    with pytest.raises(InputError, match=r"right.*allow-no-timeout"):
         make_robot(*settings, lambda: 0.0)
     make_robot(*settings, lambda: 0.0, allow_no_timeout=True).close()
 

@@ -6,7 +6,7 @@ import numpy as np
 import onnx
 import pytest
 import yaml
-from motor_surface import policy_of_play, run_hardware, run_play
+from motor_surface import identify, policy_of_play, run_play
 from onnx import helper, parser
 from wire_motor import CAN_TIMEOUT, ENABLE, RESET, WRITE
 from wire_rig import Pair, robot_document
@@ -64,16 +64,12 @@ def pair(folder, monkeypatch):
         yield pair
 
 
-def identify(pair, joint):
-    return run_hardware("identify", pair.channels[0], joint, "--yes", "--robot", "pair.yaml", "--angle", "0.2")
-
-
 @pytest.mark.parametrize(("joint", "direction"), [("left", -1), ("right", 1)])
 def test_identify_moves_one_joint_the_positive_way_and_back(joint, direction, pair, capsys):
     """So a person sees whether the direction in the robot file is right."""
     motor, other = (pair.left, pair.right) if joint == "left" else (pair.right, pair.left)
     start = motor.position
-    assert identify(pair, joint) == 0
+    assert identify(pair.channels[0], joint, "pair.yaml", 0.2) == 0
     printed = capsys.readouterr().out
     assert joint in printed
     assert f"direction {direction:+d}" in printed
@@ -93,13 +89,13 @@ def test_identify_names_a_joint_that_moves_as_well(pair, capsys):
             pair.right.position += 0.01
 
     pair.left.on_frame = belt
-    assert identify(pair, "left") == 1
+    assert identify(pair.channels[0], "left", "pair.yaml", 0.2) == 1
     assert "right" in capsys.readouterr().err
 
 
 def test_identify_confirms_no_direction_where_nothing_moved(pair, capsys):
     pair.left.follows = False
-    assert identify(pair, "left") == 1
+    assert identify(pair.channels[0], "left", "pair.yaml", 0.2) == 1
     assert "left" in capsys.readouterr().err
 
 
@@ -107,14 +103,14 @@ def test_identify_confirms_no_direction_where_nothing_moved(pair, capsys):
     ("words", "part"),
     [
         (("--robot", "lite_sito", "--hardware", "virtual:survive-play"), "--allow-no-timeout"),
-        (("--robot", "lite", "--hardware", "virtual:survive-play", "--can-timeout", "0.02"), "CAN timeout"),
-        (("--robot", "lite", "--hardware", "virtual:survive-play", "--can-timeout", "6"), "CAN timeout"),
+        (("--robot", "lite", "--hardware", "virtual:survive-play", "--can-timeout", "0.02"), "timeout"),
+        (("--robot", "lite", "--hardware", "virtual:survive-play", "--can-timeout", "6"), "timeout"),
         (("--robot", "lite", "--hardware", "can7", "--no-gamepad", "--yes"), "--calibration"),
     ],
     ids=["no timeout of their own", "shorter than a period", "longer than a motor takes", "not calibrated"],
 )
 def test_play_refuses_motors_that_nothing_would_stop_or_nobody_calibrated(words, part, folder, capsys):
-    assert run_play(*words, "--policy", "placeholder", "--viewer", "none", "--record", "none") == 2
+    assert run_play(*words, "--policy", "placeholder") == 2
     assert part in capsys.readouterr().err
 
 
@@ -131,7 +127,7 @@ def test_an_endless_inference_ends_in_damping_with_motors_that_still_listen(fold
     script = "damp; load_a; wait; start_locomotion; hold 0.5"
     words = ("--robot", "pair.yaml", "--policy", "endless.onnx", "--hardware", "virtual:survive-endless")
     options = ("--allow-script", "--script", script, "--can-timeout", "0.4", "--duration", "4", "--summary", "s.json")
-    run_play(*words, *options, "--viewer", "none", "--record", "none")
+    run_play(*words, *options)
     summary = json.loads((folder / "s.json").read_text())
     modes = [span["mode"] for span in summary["modes"]]
     assert modes[-2:] == ["STANDBY", "DAMPING"]

@@ -76,14 +76,14 @@ def mit_command(position: Sequence[float], stiffness: float, damping: float) -> 
     return MITCommand(np.array(position), np.zeros(n), np.zeros(n), np.full(n, stiffness), np.full(n, damping))
 
 
-def run_hardware(*words: str) -> int:
-    """Run `python -m humanoid_sim.hardware WORDS` in this process; its exit status."""
-    return run_program(hardware_main, words)
+def identify(channel: str, joint: str, robot: str, angle: float) -> int:
+    """Run `python -m humanoid_sim.hardware identify` in this process, with nobody to be asked; its exit status."""
+    return run_program(hardware_main, ("identify", channel, joint, "--robot", robot, "--angle", str(angle), "--yes"))
 
 
 def run_play(*words: str) -> int:
-    """Run `python -m humanoid_sim.play WORDS` in this process; its exit status."""
-    return run_program(play_main, words)
+    """Run `python -m humanoid_sim.play WORDS` in this process, without viewer and recording; its exit status."""
+    return run_program(play_main, (*words, "--viewer", "none", "--record", "none"))
 
 
 def policy_of_play(checkpoint: Path, robot: str, can_timeout: float) -> Callable[..., Any]:
