@@ -87,7 +87,7 @@ VERBS = {
     "policy": "show, check, stamp or diagnose a checkpoint",
     "mode": "send an intent to a running session",
     "replay": "repeat a recording bit for bit",
-    "record": "look into a recording, recover one that was cut off, export it, or make a LeRobot dataset of it",
+    "record": "look into a recording, export it, or make a LeRobot dataset of it",
     "prepare": "check a motion from elsewhere on the robot and convert it; fetch a checkpoint",
     "compare": "how far apart recordings of one policy are, frame by frame",
     "plants": "how far the faster plants are from the truth, on a robot and a motion",

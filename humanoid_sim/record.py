@@ -1,4 +1,4 @@
-"""`python -m humanoid_sim.record info|signs|recover|export|dataset`: look into a recording, save it, export it."""
+"""`python -m humanoid_sim.record info|signs|export|dataset`: look into a recording, export it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ from humanoid_sim.evaluation.joint_use import JointUse, describe_effort
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.record_dataset import RecordDataset, record_dataset
 from humanoid_sim.recording.reader import Recording, open_recording
-from humanoid_sim.recording.recover import default_output, recover
 from humanoid_sim.recording.summary import Summary, summarize
 
 if TYPE_CHECKING:
@@ -206,25 +205,6 @@ class Info:
 
 
 @dataclass(frozen=True)
-class Recover:
-    """Copy all that is sound in a recording that was cut off or damaged into a file that every MCAP reader opens.
-
-    What lies behind a damaged chunk is copied too; what is dropped is reported.
-    """
-
-    file: Path
-    """Recording (.mcap) that was cut off, or is damaged."""
-    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """File to write. Default: <file>.recovered.mcap beside it."""
-    overwrite: bool = False
-    """Replace the output if it exists."""
-
-    EXAMPLES: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("runs/run.mcap", "save what is sound of a recording that was cut off"),
-    )
-
-
-@dataclass(frozen=True)
 class Signs:
     """Compare the efforts of a robot at rest with what gravity needs: which joint's direction or zero is wrong?
 
@@ -241,11 +221,11 @@ class Signs:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `record` with command-line arguments; returns the exit status."""
-    command: Info | Signs | Recover | Export | RecordDataset = parse(
+    command: Info | Signs | Export | RecordDataset = parse(
         Commands(
-            "Look into a recording, compare its efforts with gravity, recover one that was cut off or damaged, export "
-            "it for other programs, or make a LeRobot dataset of several.",
-            {"info": Info, "signs": Signs, "recover": Recover, "export": Export, "dataset": RecordDataset},
+            "Look into a recording, compare its efforts with gravity, export it "
+            "for other programs, or make a LeRobot dataset of several.",
+            {"info": Info, "signs": Signs, "export": Export, "dataset": RecordDataset},
             for_file="info",
         ),
         "record",
@@ -257,8 +237,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _info(command)
         case Signs():
             _signs(command)
-        case Recover():
-            _recover(command)
         case Export():
             return export(command)
         case RecordDataset():
@@ -290,21 +268,6 @@ def _signs(command: Signs) -> None:
     for row in rows:
         table.add_row(escape(row.joint), f"{row.measured:.2f}", f"{row.expected:.2f}", escape(row.verdict))
     Console(highlight=False).print(table)
-
-
-def _recover(command: Recover) -> None:
-    result = recover(command.file, command.output or default_output(command.file), overwrite=command.overwrite)
-    if result.was_complete:
-        print(f"{command.file}: is complete; copied all the same")
-    else:
-        print(f"{command.file}: {result.damage}")
-    if result.places:
-        where = "one place" if result.places == 1 else f"{result.places} places"
-        lost = f"at least {result.dropped} messages" if result.dropped else "an unknown number of messages"
-        print(f"dropped: {lost}, at {where}")
-    if result.missing_ticks:
-        print(f"missing: {result.missing_ticks} ticks of the run; a replay ends before the first of them")
-    print(f"{result.output}: {result.messages} messages, {result.duration:.2f} s")
 
 
 def _print_summary(console: Console, summary: Summary) -> None:

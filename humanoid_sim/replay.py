@@ -239,7 +239,7 @@ def _with_progress(recording: Recording, inference: _Inference | None) -> Iterat
     columns = ("replaying", BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("", total=recording.size)
-        for count, entry in enumerate(recording.entries(past_damage=True)):
+        for count, entry in enumerate(recording.entries()):
             if inference is not None and isinstance(entry, Event) and entry.header is not None:
                 inference.follow(entry.header)
             yield entry

@@ -63,21 +63,17 @@ class Recording:
         """Damage to the file, and where it is; empty for a complete file. Known once it has been read to its end."""
         self.is_damaged = False
         """Something in the file cannot be read, other than an end that is missing. Known likewise."""
-        self.lost_at_end = 0
-        """Ticks that are known to be lost behind the last one that can be read. Known likewise."""
         self.topics: dict[str, TopicCount] = {}
         """Contents of the file by topic; known once it has been read to its end."""
 
-    def entries(self, *, past_damage: bool = False) -> Iterator[Entry]:
+    def entries(self) -> Iterator[Entry]:
         """Ticks and events in file order, to the first chunk that is not whole.
 
-        With `past_damage` it goes on behind it; the ticks' indices then show what is missing. Raises `InputError` if a
-        message is not what its topic says, which no cut explains.
+        Raises `InputError` if a message is not what its topic says, which no cut explains.
         """
         topics: dict[str, TopicCount] = {}
-        sound_to = 0
         with _open(self.path) as file:
-            stream = McapStream(file, past_damage=past_damage)
+            stream = McapStream(file)
             schemas: dict[int, str] = {}
             channels: dict[int, str] = {}
             headers = _HeaderParts()
@@ -87,12 +83,9 @@ class Recording:
                     headers.look(record)
                 if isinstance(record, Message):
                     topic = channels.get(record.channel_id, "")
-                    if topic not in topics and stream.damages:
-                        continue  # defined in a chunk that is lost
                     if topic not in topics:
                         raise InputError(f"{self.path}: a message on channel {record.channel_id}, which is not defined")
                     topics[topic].messages += 1
-                    sound_to = len(stream.damages) if topic == TICK_TOPIC else sound_to
                     if topic in _DECODERS:
                         entry = self._decode(topic, record)
                         if isinstance(entry, TickRecord):
@@ -105,9 +98,7 @@ class Recording:
                 elif isinstance(record, Channel):
                     channels[record.id] = record.topic
                     topics.setdefault(record.topic, TopicCount(schemas.get(record.schema_id, "")))
-            self.is_complete, self.damage, self.is_damaged = stream.is_complete, stream.damage, bool(stream.damages)
-            ticks = [channel for channel, topic in channels.items() if topic == TICK_TOPIC]
-            self.lost_at_end = sum(damage.messages.get(i, 0) for damage in stream.damages[sound_to:] for i in ticks)
+            self.is_complete, self.damage, self.is_damaged = stream.is_complete, stream.damage, stream.is_damaged
         self.topics = topics
 
     def ticks(self) -> Iterator[TickRecord]:

@@ -231,7 +231,7 @@ def repeat_run(
     loaded, it goes on with that one. Raises `InputError` if the recording cannot be read, or its header does not
     describe a control stack.
 
-    `infer` is called for every policy step that is reached. `entries` are the recording's, read past damage, for a
+    `infer` is called for every policy step that is reached. `entries` are the recording's, for a
     caller who wants to see them pass.
     """
     policy = RecordedPolicy()
@@ -241,7 +241,7 @@ def repeat_run(
     report = RepeatReport()
     following = 0
     is_fresh = False
-    for record in recording.entries(past_damage=True) if entries is None else entries:
+    for record in recording.entries() if entries is None else entries:
         if not isinstance(record, TickRecord):
             is_fresh = is_fresh or (report.can_continue and record.kind is EventKind.FRESH_START)
             if report.can_continue and record.kind is EventKind.POLICY:
@@ -271,6 +271,5 @@ def repeat_run(
         step = record.output.policy_step
         if infer is not None and step is not None:
             infer(record, step)
-    report.missing += recording.lost_at_end
     report.is_damaged = recording.is_damaged
     return report

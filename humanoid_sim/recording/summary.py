@@ -46,7 +46,7 @@ class Summary:
     recording: Recording
     ticks: int = 0
     missing: int = 0
-    """Ticks that are known to be missing: later ones are there, or an index counts them."""
+    """Ticks that are known to be missing: later ones are there."""
     first_time: float = math.nan
     """s, robot's clock."""
     last_time: float = math.nan
@@ -117,14 +117,13 @@ def summarize(recording: Recording) -> Summary:
     """Read a recording to its end. Raises as `Recording.entries` does."""
     summary = Summary(recording, joints=_joints(recording))
     safety: dict[str, SafetyStatus] = {}
-    for entry in recording.entries(past_damage=True):
+    for entry in recording.entries():
         if isinstance(entry, Event):
             summary.remarks.append(Remark(entry.time, "fall" if entry.kind is EventKind.FALL else "event", entry.text))
         else:
             _add_tick(summary, entry, safety)
     if summary.ticks:
         summary.mean_duration /= summary.ticks
-    summary.missing += recording.lost_at_end
     summary.topics = recording.topics
     return summary
 

@@ -2,13 +2,12 @@
 
 The `mcap` package's own readers need the index at the end of the file, or trust every length they meet. A recording
 whose process was killed has no index and ends anywhere, so this one checks each length against the file and each chunk
-against its checksum. It ends at the first record that is not whole, or goes on behind it where that is asked for.
+against its checksum. It ends at the first record that is not whole.
 """
 
 from __future__ import annotations
 
 import os
-import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -24,14 +23,7 @@ from mcap.writer import MCAP0_MAGIC
 
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_INDEX_HEAD, _INDEX_ENTRY = struct.Struct("<HI"), 16
 _FOOTER_SIZE = 20
-_RESUMPTION = re.compile(rb"\x06|\x0f\x04\0\0\0\0\0\0\0", re.DOTALL)
-"""Beginning of a chunk, or end of the data section: where reading may go on behind damage."""
-_OPCODES = frozenset(range(Opcode.HEADER, Opcode.DATA_END + 1)) | frozenset(range(0x80, 0x100))
-"""Kinds of records: those of the format, and of private extensions."""
-_SCAN = 1 << 20
-"""Bytes searched at a time for one of them."""
 
 
 class Message(NamedTuple):
@@ -49,16 +41,6 @@ class Message(NamedTuple):
 Record: TypeAlias = Header | Schema | Channel | Message | Attachment | Metadata
 
 
-class Damage(NamedTuple):
-    """A stretch of the file that cannot be read, with sound records behind it or at its end."""
-
-    start: int
-    """Byte."""
-    reason: str
-    messages: dict[int, int]
-    """Messages lost, by channel: those that the index behind a damaged chunk counts."""
-
-
 class _UnsoundError(Exception):
     """A record that cannot be trusted."""
 
@@ -70,25 +52,18 @@ class _CutError(_UnsoundError):
 class McapStream:
     """Iterates once over the records of an MCAP file. Iterating never raises for what the file holds."""
 
-    def __init__(self, file: IO[bytes], *, past_damage: bool = False) -> None:
-        """Prepare to read.
-
-        Args:
-            past_damage: go on behind records that are not sound, with the next one that is. The schemas and channels
-                of a finished file are then given again from its index: the lost chunk may have held them.
-        """
+    def __init__(self, file: IO[bytes]) -> None:
+        """Prepare to read."""
         self._file = file
-        self._past_damage = past_damage
-        self._is_behind_damage = False
         self._size = file.seek(0, os.SEEK_END)
         self.is_mcap = False
         """The file starts as an MCAP file does; known once iteration has begun."""
         self.is_complete = False
         """Every record was sound, to the index of a finished file; known once iteration has ended."""
+        self.is_damaged = False
+        """A record is not sound, which no early end explains. Known likewise."""
         self.damage = ""
         """Description of what is not sound, and at which byte; empty for a complete file."""
-        self.damages: list[Damage] = []
-        """The damage so far, place by place. A file that merely ends too early is cut, not damaged."""
 
     def __iter__(self) -> Iterator[Record]:
         self._file.seek(0)
@@ -96,102 +71,20 @@ class McapStream:
         if not self.is_mcap:
             self.damage = "not an MCAP file" if self._size else "the file is empty"
             return
-        is_behind_data = False
         while True:
             start = self._file.tell()
             try:
                 opcode, body = self._next_record(start)
                 if opcode == Opcode.DATA_END:
-                    is_behind_data = True
                     self._skip_summary()
-                    self.is_complete = not self.damages
+                    self.is_complete = True
                     return
-                if opcode == Opcode.MESSAGE_INDEX and self._past_damage:
-                    self._count_lost(body)
                 records = _records(opcode, body)
-                self._is_behind_damage &= opcode != Opcode.CHUNK
-                yield from records
             except _UnsoundError as error:
-                if is_behind_data:  # which costs no message
-                    self._say(str(error), start)
-                    return
-                resumed = self._past_damage and self._resume(start)
-                is_cut = isinstance(error, _CutError)
-                reason = "damaged (length of a record)" if is_cut and resumed else str(error)
-                self._say(reason, start)
-                if resumed or not is_cut:
-                    self.damages.append(Damage(start, reason, {}))
-                    self._is_behind_damage = True
-                if not resumed:
-                    return
-                if len(self.damages) == 1:
-                    yield from self._definitions()
-
-    def _say(self, reason: str, start: int) -> None:
-        self.damage += f"{'; ' if self.damage else ''}{reason} at byte {start} of {self._size}"
-
-    def _resume(self, start: int) -> bool:
-        """Go to the first record behind the one at `start` that is likely to be sound; whether there is one."""
-        self._file.seek(start)
-        try:
-            opcode, length = _RECORD.unpack(self._file.read(_RECORD.size))
-        except struct.error:
-            return False
-        end = start + _RECORD.size + length
-        if opcode and end < self._size and self._is_record(end):
-            self._file.seek(end)
-            return True
-        position = start + 1
-        while position < self._size:
-            self._file.seek(position)
-            for match in _RESUMPTION.finditer(self._file.read(_SCAN + _RECORD.size)):
-                if self._is_record(position + match.start(), sound=True):
-                    self._file.seek(position + match.start())
-                    return True
-            position += _SCAN
-        return False
-
-    def _is_record(self, start: int, *, sound: bool = False) -> bool:
-        """Return whether a record begins at this byte, by its first bytes or, if `sound`, by all that it holds."""
-        self._file.seek(start)
-        try:
-            if not sound:
-                opcode, length = _RECORD.unpack(self._file.read(_RECORD.size))
-                return opcode in _OPCODES and length <= self._size - start - _RECORD.size
-            opcode, body = self._next_record(start)
-            _records(opcode, body)
-        except (_UnsoundError, struct.error):
-            return False
-        return True
-
-    def _definitions(self) -> list[Record]:
-        """Return the schemas and channels in the index of a finished file; none of another."""
-        here, found = self._file.tell(), list[Record]()
-        try:
-            tail = self._file.seek(max(self._size - _RECORD.size - _FOOTER_SIZE - len(MCAP0_MAGIC), 0))
-            opcode, body = self._next_record(tail)
-            position = int.from_bytes(body[:8], "little") if opcode == Opcode.FOOTER else 0
-            while 0 < position < tail:
-                self._file.seek(position)
-                opcode, body = self._next_record(position)
-                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    found += _records(opcode, body)
-                position = self._file.tell()
-        except _UnsoundError:
-            pass
-        self._file.seek(here)
-        return found
-
-    def _count_lost(self, body: bytes) -> None:
-        """Take note of what a damaged chunk held, from the index of it that follows."""
-        try:
-            channel, size = _INDEX_HEAD.unpack_from(body)
-        except struct.error:
-            size = -1
-        if size != len(body) - _INDEX_HEAD.size:
-            raise _UnsoundError("damaged (index of a chunk)")
-        if self._is_behind_damage:
-            self.damages[-1].messages[channel] = size // _INDEX_ENTRY
+                self.damage = f"{error} at byte {start} of {self._size}"
+                self.is_damaged = not isinstance(error, _CutError)
+                return
+            yield from records
 
     def _next_record(self, start: int) -> tuple[int, bytes]:
         head = self._file.read(_RECORD.size)
@@ -200,8 +93,6 @@ class McapStream:
         opcode, length = _RECORD.unpack(head)
         if opcode == 0:
             raise _UnsoundError("damaged (no record)")  # a file system's zeros after a power cut
-        if self._past_damage and opcode not in _OPCODES:
-            raise _UnsoundError(f"damaged (a record of kind {opcode})")
         if length > self._size - start - _RECORD.size:
             raise _CutError("cut")
         return opcode, self._file.read(length)

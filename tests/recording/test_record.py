@@ -1,4 +1,4 @@
-"""`record info` and `record recover` as a user meets them."""
+"""`record info` as a user meets it."""
 
 import json
 from dataclasses import replace
@@ -134,23 +134,11 @@ def test_info_says_whether_figures_meant_what_they_mean_today(tmp_path, sample, 
         assert shown in capsys.readouterr().out
 
 
-def test_a_cut_file_says_so_and_is_recovered(path, capsys, monkeypatch):
+def test_a_cut_file_says_so(path, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "140")
     path.write_bytes(path.read_bytes()[:-60])
     assert record(["info", str(path)]) == 0
     assert "not complete: cut" in capsys.readouterr().out
-    assert record(["recover", str(path)]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith(f"{path}: cut")
-    assert lines[1].startswith(f"{path.with_name('run.recovered.mcap')}: ")
-    assert record(["info", str(path.with_name("run.recovered.mcap")), "--json"]) == 0
-    info = json.loads(capsys.readouterr().out)
-    assert (info["complete"], info["ticks"]) == (True, COUNT)
-    assert record(["recover", str(path)]) == 2
-    assert "exists; choose another name, or add --overwrite" in capsys.readouterr().err
-    assert record(["recover", str(path), "--overwrite"]) == 0
-    assert record(["recover", str(path), "-o", str(path.with_name("other.mcap"))]) == 0
-    assert path.with_name("other.mcap").exists()
 
 
 def test_missing_ticks_are_shown(tmp_path, sample, capsys):
@@ -160,11 +148,10 @@ def test_missing_ticks_are_shown(tmp_path, sample, capsys):
     assert "50 ticks are not in the recording" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("verb", ["info", "recover"])
-def test_bad_input_is_one_line_and_status_2(tmp_path, capsys, verb):
+def test_bad_input_is_one_line_and_status_2(tmp_path, capsys):
     (tmp_path / "text.mcap").write_text("no recording")
     for name, reason in (("gone.mcap", "no such file"), ("text.mcap", "not an MCAP file"), (".", "is a directory")):
-        assert record([verb, str(tmp_path / name)]) == 2
+        assert record(["info", str(tmp_path / name)]) == 2
         error = capsys.readouterr().err
         assert error.startswith("error: ")
         assert reason in error

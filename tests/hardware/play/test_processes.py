@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from waiting import until
 
-from humanoid_sim import record, replay
+from humanoid_sim import replay
 from humanoid_sim.cli import run_program
 from humanoid_sim.hardware.emulation.virtual import VirtualMotors
 from humanoid_sim.messages import Mode
@@ -122,7 +122,6 @@ def test_motors_whose_host_is_killed_stop_by_themselves_and_the_arms_sink(robot,
     assert not recording.is_complete
     assert ticks[-1].output.control_mode.mode is Mode.LOCOMOTION
     assert run_program(replay.main, [str(folder / "r.mcap")]) == 0
-    assert run_program(record.main, ["recover", str(folder / "r.mcap")]) == 0
 
 
 def test_the_second_of_two_sessions_on_one_channel_refuses_and_the_first_goes_on(robot, channel, folder):
