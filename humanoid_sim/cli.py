@@ -89,8 +89,6 @@ VERBS = {
     "replay": "repeat a recording bit for bit",
     "record": "look into a recording, export it, or make a LeRobot dataset of it",
     "prepare": "check a motion from elsewhere on the robot and convert it; fetch a checkpoint",
-    "compare": "how far apart recordings of one policy are, frame by frame",
-    "plants": "how far the faster plants are from the truth, on a robot and a motion",
     "piano": "how well a recorded run played its song; which keys a robot reaches",
     "regress": "compare policies over a suite, with confidence intervals; exit 1 on a regression",
     "hardware": "find, test and calibrate motors on a CAN bus, or emulate them",

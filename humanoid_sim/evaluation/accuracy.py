@@ -112,20 +112,6 @@ def _rms_and_most(values: FloatArray) -> tuple[float, float]:
     return (float(rms(values.ravel())), float(values.max())) if values.size else (np.nan, np.nan)
 
 
-def describe_error(error: PlantError, what: str) -> str:
-    """One line: how far the plant is from the converged solution; `what` is the motion."""
-    hands = (
-        f"hands within {1e3 * error.hands_rms:.2f} mm RMS, {1e3 * error.hands_most:.2f} mm at most, "
-        if np.isfinite(error.hands_rms)
-        else ""
-    )
-    return (
-        f"{error.actuation} plant, physics step {error.timestep:g} s: {hands}joints within "
-        f"{1e3 * error.joints_rms:.2f} mrad RMS, {1e3 * error.joints_most:.1f} mrad at most, "
-        f"of the converged solution, measured on {what}"
-    )
-
-
 def _run(motion: CommandedMotion, actuation: Actuation, timestep: float) -> tuple[FloatArray, FloatArray, float]:
     """Joints (T, n), rad, and hands (T, h, 3), m, at the end of each command; and simulated over wall time."""
     robot = MujocoRobot(

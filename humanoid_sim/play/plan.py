@@ -24,7 +24,7 @@ from humanoid_sim.play.front_ends import (
 )
 from humanoid_sim.play.options import PlayConfig
 from humanoid_sim.play.played_robot import RobotSetup, simulated_robot
-from humanoid_sim.play.policies import PolicyChoice, choose_for_robot, policy_notices
+from humanoid_sim.play.policies import choose_for_robot, policy_notices
 from humanoid_sim.robots.description import RobotDescription, load_robot, with_imu
 from humanoid_sim.robots.guards import describe_unwatched
 from humanoid_sim.robots.rates import MOST_STEPS, steps_per_period
@@ -83,7 +83,6 @@ class Plan:
             *setup.notices,
             describe_unwatched(description),
             *warnings,
-            _cost_of_plant(config, self.policy, description),
             *policy_notices(self.policy),
             *pads,
             *operator_notices(config, steps, contract, self.taken),
@@ -110,16 +109,6 @@ class Plan:
         velocity = VelocityCommand(parse_velocity(self.config.command, ranges), ranges)
         velocity.is_observed = self.policy.walks
         return velocity
-
-
-def _cost_of_plant(config: PlayConfig, policy: PolicyChoice, description: RobotDescription) -> str:
-    """Say what an approximate plant costs in truth on this robot and motion; '' of an exact one, and of hardware."""
-    if config.hardware is not None or config.actuation != "implicit" or policy.checkpoint is None:
-        return ""
-    # Only who chooses such a plant waits for the measurement and its imports.
-    from humanoid_sim.plants import measured_cost  # noqa: PLC0415
-
-    return measured_cost(policy.checkpoint, description, policy.motion, config.actuation, config.physics_timestep)
 
 
 def control_rate(config: PlayConfig, description: RobotDescription, policy_dt: float | None) -> tuple[float, str]:

@@ -93,11 +93,10 @@ def tested(config: RegressConfig, verdicts: Console) -> Results:
 
 
 def _which_joints(results: Results, candidate: Candidate, baseline: PolicyRun) -> str:
-    """Return how to see which joints move differently: figures are over all joints, recordings hold each."""
+    """Return how to see which joints are commanded differently: figures are over all joints, recordings hold each."""
     first = (*candidate.run.failures, *candidate.run.episodes)[0]
-    sources = candidate.run.source, baseline.source
-    command = ["regress", *sources, *results.arguments, "--episode", f"{first.case}:{first.seed}"]
-    return f"joint by joint: {shlex.join(command)}; then compare --joints on the two recordings"
+    command = ["regress", candidate.run.source, *results.arguments, "--episode", f"{first.case}:{first.seed}"]
+    return f"joint by joint: {shlex.join(command)}; then replay its recording with --policy {baseline.source}"
 
 
 def _for_baseline(prepared: PreparedSuite, config: RegressConfig, folder: Path) -> PreparedSuite:

@@ -5,7 +5,7 @@ import pytest
 
 from humanoid_sim.envs.scenario import make_scenario
 from humanoid_sim.errors import InputError
-from humanoid_sim.evaluation.accuracy import PlantError, commanded_motion, describe_error, plant_errors
+from humanoid_sim.evaluation.accuracy import commanded_motion, plant_errors
 
 
 @pytest.fixture(scope="module")
@@ -40,13 +40,3 @@ def test_gains_that_the_plant_cannot_take_are_refused(wave):
         plant_errors(wave, [("affine", 0.005)])
     stiff = replace(wave, commands=wave.commands[:1])
     assert len(plant_errors(stiff, [("implicit", None)])) == 1
-
-
-def test_one_line_says_how_far_off():
-    error = PlantError("implicit", 0.0025, 0.00034, 0.0008, 0.0007, 0.0041, 50.0)
-    assert describe_error(error, "wave") == (
-        "implicit plant, physics step 0.0025 s: hands within 0.34 mm RMS, 0.80 mm at most, joints within 0.70 mrad "
-        "RMS, 4.1 mrad at most, of the converged solution, measured on wave"
-    )
-    handless = replace(error, hands_rms=float("nan"), hands_most=float("nan"))
-    assert describe_error(handless, "wave").startswith("implicit plant, physics step 0.0025 s: joints within 0.70 mrad")

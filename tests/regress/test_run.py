@@ -78,8 +78,8 @@ def test_actions_that_are_no_number_fail_the_episodes_and_not_the_run(suite, tmp
     assert "FAIL nan: lost: body_position_error, joint_error" in lines
     new = "3 new: wave, seed 0; wave, seed 1; wave, seed 2"
     assert f"  worse beyond tolerance: faults +100 % (+100 to +100 %; {new})" in lines
-    again = f"regress {policy} {SAMPLE} --suite {suite} --episode wave:0"
-    assert f"joint by joint: {again}; then compare --joints on the two recordings" in printed.splitlines()
+    again = f"regress {policy} --suite {suite} --episode wave:0"
+    assert f"joint by joint: {again}; then replay its recording with --policy {SAMPLE}" in lines
     assert sorted(path.name for path in folder.iterdir()) == ["nan-wave-0.mcap", "nan-wave-1.mcap"]
 
 
