@@ -15,7 +15,7 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.evaluation.rollout import ClosedLoop
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.mit import Float32Array
-from humanoid_sim.policy.golden.samples import STATE_ARRAYS
+from humanoid_sim.policy.traces import STATE_ARRAYS
 from humanoid_sim.simulation.batch import BatchSimulation
 
 

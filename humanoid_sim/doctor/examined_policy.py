@@ -16,8 +16,7 @@ from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.doctor.edits import RobotFacts
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy.golden.samples import GOLDEN_KEY, decode_samples
-from humanoid_sim.policy.golden.verify import golden_problem
+from humanoid_sim.policy.golden import golden_problem, stored_samples
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion, read_motion
 from humanoid_sim.robots.description import RobotDescription
@@ -110,13 +109,11 @@ def load_examined(
 
 def _trainers_verdict(checkpoint: Checkpoint) -> tuple[str, Callable[[PolicyContract], bool] | None]:
     """See `ExaminedPolicy.problem` and `contradicts`."""
-    if GOLDEN_KEY not in checkpoint.metadata:
-        return "", None
     try:
-        samples = decode_samples(checkpoint.metadata[GOLDEN_KEY], checkpoint.source)
+        samples = stored_samples(checkpoint)
     except InputError:  # whatever is wrong with them, the search needs none
         return "", None
-    if samples.origin != "trainer":
+    if samples is None:
         return "", None
     if problem := golden_problem(checkpoint, samples):
         return problem, None

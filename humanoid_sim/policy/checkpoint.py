@@ -15,7 +15,6 @@ from humanoid_sim.controllers.policy_step import Policy
 from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file
 from humanoid_sim.mit import Float32Array
-from humanoid_sim.policy.golden.samples import GOLDEN_KEY
 from humanoid_sim.policy.graph_motion import sweep_motion
 from humanoid_sim.policy.loaded_policy import LoadedPolicy, load_policy
 from humanoid_sim.policy.motion import Motion
@@ -24,6 +23,8 @@ from humanoid_sim.policy.readers.contract_yaml import find_contract
 from humanoid_sim.policy.readers.sources import assemble_contract
 from humanoid_sim.robots.description import RobotDescription
 
+GOLDEN_KEY = "humanoid_sim_golden"
+"""Metadata key of the golden vectors."""
 PLACEHOLDER = "placeholder"
 """Source of the stand-in that is taken where no policy can run."""
 
@@ -101,7 +102,7 @@ def load_checkpoint(
     checkpoint = Checkpoint(contract, policy, str(path), file_digest(path), policy.observation_width, motion, used)
     if not verify or GOLDEN_KEY not in model.metadata:
         return checkpoint
-    from humanoid_sim.policy.golden.verify import verify_golden  # noqa: PLC0415 - it needs to know what a checkpoint is
+    from humanoid_sim.policy.golden import verify_golden  # noqa: PLC0415 - it needs to know what a checkpoint is
 
     return replace(checkpoint, golden=verify_golden(checkpoint))
 

@@ -77,9 +77,9 @@ class Stamp:
     """A shipped robot ({robots}), robot_descriptions:NAME, a YAML file or an MJCF: for joints given by
     place, and for a trace's anchor poses."""
     trace: Path | None = None
-    """The trainer's run (.npz) to take golden vectors from. Default: the program's own, which only show drift."""
+    """The trainer's run (.npz) to take golden vectors from. Default: those that the checkpoint has already."""
     motion: Path | None = None
-    """The motion (.mcap) of the trace, or for the program's own vectors, where the model does not carry it."""
+    """The motion (.mcap) of the trace, where the model does not carry it."""
     overwrite: bool = False
     """Replace the output if it exists."""
 

@@ -20,7 +20,7 @@ from humanoid_sim.mit import Float32Array
 from humanoid_sim.policy import checks
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
 from humanoid_sim.policy.checks import SEVERITIES, Finding, Severity
-from humanoid_sim.policy.golden.verify import verify_golden
+from humanoid_sim.policy.golden import verify_golden
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.onnx_policy import OnnxModel
 from humanoid_sim.policy_tools import Check

@@ -25,7 +25,7 @@ from humanoid_sim.policy import describe
 from humanoid_sim.policy.checkpoint import Checkpoint, file_digest, load_checkpoint
 from humanoid_sim.policy.checks import model_damping_findings
 from humanoid_sim.policy.describe import FieldLine
-from humanoid_sim.policy.golden.verify import verify_golden
+from humanoid_sim.policy.golden import verify_golden
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.onnx_policy import OnnxModel, OnnxPolicy
 from humanoid_sim.policy.readers.complete import IncompleteContractError, UnnamedJointsError, UnnamedRobot

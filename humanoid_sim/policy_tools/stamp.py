@@ -17,16 +17,14 @@ from humanoid_sim.controllers.terms import HeightScan
 from humanoid_sim.errors import FieldError, InputError
 from humanoid_sim.files import output_file, whole_file
 from humanoid_sim.mit import FloatArray
-from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
+from humanoid_sim.policy.checkpoint import GOLDEN_KEY, Checkpoint, load_checkpoint
 from humanoid_sim.policy.contract_json import STAMP_KEY, encode
-from humanoid_sim.policy.golden.make import blind_spots, own_samples, trainer_samples
-from humanoid_sim.policy.golden.samples import GOLDEN_KEY, GoldenSamples, decode_samples, encode_samples
-from humanoid_sim.policy.golden.trace import BodyReader, read_trace
-from humanoid_sim.policy.golden.verify import verify_golden
+from humanoid_sim.policy.golden import encode_samples, samples_label, stored_samples, trainer_samples, verify_golden
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.motion import read_motion
 from humanoid_sim.policy.onnx_policy import TENSORS_KEY, first_line, tensor_digest
+from humanoid_sim.policy.traces import BodyReader, Trace, read_trace
 from humanoid_sim.policy_tools import Stamp
 from humanoid_sim.policy_tools.show import make_console
 from humanoid_sim.robots.description import RobotDescription, load_robot
@@ -47,26 +45,23 @@ def stamp(
     trace: Path | None = None,
     motion: Path | None = None,
     overwrite: bool = False,
-) -> tuple[int, GoldenSamples | None, tuple[str, ...]]:
+) -> tuple[int, Trace | None]:
     """Stamp a copy of a checkpoint.
 
     The copy holds external tensors itself, the thirteen metadata keys, the complete contract, and golden vectors: of
-    the trace; or else those of a trainer's run that the checkpoint has already; or else ones of this program, which are
-    drift only. A contract that declares live inputs is written without any. Whatever other metadata the checkpoint has
-    stays. The copy is loaded, and its contract and actions compared with the original's, before a file takes the name
-    `output`. Raises `InputError` if the checkpoint, its contract or the trace is refused, or the copy cannot be
-    written.
+    the trace, or else those that the checkpoint has already. Whatever other metadata the checkpoint has stays. The copy
+    is loaded, and its contract and actions compared with the original's, before a file takes the name `output`. Raises
+    `InputError` if the checkpoint, its contract or the trace is refused, or the copy cannot be written.
 
     Args:
         contract_file: a contract.yaml; None: the one beside the checkpoint, if there is one.
         description: the robot, for contracts that name joints by place, and for traces whose anchor poses follow from
             `qpos`.
-        trace: a trainer's run, see `humanoid_sim.policy.golden.trace`.
+        trace: a trainer's run, see `humanoid_sim.policy.traces`.
         motion: what the policy follows, where the model does not carry it.
 
     Returns:
-        Its size in bytes; its samples, None where the contract declares live inputs, which nobody here can make; and
-        the mistakes that the samples could not show, empty for samples that are drift only anyway.
+        Its size in bytes and its samples, None without any.
     """
     if output.exists() and path.exists() and output.samefile(path):
         raise InputError(f"{output}: is the checkpoint itself, expected another file: the original stays as it is")
@@ -84,8 +79,7 @@ def stamp(
     _check_copy(checkpoint, data, samples)
     with whole_file(output) as file:
         file.write(data)
-    unseen = blind_spots(checkpoint, samples) if samples is not None and samples.origin == "trainer" else ()
-    return len(data), samples, unseen
+    return len(data), samples
 
 
 def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
@@ -111,29 +105,21 @@ def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
 
 def _samples(
     checkpoint: Checkpoint, description: RobotDescription | None, trace: Path | None, motion_file: Path | None
-) -> GoldenSamples | None:
-    for name in checkpoint.contract.live_inputs:
-        if trace is not None:
-            raise InputError(
-                f"--trace: is '{trace}', but {checkpoint.source} observes the live input '{name}': no samples"
-            )
-        return None
+) -> Trace | None:
+    contract = checkpoint.contract
+    if trace is None:
+        verify_golden(checkpoint)
+        return stored_samples(checkpoint)
+    for name in contract.live_inputs:
+        raise InputError(f"--trace: is '{trace}', but {checkpoint.source} observes the live input '{name}': no samples")
+    bodies = None
+    if description is not None:
+        bodies = body_reader(description, contract.anchor_body, contract.velocity_points, contract.height_scan)
     motion = None if motion_file is None else read_motion(motion_file)
-    if trace is not None:
-        contract = checkpoint.contract
-        bodies = None
-        if description is not None:
-            bodies = body_reader(description, contract.anchor_body, contract.velocity_points, contract.height_scan)
-        return trainer_samples(checkpoint, read_trace(trace, checkpoint.contract, bodies), motion)
-    if GOLDEN_KEY in checkpoint.metadata:
-        samples = decode_samples(checkpoint.metadata[GOLDEN_KEY], checkpoint.source)
-        if samples.origin == "trainer":
-            verify_golden(checkpoint)
-            return samples
-    return own_samples(checkpoint, motion)
+    return trainer_samples(checkpoint, read_trace(trace, contract, bodies), motion)
 
 
-def _check_copy(original: Checkpoint, data: bytes, samples: GoldenSamples | None) -> None:
+def _check_copy(original: Checkpoint, data: bytes, samples: Trace | None) -> None:
     """Load the copy where no other file is near, and compare."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "copy.onnx"
@@ -148,7 +134,7 @@ def _check_copy(original: Checkpoint, data: bytes, samples: GoldenSamples | None
         raise InputError(f"{original.source}: {different} would read back differently from a stamped copy")
     width = original.observation_width or contract_layout(original.contract).width
     probes = np.random.default_rng(0).normal(0.0, 1.0, (_PROBES, width)).astype(np.float32)
-    known = [] if samples is None else [*samples.observation]
+    known = [] if samples is None else [*samples.arrays["observation"]]
     for frame, observation in enumerate([*known, *probes]):
         if not np.array_equal(original.policy(observation, frame), copy.policy(observation, frame)):
             raise InputError(f"{original.source}: a stamped copy would answer other actions; nothing was written")
@@ -162,7 +148,7 @@ def _different_field(a: PolicyContract, b: PolicyContract) -> str:
 
 def stamp_copy(options: Stamp) -> int:
     """Write the copy, and say what its golden vectors are worth."""
-    size, samples, blind = stamp(
+    size, samples = stamp(
         options.checkpoint,
         options.output,
         contract_file=options.contract,
@@ -173,14 +159,8 @@ def stamp_copy(options: Stamp) -> int:
     )
     console = make_console()
     console.print(f"{escape(str(options.output))}: {size / 1e6:.2f} MB, contract inside", soft_wrap=True)
-    if samples is None:
-        console.print("golden vectors: none: the contract declares live inputs, which are not sampled", soft_wrap=True)
-        return 0
-    console.print(f"golden vectors: {escape(samples.label)}", soft_wrap=True)
-    if samples.origin == "own":
-        console.print("  --trace FILE with the trainer's run makes vectors that show wrong wiring as well")
-    for unseen in blind:
-        console.print(f"  not seen by them: {escape(unseen)}", soft_wrap=True)
+    label = "none; --trace FILE with the trainer's run proves the wiring" if samples is None else samples_label(samples)
+    console.print(f"golden vectors: {escape(label)}", soft_wrap=True)
     return 0
 
 

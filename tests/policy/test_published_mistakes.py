@@ -1,15 +1,13 @@
 """The deliberate mistakes that the published policies describe, written beside them: golden vectors name each."""
 
 import json
-from dataclasses import replace
 
 import pytest
 from published import G1, POLICIES, TRACES, contract_beside, needs_policies
 
 from humanoid_sim.policy.checkpoint import load_checkpoint
-from humanoid_sim.policy.golden.make import trainer_samples
-from humanoid_sim.policy.golden.trace import read_trace
-from humanoid_sim.policy.golden.verify import golden_problem
+from humanoid_sim.policy.golden import golden_problem, trainer_samples
+from humanoid_sim.policy.traces import read_trace
 from humanoid_sim.policy_tools.stamp import body_reader
 from humanoid_sim.robots.description import load_robot
 
@@ -76,10 +74,3 @@ def test_the_mistake_is_named(loaded, robot, mistake, tmp_path):
     beside = contract_beside(policy, tmp_path, f"override: {override}\n")
     wrong = load_checkpoint(POLICIES / TRACES[policy][0], beside, robot.joint_names)
     assert f": observation {named}[" in golden_problem(wrong, loaded[policy][1])
-
-
-@pytest.mark.parametrize("policy", TRACES)
-def test_a_forgotten_action_scale_shows_in_the_targets(loaded, policy):
-    checkpoint, samples = loaded[policy]
-    wrong = replace(checkpoint, contract=replace(checkpoint.contract, action_scale=1.0))
-    assert "target of left_hip_pitch_joint" in golden_problem(wrong, samples)

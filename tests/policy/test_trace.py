@@ -7,8 +7,8 @@ import trainer
 from humanoid_sim.controllers.terms import Term
 from humanoid_sim.errors import InputError
 from humanoid_sim.policy.checkpoint import Checkpoint, load_checkpoint
-from humanoid_sim.policy.golden.make import trainer_samples
-from humanoid_sim.policy.golden.trace import read_trace
+from humanoid_sim.policy.golden import trainer_samples
+from humanoid_sim.policy.traces import read_trace
 from humanoid_sim.policy_tools.stamp import body_reader
 from humanoid_sim.robots.description import load_robot
 
@@ -62,7 +62,7 @@ def test_joints_that_the_policy_lacks_are_left_out(checkpoint, tmp_path):
         checkpoint.contract,
     )
     assert trace.joint_names == trainer.ROBOT_JOINTS
-    assert trainer_samples(checkpoint, trace).target_origin == "trainer"
+    assert trainer_samples(checkpoint, trace).arrays["target"].shape == (8, 4)
 
 
 def test_a_run_that_does_not_start_at_activation_gives_its_memory(checkpoint, tmp_path):
@@ -148,7 +148,7 @@ def test_broken_traces_are_one_line(tmp_path, what):
 def test_an_observation_of_another_width_is_named(checkpoint, tmp_path):
     run = trainer.Run(10)
     path = trainer.save_trace(tmp_path / "t.npz", run, obs=run.obs[:, :-1])
-    with pytest.raises(InputError, match="31 values, the contract's terms make 32"):
+    with pytest.raises(InputError, match="31 values, the contract makes 32"):
         fits(checkpoint, path)
 
 
@@ -229,7 +229,7 @@ def test_a_height_scan_is_in_the_trace_or_follows_from_the_ground_in_the_robots_
     bodies = body_reader(load_robot(str(mjcf)), "", (), SEEING.contract.height_scan)
     without = trainer.save_trace(tmp_path / "b.npz", run, obs=seen(run, heights))
     by_rays = read_trace(without, SEEING.contract, bodies)
-    np.testing.assert_allclose(by_rays.extern["height_scan"], heights, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(by_rays.arrays["extern/height_scan"], heights, rtol=0.0, atol=1e-9)
     trainer_samples(SEEING, by_rays)
     with pytest.raises(
         InputError, match="height_scan is missing, expected it, as the policy observes height_scan, or "

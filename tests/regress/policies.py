@@ -10,7 +10,7 @@ from onnx import helper, numpy_helper
 from published import POLICIES
 
 from humanoid_sim.assets import asset_path
-from humanoid_sim.policy.golden.samples import GOLDEN_KEY
+from humanoid_sim.policy.checkpoint import GOLDEN_KEY
 
 __all__ = ["G1_SCENE", "G1_WALKER", "SAMPLE", "WALKER", "Walker", "failing_copy", "noisy_copy", "swapped_copy"]
 

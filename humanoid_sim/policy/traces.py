@@ -1,0 +1,221 @@
+"""A trainer's run: what the robot did, what the policy saw, what it answered.
+
+`docs/golden-vectors.md` lists the arrays of the `.npz` file, one row per policy step, from activation on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from humanoid_sim import mit
+from humanoid_sim.controllers.contract import PolicyContract
+from humanoid_sim.controllers.policy_step import PolicyMemory
+from humanoid_sim.controllers.reference import Alignment
+from humanoid_sim.errors import InputError
+from humanoid_sim.mit import Extern, FloatArray, MITState, point_velocity
+from humanoid_sim.npz_file import read_arrays
+
+Arrays = Mapping[str, npt.NDArray[Any]]
+BodyReader = Callable[[FloatArray, FloatArray, tuple[str, ...]], Mapping[str, FloatArray]]
+"""`(qpos (F, nq), qvel (F, nv), names of its joints) -> arrays` of what a robot's model knows beside its joints."""
+
+STATE_ARRAYS = (
+    *("joint_position", "joint_velocity"),
+    *("imu_quaternion", "imu_angular_velocity", "imu_linear_acceleration"),
+)
+"""What the robot reports, apart from the live inputs."""
+EXTERN, REFERENCE = "extern/", "reference/"
+"""Prefixes of the names of live inputs, and of the motion's terms."""
+_OTHER_NAMES = {"observation": "obs", "action": "actions", mit.VELOCITY_COMMAND: "cmd"}
+_MEMORY_WIDTHS: Mapping[str, tuple[int, ...]] = {"frame": (), "walked": (), "alignment": (7,)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace:
+    """S policy steps of a run."""
+
+    name: str
+    """Name of the file that it comes from."""
+    joint_names: tuple[str, ...]
+    """The J joints of the states, in the robot's order."""
+    arrays: Arrays
+    """By name, S rows each: `STATE_ARRAYS` (rad, rad/s, w x y z, m/s²); `extern/NAME` of each live input; `observation`
+    and `action`, raw; `target`, rad, where the trainer's is known. Of the policy's memory, as far as it is known:
+    `last_action`, `frame`, `walked` (rad of gait phase), `history` (S, steps, width) oldest first, `alignment` (S, 7),
+    the motion's world in the robot's; NaN where there is none. `reference/NAME`: rows of the motion at `frame`, for a
+    model that does not carry it."""
+    frame_count: int = 1
+    """Frames of that motion."""
+
+    def __len__(self) -> int:
+        return len(self.arrays["action"])
+
+    def under(self, prefix: str) -> Arrays:
+        """Return the arrays of live inputs, or of the motion, by their own names."""
+        return {name.removeprefix(prefix): array for name, array in self.arrays.items() if name.startswith(prefix)}
+
+    def rows(self, chosen: npt.NDArray[np.intp]) -> Trace:
+        """Return these steps alone."""
+        return replace(self, arrays={name: array[chosen] for name, array in self.arrays.items()})
+
+    def state(self, i: int) -> MITState:
+        """Return what the robot reported in step i; efforts are not recorded."""
+        zeros = np.zeros(len(self.joint_names))
+        return MITState(
+            time=0.0,
+            **{name: self.arrays[name][i] for name in STATE_ARRAYS},
+            joint_effort=zeros,
+            joint_age=zeros,
+            extern={name: Extern(array[i], 0.0) for name, array in self.under(EXTERN).items()},
+        )
+
+    def memory(self, i: int, memory: PolicyMemory) -> PolicyMemory:
+        """Return a policy's memory with what is known of it in step i."""
+        known: dict[str, Any] = {
+            name: self.arrays[name][i]
+            for name in ("last_action", "frame", "walked", "history", "alignment")
+            if name in self.arrays
+        }
+        for name in {"history", "alignment"} & known.keys():
+            if np.isnan(known[name]).any():
+                known[name] = None
+        if known.get("alignment") is not None:
+            known["alignment"] = Alignment(yaw=known["alignment"][3:], offset=known["alignment"][:3])
+        return replace(memory, **known)
+
+
+def read_trace(path: Path, contract: PolicyContract, bodies: BodyReader | None = None) -> Trace:
+    """Read a trace for a policy; joints that the policy does not have are left out.
+
+    Raises `InputError` with the array that is wrong.
+
+    Args:
+        bodies: of the robot that the trace is of; None: unknown, then a free joint's body is taken for the IMU.
+    """
+    file = _File(path, read_arrays(path))
+    action = file.table("action", contract.action_count)
+    file.steps = len(action)
+    names = file.names()
+    # A free joint has 7 values, and any other 1; it has a name of its own, or none.
+    surplus = file.arrays["qpos"].shape[-1] - len(names) if "qpos" in file.arrays else 0
+    hinges = names[1:] if surplus == 6 else names
+    points = {point_velocity(point): point for point in contract.velocity_points}
+    known = _states(file, hinges, 7 if surplus in (6, 7) else 0, points, bodies)
+    widths = {mit.VELOCITY_COMMAND: 3, mit.BASE_LINEAR_VELOCITY: 3, mit.ANCHOR_POSE: 7, **dict.fromkeys(points, 3)}
+    if contract.height_scan is not None:
+        widths[mit.HEIGHT_SCAN] = contract.height_scan.count
+    live = (*widths, mit.KEY_PRESSED)
+    # What the file says itself comes before what follows from its qpos.
+    for name in (*live, *STATE_ARRAYS[2:]):
+        if name in file:
+            known[name] = file.table(name, widths.get(name))
+    for term in contract.terms:
+        array = contract.kind(term).input(term)
+        if array and array not in known:
+            hint = ", or the robot, whose model tells it from qpos" if array != mit.VELOCITY_COMMAND else ""
+            raise file.wrong(array, "is missing", f"it, as the policy observes {term.name}{hint}")
+    missing = [name for name in contract.joint_names if name not in hinges]
+    if missing:
+        raise file.wrong("joint_names", f"lacks {', '.join(missing)}", "every joint of the policy")
+    joints = tuple(name for name in hinges if name in contract.joint_names)
+    columns = [hinges.index(name) for name in joints]
+    known.setdefault("imu_linear_acceleration", np.zeros((file.steps, 3)))
+    arrays = {name: known[name][:, columns] if name.startswith("joint_") else known[name] for name in STATE_ARRAYS}
+    arrays |= {EXTERN + name: known[name] for name in live if name in known}
+    arrays |= {"observation": file.table("observation").astype(np.float32), "action": action.astype(np.float32)}
+    if "target" in file:
+        arrays["target"] = file.table("target", len(hinges))[:, columns]
+    return Trace(path.name, joints, {**arrays, **_memory(file, contract.action_count)})
+
+
+@dataclass
+class _File:
+    """The arrays of a file."""
+
+    path: Path
+    arrays: Arrays
+    steps: int = 0
+    """Steps of the run, once they are known."""
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.arrays or _OTHER_NAMES.get(name, "") in self.arrays
+
+    def numbers(self, name: str) -> npt.NDArray[Any]:
+        values = self.arrays[name if name in self.arrays else _OTHER_NAMES[name]]
+        if values.dtype.kind not in "fiub":
+            raise self.wrong(name, f"has type {values.dtype}", "numbers")
+        return values
+
+    def table(self, name: str, width: int | None = None) -> FloatArray:
+        """Shape (F, width), float64; one row for all steps is spread out."""
+        expected = f"({self.steps or 'F'}, {'width' if width is None else width}), finite numbers"
+        if name not in self:
+            raise self.wrong(name, "is missing", expected)
+        values = self.numbers(name)
+        if values.ndim == 1 and self.steps and name != "observation":
+            values = np.broadcast_to(values, (self.steps, len(values)))
+        steps = self.steps or len(values)
+        if values.ndim != 2 or not steps or values.shape != (steps, width or values.shape[1]):
+            raise self.wrong(name, f"has shape {values.shape}", expected)
+        if not np.isfinite(values).all():
+            row = int(np.argmax(~np.isfinite(values).all(axis=1)))
+            raise self.wrong(name, f"is not finite in row {row}", expected)
+        return values.astype(np.float64)
+
+    def names(self) -> tuple[str, ...]:
+        names = self.arrays.get("joint_names")
+        if names is None or names.ndim != 1 or names.dtype.kind not in "US" or not len(names):
+            shown = "is missing" if names is None else f"has shape {names.shape}, type {names.dtype}"
+            raise self.wrong("joint_names", shown, "one text per joint, in the order of the state")
+        texts = tuple(names.astype(str).tolist())
+        if len(set(texts)) < len(texts):
+            raise self.wrong("joint_names", "names a joint twice", "one text per joint")
+        return texts
+
+    def wrong(self, name: str, problem: str, expected: str) -> InputError:
+        return InputError(f"{self.path}: {name} {problem}, expected {expected}")
+
+
+def _states(
+    file: _File, hinges: tuple[str, ...], free: int, points: Mapping[str, str], bodies: BodyReader | None
+) -> dict[str, FloatArray]:
+    """Return what a run says of the robot: as arrays, or as far as it follows from `qpos` and `qvel`."""
+    joints = len(hinges)
+    if "qpos" not in file:
+        widths = dict(zip(STATE_ARRAYS, (joints, joints, 4, 3), strict=False))
+        return {name: file.table(name, width) for name, width in widths.items()}
+    qpos, qvel = file.table("qpos", free + joints), file.table("qvel", max(free - 1, 0) + joints)
+    found = {"joint_position": qpos[:, free:], "joint_velocity": qvel[:, max(free - 1, 0) :]}
+    if bodies is not None:
+        return found | dict(bodies(qpos, qvel, hinges))
+    if not free:
+        upright = np.tile([1.0, 0.0, 0.0, 0.0], (file.steps, 1))
+        return found | {"imu_quaternion": upright, "imu_angular_velocity": np.zeros((file.steps, 3))}
+    found |= {"imu_quaternion": qpos[:, 3:7], "imu_angular_velocity": qvel[:, 3:6]}
+    return found | {mit.BASE_LINEAR_VELOCITY: qvel[:, :3]} | {n: qvel[:, :3] for n, p in points.items() if p == mit.IMU}
+
+
+def _memory(file: _File, actions: int) -> Arrays:
+    """Return what a run that does not start at activation says of the policy's memory."""
+    found: dict[str, npt.NDArray[Any]] = {}
+    widths = {**_MEMORY_WIDTHS, "last_action": (actions,)}
+    for name in ("last_action", "frame", "walked", "alignment", "history"):
+        if name not in file:
+            continue
+        table = file.numbers(name)
+        if name == "alignment" and table.ndim == 1:
+            table = np.broadcast_to(table, (file.steps, len(table)))
+        if name == "history":
+            if table.ndim != 3 or len(table) != file.steps:
+                raise file.wrong(name, f"has shape {table.shape}", f"({file.steps}, steps, width of one step)")
+        elif table.shape != (file.steps, *widths[name]):
+            raise file.wrong(name, f"has shape {table.shape}", f"{(file.steps, *widths[name])}")
+        kind = np.int64 if name == "frame" else np.float32 if name in ("last_action", "history") else np.float64
+        found[name] = table.astype(kind)
+    return found
