@@ -16,12 +16,11 @@ from humanoid_sim.controllers.observation import ObservationLayout
 from humanoid_sim.controllers.policy_step import PolicyMemory, PolicyWiring, action_command
 from humanoid_sim.controllers.reference import MotionReference
 from humanoid_sim.errors import FieldError, InputError
-from humanoid_sim.files import is_file
 from humanoid_sim.mit import Float32Array, FloatArray
 from humanoid_sim.policy.checkpoint import GOLDEN_KEY, Checkpoint
 from humanoid_sim.policy.loaded_policy import LoadedPolicy
 from humanoid_sim.policy.motion import Motion
-from humanoid_sim.policy.onnx_policy import OnnxPolicy, external_file, first_line
+from humanoid_sim.policy.onnx_policy import first_line
 from humanoid_sim.policy.traces import REFERENCE, STATE_ARRAYS, Trace
 
 SAMPLE_COUNT = 8
@@ -142,11 +141,7 @@ def _action_problem(checkpoint: Checkpoint, samples: Trace) -> str:
         answers = [policy(observation, int(frame)) for observation, frame in zip(observations, frames, strict=True)]
     except Exception as error:  # the policy is foreign code
         return f"the model fails on a sample: {first_line(error)}"
-    problem = _difference(samples, "action", np.asarray(answers), checkpoint.contract.action_joint_names)
-    beside = external_file(policy.model.path) if isinstance(policy, OnnxPolicy) else None
-    if not problem or beside is None or not is_file(beside):
-        return problem
-    return f"{problem}, or its tensors in {beside.name} are another model's"
+    return _difference(samples, "action", np.asarray(answers), checkpoint.contract.action_joint_names)
 
 
 def _target_problem(samples: Trace, position: FloatArray) -> str:

@@ -1,18 +1,14 @@
-"""An ONNX model in ONNX Runtime, and as a policy: one observation in, one action out, on one thread.
-
-A model may keep its tensors in a file beside it: they are loaded with it, once they are known to be this model's.
-"""
+"""An ONNX model in ONNX Runtime, and as a policy: one observation in, one action out, on one thread."""
 
 from __future__ import annotations
 
-import hashlib
 import mmap
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Timer
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,15 +18,8 @@ from humanoid_sim.errors import InputError
 from humanoid_sim.files import is_file, regular_file
 from humanoid_sim.mit import Float32Array
 
-if TYPE_CHECKING:
-    from onnx import ModelProto
-
 ONNX_SECONDS = 10.0
 """s of one inference of a model whose graph can loop; on hardware much less, see `play`."""
-TENSORS_KEY = "humanoid_sim_tensors"
-"""Metadata key of the digest of a stamped model's tensors, wherever they lie."""
-_LOCATION = "location"
-"""Key of ONNX for the file that holds a tensor."""
 _ACTIONS = ("actions", "action")
 _TIME_STEP = "time_step"
 _NUMBERS = {"tensor(float)": np.float32, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
@@ -64,7 +53,7 @@ class OnnxModel:
     def __init__(self, path: Path, graph: bytes | None = None) -> None:
         """Load a model.
 
-        Raises `InputError` if the file is not an ONNX model, or its external tensors are missing or another model's.
+        Raises `InputError` if the file is not an ONNX model, or its external tensors are missing.
 
         Args:
             graph: a model that was made from the file's and is to run in its place; None: the file's own.
@@ -82,8 +71,7 @@ class OnnxModel:
         except Exception as error:  # onnxruntime raises its own types, which differ between builds
             if isinstance(error, UnicodeDecodeError):
                 raise InputError(f"{path}: a name in its graph is not text (UTF-8)") from None
-            problem = f"{path}: is not a model that ONNX Runtime can load: {first_line(error)}"
-            raise InputError(_why_not_loaded(path) or problem) from None
+            raise InputError(f"{path}: is not a model that ONNX Runtime can load: {first_line(error)}") from None
         self.path = path
         try:
             self.inputs = tuple(Tensor(node.name, node.type, tuple(node.shape)) for node in session.get_inputs())
@@ -96,8 +84,6 @@ class OnnxModel:
         """s after which an inference is ended, where the graph can loop; any other takes as long as the one before."""
         self.can_loop = _can_loop(path) if graph is None else any(name in graph for name in _LOOPS)
         """True if the graph has an operator that repeats others, as often as its inputs say."""
-        if graph is None:
-            _check_tensors(path, self.metadata)
 
     def run(self, outputs: Sequence[str], inputs: dict[str, npt.NDArray[Any]]) -> list[Float32Array]:
         """Compute some outputs; raises whatever ONNX Runtime raises, and `TimeoutError` beyond the limit."""
@@ -202,68 +188,6 @@ def first_line(error: Exception) -> str:
 def external_file(path: Path) -> Path:
     """Return where exporters put a model's external tensors; there need be no such file."""
     return path.with_name(f"{path.name}.data")
-
-
-def tensor_digest(model: ModelProto) -> str:
-    """SHA-256 of a model's tensors: their names, types, shapes and values.
-
-    Args:
-        model: with its external tensors loaded.
-    """
-    from onnx import numpy_helper  # noqa: PLC0415 - heavy, and rarely needed
-
-    digest = hashlib.sha256()
-    for tensor in sorted(model.graph.initializer, key=lambda tensor: str(tensor.name)):
-        values = np.ascontiguousarray(numpy_helper.to_array(tensor))
-        digest.update(f"{tensor.name} {values.dtype} {values.shape}\n".encode())
-        digest.update(values.tobytes())
-    return digest.hexdigest()
-
-
-def _check_tensors(path: Path, metadata: Mapping[str, str]) -> None:
-    """Refuse a stamped model, one that can be loaded, whose external tensors are another one's.
-
-    One that was not stamped can only be told by its golden vectors.
-    """
-    raw = path.read_bytes()
-    if _LOCATION.encode() not in raw or TENSORS_KEY not in metadata:
-        return
-    import onnx  # noqa: PLC0415 - heavy, and rarely needed
-
-    entries = _external_entries(onnx.load_model_from_string(raw))
-    if entries and tensor_digest(onnx.load(str(path))) != metadata[TENSORS_KEY]:
-        files = ", ".join(str(path.parent / name) for name in dict.fromkeys(entry[_LOCATION] for entry in entries))
-        raise InputError(f"{files}: holds other tensors than {path.name} was stamped with: is it another model's?")
-
-
-def _why_not_loaded(path: Path) -> str:
-    """Return why the file that holds the tensors of a model keeps it from being loaded; '' if it does not."""
-    import onnx  # noqa: PLC0415 - heavy, and only needed to say what is wrong
-    from google.protobuf.message import DecodeError  # noqa: PLC0415 - comes with onnx
-
-    needed: dict[str, int] = {}
-    try:
-        for entry in _external_entries(onnx.load_model_from_string(path.read_bytes())):
-            end = int(entry.get("offset", 0)) + int(entry.get("length", 0))
-            needed[entry[_LOCATION]] = max(end, needed.get(entry[_LOCATION], 0))
-    except (DecodeError, ValueError):  # no model at all, or a place that is not a number
-        return ""
-    for name, size in needed.items():
-        file = path.parent / name
-        if not is_file(file):
-            return f"{path}: keeps its tensors in '{name}', which is not beside it; copy that file as well"
-        if file.stat().st_size < size:
-            return (
-                f"{file}: has {file.stat().st_size} bytes, expected at least {size}, the tensors of {path.name}: is it "
-                "another model's, or cut off?"
-            )
-    return ""
-
-
-def _external_entries(model: ModelProto) -> list[dict[str, str]]:
-    """Return what the model says of each tensor that lies in another file."""
-    entries = [{item.key: item.value for item in tensor.external_data} for tensor in model.graph.initializer]
-    return [entry for entry in entries if _LOCATION in entry]
 
 
 class OnnxPolicy:

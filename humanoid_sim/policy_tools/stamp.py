@@ -23,7 +23,7 @@ from humanoid_sim.policy.golden import encode_samples, samples_label, stored_sam
 from humanoid_sim.policy.loaded_policy import contract_layout
 from humanoid_sim.policy.metadata import write_metadata
 from humanoid_sim.policy.motion import read_motion
-from humanoid_sim.policy.onnx_policy import TENSORS_KEY, first_line, tensor_digest
+from humanoid_sim.policy.onnx_policy import first_line
 from humanoid_sim.policy.traces import BodyReader, Trace, read_trace
 from humanoid_sim.policy_tools import Stamp
 from humanoid_sim.policy_tools.show import make_console
@@ -85,8 +85,8 @@ def stamp(
 def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
     """Return the model with its external tensors inside, and with metadata added to, or in the place of, its own.
 
-    A digest of the tensors goes with it, for whoever takes them out again. Raises `InputError` if the file is not an
-    ONNX model, its external tensors are missing, or it is larger than a file can be.
+    Raises `InputError` if the file is not an ONNX model, its external tensors are missing, or it is larger than a file
+    can be.
     """
     import onnx  # noqa: PLC0415 - heavy, and only needed here
 
@@ -95,7 +95,7 @@ def add_metadata(path: Path, metadata: Mapping[str, str]) -> bytes:
     except Exception as error:  # protobuf's exception types are not part of onnx's interface
         raise InputError(f"{path}: cannot be read as an ONNX model: {first_line(error)}") from None
     present = {entry.key: entry.value for entry in model.metadata_props}
-    onnx.helper.set_model_props(model, {**present, **metadata, TENSORS_KEY: tensor_digest(model)})
+    onnx.helper.set_model_props(model, {**present, **metadata})
     try:
         data: bytes = model.SerializeToString()
     except Exception as error:  # likewise: more than the 2 GiB that protobuf can hold
